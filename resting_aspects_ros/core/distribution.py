@@ -1,0 +1,91 @@
+"""How probable each aspect of a part is: counts, probabilities and intervals."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import binomtest
+
+from resting_aspects_ros.core.aspects import AspectSet
+from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+
+METHOD = 'drops'
+CONFIDENCE = 0.95
+INTERVAL = 'wilson'
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A probability with its confidence interval."""
+
+    probability: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, eq=False)
+class Distribution:
+    """Where the drops of a run ended: each is counted exactly once.
+
+    counts : (k,) int
+        Drops at rest in each aspect, by id from 1.
+    unclassified, unsettled, failed : int
+        Drops at rest in no aspect, not at rest in the time allowed, and numerically wrong.
+    """
+
+    aspects: AspectSet
+    counts: npt.NDArray[np.int64]
+    unclassified: int
+    unsettled: int
+    failed: int
+
+    @property
+    def drops(self) -> int:
+        return int(self.counts.sum()) + self.unclassified + self.unsettled + self.failed
+
+    def intervals(self) -> list[Interval]:
+        """For each aspect count / drops, and Wilson's score interval with n = drops.
+
+        Wilson 1927, as scipy has it. The interval of a count of zero begins at zero, and it is
+        the bound on how probable an aspect can be that was never seen. Without drops: 0 to 1.
+        """
+        drops = self.drops
+        if drops == 0:
+            return [Interval(0.0, 0.0, 1.0) for _ in self.counts]
+        return [_wilson(int(count), drops) for count in self.counts]
+
+    def __add__(self, other: 'Distribution') -> 'Distribution':
+        """The distribution over the drops of both; they must be different drops of the same part."""
+        if self.aspects.part_sha256 != other.aspects.part_sha256:
+            raise ValueError('distributions of different parts cannot be added')
+        return Distribution(
+            self.aspects,
+            self.counts + other.counts,
+            self.unclassified + other.unclassified,
+            self.unsettled + other.unsettled,
+            self.failed + other.failed,
+        )
+
+
+def no_drops(aspects: AspectSet) -> Distribution:
+    """The distribution before the first drop."""
+    return Distribution(aspects, np.zeros(len(aspects), dtype=np.int64), 0, 0, 0)
+
+
+def count_poses(aspects: AspectSet, poses: RestingPoses) -> Distribution:
+    """Classify and count."""
+    settled = poses.status == RestStatus.SETTLED
+    ids = aspects.classify(poses.orientation[settled])
+    by_id = np.bincount(ids, minlength=len(aspects) + 1)
+    return Distribution(
+        aspects,
+        by_id[1:],
+        unclassified=int(by_id[0]),
+        unsettled=int((poses.status == RestStatus.UNSETTLED).sum()),
+        failed=int((poses.status == RestStatus.FAILED).sum()),
+    )
+
+
+def _wilson(count: int, drops: int) -> Interval:
+    found = binomtest(count, drops).proportion_ci(CONFIDENCE, method=INTERVAL)
+    return Interval(count / drops, float(found.low), float(found.high))

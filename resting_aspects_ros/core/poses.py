@@ -1,0 +1,81 @@
+"""Resting poses of many drops, as arrays."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+
+class RestStatus(IntEnum):
+    """How a drop ended; the codes of the message RestingPose."""
+
+    SETTLED = 0
+    UNSETTLED = 1
+    FAILED = 2
+
+
+class DecidedBy(IntEnum):
+    """What told that a drop is at rest; the codes of the message RestingPose."""
+
+    STILLNESS = 0
+    ENERGY = 1
+
+
+@dataclass(frozen=True, eq=False)
+class RestingPoses:
+    """Where the consecutive drops ``first_drop``, ``first_drop + 1``, ... of a run ended.
+
+    position : (n, 3) float
+        Of the part frame in the tray frame, m.
+    orientation : (n, 4) float
+        Unit quaternions xyzw, tray from part, w >= 0.
+    status, decided_by : (n,) uint8
+        Codes of RestStatus and DecidedBy.
+    time_to_rest : (n,) float
+        From release to rest, s; of an unsettled drop the time it was given, NaN if it failed.
+    """
+
+    first_drop: int
+    position: npt.NDArray[np.float64]
+    orientation: npt.NDArray[np.float64]
+    status: npt.NDArray[np.uint8]
+    decided_by: npt.NDArray[np.uint8]
+    time_to_rest: npt.NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+    @property
+    def end(self) -> int:
+        """Index after the last drop."""
+        return self.first_drop + len(self)
+
+    def between(self, first: int, end: int) -> 'RestingPoses':
+        """Those of the drops ``first`` to ``end - 1`` that are here."""
+        low = min(max(first - self.first_drop, 0), len(self))
+        high = min(max(end - self.first_drop, low), len(self))
+        return RestingPoses(
+            self.first_drop + low,
+            self.position[low:high],
+            self.orientation[low:high],
+            self.status[low:high],
+            self.decided_by[low:high],
+            self.time_to_rest[low:high],
+        )
+
+    @classmethod
+    def join(cls, parts: Sequence['RestingPoses']) -> 'RestingPoses':
+        """One after the other; each must begin where the one before it ends."""
+        for before, after in zip(parts, parts[1:], strict=False):
+            if before.end != after.first_drop:
+                raise ValueError(f'drops {before.end} to {after.first_drop - 1} are missing')
+        return cls(
+            parts[0].first_drop,
+            np.concatenate([p.position for p in parts]),
+            np.concatenate([p.orientation for p in parts]),
+            np.concatenate([p.status for p in parts]),
+            np.concatenate([p.decided_by for p in parts]),
+            np.concatenate([p.time_to_rest for p in parts]),
+        )

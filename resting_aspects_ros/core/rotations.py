@@ -1,0 +1,69 @@
+"""Orientations of a part: unit quaternions in the order x, y, z, w with w >= 0, tray from part.
+
+The one place where quaternions are made, brought to canonical form, and turned into directions.
+"""
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+Array = npt.NDArray[np.float64]
+
+
+def wxyz_from_xyzw(xyzw: Array) -> Array:
+    """Reorder quaternions (..., 4) from x, y, z, w to w, x, y, z."""
+    return np.roll(xyzw, 1, axis=-1)
+
+
+def xyzw_from_wxyz(wxyz: Array) -> Array:
+    """Reorder quaternions (..., 4) from w, x, y, z to x, y, z, w."""
+    return np.roll(wxyz, -1, axis=-1)
+
+
+def canonical(xyzw: Array) -> Array:
+    """Of the two unit quaternions that are the same rotation, the one with w >= 0.
+
+    Parameters
+    ----------
+    xyzw : (n, 4) float
+        Quaternions of any length but zero.
+    """
+    unit = xyzw / np.linalg.norm(xyzw, axis=-1, keepdims=True)
+    return np.where(unit[..., 3:] < 0, -unit, unit)
+
+
+def random_orientations(generator: np.random.Generator, n: int) -> Array:
+    """(n, 4) quaternions, independent and uniform on SO(3) (Haar).
+
+    A normal vector in four dimensions has no preferred direction, so its direction is uniform
+    on the unit quaternions (Muller 1959).
+    """
+    return canonical(generator.standard_normal((n, 4)))
+
+
+def down_in_part(xyzw: Array) -> Array:
+    """(n, 3) unit vectors of gravity seen from the part: what is left of a pose without its yaw.
+
+    Parameters
+    ----------
+    xyzw : (n, 4) float
+        Unit quaternions, tray from part.
+    """
+    # Gravity is -z in the tray; in the part it is minus the third row of the rotation matrix.
+    x, y, z, w = np.moveaxis(np.asarray(xyzw, dtype=np.float64), -1, 0)
+    row = (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
+    return -np.stack(row, axis=-1)
+
+
+def orientation_with_down(down: Array) -> Array:
+    """(4,) quaternion, tray from part, that turns ``down`` (3,), part frame, to point down.
+
+    The shortest such turn; a turn about the vertical could be added at will.
+    """
+    rotation, _ = Rotation.align_vectors(np.array([[0.0, 0.0, -1.0]]), down[None, :])
+    return canonical(rotation.as_quat())
+
+
+def rotate(xyzw: Array, points: Array) -> Array:
+    """(n, 3) points turned by unit quaternions (4,) or (n, 4)."""
+    return np.asarray(Rotation.from_quat(xyzw).apply(points))

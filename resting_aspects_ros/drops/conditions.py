@@ -1,0 +1,111 @@
+"""Everything physical about a drop.
+
+The fields' metadata is the one declaration of unit, bounds and meaning: the checks here, the
+command line's flags, the surfaces' file and the README's table follow it or are tested against it.
+"""
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any
+
+from resting_aspects_ros.core.errors import InvalidValueError
+
+
+class HeightOf(IntEnum):
+    """What the height of release is the height of; the codes of the message DropConditions."""
+
+    LOWEST_POINT = 0
+    CENTRE_OF_MASS = 1
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number with a unit and bounds. ``above`` is a strict lower bound, the others are not."""
+
+    unit: str
+    text: str
+    low: float = 0.0
+    high: float = math.inf
+    above: bool = False
+
+    def allowed(self) -> str:
+        """What is allowed, in words."""
+        unit = f' {self.unit}' if self.unit else ''
+        lower = f'more than {self.low:g}' if self.above else f'{self.low:g}'
+        return f'{lower} to {self.high:g}{unit}'
+
+    def check(self, name: str, value: Any) -> float:
+        """The value as a float, or an InvalidValueError that says what was allowed."""
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if number and math.isfinite(value) and self.low <= value <= self.high:
+            if not (self.above and value == self.low):
+                return float(value)
+        raise InvalidValueError(f'{name} is {value!r}, allowed is {self.allowed()}')
+
+
+def _quantity(unit: str, text: str, **bounds: Any) -> Any:
+    return field(metadata={'quantity': Quantity(unit, text, **bounds)})
+
+
+@dataclass(frozen=True)
+class DropConditions:
+    """Conditions of a drop, checked. Friction and restitution are those of the pair.
+
+    Raises
+    ------
+    InvalidValueError
+        If a value is not a finite number within its bounds.
+    """
+
+    height: float = _quantity('m', 'height of release', high=100.0, above=True)
+    restitution: float = _quantity('', 'restitution of part on surface', high=1.0)
+    friction: float = _quantity('', 'Coulomb friction of part on surface', high=10.0)
+    rolling_friction: float = _quantity(
+        '', 'rolling friction: torque limit / (hull radius x normal force)', high=10.0
+    )
+    spinning_friction: float = _quantity(
+        '', 'friction against spin about the contact normal, like rolling friction', high=10.0
+    )
+    gravity: float = _quantity('m/s2', 'gravity', high=1000.0, above=True)
+    speed_horizontal: float = _quantity(
+        'm/s', 'standard deviation of each horizontal component of the speed at release', high=100.0
+    )
+    speed_vertical: float = _quantity(
+        'm/s', 'standard deviation of the vertical speed at release', high=100.0
+    )
+    spin: float = _quantity(
+        'rad/s', 'standard deviation of each component of the spin at release', high=10000.0
+    )
+    height_of: HeightOf = HeightOf.LOWEST_POINT
+    surface: str = ''
+
+    def __post_init__(self) -> None:
+        for name, quantity in QUANTITIES.items():
+            object.__setattr__(self, name, quantity.check(name, getattr(self, name)))
+        try:
+            object.__setattr__(self, 'height_of', HeightOf(self.height_of))
+        except ValueError:
+            allowed = ', '.join(f'{h.value} ({h.name})' for h in HeightOf)
+            raise InvalidValueError(
+                f'height_of is {self.height_of!r}, allowed is {allowed}'
+            ) from None
+
+    def values(self) -> tuple[float, ...]:
+        """All that is physical, for comparison: conditions are equal if these are."""
+        return (*(getattr(self, name) for name in QUANTITIES), float(self.height_of))
+
+    def changed(self, **changes: Any) -> 'DropConditions':
+        """These conditions with other values; without their surface's name if that makes a difference."""
+        new = dataclasses.replace(self, **changes)
+        if new.values() == self.values():
+            return self
+        return dataclasses.replace(new, surface='')
+
+
+QUANTITIES: dict[str, Quantity] = {
+    f.name: f.metadata['quantity']
+    for f in dataclasses.fields(DropConditions)
+    if 'quantity' in f.metadata
+}

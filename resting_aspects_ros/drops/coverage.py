@@ -1,0 +1,45 @@
+"""Which drops of a run have been seen, and which are missing."""
+
+
+class Coverage:
+    """Disjoint ascending ranges [first, end) of indices."""
+
+    def __init__(self) -> None:
+        self._ranges: list[tuple[int, int]] = []
+
+    def add(self, first: int, end: int) -> list[tuple[int, int]]:
+        """Note [first, end) as seen; returns those of its ranges that were not yet."""
+        new = self.missing(first, end)
+        merged = sorted([*self._ranges, *new])
+        self._ranges = merged[:1]
+        for low, high in merged[1:]:
+            before = self._ranges[-1]
+            if low <= before[1]:
+                self._ranges[-1] = (before[0], max(high, before[1]))
+            else:
+                self._ranges.append((low, high))
+        return new
+
+    def missing(self, first: int, end: int) -> list[tuple[int, int]]:
+        """The ranges of [first, end) that have not been seen."""
+        gaps = []
+        for low, high in self._ranges:
+            if high <= first:
+                continue
+            if low >= end:
+                break
+            if low > first:
+                gaps.append((first, low))
+            first = high
+        if first < end:
+            gaps.append((first, end))
+        return gaps
+
+    @property
+    def end(self) -> int:
+        """Index after the last drop seen; 0 if none was."""
+        return self._ranges[-1][1] if self._ranges else 0
+
+    def __len__(self) -> int:
+        """How many have been seen."""
+        return sum(high - low for low, high in self._ranges)

@@ -1,0 +1,71 @@
+"""Named sets of conditions, read from a YAML file."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+import yaml
+
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions, HeightOf
+
+DEFAULT_SURFACE = 'rubber_mat'
+
+
+class Surfaces:
+    """The sets of conditions that can be asked for by name."""
+
+    def __init__(self, sets: Mapping[str, DropConditions]) -> None:
+        self._sets = dict(sets)
+
+    def names(self) -> list[str]:
+        return sorted(self._sets)
+
+    def get(self, name: str = '') -> DropConditions:
+        """Conditions of a surface; of the default one if the name is empty."""
+        name = name or DEFAULT_SURFACE
+        if name not in self._sets:
+            raise InvalidValueError(
+                f'surface {name!r} is not known, allowed is {", ".join(self.names())}'
+            )
+        return self._sets[name]
+
+    def named(self, conditions: DropConditions) -> DropConditions:
+        """The same conditions, under their surface's name if they are that surface's, else under none."""
+        known = self._sets.get(conditions.surface)
+        if known is not None and known.values() == conditions.values():
+            return known
+        return dataclasses.replace(conditions, surface='')
+
+    @classmethod
+    def read(cls, path: Path) -> 'Surfaces':
+        """Read a file of the form of config/surfaces.yaml; raises InvalidValueError."""
+        try:
+            document = yaml.safe_load(path.read_text(encoding='utf-8'))
+        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            reason = ' '.join(str(error).split())
+            raise InvalidValueError(f'surfaces file {path} cannot be read: {reason}') from None
+        if not isinstance(document, dict) or not document:
+            raise InvalidValueError(f'surfaces file {path} must map names to conditions')
+        sets = {name: _conditions(path, name, entry) for name, entry in document.items()}
+        if DEFAULT_SURFACE not in sets:
+            raise InvalidValueError(f'surfaces file {path} lacks the default, {DEFAULT_SURFACE}')
+        return cls(sets)
+
+
+def _conditions(path: Path, name: object, entry: object) -> DropConditions:
+    where = f'surfaces file {path}, {name}'
+    needed = {*QUANTITIES, 'height_of'}
+    if not isinstance(entry, dict) or set(entry) - {'source'} != needed:
+        raise InvalidValueError(f'{where}: must have exactly {", ".join(sorted(needed))}')
+    values = {key: value for key, value in entry.items() if key != 'source'}
+    try:
+        values['height_of'] = HeightOf[str(values['height_of'])]
+        return DropConditions(surface=str(name), **values)
+    except KeyError:
+        allowed = ', '.join(h.name for h in HeightOf)
+        raise InvalidValueError(
+            f'{where}: height_of is {entry["height_of"]!r}, allowed is {allowed}'
+        ) from None
+    except InvalidValueError as error:
+        raise InvalidValueError(f'{where}: {error}') from None
