@@ -1,0 +1,118 @@
+"""metadata.yaml, which makes a folder with an MCAP file a bag of rosbag2, version 9 (Jazzy)."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from resting_aspects_ros.logs.topics import Topic, qos_profiles, yaml_text
+
+_VERSION = 9
+_ROS_DISTRO = 'jazzy'
+
+# rosbag2's word for the starting time of a bag in which nothing is.
+_NEVER = 2**63 - 1
+
+
+@dataclass
+class TopicCount:
+    """A recorded topic, the hash of its type, and how many of its messages are in the file."""
+
+    topic: Topic
+    type_hash: str
+    messages: int = 0
+
+
+@dataclass
+class BagMetadata:
+    """What metadata.yaml says of a bag of one file, kept up to date while the file is written.
+
+    topics : dict
+        By name, in the order in which they came.
+    start, end : int
+        Log time of the first and of the last message, ns since 1970; None if there is none.
+    custom : dict
+        What rosbag2 calls custom data: free text by name.
+    """
+
+    file_name: str
+    topics: dict[str, TopicCount] = field(default_factory=dict)
+    start: int | None = None
+    end: int | None = None
+    custom: dict[str, str] = field(default_factory=dict)
+
+    def count(self, topic_name: str, log_time: int) -> None:
+        """Count a message of a topic that is known; log times must not run backwards."""
+        self.topics[topic_name].messages += 1
+        self.start = log_time if self.start is None else self.start
+        self.end = log_time
+
+    def information(self) -> dict[str, Any]:
+        """Give the keys and values under `rosbag2_bagfile_information`."""
+        messages = sum(each.messages for each in self.topics.values())
+        return {
+            'version': _VERSION,
+            'storage_identifier': 'mcap',
+            **self._span(),
+            'message_count': messages,
+            'topics_with_message_count': [
+                _topic_information(each) for each in self.topics.values()
+            ],
+            # Of whole files or messages, by rosbag2. The chunks of the file say it themselves.
+            'compression_format': '',
+            'compression_mode': '',
+            'relative_file_paths': [self.file_name],
+            'files': [{'path': self.file_name, **self._span(), 'message_count': messages}],
+            'custom_data': dict(self.custom),
+            'ros_distro': _ROS_DISTRO,
+        }
+
+    def _span(self) -> dict[str, Any]:
+        start = _NEVER if self.start is None else self.start
+        end = start if self.end is None else self.end
+        return {
+            'duration': {'nanoseconds': end - start},
+            'starting_time': {'nanoseconds_since_epoch': start},
+        }
+
+
+def write_metadata(folder: Path, metadata: BagMetadata) -> None:
+    """Write metadata.yaml whole or not at all; OSError if it cannot be written."""
+    temporary = folder / 'metadata.yaml.tmp'
+    try:
+        with temporary.open('w', encoding='utf-8') as file:
+            file.write(yaml_text({'rosbag2_bagfile_information': metadata.information()}))
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(folder / 'metadata.yaml')
+    except OSError:
+        with suppress(OSError):
+            temporary.unlink()
+        raise
+    _sync_folder(folder)
+    _sync_folder(folder.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make the names in a folder survive a loss of power."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _topic_information(count: TopicCount) -> dict[str, Any]:
+    return {
+        'topic_metadata': {
+            'name': count.topic.name,
+            'type': count.topic.type,
+            'serialization_format': 'cdr',
+            'offered_qos_profiles': qos_profiles(count.topic.qos),
+            'type_description_hash': count.type_hash,
+        },
+        'message_count': count.messages,
+    }

@@ -1,0 +1,118 @@
+"""Definitions of message types, from the share folders of the installed packages.
+
+They travel in every log, so that whoever reads it needs none of the packages.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from resting_aspects_ros.core.errors import LogError
+
+_BUILT_IN = re.compile(r'bool|byte|char|float(32|64)|u?int(8|16|32|64)|w?string')
+_SEPARATOR = '=' * 80
+
+# The type of a field without what bounds it: `geometry_msgs/Pose` of `geometry_msgs/Pose[<=3] p`.
+# A constant (`uint8 OK=0`) matches too; its type is built in.
+_FIELD = re.compile(r'\s*(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+[A-Za-z]', re.ASCII)
+
+
+@dataclass(frozen=True)
+class Schema:
+    """The definition of a message type.
+
+    name : str
+        `package/msg/Type`.
+    text : str
+        Its .msg text, followed by that of everything it is made of (encoding `ros2msg`).
+    type_hash : str
+        `RIHS01_...`, the hash by which ROS 2 tells two versions of a type apart.
+    """
+
+    name: str
+    text: str
+    type_hash: str
+
+
+def load_schema(type_name: str) -> Schema:
+    """Find the definition of a type in the installed packages.
+
+    type_name : str
+        `package/msg/Type`.
+
+    Raises LogError if it, or a type it is made of, is not installed; the message says where
+    it was looked for.
+    """
+    package, _, short = type_name.partition('/msg/')
+    path = _find(package, short)
+    return Schema(type_name, _full_text(package, short), _type_hash(type_name, path))
+
+
+def share_folders() -> list[Path]:
+    """Give the folders that hold one folder a package, in the order in which they are searched.
+
+    Sourced workspaces come first. The wheels of a virtual environment install into its own
+    `share`, which nothing needs to be sourced for.
+    """
+    prefixes = [p for p in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if p]
+    return [Path(prefix) / 'share' for prefix in dict.fromkeys([*prefixes, sys.prefix])]
+
+
+def _full_text(package: str, short: str) -> str:
+    """Join a definition and those it needs, each once, in the order in which they are named."""
+    wanted = [(package, short)]
+    parts: list[str] = []
+    for package, short in wanted:  # grows while it is walked
+        text = _read(_find(package, short))
+        # Foxglove's parser finds a dependency by its short name only.
+        parts.append(f'{_SEPARATOR}\nMSG: {package}/{short}\n{text}' if parts else text)
+        wanted += [name for name in _dependencies(text, package) if name not in wanted]
+    return '\n'.join(part if part.endswith('\n') else part + '\n' for part in parts)
+
+
+def _dependencies(text: str, package: str) -> list[tuple[str, str]]:
+    """List the (package, type) of each field that is a message, once, in order."""
+    found: dict[tuple[str, str], None] = {}
+    for line in text.splitlines():
+        field = _FIELD.match(line)
+        if field is None or _BUILT_IN.fullmatch(field['type']):
+            continue
+        *named, short = field['type'].split('/')
+        # A type without a package is one of the same package, as rosidl has it.
+        found[named[0] if named else package, short] = None
+    return list(found)
+
+
+def _find(package: str, short: str) -> Path:
+    folders = share_folders()
+    for folder in folders:
+        path = folder / package / 'msg' / f'{short}.msg'
+        if path.is_file():
+            return path
+    raise LogError(
+        f'the definition of message type {package}/msg/{short} is not installed: '
+        f'there is no {package}/msg/{short}.msg in {", ".join(map(str, folders))}'
+    )
+
+
+def _type_hash(type_name: str, path: Path) -> str:
+    """Read a type's hash from the description that rosidl installs beside its .msg file."""
+    description = path.with_suffix('.json')
+    text = _read(description)
+    try:
+        hashes = json.loads(text)['type_hashes']
+        return str({each['type_name']: each['hash_string'] for each in hashes}[type_name])
+    except (ValueError, KeyError, TypeError) as error:
+        raise LogError(f'{description} holds no hash of {type_name}: {error!r}') from error
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        raise LogError(f'the definition {path} cannot be read: {error}') from error
