@@ -1,0 +1,40 @@
+# What is set up, and when it is set up again, is decided in tools/setup_venv.py.
+
+# A ROS that is sourced, or another virtual environment, must not leak into .venv.
+unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH \
+         COLCON_PREFIX_PATH ROS_PACKAGE_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+.PHONY: help setup dev demo test lint parts requirements clean
+
+help:  ## list the targets
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 20
+
+setup:  ## make .venv with everything that the suite needs (make PYTHON=... chooses the Python)
+	@tools/setup
+
+dev: ## the same, and what tests and checks need
+	@tools/setup dev
+
+demo: setup  ## set up and run the main job: drop a part and ask for its aspects over ROS
+	@.venv/bin/resting_aspects demo
+
+test: dev  ## set up and run all tests
+	@.venv/bin/python -m pytest
+
+lint: dev  ## set up and run ruff and mypy
+	.venv/bin/ruff check
+	.venv/bin/ruff format --check
+	.venv/bin/mypy
+
+parts: setup  ## make the example parts in config/parts again
+	.venv/bin/python tools/make_parts.py
+
+# One lock for all Pythons that are allowed; no index named, so that a mirror can be used.
+COMPILE = UV_CUSTOM_COMPILE_COMMAND='make requirements' \
+    .venv/bin/uv pip compile --quiet --upgrade --universal --python-version 3.10 --no-emit-index-url
+requirements: dev  ## pin the newest versions of what requirements*.in name
+	$(COMPILE) requirements.in -o requirements.txt
+	$(COMPILE) -c requirements.txt requirements-dev.in -o requirements-dev.txt
+
+clean:  ## remove everything that set-up, tests and runs made
+	rm -rf .venv build install log out .*_cache .hypothesis *.egg-info

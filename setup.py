@@ -1,0 +1,45 @@
+"""The ament_python package: what colcon and pip install."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = 'resting_aspects_ros'
+
+
+def shared(folder):
+    """Return (target, files) of each folder below one, for share/<package>."""
+    files = sorted(path for path in Path(folder).rglob('*') if path.is_file())
+    return [
+        (f'share/{NAME}/{parent}', [str(file) for file in files if file.parent == parent])
+        for parent in sorted({file.parent for file in files})
+    ]
+
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Natural resting aspects of parts, by simulated drops, as a ROS 2 node suite.',
+    license='Apache-2.0',
+    maintainer='resting_aspects_ros maintainers',
+    maintainer_email='maintainers@users.noreply.h-seed-bd9ef455.example',
+    python_requires='>=3.10',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        *shared('config'),
+        *shared('launch'),
+    ],
+    # pip installs what requirements.txt pins and rosdep what package.xml names.
+    install_requires=['setuptools'],
+    zip_safe=True,
+    entry_points={
+        'console_scripts': [
+            f'resting_aspects = {NAME}.cli:main',
+            f'drop_simulator = {NAME}.nodes.drop_simulator:main',
+            f'aspect_classifier = {NAME}.nodes.aspect_classifier:main',
+            f'drop_recorder = {NAME}.nodes.drop_recorder:main',
+        ],
+    },
+)
