@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from datetime import datetime, timezone
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO
+from typing import BinaryIO, final
 
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
@@ -42,6 +42,7 @@ def run_folder_name(part: str, started: datetime, run_id: str) -> str:
     return _checked_name(f'{part}_{utc:%Y%m%dT%H%M%SZ}_{run_id}')
 
 
+@final
 class RunLog:
     """The log of one run while it is being written. To be used by one thread.
 
@@ -91,8 +92,7 @@ class RunLog:
         self._check_time('publish_time', publish_time)
         with self._guard():
             channel = self._channel(topic)
-            end = self._metadata.end
-            stored = log_time if end is None else max(log_time, end)
+            stored = max(log_time, self._metadata.end or 0)
             sequence = self._metadata.topics[topic.name].messages
             self._writer.add_message(channel, stored, data, publish_time, sequence)
             self._metadata.count(topic.name, stored)
@@ -129,26 +129,13 @@ class RunLog:
         """Finish the file and write metadata.yaml; a second call does nothing.
 
         Returns the run's folder. After an error there is no metadata.yaml in it and no index in
-        the file, as after a crash. Raises LogError if the file is good until now but cannot be
-        finished; it needs no second call then.
+        the file, as after a crash. Raises LogError if a log that was good cannot be finished.
         """
-        if self._closed:
-            return self._folder
-        self._closed = True
-        if self._broken is not None:
-            self._release()
-            return self._folder
         try:
-            with self._guard(closing=True):
-                # What rosbag2 shows of a file without its folder comes from this record.
-                information = yaml_text(self._metadata.information())
-                self._writer.add_metadata('rosbag2', {'serialized_metadata': information})
-                self._writer.finish()
-                self._stream.flush()
-                os.fsync(self._stream.fileno())
-                self._stream.close()
-                write_metadata(self._folder, self._metadata)
+            if not self._closed and self._broken is None:
+                self._finish()
         finally:
+            self._closed = True
             self._release()
         return self._folder
 
@@ -194,14 +181,12 @@ class RunLog:
     def _channel(self, topic: Topic) -> int:
         if topic.name not in self._channels:
             schema_id, schema = self._schema(topic.type)
+            metadata = {
+                'offered_qos_profiles': yaml_text(qos_profiles(topic.qos)),
+                'topic_type_hash': schema.type_hash,
+            }
             self._channels[topic.name] = self._writer.register_channel(
-                topic.name,
-                'cdr',
-                schema_id,
-                {
-                    'offered_qos_profiles': yaml_text(qos_profiles(topic.qos)),
-                    'topic_type_hash': schema.type_hash,
-                },
+                topic.name, 'cdr', schema_id, metadata
             )
             self._metadata.topics[topic.name] = TopicCount(topic, schema.type_hash)
         known = self._metadata.topics[topic.name].topic
@@ -221,11 +206,11 @@ class RunLog:
             raise LogError(f'{what} {value} is not allowed: ns since 1970, 0 to 2**63 - 1')
 
     @contextmanager
-    def _guard(self, closing: bool = False) -> Iterator[None]:
+    def _guard(self) -> Iterator[None]:
         """Refuse a log that is closed or broken, and remember what breaks it."""
         if self._broken is not None:
             raise LogError(self._broken)
-        if self._closed and not closing:
+        if self._closed:
             raise LogError(f'log {self.path} is closed')
         try:
             yield
@@ -238,6 +223,17 @@ class RunLog:
             # Half a record may be in the file: what would come after it could not be read.
             self._broken = f'log {self.path} was broken off: {error!r}'
             raise
+
+    def _finish(self) -> None:
+        with self._guard():
+            # What rosbag2 shows of a file without its folder comes from this record.
+            information = yaml_text(self._metadata.information())
+            self._writer.add_metadata('rosbag2', {'serialized_metadata': information})
+            self._writer.finish()
+            self._stream.flush()
+            os.fsync(self._stream.fileno())
+            self._stream.close()
+            write_metadata(self._folder, self._metadata)
 
     def _release(self) -> None:
         """Close the file as it is. The buffer is tried once more: space may be free again."""

@@ -67,12 +67,13 @@ def _full_text(package: str, short: str) -> str:
     """Join a definition and those it needs, each once, in the order in which they are named."""
     wanted = [(package, short)]
     parts: list[str] = []
-    for package, short in wanted:  # grows while it is walked
-        text = _read(_find(package, short))
+    for name in wanted:  # grows while it is walked
+        text = _read(_find(*name))
         # Foxglove's parser finds a dependency by its short name only.
-        parts.append(f'{_SEPARATOR}\nMSG: {package}/{short}\n{text}' if parts else text)
-        wanted += [name for name in _dependencies(text, package) if name not in wanted]
-    return '\n'.join(part if part.endswith('\n') else part + '\n' for part in parts)
+        heading = f'{_SEPARATOR}\nMSG: {"/".join(name)}\n' if parts else ''
+        parts.append(heading + text.removesuffix('\n') + '\n')
+        wanted += [each for each in _dependencies(text, name[0]) if each not in wanted]
+    return '\n'.join(parts)
 
 
 def _dependencies(text: str, package: str) -> list[tuple[str, str]]:
