@@ -1,0 +1,224 @@
+"""From the triangles of a file to a closed, outward surface: welding, mending, and saying why not.
+
+A surface is closed when every edge is passed as often in one direction as in the other. That is
+what the volume integrals need, and it allows more than "two triangles at each edge": bodies that
+touch along an edge, or share a wall, are closed.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+Vertices = npt.NDArray[np.float64]
+Faces = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
+
+# Vertices closer than this, as a share of the largest coordinate, are one. STL stores float32,
+# whose neighbours are up to 1.2e-7 apart, and text often has seven digits: the same corner of two
+# triangles can differ by that much in each coordinate, and a file cannot mean anything smaller.
+WELD = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A welded surface; ``defect`` says why it encloses no solid, None if it does."""
+
+    vertices: Vertices  # (n, 3), lexicographic, each one used by a triangle
+    faces: Faces  # (m, 3), outward if there is no defect
+    defect: str | None  # a predicate, as 'is not watertight: ...'
+    warnings: tuple[str, ...]
+
+
+def closed_surface(vertices: Vertices, faces: Faces) -> Surface:
+    """Weld the vertices, drop triangles that are none, and turn all triangles outward.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float64
+        Any unit, any frame; finite.
+    faces : (m, 3) int64
+        As in the file.
+    """
+    warnings: list[str] = []
+    vertices, faces = _weld(vertices, faces)
+    faces, copies = _without_copies(faces)
+    if copies:
+        warnings.append(f'{copies} triangles were there more than once and count once')
+    defect = _defect(faces)
+    if defect:
+        # A needle of no area with three different corners can close a gap, or be in the way.
+        solid = faces[_areas(vertices, faces) > 0]
+        if not _defect(solid):
+            faces, defect = solid, None
+    mended = np.zeros(len(faces), dtype=bool)
+    if not defect and not _balanced(faces):
+        mended = _against_their_neighbours(faces)
+        faces = _flipped(faces, mended)
+        if _balanced(faces):
+            warnings.append(f'{np.count_nonzero(mended)} triangles faced the other way than '
+                            'their neighbours and were turned')
+        else:
+            defect = 'has triangles that cannot be turned to face the same way as their neighbours'
+    if not defect:
+        inward = _inward(vertices, faces, mended, warnings)
+        faces = _flipped(faces, inward)
+    used, faces = np.unique(faces, return_inverse=True)
+    return Surface(vertices[used], faces.reshape(-1, 3), defect, tuple(warnings))
+
+
+def _weld(vertices: Vertices, faces: Faces) -> tuple[Vertices, Faces]:
+    """Join vertices within the tolerance; drop triangles that have fewer than three corners left.
+
+    The first in lexicographic order stands for each group, whatever the order in the file.
+    """
+    vertices = vertices + 0.0  # -0 is 0
+    order = np.lexsort(vertices.T[::-1])
+    vertices = vertices[order]
+    tolerance = WELD * np.abs(vertices).max()
+    group = np.empty(len(vertices), dtype=np.int64)
+    group[order] = np.cumsum(np.r_[0, (np.diff(vertices, axis=0) != 0).any(axis=1)])
+    vertices = vertices[np.r_[True, (np.diff(vertices, axis=0) != 0).any(axis=1)]]
+    if tolerance:
+        # First by cells, so that a file with a million vertices in one spot has few pairs.
+        _, first, cell = np.unique(np.round(vertices / tolerance).astype(np.int64), axis=0,
+                                   return_index=True, return_inverse=True)
+        pairs = KDTree(vertices[first]).query_pairs(tolerance, output_type='ndarray')
+        label = _components(len(first), pairs)[cell.ravel()]
+        _, first, label = np.unique(label, return_index=True, return_inverse=True)
+        rank = np.argsort(np.argsort(first))
+        vertices, group = vertices[np.sort(first)], rank[label][group]
+    faces = group[faces]
+    a, b, c = faces.T
+    return vertices, faces[(a != b) & (b != c) & (c != a)]
+
+
+def _without_copies(faces: Faces) -> tuple[Faces, int]:
+    """Drop all but the first of triangles with the same corners in the same sense of rotation.
+
+    Two with the opposite sense are a wall shared by two bodies; they cancel in every integral.
+    """
+    if not len(faces):
+        return faces, 0
+    turn = faces.argmin(axis=1)[:, None]
+    turned = np.take_along_axis(faces, (turn + np.arange(3)) % 3, axis=1)
+    order = np.lexsort(turned.T)
+    new = np.r_[True, (np.diff(turned[order], axis=0) != 0).any(axis=1)]
+    return faces[np.sort(order[new])], int(np.count_nonzero(~new))
+
+
+def _edges(faces: Faces) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return for each of the (3 m) edges, face by face, its number and its direction (+1, -1)."""
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    _, number = np.unique(low * (int(faces.max()) + 1) + high, return_inverse=True)
+    return number, np.where(start < end, 1, -1)
+
+
+def _defect(faces: Faces) -> str | None:
+    """Say how many edges are open; every edge of a closed surface has an even number of faces."""
+    if not len(faces):
+        return 'has no triangle with an area'
+    number, _ = _edges(faces)
+    odd = np.bincount(number) % 2 == 1
+    return f'is not watertight: {np.count_nonzero(odd)} open edges' if odd.any() else None
+
+
+def _balanced(faces: Faces) -> bool:
+    number, direction = _edges(faces)
+    return not np.bincount(number, weights=direction).any()
+
+
+def _against_their_neighbours(faces: Faces) -> Flags:
+    """Return which triangles to flip so that neighbours across edges of two triangles agree.
+
+    Each triangle is there twice, as it is and flipped; copies that agree are linked. The pieces
+    come in pairs, each the other one inside out; one of each pair is taken.
+    """
+    number, direction = _edges(faces)
+    order = np.argsort(number, kind='stable')
+    pairs = order[np.bincount(number)[number[order]] == 2].reshape(-1, 2)
+    face, other = (pairs // 3).T
+    turn = direction[pairs[:, 0]] == direction[pairs[:, 1]]
+    m = len(faces)
+    links = np.concatenate([np.stack([face, other + m * turn], axis=1),
+                            np.stack([face + m, other + m * ~turn], axis=1)])
+    piece = _components(2 * m, links)
+    return piece[:m] > piece[m:]
+
+
+def _inward(vertices: Vertices, faces: Faces, mended: Flags, warnings: list[str]) -> Flags:
+    """Return which triangles belong to shells that face the wrong way.
+
+    A shell in the open must face outward. A shell inside another one is a cavity if it faces
+    inward, as it should. Where the shell around it was inside out, or its own triangles were in
+    disorder, it is taken as a cavity as well.
+    """
+    number, _ = _edges(faces)
+    first = np.empty(number.max() + 1, dtype=np.int64)
+    first[number] = np.arange(len(number)) // 3
+    triangle = np.arange(len(number)) // 3
+    shell = _components(len(faces), np.stack([triangle, first[number]], axis=1))
+    corners = vertices[faces] - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    volumes = np.bincount(shell, weights=np.linalg.det(corners))
+    flip = np.zeros(len(volumes), dtype=bool)
+    doubtful = np.bincount(shell, weights=mended) > 0
+    by_shell = np.split(np.argsort(shell, kind='stable'), np.cumsum(np.bincount(shell))[:-1])
+    done: list[int] = []
+    for s in np.argsort(-np.abs(volumes), kind='stable').tolist():
+        points = corners[by_shell[s][:: max(1, len(by_shell[s]) // 8)]].mean(axis=1)
+        turns = {o: _turns(points, corners[by_shell[o]]) for o in done}
+        around = [o for o, turn in turns.items() if abs(turn) > 0.5]
+        depth = sum(round(turns[o]) * (-1 if flip[o] else 1) for o in around)
+        if depth <= 0:
+            flip[s] = volumes[s] < 0
+        elif volumes[s] > 0:
+            flip[s] = doubtful[s] or any(flip[o] for o in around)
+            if not flip[s]:
+                warnings.append('a body lies inside another one, both facing outward, so that its '
+                                'volume counts twice; a cavity must face inward')
+        done.append(s)
+    if (flip & ~doubtful).any():
+        warnings.append('the mesh was inside out and was turned' if flip.all() else
+                        f'{np.count_nonzero(flip)} of {len(flip)} bodies in the mesh were inside '
+                        'out and were turned')
+    return flip[shell]
+
+
+def _turns(points: Vertices, triangles: Vertices) -> float:
+    """Return how often a shell winds round some points, the median: 1 inside, 0 outside.
+
+    The solid angle of a triangle after Van Oosterom and Strackee 1983.
+    """
+    if (points < triangles.min(axis=(0, 1))).any() or (points > triangles.max(axis=(0, 1))).any():
+        return 0.0
+    found = []
+    for point in points:
+        a, b, c = np.moveaxis(triangles - point, 1, 0)
+        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+        up = np.einsum('ij,ij->i', a, np.cross(b, c))
+        ab, bc, ca = (np.einsum('ij,ij->i', u, v) for u, v in ((a, b), (b, c), (c, a)))
+        half_angles = np.arctan2(up, la * lb * lc + ab * lc + bc * la + ca * lb)
+        found.append(half_angles.sum() / (2 * np.pi))
+    return float(np.median(found))
+
+
+def _areas(vertices: Vertices, faces: Faces) -> npt.NDArray[np.float64]:
+    """Return the areas, with those of needles that only rounding keeps from zero set to zero."""
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    longest = np.maximum(((b - a) ** 2).sum(axis=1), ((c - a) ** 2).sum(axis=1))
+    return np.where(area > WELD * longest, area, 0.0)
+
+
+def _flipped(faces: Faces, which: Flags) -> Faces:
+    return np.where(which[:, None], faces[:, ::-1], faces)
+
+
+def _components(count: int, pairs: Faces) -> npt.NDArray[np.int64]:
+    links = (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1]))
+    graph = coo_array(links, shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int64)

@@ -1,0 +1,132 @@
+"""Mass properties of a part: those of its solid, of one density, or given ones."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import ConvexHull
+from trimesh import triangles as trimesh_triangles
+
+from resting_aspects_ros.core import mass_values
+from resting_aspects_ros.core.errors import InvalidValueError, PartError
+
+Array = npt.NDArray[np.float64]
+Faces = npt.NDArray[np.int64]
+
+DEFAULT_DENSITY = 1000.0  # kg/m^3; the mass has no influence on aspects
+
+# A closed surface with less volume than this share of its box is a sheet folded onto itself; a
+# foil of 10 um in a box of 1 m has more.
+NO_VOLUME = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """What somebody says about a part's mass; None is unsaid. SI units, part frame, unchecked."""
+
+    density: Any = None
+    mass: Any = None
+    centre_of_mass: Any = None
+    inertia: Any = None
+
+
+@dataclass(frozen=True, eq=False)
+class MassProperties:
+    """Of a part, SI units; the inertia is about the centre of mass, along the part frame."""
+
+    mass: float
+    centre_of_mass: Array
+    inertia: Array
+    volume: float  # nan if the mesh encloses no solid
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """Volume (m^3), centroid (3,) (m) and inertia (3, 3) at density 1 about the centroid (m^5)."""
+
+    volume: float
+    centroid: Array
+    inertia: Array
+
+
+def mass_properties(label: str, vertices: Array, faces: Faces, hull_vertices: Array,
+                    defect: str | None, given: Given) -> tuple[MassProperties, str | None]:
+    """Return the mass properties of a part, and why its mesh is no solid, None if it is.
+
+    Raises
+    ------
+    InvalidValueError
+        A given value is not allowed.
+    PartError
+        The mesh encloses no solid, and not all of mass, centre_of_mass and inertia are given.
+    """
+    if given.density is not None and given.mass is not None:
+        raise InvalidValueError(f'{label} has both a density ({given.density!r}) and a mass '
+                                f'({given.mass!r}): one of them is allowed')
+    of = f'of {label}'
+    density = None if given.density is None else mass_values.number(
+        given.density, f'the density {of}, kg/m^3,')
+    mass = None if given.mass is None else mass_values.number(given.mass, f'the mass {of}, kg,')
+    centre = None if given.centre_of_mass is None else mass_values.point(
+        given.centre_of_mass, f'the centre of mass {of}, m,')
+    inertia = None if given.inertia is None else mass_values.inertia_matrix(
+        given.inertia, f'the inertia {of}')
+
+    solid = None if defect else solid_integrals(vertices, faces)
+    if solid and not solid.volume > NO_VOLUME * float(np.ptp(vertices, axis=0).max()) ** 3:
+        solid, defect = None, 'encloses no volume'
+    if solid:
+        mass = (density or DEFAULT_DENSITY) * solid.volume if mass is None else mass
+        centre = solid.centroid if centre is None else centre
+        inertia = solid.inertia * (mass / solid.volume) if inertia is None else inertia
+    if mass is None or centre is None or inertia is None:
+        raise PartError(f'{label} {defect}; either repair the mesh, or give mass, centre_of_mass '
+                        'and inertia, all three')
+    if given.centre_of_mass is not None:
+        _check_inside(centre, hull_vertices, f'the centre of mass {of}')
+    if given.inertia is not None:
+        _check_possible(inertia, mass, hull_vertices - centre, f'the inertia {of}')
+    volume = solid.volume if solid else float('nan')
+    # Adding 0 makes -0 to 0, which a hash would tell apart.
+    return MassProperties(float(mass), centre + 0.0, inertia + 0.0, volume), defect
+
+
+def solid_integrals(vertices: Array, faces: Faces) -> Solid:
+    """Return the volume integrals of the solid inside a closed, outward surface.
+
+    The mesh is moved to the middle of its box and scaled to about 1 first (by a power of two,
+    which is exact), so that a part far from the origin, or a tiny one, loses no digits.
+    trimesh integrates, after Eberly, Polyhedral Mass Properties (2002).
+
+    Parameters
+    ----------
+    vertices : (n, 3) float64
+        m, part frame.
+    faces : (m, 3) int64
+    """
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    scale = 2.0 ** np.ceil(np.log2(np.ptp(vertices, axis=0).max()))
+    with np.errstate(all='ignore'):
+        found = trimesh_triangles.mass_properties(((vertices - middle) / scale)[faces])
+    inertia = np.asarray(found.inertia, dtype=np.float64) * scale**5
+    centroid = np.asarray(found.center_mass, dtype=np.float64) * scale + middle
+    return Solid(float(found.volume * scale**3), centroid, (inertia + inertia.T) / 2)
+
+
+def _check_inside(centre: Array, hull_vertices: Array, what: str) -> None:
+    middle, size = hull_vertices.mean(axis=0), np.ptp(hull_vertices, axis=0).max()
+    planes = ConvexHull((hull_vertices - middle) / size).equations
+    if (planes[:, :3] @ (centre - middle) / size + planes[:, 3]).max() > 1e-9:
+        low, high = hull_vertices.min(axis=0), hull_vertices.max(axis=0)
+        raise InvalidValueError(f'{what} is {centre.tolist()} m: it must lie inside the convex '
+                                f'hull, whose box is {low.tolist()} to {high.tolist()} m')
+
+
+def _check_possible(inertia: Array, mass: float, arms: Array, what: str) -> None:
+    """Catch wrong units: no mass is further away than R, and the trace is twice its mean r^2."""
+    greatest = 2 * mass * (arms**2).sum(axis=1).max()
+    if np.trace(inertia) > greatest * (1 + mass_values.ROUNDING):
+        raise InvalidValueError(f'{what} is {inertia.tolist()} kg m^2: its trace is '
+                                f'{np.trace(inertia):.4g}, and {mass:.4g} kg in this hull have '
+                                f'at most {greatest:.4g}; is it in other units?')

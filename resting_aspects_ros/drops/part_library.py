@@ -1,0 +1,188 @@
+"""The registered parts: a folder of meshes, each with an optional YAML beside it."""
+
+import difflib
+import math
+import reprlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from resting_aspects_ros.core.errors import PartError, UnknownPartError
+from resting_aspects_ros.core.mesh_file import FORMATS
+from resting_aspects_ros.core.part import (
+    DEFAULT_UNIT,
+    MAX_NAME,
+    UNITS,
+    Part,
+    is_valid_name,
+    load_part,
+)
+
+# The keys of a part's YAML, and how many numbers each takes; None is a word.
+KEYS: dict[str, int | None] = {'unit': None, 'density': 1, 'mass': 1, 'centre_of_mass': 3,
+                               'inertia': 6}
+MAX_YAML = 65536  # bytes; five keys and their comments need less than a thousand
+
+Stamp = tuple[tuple[int, int] | None, ...]
+
+
+class PartLibrary:
+    """Parts by name, read from a folder when they are asked for, and again when a file changes.
+
+    Parameters
+    ----------
+    folder : Path
+        Holds <name>.stl, .obj or .ply, and <name>.yaml where the mesh does not say enough: unit,
+        density (kg/m^3) or mass (kg), centre_of_mass (three numbers in the mesh's unit), inertia
+        (six numbers, kg m^2, ixx ixy ixz iyy iyz izz about the centre of mass).
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = Path(folder)
+        self._loaded: dict[str, tuple[Stamp, Part]] = {}
+
+    def names(self) -> list[str]:
+        """Return the names of the registered parts, sorted."""
+        return sorted(self._meshes())
+
+    def problems(self) -> list[str]:
+        """Return a sentence for each file that looks like a part and is not registered as one."""
+        if not self.folder.is_dir():
+            return [f'the folder of parts {str(self.folder)!r} does not exist']
+        by_stem = self._by_stem()
+        found = [f'{file.name} in {str(self.folder)!r} is not used: it must be <part>.yaml, beside '
+                 'the mesh of that name' for file in self._files()
+                 if file.suffix.lower() in ('.yaml', '.yml')
+                 and (file.suffix != '.yaml' or file.stem not in by_stem)]
+        for stem, files in by_stem.items():
+            names = ', '.join(file.name for file in files)
+            if not is_valid_name(stem):
+                found.append(f'{names} in {str(self.folder)!r} is not registered: a part is named '
+                             'with lower case letters, digits and _, a letter first, at most '
+                             f'{MAX_NAME} characters')
+            elif len(files) > 1:
+                found.append(f'{names} in {str(self.folder)!r} are not registered: only one mesh '
+                             f'can be the part {stem!r}')
+        return found
+
+    def load(self, name: str) -> Part:
+        """Return the part of that name.
+
+        Raises
+        ------
+        UnknownPartError
+            No such part; the message lists those that are.
+        PartError, InvalidValueError
+            The mesh or the YAML cannot be used.
+        """
+        mesh = self._meshes().get(name)
+        if mesh is None:
+            raise UnknownPartError(self._unknown(name))
+        sheet = mesh.with_suffix('.yaml')
+        stamp = (_stamp(mesh), _stamp(sheet))
+        if name not in self._loaded or self._loaded[name][0] != stamp:
+            given = read_part_yaml(sheet) if stamp[1] else {}
+            self._loaded[name] = stamp, load_part(mesh, name, **given)
+        return self._loaded[name][1]
+
+    def _meshes(self) -> dict[str, Path]:
+        return {stem: files[0] for stem, files in self._by_stem().items()
+                if len(files) == 1 and is_valid_name(stem)}
+
+    def _by_stem(self) -> dict[str, list[Path]]:
+        found: dict[str, list[Path]] = {}
+        for file in self._files():
+            if file.suffix.lower().removeprefix('.') in FORMATS:
+                found.setdefault(file.stem, []).append(file)
+        return found
+
+    def _files(self) -> list[Path]:
+        if not self.folder.is_dir():
+            return []
+        return sorted(file for file in self.folder.iterdir() if file.is_file())
+
+    def _unknown(self, name: str) -> str:
+        names = self.names()
+        close = difflib.get_close_matches(str(name).lower(), names, n=1)
+        hint = f'; did you mean {close[0]!r}?' if close else ''
+        registered = ', '.join(names) or f'none, in {str(self.folder)!r}'
+        return f'no part {str(name)[:MAX_NAME]!r} is registered: there are {registered}{hint}'
+
+
+def read_part_yaml(path: Path) -> dict[str, Any]:
+    """Return what a part's YAML says, as arguments of load_part: SI units.
+
+    Raises
+    ------
+    PartError
+        It cannot be read, has an unknown key, or a value of the wrong kind.
+    """
+    label = f'part file {str(path)!r}'
+    try:
+        with path.open('rb') as file:
+            text = file.read(MAX_YAML + 1)
+        if len(text) > MAX_YAML:
+            raise PartError(f'{label} has more than {MAX_YAML} bytes: it takes only the keys '
+                            f'{", ".join(KEYS)}')
+        content = yaml.safe_load(text)
+    except OSError as error:
+        raise PartError(f'{label} cannot be read: {error}') from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        words = ' '.join(str(error).split())
+        raise PartError(f'{label} is not YAML: {words[:300]}') from None
+    if content is None:
+        return {}
+    if not isinstance(content, Mapping):
+        raise PartError(f'{label} is a {type(content).__name__}: it must be a mapping with the '
+                        f'keys {", ".join(KEYS)}')
+    for key in content:
+        if key not in KEYS:
+            raise PartError(f'{label} has the unknown key {_short(key)}: allowed are '
+                            f'{", ".join(KEYS)}')
+    given = {key: _checked(value, key, label) for key, value in content.items()}
+    if 'centre_of_mass' in given:
+        metres = UNITS[given.get('unit', DEFAULT_UNIT)]
+        given['centre_of_mass'] = [x * metres for x in given['centre_of_mass']]
+    return given
+
+
+def _checked(value: Any, key: str, label: str) -> Any:
+    count = KEYS[key]
+    if count is None:
+        if not isinstance(value, str) or value not in UNITS:
+            raise PartError(f'{label} has {key}: {_short(value)}; allowed are {", ".join(UNITS)}')
+        return value
+    numbers = [_number(x) for x in (value if count > 1 and isinstance(value, list) else [value])]
+    found = [x for x in numbers if x is not None]
+    if count > 1 and not len(found) == len(numbers) == count:
+        raise PartError(f'{label} has {key}: {_short(value)}; allowed is a list of {count} finite '
+                        'numbers')
+    if count == 1 and not (found and found[0] > 0):
+        raise PartError(f'{label} has {key}: {_short(value)}; allowed is a finite number above 0')
+    return found if count > 1 else found[0]
+
+
+def _number(value: Any) -> float | None:
+    """Return a finite number; also of text, because to YAML 1.1 1e-6, without a dot, is text."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return None
+    try:
+        found = float(value)
+    except (ValueError, OverflowError):
+        return None
+    return found if math.isfinite(found) else None
+
+
+def _short(value: Any) -> str:
+    return reprlib.repr(value)[:200]
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    """Return what changes when a file does; None if there is none."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_mtime_ns, status.st_size
