@@ -1,0 +1,237 @@
+"""Between the suite's own types and ROS messages."""
+
+import math
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, Point32, Polygon, Pose, Quaternion, Vector3
+from resting_aspects_interfaces.msg import (
+    Aspect,
+    AspectDistribution,
+    DropConditions,
+    PartDescription,
+    RestingPose,
+    RunDescription,
+    Status,
+)
+from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
+from std_msgs.msg import Header
+
+from resting_aspects_ros.core import aspects as core_aspects
+from resting_aspects_ros.core.distribution import CONFIDENCE, INTERVAL, METHOD, Distribution
+from resting_aspects_ros.core.part import Part, part_from_bytes
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.drops import conditions as drop_conditions
+from resting_aspects_ros.drops.run import RunDescription as Run
+from resting_aspects_ros.nodes.interface import FRAME
+
+NANOSECONDS = 1_000_000_000
+
+
+def status(code: int, message: str = '') -> Status:
+    """A status; the message is for a person."""
+    return Status(code=code, message=message)
+
+
+def time_msg(nanoseconds: int) -> Time:
+    """Nanoseconds since the epoch as a stamp."""
+    return Time(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
+
+
+def nanoseconds(stamp: Time) -> int:
+    """A stamp as nanoseconds since the epoch."""
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+def conditions_msg(conditions: drop_conditions.DropConditions) -> DropConditions:
+    values = {name: getattr(conditions, name) for name in drop_conditions.QUANTITIES}
+    return DropConditions(
+        surface=conditions.surface, height_of=int(conditions.height_of), **values
+    )
+
+
+def conditions_from(msg: DropConditions) -> drop_conditions.DropConditions:
+    """Raises InvalidValueError if a value is not allowed."""
+    values = {name: getattr(msg, name) for name in drop_conditions.QUANTITIES}
+    return drop_conditions.DropConditions(
+        surface=msg.surface, height_of=msg.height_of, **values
+    )
+
+
+def run_msg(run: Run) -> RunDescription:
+    return RunDescription(
+        run_id=run.run_id,
+        part=run.part,
+        part_sha256=run.part_sha256,
+        conditions=conditions_msg(run.conditions),
+        seed=run.seed,
+        first_drop=run.first_drop,
+        drops=run.drops,
+        precision=run.precision,
+        engine=run.engine,
+        engine_version=run.engine_version,
+        suite_version=run.suite_version,
+        time_step=run.time_step,
+        started=time_msg(run.started),
+    )
+
+
+def run_from(msg: RunDescription) -> Run:
+    """Raises InvalidValueError if its conditions are not allowed."""
+    return Run(
+        run_id=msg.run_id,
+        part=msg.part,
+        part_sha256=msg.part_sha256,
+        conditions=conditions_from(msg.conditions),
+        seed=msg.seed,
+        first_drop=msg.first_drop,
+        drops=msg.drops,
+        precision=msg.precision,
+        engine=msg.engine,
+        engine_version=msg.engine_version,
+        suite_version=msg.suite_version,
+        time_step=msg.time_step,
+        started=nanoseconds(msg.started),
+    )
+
+
+def poses_msg(poses: RestingPoses, run: Run, stamp: Time, last: bool) -> RestingPosesMsg:
+    rows = zip(
+        poses.position.tolist(),
+        poses.orientation.tolist(),
+        poses.status.tolist(),
+        poses.decided_by.tolist(),
+        poses.time_to_rest.tolist(),
+        strict=True,
+    )
+    return RestingPosesMsg(
+        header=Header(stamp=stamp, frame_id=FRAME),
+        run=run_msg(run),
+        first_drop=poses.first_drop,
+        poses=[_pose_msg(*row) for row in rows],
+        last=last,
+    )
+
+
+def _pose_msg(
+    position: list[float], orientation: list[float], code: int, decided_by: int, rest: float
+) -> RestingPose:
+    x, y, z = position
+    qx, qy, qz, qw = orientation
+    return RestingPose(
+        pose=Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw)),
+        status=code,
+        decided_by=decided_by,
+        time_to_rest=rest,
+    )
+
+
+def poses_from(msg: RestingPosesMsg) -> RestingPoses:
+    position = [(p.pose.position.x, p.pose.position.y, p.pose.position.z) for p in msg.poses]
+    orientation = [
+        (o.x, o.y, o.z, o.w) for o in (entry.pose.orientation for entry in msg.poses)
+    ]
+    return RestingPoses(
+        first_drop=msg.first_drop,
+        position=np.array(position, dtype=np.float64).reshape(-1, 3),
+        orientation=np.array(orientation, dtype=np.float64).reshape(-1, 4),
+        status=np.array([p.status for p in msg.poses], dtype=np.uint8),
+        decided_by=np.array([p.decided_by for p in msg.poses], dtype=np.uint8),
+        time_to_rest=np.array([p.time_to_rest for p in msg.poses], dtype=np.float64),
+    )
+
+
+def part_msg(part: Part) -> PartDescription:
+    x, y, z = part.centre_of_mass.tolist()
+    return PartDescription(
+        name=part.name,
+        mesh_sha256=part.mesh_sha256,
+        part_sha256=part.part_sha256,
+        format=part.mesh_format,
+        mesh=part.mesh_bytes,
+        unit=part.unit,
+        mass=part.mass,
+        centre_of_mass=Point(x=x, y=y, z=z),
+        inertia=part.inertia[np.triu_indices(3)],
+    )
+
+
+def part_from(msg: PartDescription) -> Part:
+    """Raises PartError or InvalidValueError if the description is of no part."""
+    centre = msg.centre_of_mass
+    return part_from_bytes(
+        bytes(msg.mesh),
+        msg.format,
+        msg.name,
+        unit=msg.unit,
+        mass=msg.mass,
+        centre_of_mass=(centre.x, centre.y, centre.z),
+        inertia=np.asarray(msg.inertia, dtype=np.float64),
+    )
+
+
+def distribution_msg(
+    distribution: Distribution, run: Run, stamp: Time, complete: bool
+) -> AspectDistribution:
+    """The fields that this version does not fill are zero; see the messages' comments."""
+    rows = zip(
+        distribution.aspects.aspects,
+        distribution.counts.tolist(),
+        distribution.intervals(),
+        strict=True,
+    )
+    return AspectDistribution(
+        header=Header(stamp=stamp, frame_id=FRAME),
+        run=run_msg(run),
+        method=METHOD,
+        confidence=CONFIDENCE,
+        interval=INTERVAL,
+        drops=distribution.drops,
+        unclassified=distribution.unclassified,
+        unsettled=distribution.unsettled,
+        failed=distribution.failed,
+        complete=complete,
+        aspects=[
+            Aspect(
+                count=count,
+                probability=interval.probability,
+                lower=interval.lower,
+                upper=interval.upper,
+                **_aspect_fields(aspect),
+            )
+            for aspect, count, interval in rows
+        ],
+    )
+
+
+def _aspect_fields(aspect: core_aspects.Aspect) -> dict[str, object]:
+    down, orientation = aspect.down_in_part.tolist(), aspect.orientation.tolist()
+    points = [Point32(x=x, y=y) for x, y in aspect.support.tolist()]
+    return {
+        'id': aspect.id,
+        'down_in_part': Vector3(x=down[0], y=down[1], z=down[2]),
+        'orientation': Quaternion(**dict(zip('xyzw', orientation, strict=True))),
+        'com_height': aspect.com_height,
+        'support': Polygon(points=points),
+    }
+
+
+def distribution_from(msg: AspectDistribution) -> Distribution:
+    aspects = tuple(
+        core_aspects.Aspect(
+            id=a.id,
+            down_in_part=np.array([a.down_in_part.x, a.down_in_part.y, a.down_in_part.z]),
+            com_height=a.com_height,
+            orientation=np.array([getattr(a.orientation, axis) for axis in 'xyzw']),
+            support=np.array([(p.x, p.y) for p in a.support.points]).reshape(-1, 2),
+            solid_angle=math.nan,  # does not travel
+        )
+        for a in msg.aspects
+    )
+    return Distribution(
+        core_aspects.AspectSet(msg.run.part_sha256, aspects),
+        np.array([a.count for a in msg.aspects], dtype=np.int64),
+        unclassified=msg.unclassified,
+        unsettled=msg.unsettled,
+        failed=msg.failed,
+    )

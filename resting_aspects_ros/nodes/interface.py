@@ -1,0 +1,33 @@
+"""Names and qualities of service of the suite's topics, services and action: one place for all."""
+
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+DROP_PART = 'drop_part'
+GET_DISTRIBUTION = 'get_distribution'
+LIST_PARTS = 'list_parts'
+PARTS = 'parts'  # + /<part>
+RESTING_POSES = 'resting_poses'
+ASPECT_DISTRIBUTIONS = 'aspect_distributions'  # + /<part>
+
+FRAME = 'tray'
+
+# The newest message, also for those who come later.
+LATCHED = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+# All batches of the largest run, on both sides: reliable alone does not hold a publisher back, and
+# a reader that is slow or late would lose batches.
+POSES_DEPTH = 2000
+POSES = QoSProfile(
+    depth=POSES_DEPTH,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+# Poses in a batch: at least this, so that small runs are few messages, and more for large ones, so
+# that no run has more than POSES_DEPTH batches.
+LEAST_BATCH = 250
+
+
+def batch_size(drops: int) -> int:
+    """Poses in each batch but the last of a run of so many drops."""
+    return max(LEAST_BATCH, -(-drops // POSES_DEPTH))

@@ -1,0 +1,43 @@
+"""Run nodes in a process until it is told to stop."""
+
+import sys
+from collections.abc import Callable, Sequence
+
+import rclpy
+from rclpy.exceptions import InvalidParameterException, InvalidParameterValueException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from resting_aspects_ros.core.errors import RestingAspectsError
+
+
+def spin_nodes(factories: Sequence[Callable[[], Node]], args: Sequence[str] | None = None) -> int:
+    """Make the nodes and spin them in one thread; returns the process's exit code.
+
+    Ctrl-C and SIGTERM end it in order, with exit code 0: that is how a node is stopped. A node
+    that cannot start (a parameter that is not allowed, no such folder) ends it with 2.
+    """
+    rclpy.init(args=args)
+    nodes: list[Node] = []
+    executor = SingleThreadedExecutor()
+    try:
+        for factory in factories:
+            node = factory()
+            nodes.append(node)
+            executor.add_node(node)
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except (
+        RestingAspectsError,
+        InvalidParameterException,
+        InvalidParameterValueException,
+    ) as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 2
+    finally:
+        for node in nodes:
+            node.destroy_node()
+        executor.shutdown()
+        rclpy.try_shutdown()
+    return 0
