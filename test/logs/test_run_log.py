@@ -380,6 +380,7 @@ def test_a_file_cut_anywhere_holds_every_batch_that_was_flushed_before(tmp_path)
         log.write(POSES, bytes([i]) * 40, i)
         log.flush()
         ends.append(log.path.stat().st_size)
+    log.close()
     content = log.path.read_bytes()
     cut = tmp_path / 'cut.mcap'
     for size in range(len(content) + 1):
