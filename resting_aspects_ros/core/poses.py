@@ -79,3 +79,10 @@ class RestingPoses:
             np.concatenate([p.decided_by for p in parts]),
             np.concatenate([p.time_to_rest for p in parts]),
         )
+
+    @classmethod
+    def none(cls, first_drop: int) -> 'RestingPoses':
+        """No drops, where the drop ``first_drop`` would be next."""
+        codes = np.zeros(0, dtype=np.uint8)
+        empty = np.zeros(0)
+        return cls(first_drop, np.zeros((0, 3)), np.zeros((0, 4)), codes, codes, empty)

@@ -7,7 +7,7 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from multiprocessing import get_context, parent_process
+from multiprocessing import active_children, get_context, parent_process
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import RestingPoses
@@ -48,6 +48,14 @@ def make_pool(workers: int) -> ProcessPoolExecutor:
     if not 1 <= workers <= MOST_WORKERS:
         raise InvalidValueError(f'workers is {workers}, allowed is 1 to {MOST_WORKERS}')
     return ProcessPoolExecutor(workers, get_context('spawn'), initializer=_start_worker)
+
+
+def stop_pool(pool: ProcessPoolExecutor) -> None:
+    """End a pool now: what has not begun is cancelled, what is being dropped is given up."""
+    pool.shutdown(wait=False, cancel_futures=True)
+    # Or the interpreter would wait for chunks that nobody wants any more.
+    for worker in active_children():
+        worker.terminate()
 
 
 def _start_worker() -> None:

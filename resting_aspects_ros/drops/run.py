@@ -1,6 +1,5 @@
 """What a run is: which drops of which part, under which conditions, made with what."""
 
-import dataclasses
 from dataclasses import dataclass
 
 from resting_aspects_ros import __version__
@@ -84,8 +83,3 @@ def plan_run(
         time_step=job.time_step,
         started=started,
     )
-
-
-def cut_short(run: RunDescription, drops: int) -> RunDescription:
-    """The description of what is left of a run that ended early."""
-    return dataclasses.replace(run, drops=drops)

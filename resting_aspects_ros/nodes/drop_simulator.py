@@ -1,0 +1,208 @@
+"""The node that drops parts: it offers them, drops them when asked, and publishes where they rest."""
+
+import sys
+import time
+import uuid
+from collections import OrderedDict
+from concurrent.futures import Future as PoolFuture
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+from rclpy.task import Future
+from resting_aspects_interfaces.action import DropPart
+from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
+from resting_aspects_interfaces.msg import Status
+
+from resting_aspects_ros.config_files import parts_folder, surfaces_file
+from resting_aspects_ros.core.errors import EngineError, InvalidValueError, RestingAspectsError
+from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.drops.campaign import (
+    MOST_WORKERS,
+    default_workers,
+    make_pool,
+    stop_pool,
+    submit_drops,
+)
+from resting_aspects_ros.drops.engine import DropJob
+from resting_aspects_ros.drops.part_library import PartLibrary
+from resting_aspects_ros.drops.run import RunDescription, plan_run
+from resting_aspects_ros.drops.surfaces import Surfaces
+from resting_aspects_ros.nodes.batches import Batches
+from resting_aspects_ros.nodes.convert import poses_msg, status
+from resting_aspects_ros.nodes.interface import DROP_PART, POSES, RESTING_POSES, batch_size
+from resting_aspects_ros.nodes.parameters import Parameter, declare
+from resting_aspects_ros.nodes.part_offers import PartOffers
+from resting_aspects_ros.nodes.requests import (
+    BusyError,
+    CanceledError,
+    asked_conditions,
+    check_precision,
+    error_status,
+)
+from resting_aspects_ros.nodes.spin import spin_nodes
+
+PARAMETERS = (
+    Parameter('parts_folder', '', 'folder of meshes that can be asked for; empty: the examples'),
+    Parameter('surfaces_file', '', 'YAML file of named conditions; empty: the one of the suite'),
+    Parameter('workers', 0, 'processes that drop; 0: one per core', (0, MOST_WORKERS)),
+)
+# Goals that are worked on at the same time; they share the workers chunk by chunk.
+MOST_GOALS = 16
+# Descriptions of so many runs are kept, to publish drops of them again.
+RUNS_KEPT = 10_000
+# A result is kept so long for a client that asks late, s.
+RESULT_TIMEOUT = 300
+
+
+class DropSimulator(Node):
+    """Serves drop_part; publishes parts/<part> and resting_poses."""
+
+    def __init__(self) -> None:
+        super().__init__('drop_simulator')
+        values = declare(self, PARAMETERS)
+        self._library = PartLibrary(Path(values['parts_folder'] or parts_folder()))
+        self._surfaces = Surfaces.read(Path(values['surfaces_file'] or surfaces_file()))
+        self._workers: int = values['workers'] or default_workers()
+        self._pool = make_pool(self._workers)
+        self._goals = 0
+        self._runs: OrderedDict[str, RunDescription] = OrderedDict()
+        self._poses = self.create_publisher(RestingPosesMsg, RESTING_POSES, POSES)
+        self._parts = PartOffers(self, self._library)
+        self._server = ActionServer(
+            self,
+            DropPart,
+            DROP_PART,
+            self._execute,
+            # By default every cancel is refused.
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            result_timeout=RESULT_TIMEOUT,
+        )
+        self.get_logger().info(f'ready: {len(self._parts)} parts, {self._workers} workers')
+
+    def destroy_node(self) -> None:
+        """Also ends the workers; what they are dropping is given up."""
+        stop_pool(self._pool)
+        self._server.destroy()
+        super().destroy_node()
+
+    async def _execute(self, handle: ServerGoalHandle) -> DropPart.Result:
+        result = DropPart.Result()
+        self._goals += 1
+        try:
+            await self._drop(handle, result)
+            result.status = status(Status.OK)
+            handle.succeed()
+        except CanceledError as error:
+            result.status = error_status(error)
+            handle.canceled()
+        except RestingAspectsError as error:
+            result.status = error_status(error)
+            handle.abort()
+        except Exception as error:  # the edge: a defect must not look like an answer
+            self.get_logger().error(f'drop_part failed: {error!r}')
+            result.status = status(Status.FAILED, f'unexpected: {error!r}')
+            handle.abort()
+        finally:
+            self._goals -= 1
+        return result
+
+    async def _drop(self, handle: ServerGoalHandle, result: DropPart.Result) -> None:
+        """Make the drops of a goal and publish them; fills the result as it goes."""
+        if self._goals > MOST_GOALS:
+            raise BusyError(f'{MOST_GOALS} drop_part goals are under way, try again later')
+        goal = handle.request
+        job, asked, run = self._plan(goal)
+        result.run_id = run.run_id
+        batches = Batches(batch_size(asked.drops))
+        begun = time.monotonic()
+        pool = self._pool
+        chunks = submit_drops(job, asked.first_drop, asked.drops, pool, 2 * self._workers)
+        try:
+            for future in chunks:
+                chunk = await self._chunk(future, pool)
+                _count(result, chunk)
+                for batch in batches.add(chunk):
+                    self._publish(batch, run, last=False)
+                _feed_back(handle, result.drops, asked.drops, time.monotonic() - begun)
+                if handle.is_cancel_requested and result.drops < asked.drops:
+                    raise CanceledError(
+                        f'canceled after {result.drops} of {asked.drops} drops; those are kept'
+                    )
+        finally:
+            chunks.close()
+            # Drops that are published again do not end their run.
+            self._publish(batches.rest(asked.first_drop), run, last=not goal.run_id)
+
+    def _plan(self, goal: DropPart.Goal) -> tuple[DropJob, RunDescription, RunDescription]:
+        """The job, the drops that the goal asks for, and the run that they are part of."""
+        check_precision(goal.precision)
+        part = self._library.load(goal.part)
+        job, asked = plan_run(
+            part,
+            asked_conditions(self._surfaces, goal.surface, goal.conditions),
+            seed=goal.seed,
+            drops=goal.drops,
+            first_drop=goal.first_drop,
+            run_id=goal.run_id or uuid.uuid4().hex[:12],
+            started=self.get_clock().now().nanoseconds,
+        )
+        run = self._runs.setdefault(asked.run_id, asked)
+        if run.sequence() != asked.sequence():
+            raise InvalidValueError(
+                f'run {run.run_id} is of {run.part} under other conditions, another seed or another '
+                'version of the part: its drops can be published again, others cannot be added'
+            )
+        while len(self._runs) > RUNS_KEPT:
+            self._runs.popitem(last=False)
+        self._parts.offer(part)
+        return job, asked, run
+
+    async def _chunk(
+        self, future: 'PoolFuture[RestingPoses]', pool: ProcessPoolExecutor
+    ) -> RestingPoses:
+        """Wait for a worker without holding up the node."""
+        done = Future(executor=self.executor)
+
+        def wake(_: object) -> None:
+            # From a thread of the pool; the node may be gone by then.
+            if (executor := self.executor) is not None:
+                done.set_result(None)
+                executor.wake()
+
+        future.add_done_callback(wake)
+        await done
+        try:
+            return future.result()
+        except BrokenProcessPool:
+            # Every chunk that was submitted fails; the first to see it makes the new pool.
+            if self._pool is pool:
+                self._pool = make_pool(self._workers)
+            raise EngineError('a worker process died; what was done until then is kept') from None
+
+    def _publish(self, batch: RestingPoses, run: RunDescription, last: bool) -> None:
+        self._poses.publish(poses_msg(batch, run, self.get_clock().now().to_msg(), last))
+
+
+def _count(result: DropPart.Result, chunk: RestingPoses) -> None:
+    result.drops += len(chunk)
+    result.settled += int((chunk.status == RestStatus.SETTLED).sum())
+    result.unsettled += int((chunk.status == RestStatus.UNSETTLED).sum())
+    result.failed += int((chunk.status == RestStatus.FAILED).sum())
+
+
+def _feed_back(handle: ServerGoalHandle, done: int, total: int, seconds: float) -> None:
+    rate = done / seconds if seconds > 0 else 0.0
+    handle.publish_feedback(DropPart.Feedback(done=done, total=total, drops_per_second=rate))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node alone in this process."""
+    return spin_nodes([DropSimulator], args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

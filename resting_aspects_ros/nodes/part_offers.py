@@ -1,0 +1,60 @@
+"""The parts that the simulator offers: one latched description for each mesh of the folder."""
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from resting_aspects_interfaces.msg import PartDescription
+
+from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.drops.part_library import PartLibrary
+from resting_aspects_ros.nodes.convert import part_msg
+from resting_aspects_ros.nodes.interface import LATCHED, PARTS
+
+# How often the folder is looked at for parts that are new, changed or gone, s.
+SCAN_PERIOD = 2.0
+
+
+class PartOffers:
+    """Publishes parts/<part> for every part of a library, now and when the folder changes."""
+
+    def __init__(self, node: Node, library: PartLibrary) -> None:
+        self._node = node
+        self._library = library
+        self._offered: dict[str, tuple[str, Publisher]] = {}
+        self._complaints: set[str] = set()
+        self._scan()
+        node.create_timer(SCAN_PERIOD, self._scan)
+
+    def __len__(self) -> int:
+        return len(self._offered)
+
+    def offer(self, part: Part) -> None:
+        """Publish the part's description if it is not the one published last."""
+        sha, publisher = self._offered.get(part.name, ('', None))
+        if sha == part.part_sha256:
+            return
+        for warning in part.warnings:
+            self._complain(warning)
+        if publisher is None:
+            topic = f'{PARTS}/{part.name}'
+            publisher = self._node.create_publisher(PartDescription, topic, LATCHED)
+        publisher.publish(part_msg(part))
+        self._offered[part.name] = (part.part_sha256, publisher)
+
+    def _scan(self) -> None:
+        names = self._library.names()
+        for problem in self._library.problems():
+            self._complain(problem)
+        for name in names:
+            try:
+                self.offer(self._library.load(name))
+            except RestingAspectsError as error:
+                self._complain(str(error))
+        for name in set(self._offered) - set(names):
+            self._node.destroy_publisher(self._offered.pop(name)[1])
+
+    def _complain(self, problem: str) -> None:
+        """Say it once."""
+        if problem not in self._complaints:
+            self._complaints.add(problem)
+            self._node.get_logger().warning(problem)

@@ -1,0 +1,73 @@
+"""What services and actions share: the conditions that were asked for, and how errors are answered."""
+
+from collections.abc import Sequence
+
+from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
+from resting_aspects_interfaces.msg import Status
+
+from resting_aspects_ros.core.distribution import METHOD
+from resting_aspects_ros.core.errors import (
+    InvalidValueError,
+    PartError,
+    RestingAspectsError,
+    UnknownPartError,
+)
+from resting_aspects_ros.drops.conditions import DropConditions
+from resting_aspects_ros.drops.surfaces import Surfaces
+from resting_aspects_ros.nodes.convert import conditions_from, status
+
+
+class NotAvailableError(RestingAspectsError):
+    """What is asked for is allowed, but not to be had now, or not in this version."""
+
+
+class BusyError(RestingAspectsError):
+    """Too much is under way."""
+
+
+class CanceledError(RestingAspectsError):
+    """It was canceled before it was done."""
+
+
+_CODES: dict[type[RestingAspectsError], int] = {
+    UnknownPartError: Status.UNKNOWN_PART,
+    InvalidValueError: Status.INVALID,
+    PartError: Status.INVALID,
+    NotAvailableError: Status.NOT_AVAILABLE,
+    BusyError: Status.BUSY,
+    CanceledError: Status.CANCELED,
+}
+
+
+def error_status(error: RestingAspectsError) -> Status:
+    """The status that tells a client of an error."""
+    return status(_CODES.get(type(error), Status.FAILED), str(error))
+
+
+def status_error(answer: Status) -> RestingAspectsError:
+    """The error that a status tells of."""
+    kinds = {code: kind for kind, code in _CODES.items() if kind is not PartError}
+    return kinds.get(answer.code, RestingAspectsError)(answer.message)
+
+
+def asked_conditions(
+    surfaces: Surfaces, surface: str, given: Sequence[DropConditionsMsg]
+) -> DropConditions:
+    """Those given, else those of the named surface, else of the default one."""
+    if given:
+        return surfaces.named(conditions_from(given[0]))
+    return surfaces.get(surface)
+
+
+def check_precision(precision: float) -> None:
+    """This version stops at a number of drops only."""
+    if precision != 0:
+        raise NotAvailableError(
+            f'precision is {precision!r}, this version allows only 0: ask for a number of drops'
+        )
+
+
+def check_method(method: str) -> None:
+    """This version knows drops only."""
+    if method not in ('', METHOD):
+        raise NotAvailableError(f'method {method!r} is not known, allowed is {METHOD}')

@@ -1,0 +1,176 @@
+"""What a consumer of resting_poses has seen of each run, and how it gets what it missed."""
+
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.task import Future
+from resting_aspects_interfaces.action import DropPart
+from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
+from resting_aspects_interfaces.msg import Status
+
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.drops.coverage import Coverage
+from resting_aspects_ros.drops.run import RunDescription
+from resting_aspects_ros.nodes.convert import conditions_msg, run_from
+from resting_aspects_ros.nodes.interface import DROP_PART
+
+# Missing drops are asked for so many times in a row without getting any, then they are lost.
+MOST_REPAIRS = 3
+# A run that is silent for so long has lost its simulator, s; what was to come is asked for again.
+SILENCE = 60.0
+# How often silence and gaps are looked for, s.
+CHECK_PERIOD = 1.0
+# Runs that are remembered, so that drops published again for others are not taken for new.
+RUNS_KEPT = 10_000
+
+
+@dataclass
+class RunProgress:
+    """The drops of one run that have been seen.
+
+    end : index after its last drop; until ``ended`` the one that was asked for
+    """
+
+    run: RunDescription
+    end: int
+    ended: bool = False
+    seen: Coverage = field(default_factory=Coverage)
+    repairs: int = 0
+    repairing: bool = False
+    closed: bool = False
+    heard: float = 0.0
+
+    def missing(self) -> list[tuple[int, int]]:
+        """Ranges that have been published and were not seen."""
+        return self.seen.missing(self.run.first_drop, self.end if self.ended else self.seen.end)
+
+    @property
+    def complete(self) -> bool:
+        """Nothing is missing and no more is to come."""
+        return self.ended and not self.missing()
+
+    @property
+    def lost(self) -> bool:
+        """Something is missing, and asking again did not bring it."""
+        return self.repairs >= MOST_REPAIRS and not self.repairing and bool(self.missing())
+
+
+class RunTracker:
+    """Follows runs through their batches; asks the simulator again for drops that were lost.
+
+    Drops are reproducible: a gap is filled by the same drops of another run as well, which is what
+    a simulator gives that was restarted.
+
+    Parameters
+    ----------
+    over : called once for each run when it is complete or lost, and then marked closed
+    """
+
+    def __init__(self, node: Node, over: Callable[[RunProgress], None]) -> None:
+        self._node = node
+        self._over = over
+        self._client = ActionClient(node, DropPart, DROP_PART)
+        self._runs: OrderedDict[str, RunProgress] = OrderedDict()
+        node.create_timer(CHECK_PERIOD, self._check)
+
+    def destroy(self) -> None:
+        self._client.destroy()
+
+    def get(self, run_id: str) -> RunProgress | None:
+        """The progress of a run of which a batch was seen."""
+        return self._runs.get(run_id)
+
+    def accept(self, batch: RestingPosesMsg) -> tuple[RunProgress, list[tuple[int, int]]]:
+        """The run that a batch belongs to, and the ranges of its drops that were not seen before.
+
+        Raises InvalidValueError if the batch contradicts itself or an earlier one.
+        """
+        first, end = batch.first_drop, batch.first_drop + len(batch.poses)
+        progress = self._find(run_from(batch.run), first, end)
+        new = progress.seen.add(first, end)
+        progress.heard = time.monotonic()
+        if new:
+            progress.repairs = 0
+        if batch.last and batch.run.run_id == progress.run.run_id:
+            progress.ended, progress.end = True, max(end, progress.seen.end)
+        return progress, new
+
+    def settle(self, progress: RunProgress) -> None:
+        """To be called when a batch has been dealt with: ends the run, or asks for what is missing."""
+        if progress.closed:
+            return
+        if progress.complete or progress.lost:
+            progress.closed = True
+            self._over(progress)
+        elif progress.missing():
+            self._repair(progress)
+
+    def _find(self, run: RunDescription, first: int, end: int) -> RunProgress:
+        known = self._runs.get(run.run_id)
+        if known is not None:
+            if known.run.sequence() != run.sequence():
+                raise InvalidValueError(f'run {run.run_id} is not the run that it began as')
+            return known
+        for other in self._runs.values():
+            if other.repairing and other.run.sequence() == run.sequence():
+                if any(low < end and first < high for low, high in other.missing()):
+                    return other
+        self._runs[run.run_id] = RunProgress(run, run.end, heard=time.monotonic())
+        while len(self._runs) > RUNS_KEPT:
+            self._runs.popitem(last=False)
+        return self._runs[run.run_id]
+
+    def _check(self) -> None:
+        for progress in list(self._runs.values()):
+            if progress.closed or progress.repairing:
+                continue
+            if time.monotonic() - progress.heard > SILENCE:
+                progress.ended = True
+                if not self._client.server_is_ready():
+                    progress.repairs = MOST_REPAIRS
+            self.settle(progress)
+
+    def _repair(self, progress: RunProgress) -> None:
+        if progress.repairing or not self._client.server_is_ready():
+            return  # _check comes back to it
+        run, (first, end) = progress.run, progress.missing()[0]
+        self._node.get_logger().warning(
+            f'drops {first} to {end - 1} of run {run.run_id} ({run.part}) were lost, asking again'
+        )
+        progress.repairing = True
+        progress.repairs += 1
+        goal = DropPart.Goal(
+            part=run.part,
+            surface=run.conditions.surface,
+            conditions=[conditions_msg(run.conditions)],
+            drops=end - first,
+            first_drop=first,
+            seed=run.seed,
+            run_id=run.run_id,
+        )
+        asked = self._client.send_goal_async(goal)
+        asked.add_done_callback(lambda answer: self._asked(progress, answer))
+
+    def _asked(self, progress: RunProgress, answer: Future) -> None:
+        handle = answer.result()
+        if handle is None or not handle.accepted:
+            self._repaired(progress, 'the simulator did not take the goal')
+            return
+        handle.get_result_async().add_done_callback(
+            lambda done: self._repaired(progress, _complaint(done.result().result.status))
+        )
+
+    def _repaired(self, progress: RunProgress, complaint: str) -> None:
+        """The last batch may still be on its way: _check looks whether something is missing."""
+        progress.repairing = False
+        if complaint:
+            run_id = progress.run.run_id
+            self._node.get_logger().error(f'lost drops of run {run_id} are not to be had: {complaint}')
+
+
+def _complaint(status: Status) -> str:
+    return '' if status.code == Status.OK else str(status.message)

@@ -1,0 +1,75 @@
+"""Subscribe to every topic <prefix>/<part> that there is, and to those that come later."""
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+
+from resting_aspects_ros.nodes.interface import LATCHED
+
+# How often new topics are looked for, s. rclpy has no event for it.
+PERIOD = 0.2
+
+
+class TopicWatch:
+    """Latched topics of one type below a prefix, each subscribed to while somebody publishes it.
+
+    Parameters
+    ----------
+    prefix : str
+        Relative to the node's namespace, such as 'parts'.
+    received : called with the part's name and the message (bytes if ``raw``)
+    gone : called with the part's name when nobody publishes the topic any more
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        prefix: str,
+        message_type: Any,
+        received: Callable[[str, Any], None],
+        *,
+        gone: Callable[[str], None] = lambda part: None,
+        raw: bool = False,
+    ) -> None:
+        self._node = node
+        self._prefix = node.resolve_topic_name(f'{prefix}/part').removesuffix('part')
+        self._type = message_type
+        self._type_name = '{}/msg/{}'.format(
+            message_type.__module__.split('.')[0], message_type.__name__
+        )
+        self._received = received
+        self._gone = gone
+        self._raw = raw
+        self._subscriptions: dict[str, Any] = {}
+        node.create_timer(PERIOD, self.look)
+
+    def topic(self, part: str) -> str:
+        """The topic's full name."""
+        return self._prefix + part
+
+    @property
+    def type_name(self) -> str:
+        """Such as resting_aspects_interfaces/msg/PartDescription."""
+        return self._type_name
+
+    def look(self) -> None:
+        """Look for new topics now."""
+        published = {
+            name.removeprefix(self._prefix)
+            for name, types in self._node.get_topic_names_and_types()
+            if name.startswith(self._prefix)
+            and self._type_name in types
+            and self._node.count_publishers(name)
+        }
+        for part in published - set(self._subscriptions):
+            self._subscriptions[part] = self._node.create_subscription(
+                self._type,
+                self.topic(part),
+                lambda message, part=part: self._received(part, message),
+                LATCHED,
+                raw=self._raw,
+            )
+        for part in set(self._subscriptions) - published:
+            self._node.destroy_subscription(self._subscriptions.pop(part))
+            self._gone(part)
