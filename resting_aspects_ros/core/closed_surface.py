@@ -47,7 +47,7 @@ def closed_surface(vertices: Vertices, faces: Faces) -> Surface:
     vertices, faces = _weld(vertices, faces)
     faces, copies = _without_copies(faces)
     if copies:
-        warnings.append(f'{copies} triangles were there more than once and count once')
+        warnings.append(f'triangles that were there more than once count once: {copies}')
     defect = _defect(faces)
     if defect:
         # A needle of no area with three different corners can close a gap, or be in the way.
@@ -59,8 +59,8 @@ def closed_surface(vertices: Vertices, faces: Faces) -> Surface:
         mended = _against_their_neighbours(faces)
         faces = _flipped(faces, mended)
         if _balanced(faces):
-            warnings.append(f'{np.count_nonzero(mended)} triangles faced the other way than '
-                            'their neighbours and were turned')
+            warnings.append('triangles that faced the other way than their neighbours were '
+                            f'turned: {np.count_nonzero(mended)}')
         else:
             defect = 'has triangles that cannot be turned to face the same way as their neighbours'
     if not defect:
@@ -124,7 +124,7 @@ def _defect(faces: Faces) -> str | None:
         return 'has no triangle with an area'
     number, _ = _edges(faces)
     odd = np.bincount(number) % 2 == 1
-    return f'is not watertight: {np.count_nonzero(odd)} open edges' if odd.any() else None
+    return f'is not watertight: it has {np.count_nonzero(odd)} open edges' if odd.any() else None
 
 
 def _balanced(faces: Faces) -> bool:

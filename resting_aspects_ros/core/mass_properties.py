@@ -20,6 +20,10 @@ DEFAULT_DENSITY = 1000.0  # kg/m^3; the mass has no influence on aspects
 # foil of 10 um in a box of 1 m has more.
 NO_VOLUME = 1e-9
 
+# Of the greatest trace of the inertia; less would be a mass within 1e-6 R of one point, where a
+# mesh cannot have details.
+CONCENTRATED = 1e-13
+
 
 @dataclass(frozen=True, eq=False)
 class Given:
@@ -126,7 +130,8 @@ def _check_inside(centre: Array, hull_vertices: Array, what: str) -> None:
 def _check_possible(inertia: Array, mass: float, arms: Array, what: str) -> None:
     """Catch wrong units: no mass is further away than R, and the trace is twice its mean r^2."""
     greatest = 2 * mass * (arms**2).sum(axis=1).max()
-    if np.trace(inertia) > greatest * (1 + mass_values.ROUNDING):
+    least = CONCENTRATED * greatest
+    if not least <= np.trace(inertia) <= greatest * (1 + mass_values.ROUNDING):
         raise InvalidValueError(f'{what} is {inertia.tolist()} kg m^2: its trace is '
-                                f'{np.trace(inertia):.4g}, and {mass:.4g} kg in this hull have '
-                                f'at most {greatest:.4g}; is it in other units?')
+                                f'{np.trace(inertia):.4g}, and for {mass:.4g} kg in this hull it '
+                                f'is between {least:.4g} and {greatest:.4g}; is it in kg m^2?')

@@ -13,21 +13,23 @@ Array = npt.NDArray[np.float64]
 
 # Given inertias are often rounded to three digits; what rounding can do is not an error.
 ROUNDING = 1e-3
+# Nothing physical is larger, and no product of such numbers overflows.
+LARGEST = 1e30
 
 
 def number(value: Any, what: str) -> float:
-    """Return the value as a finite number above 0, or raise InvalidValueError."""
+    """Return the value as a number above 0, or raise InvalidValueError."""
     found = _floats(value)
-    if found is None or found.shape != () or not (np.isfinite(found) and found > 0):
-        raise InvalidValueError(f'{what} is {reprlib.repr(value)}: '
-                                'allowed is a finite number above 0')
+    if found is None or found.shape != () or not 1 / LARGEST <= found <= LARGEST:
+        raise InvalidValueError(f'{what} is {reprlib.repr(value)}: allowed is a finite number '
+                                f'above 0 ({1 / LARGEST:.0e} to {LARGEST:.0e})')
     return float(found)
 
 
 def point(value: Any, what: str) -> Array:
     """Return the value as a (3,) array of finite numbers, or raise InvalidValueError."""
     found = _floats(value)
-    if found is None or found.shape != (3,) or not np.isfinite(found).all():
+    if found is None or found.shape != (3,) or not (np.abs(found) <= LARGEST).all():
         raise InvalidValueError(f'{what} is {reprlib.repr(value)}: '
                                 'allowed are three finite numbers')
     return found + 0.0
@@ -51,14 +53,14 @@ def inertia_matrix(value: Any, what: str) -> Array:
     found = _floats(value)
     if found is not None and found.shape == (6,):
         found = found[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
-    if found is None or found.shape != (3, 3) or not np.isfinite(found).all():
+    if found is None or found.shape != (3, 3) or not (np.abs(found) <= LARGEST).all():
         raise InvalidValueError(f'{what} is {reprlib.repr(value)}: allowed are six finite '
                                 'numbers (ixx ixy ixz iyy iyz izz, kg m^2) or a 3 x 3 matrix')
     if np.abs(found - found.T).max() > ROUNDING * np.abs(found).max():
         raise InvalidValueError(f'{what} is {found.tolist()}: it must be symmetric')
     found = np.asarray((found + found.T) / 2 + 0.0)
     moments = np.linalg.eigvalsh(found / (np.abs(found).max() or 1.0))
-    if not moments[0] > 1e-9 * moments[2]:
+    if not moments[0] > 1e-14 * moments[2]:
         raise InvalidValueError(f'{what} is {found.tolist()}: all principal moments must be '
                                 f'above 0, and they are as {_ratios(moments)}')
     if moments[2] > (moments[0] + moments[1]) * (1 + ROUNDING):
@@ -69,7 +71,8 @@ def inertia_matrix(value: Any, what: str) -> Array:
 
 
 def _ratios(moments: Array) -> str:
-    return ' : '.join(f'{moment / np.abs(moments).max():.4g}' for moment in moments)
+    largest = np.abs(moments).max() or 1.0
+    return ' : '.join(f'{moment / largest:.4g}' for moment in moments)
 
 
 def _floats(value: Any) -> Array | None:

@@ -1,8 +1,9 @@
 """Reading the bytes of a mesh file (STL, OBJ, PLY) into triangles, with errors that help.
 
-trimesh parses; what is done here is what it does not do: say how a file is broken. ASCII STL is
-parsed here, because trimesh drops a solid without ``endsolid`` and stops at the first word that
-is not a number, both without an error.
+trimesh parses; what is done here is what it does not do: say how a file is broken. Text is looked
+through before, because trimesh stops at the first word that is not a number, without an error.
+ASCII STL is parsed here: trimesh also drops a solid without ``endsolid``, and stumbles over names
+of solids in which its keywords occur.
 """
 
 import io
@@ -26,8 +27,15 @@ logging.getLogger('trimesh').addHandler(logging.NullHandler())
 
 _STL_HEADER = 84  # 80 bytes of anything, then the number of triangles
 _STL_TRIANGLE = 50  # normal and three corners in float32, two bytes of attributes
-_NUMBERS = rb'[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t]*$'
-_STL_VERTEX = re.compile(rb'^[ \t]*vertex' + _NUMBERS, re.IGNORECASE | re.MULTILINE)
+_STL_VERTEX = re.compile(rb'^[ \t]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t]*$',
+                         re.IGNORECASE | re.MULTILINE)
+
+_NUMBER = rb'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?'
+_CORNER = rb'-?[1-9]\d*(?:/-?\d*){0,2}'
+_NO_OBJ_LINE = re.compile(
+    rb'^(?:v[ \t]+(?!' + _NUMBER + rb'(?:[ \t]+' + _NUMBER + rb'){2,}[ \t]*$)'
+    rb'|f[ \t]+(?!' + _CORNER + rb'(?:[ \t]+' + _CORNER + rb'){2,}[ \t]*$))[^\n]*', re.MULTILINE)
+_NO_NUMBER = re.compile(rb'(?<!\S)(?!' + _NUMBER + rb'(?!\S))\S+')
 
 
 def read_triangles(data: bytes, mesh_format: str, label: str) -> tuple[Vertices, Faces]:
@@ -59,11 +67,8 @@ def read_triangles(data: bytes, mesh_format: str, label: str) -> tuple[Vertices,
     if mesh_format == 'stl':
         vertices, faces = _read_stl(data, label)
     elif mesh_format in FORMATS:
-        if mesh_format == 'obj':
-            _check_obj(data, label)
-        elif mesh_format == 'ply':
-            _check_ply(data, label)
-        vertices, faces = _read_with_trimesh(data, mesh_format, label)
+        checked = _checked_obj if mesh_format == 'obj' else _checked_ply
+        vertices, faces = _read_with_trimesh(checked(data, label), mesh_format, label)
     else:
         raise PartError(f'{label} has the format {mesh_format!r}: allowed are {_or(FORMATS)}')
     if not len(faces):
@@ -111,34 +116,59 @@ def _read_ascii_stl(text: bytes, label: str) -> tuple[Vertices, Faces]:
                         f"{lines[b'endfacet']} 'endfacet' and {len(corners)} corners with three "
                         'numbers, where each facet needs one end and three corners')
     try:
-        vertices = np.array(corners, dtype=np.bytes_).reshape(-1, 3).astype(np.float64)
+        vertices = np.array([[float(word) for word in corner] for corner in corners])
     except ValueError as error:
         raise PartError(f'{label} is a broken ASCII STL: {error}') from None
-    return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
+    return vertices.reshape(-1, 3), np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
 
 
 def _count_lines(word: bytes, text: bytes) -> int:
     return len(re.findall(rb'^[ \t]*' + word + rb'\b', text, re.IGNORECASE | re.MULTILINE))
 
 
-def _check_obj(data: bytes, label: str) -> None:
-    """Refuse what trimesh reads wrongly: relative indices count from the vertices so far."""
+def _checked_obj(data: bytes, label: str) -> bytes:
+    """Refuse what trimesh reads as far as it goes, and relative indices between the vertices.
+
+    It takes those from the end of all vertices; they count from the end of those so far.
+    """
+    if b'\0' in data:
+        raise PartError(f'{label} is not an OBJ: it is binary, and an OBJ is text')
+    data = data.decode('utf-8', errors='replace').encode().replace(b'\r\n', b'\n')
+    data = re.sub(rb'#[^\n]*', b'', data.replace(b'\\\n', b''))
+    data = re.sub(rb'^ ', b'', re.sub(rb'[ \t]+', b' ', data), flags=re.MULTILINE)
+    broken = _NO_OBJ_LINE.search(data)
+    if broken:
+        raise PartError(f'{label} is a broken OBJ: a line is {_shown(broken)}, where a vertex (v) '
+                        'has three finite numbers and a face (f) at least three vertex numbers, '
+                        'from 1 on')
     relative = re.search(rb'^f[^\n]*[ \t]-\d', data, re.MULTILINE)
     if relative and data.rfind(b'\nv ') > relative.start():
-        raise PartError(f'{label} has relative indices ({relative[0].decode(errors="replace")!r}) '
-                        'between its vertices: only absolute ones are allowed there')
+        raise PartError(f'{label} has relative vertex numbers between its vertices, as in '
+                        f'{_shown(relative)}: only absolute ones are allowed there')
+    return data
 
 
-def _check_ply(data: bytes, label: str) -> None:
-    """Refuse a short ASCII PLY, which trimesh reads as far as it goes."""
+def _checked_ply(data: bytes, label: str) -> bytes:
+    """Refuse a broken ASCII PLY, which trimesh reads as far as it goes."""
     header, end, body = data.partition(b'end_header')
     if not header.startswith(b'ply') or not end:
         raise PartError(f"{label} is not a PLY: it has no header from 'ply' to 'end_header'")
-    counts = [int(count) for count in re.findall(rb'^element[ \t]+\S+[ \t]+(\d+)', header, re.M)]
-    rows = len(body.split(b'\n', 1)[-1].splitlines())
-    if re.search(rb'^format[ \t]+ascii', header, re.MULTILINE) and rows < sum(counts):
-        raise PartError(f'{label} is shorter than its header says: it promises {sum(counts)} '
-                        f'rows (vertices and faces) and there are {rows}')
+    header = header.decode('ascii', errors='replace').encode('ascii', errors='replace')
+    if re.search(rb'^format[ \t]+ascii', header, re.MULTILINE):
+        counts = re.findall(rb'^element[ \t]+\S+[ \t]+(\d{1,18})\b', header, re.MULTILINE)
+        promised, rows = sum(map(int, counts)), len(body.strip().splitlines())
+        if rows < promised:
+            raise PartError(f'{label} is shorter than its header says: it promises {promised} '
+                            f'rows (vertices and faces) and there are {rows}')
+        broken = _NO_NUMBER.search(body)
+        if broken:
+            raise PartError(f'{label} is a broken PLY: it has {_shown(broken)} among its rows, '
+                            'where only finite numbers are allowed')
+    return header + end + body
+
+
+def _shown(match: re.Match[bytes]) -> str:
+    return repr(match[0][:80].decode(errors='replace'))
 
 
 def _read_with_trimesh(data: bytes, mesh_format: str, label: str) -> tuple[Vertices, Faces]:
@@ -149,8 +179,10 @@ def _read_with_trimesh(data: bytes, mesh_format: str, label: str) -> tuple[Verti
             vertices = np.asarray(mesh.vertices, dtype=np.float64).reshape(-1, 3)
             faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
     except Exception as error:  # noqa: BLE001 its parsers raise whatever they stumble over
+        hint = ('; it is cut off, or has faces with different numbers of corners, which are '
+                'allowed in an ASCII PLY only' if 'unexpected length' in str(error) else '')
         raise PartError(f'{label} is not a readable {mesh_format.upper()} '
-                        f'({type(error).__name__}: {str(error)[:200]})') from None
+                        f'({type(error).__name__}: {str(error)[:200]}){hint}') from None
     return vertices, faces
 
 

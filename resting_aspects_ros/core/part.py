@@ -216,11 +216,14 @@ def _part(label: str, data: bytes, mesh_format: str, name: str, unit: str | None
                                 'letters, digits and _, a letter first, at most '
                                 f'{MAX_NAME} characters')
     unit = DEFAULT_UNIT if unit is None else unit
-    if unit not in UNITS:
+    if not isinstance(unit, str) or unit not in UNITS:
         raise InvalidValueError(f'the unit of {label} is {unit!r}: allowed are {", ".join(UNITS)}')
     raw_vertices, raw_faces = read_triangles(data, mesh_format, label)
     _check_size(raw_vertices, unit, label)
     surface = closed_surface(raw_vertices, raw_faces)
+    if not len(surface.faces):
+        raise PartError(f'{label} has no volume: none of its {len(raw_faces)} triangles has an '
+                        'area')
     vertices = surface.vertices * UNITS[unit]
     hull_vertices = convex_hull(vertices, label)
     found, defect = mass_properties(label, vertices, surface.faces, hull_vertices,
@@ -251,8 +254,8 @@ def _size_warnings(vertices: Array, unit: str) -> list[str]:
     size = float(sides.max())
     if USUAL_SIZE[0] <= size * UNITS[unit] <= USUAL_SIZE[1]:
         return []
-    likely = [f'{1e3 * size * metres:.4g} mm in {other}' for other, metres in UNITS.items()
+    likely = [f'{1e3 * size * metres:.4g} mm with {other}' for other, metres in UNITS.items()
               if LIKELY_SIZE[0] <= size * metres <= LIKELY_SIZE[1]]
-    box = ' x '.join(f'{1e3 * side * UNITS[unit]:.4g}' for side in sides)
-    hint = f'; its longest side would be {" or ".join(likely)}' if likely else ''
-    return [f'the part is {box} mm, read in {unit}: is the unit right{hint}?']
+    box = ' x '.join(f'{1e3 * side * UNITS[unit]:.6g}' for side in sides)
+    hint = f' (its longest side would be {" or ".join(likely)})' if likely else ''
+    return [f'the part is {box} mm with the unit {unit}: is the unit right{hint}?']

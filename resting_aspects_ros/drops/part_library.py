@@ -2,6 +2,7 @@
 
 import difflib
 import math
+import os
 import reprlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -49,22 +50,22 @@ class PartLibrary:
 
     def problems(self) -> list[str]:
         """Return a sentence for each file that looks like a part and is not registered as one."""
-        if not self.folder.is_dir():
-            return [f'the folder of parts {str(self.folder)!r} does not exist']
+        where = f'in {str(self.folder)!r}'
         by_stem = self._by_stem()
-        found = [f'{file.name} in {str(self.folder)!r} is not used: it must be <part>.yaml, beside '
-                 'the mesh of that name' for file in self._files()
-                 if file.suffix.lower() in ('.yaml', '.yml')
-                 and (file.suffix != '.yaml' or file.stem not in by_stem)]
+        found = [] if os.access(self.folder, os.R_OK | os.X_OK) and self.folder.is_dir() else [
+            f'the folder of parts {str(self.folder)!r} does not exist or cannot be read']
+        found += [f'{file.name} {where} is not used: it must be <part>.yaml, beside the mesh of '
+                  'that name' for file in self._files() if file.suffix.lower() in ('.yaml', '.yml')
+                  and not (file.suffix == '.yaml' and file.stem in by_stem)]
         for stem, files in by_stem.items():
             names = ', '.join(file.name for file in files)
             if not is_valid_name(stem):
-                found.append(f'{names} in {str(self.folder)!r} is not registered: a part is named '
-                             'with lower case letters, digits and _, a letter first, at most '
-                             f'{MAX_NAME} characters')
+                found.append(f'{names} {where} is not registered: a part is named with lower '
+                             f'case letters, digits and _, a letter first, at most {MAX_NAME} '
+                             'characters')
             elif len(files) > 1:
-                found.append(f'{names} in {str(self.folder)!r} are not registered: only one mesh '
-                             f'can be the part {stem!r}')
+                found.append(f'{names} {where} are not registered: only one mesh can be the '
+                             f'part {stem!r}')
         return found
 
     def load(self, name: str) -> Part:
@@ -99,9 +100,10 @@ class PartLibrary:
         return found
 
     def _files(self) -> list[Path]:
-        if not self.folder.is_dir():
+        try:
+            return sorted(file for file in self.folder.iterdir() if file.is_file())
+        except OSError:  # problems() tells
             return []
-        return sorted(file for file in self.folder.iterdir() if file.is_file())
 
     def _unknown(self, name: str) -> str:
         names = self.names()
