@@ -1,1 +1,4 @@
-"""What a resting aspect is: parts, rotations, aspects, distributions. No engine, no files but meshes, no clock."""
+"""What a resting aspect is: parts, rotations, aspects, distributions.
+
+No engine, no files but meshes, no clock.
+"""

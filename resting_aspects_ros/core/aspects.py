@@ -17,8 +17,9 @@ from resting_aspects_ros.core.rotations import Array, down_in_part, orientation_
 # A part rests on a facet if its centre of mass is inside by more than this, R. Less is
 # indistinguishable from the noise of float32 coordinates, and any breath tips the part over.
 STABLE_MARGIN = 1e-4
-# A pose is in the aspect with the nearest down direction, if that is within this. Bullet rests within
-# hundredths of a degree of a facet, on the margin of its shape; what is further off lies on no facet.
+# A pose is in the aspect with the nearest down direction, if that is within this. Bullet rests
+# within hundredths of a degree of a facet, on the margin of its shape; what is further off lies
+# on no facet.
 POSE_ANGLE = np.radians(3.0)
 # Ids are ordered by centre of mass height in steps of this, R, and by share in steps of this.
 ORDER_STEP = 1e-3

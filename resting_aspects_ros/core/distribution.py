@@ -1,6 +1,7 @@
 """How probable each aspect of a part is: counts, probabilities and intervals."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,7 @@ from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 
 METHOD = 'drops'
 CONFIDENCE = 0.95
-INTERVAL = 'wilson'
+INTERVAL: Literal['wilson'] = 'wilson'
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,7 @@ class Distribution:
 
     @property
     def drops(self) -> int:
+        """How many drops were counted."""
         return int(self.counts.sum()) + self.unclassified + self.unsettled + self.failed
 
     def intervals(self) -> list[Interval]:
@@ -55,7 +57,7 @@ class Distribution:
         return [_wilson(int(count), drops) for count in self.counts]
 
     def __add__(self, other: 'Distribution') -> 'Distribution':
-        """The distribution over the drops of both; they must be different drops of the same part."""
+        """The distribution over the drops of both: different drops of the same part."""
         if self.aspects.part_sha256 != other.aspects.part_sha256:
             raise ValueError('distributions of different parts cannot be added')
         return Distribution(

@@ -24,7 +24,8 @@ class Facet:
     height : float
         Of the centre of mass above the facet's plane, m.
     margin : float
-        Distance from the centre of mass's foot on the plane to the nearest edge, m; negative outside.
+        Distance from the centre of mass's foot on the plane to the nearest edge, m; negative if it
+        is outside.
     solid_angle : float
         Of the facet seen from the centre of mass, sr.
     """
@@ -95,16 +96,16 @@ def _facet(hull: ConvexHull, members: npt.NDArray[np.int64]) -> Facet:
         polygon=corners,
         height=float((corners @ normal).max()),
         margin=float(edges[:, 2].min()),
-        solid_angle=_solid_angle(corners),
+        solid_angle=_solid_angle(hull.points[hull.simplices[members]]),
     )
 
 
-def _solid_angle(polygon: Array) -> float:
-    """Of a convex polygon (k, 3) seen from the origin, sr.
+def _solid_angle(triangles: Array) -> float:
+    """Of triangles (k, 3 corners, 3) seen from the origin, sr: Van Oosterom and Strackee 1983.
 
-    Fan of triangles, each by Van Oosterom and Strackee 1983.
+    Of a facet's own triangles, so that all facets together make 4 pi, however it is bounded.
     """
-    a, b, c = polygon[:1], polygon[1:-1], polygon[2:]
+    a, b, c = np.moveaxis(triangles, 1, 0)
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
     triple = (a * np.cross(b, c)).sum(axis=1)
     spread = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb

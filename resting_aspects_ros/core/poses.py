@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -68,7 +69,7 @@ class RestingPoses:
     @classmethod
     def join(cls, parts: Sequence['RestingPoses']) -> 'RestingPoses':
         """One after the other; each must begin where the one before it ends."""
-        for before, after in zip(parts, parts[1:], strict=False):
+        for before, after in pairwise(parts):
             if before.end != after.first_drop:
                 raise ValueError(f'drops {before.end} to {after.first_drop - 1} are missing')
         return cls(

@@ -29,7 +29,7 @@ def canonical(xyzw: Array) -> Array:
         Quaternions of any length but zero.
     """
     unit = xyzw / np.linalg.norm(xyzw, axis=-1, keepdims=True)
-    return np.where(unit[..., 3:] < 0, -unit, unit)
+    return np.asarray(np.where(unit[..., 3:] < 0, -unit, unit))
 
 
 def random_orientations(generator: np.random.Generator, n: int) -> Array:
@@ -66,4 +66,5 @@ def orientation_with_down(down: Array) -> Array:
 
 def rotate(xyzw: Array, points: Array) -> Array:
     """(n, 3) points turned by unit quaternions (4,) or (n, 4)."""
-    return np.asarray(Rotation.from_quat(xyzw).apply(points))
+    # A copy: some versions of SciPy take no read-only array, as a part's are.
+    return np.asarray(Rotation.from_quat(xyzw).apply(np.array(points)))

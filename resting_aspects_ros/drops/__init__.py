@@ -1,1 +1,1 @@
-"""How drops are made: parts and surfaces by name, conditions, the engine, campaigns over many workers."""
+"""How drops are made: parts and surfaces by name, conditions, the engine, campaigns."""

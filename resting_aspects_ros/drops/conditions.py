@@ -39,9 +39,10 @@ class Quantity:
     def check(self, name: str, value: Any) -> float:
         """The value as a float, or an InvalidValueError that says what was allowed."""
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        if number and math.isfinite(value) and self.low <= value <= self.high:
-            if not (self.above and value == self.low):
-                return float(value)
+        # Compared before it is a float: a whole number can be too large for one.
+        within = number and self.low <= value <= self.high and math.isfinite(value)
+        if within and (value > self.low or not self.above):
+            return float(value)
         raise InvalidValueError(f'{name} is {value!r}, allowed is {self.allowed()}')
 
 
@@ -70,7 +71,9 @@ class DropConditions:
     )
     gravity: float = _quantity('m/s2', 'gravity', high=1000.0, above=True)
     speed_horizontal: float = _quantity(
-        'm/s', 'standard deviation of each horizontal component of the speed at release', high=100.0
+        'm/s',
+        'standard deviation of each horizontal component of the speed at release',
+        high=100.0,
     )
     speed_vertical: float = _quantity(
         'm/s', 'standard deviation of the vertical speed at release', high=100.0
@@ -97,7 +100,7 @@ class DropConditions:
         return (*(getattr(self, name) for name in QUANTITIES), float(self.height_of))
 
     def changed(self, **changes: Any) -> 'DropConditions':
-        """These conditions with other values; without their surface's name if that makes a difference."""
+        """These conditions with other values, and if that differs, without a surface's name."""
         new = dataclasses.replace(self, **changes)
         if new.values() == self.values():
             return self

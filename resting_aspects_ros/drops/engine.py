@@ -1,7 +1,8 @@
 """Bullet as the engine of the drops: the one file that imports pybullet.
 
 Everything is simulated in the part's own scale, because Bullet's margins and thresholds are
-absolute: lengths in units of the hull radius R, times in T = sqrt(R / g), the mass is 1, so g is 1.
+absolute: lengths in units of the hull radius R, times in T = sqrt(R / g), and the mass is 1,
+so that g is 1.
 """
 
 import math
@@ -15,10 +16,16 @@ import numpy.typing as npt
 import pybullet
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import EngineError, InvalidValueError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
-from resting_aspects_ros.core.rotations import Array, canonical, down_in_part, random_orientations
+from resting_aspects_ros.core.rotations import (
+    Array,
+    canonical,
+    down_in_part,
+    random_orientations,
+    rotate,
+)
 from resting_aspects_ros.drops.conditions import DropConditions, HeightOf
 
 ENGINE = 'bullet'
@@ -32,8 +39,11 @@ SLOT_SPACING = 4.0
 
 # Steps in T: from here on, finer steps move no aspect of an L bracket by more than sampling does.
 STEPS_PER_T = 160
-# A step moves the part by at most this, R, at the speed of impact, however high it fell.
+# A step moves no point of the part by more than this, R, at the speed of impact, however high it
+# fell and however fast it was thrown.
 TRAVEL_PER_STEP = 0.02
+# Faster impacts, R / T, are refused: their many small steps would hold a worker for hours.
+FASTEST_IMPACT = 100.0
 SOLVER_ITERATIONS = 20
 # Overlap from an impact is pushed apart over this time, T. Bullet's default does it within a few
 # steps, which adds speed: finer steps then bounce higher than e^2 h instead of converging to it.
@@ -86,29 +96,38 @@ class DropJob:
         return math.sqrt(self.radius / self.conditions.gravity)
 
     @property
+    def impact(self) -> float:
+        """Speed at which the fastest point of the part meets the surface, m/s.
+
+        With 3 standard deviations of the speed and the spin at release; the horizontal speed
+        counts, because friction makes it spin.
+        """
+        c = self.conditions
+        fall = 2 * c.gravity * c.height
+        thrown = math.hypot(3 * c.speed_horizontal, 3 * c.speed_vertical)
+        return math.sqrt(fall + thrown**2) + 3 * c.spin * self.radius
+
+    @property
     def steps_per_t(self) -> int:
         """Time steps in T."""
-        c = self.conditions
-        # 3 standard deviations of the vertical speed, on top of the fall.
-        impact = math.sqrt(2 * c.gravity * c.height + (3 * c.speed_vertical) ** 2)
-        impact *= self.time_unit / self.radius
+        impact = self.impact * self.time_unit / self.radius
         return max(STEPS_PER_T, math.ceil(impact / TRAVEL_PER_STEP))
 
     @property
     def time_step(self) -> float:
-        """s"""
+        """Of the engine, s."""
         return self.time_unit / self.steps_per_t
 
 
 def make_job(part: Part, conditions: DropConditions, seed: int) -> DropJob:
-    """The job of dropping a part; InvalidValueError if it cannot be dropped from that height."""
+    """The job of dropping a part; InvalidValueError if it cannot be dropped in that way."""
     radius = part.hull_radius
     if conditions.height_of is HeightOf.CENTRE_OF_MASS and conditions.height <= radius:
         raise InvalidValueError(
             f'height of the centre of mass is {conditions.height:g} m, allowed for {part.name} is '
             f'more than {radius:.4g} m: lower, the part could touch the surface when released'
         )
-    return DropJob(
+    job = DropJob(
         hull=(part.hull_vertices - part.centre_of_mass) @ part.principal_axes / radius,
         moments=part.principal_moments / (part.mass * radius**2),
         axes=part.principal_axes,
@@ -117,6 +136,13 @@ def make_job(part: Part, conditions: DropConditions, seed: int) -> DropJob:
         conditions=conditions,
         seed=seed,
     )
+    fastest = FASTEST_IMPACT * job.radius / job.time_unit
+    if job.impact > fastest:
+        raise InvalidValueError(
+            f'height, speed and spin of release let {part.name} meet the surface at '
+            f'{job.impact:.4g} m/s, allowed for its size and gravity is up to {fastest:.4g} m/s'
+        )
+    return job
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +192,7 @@ def drop_chunk(job: DropJob, first_drop: int, end: int) -> RestingPoses:
     chunk = first_drop // CHUNK
     if not chunk * CHUNK <= first_drop < end <= (chunk + 1) * CHUNK:
         raise ValueError(f'drops {first_drop} to {end - 1} are not of one chunk of {CHUNK}')
-    slots = np.arange(first_drop, end) - chunk * CHUNK
+    slots = np.arange(first_drop - chunk * CHUNK, end - chunk * CHUNK)
     release = _releases(job, chunk)
     with _world(job) as world:
         return _poses(job, first_drop, release, slots, world.drop(release, slots))
@@ -296,6 +322,8 @@ class _World:
 @contextmanager
 def _world(job: DropJob) -> Iterator[_World]:
     client = pybullet.connect(pybullet.DIRECT)
+    if client < 0:
+        raise EngineError('Bullet has no room for another world in this process')
     try:
         yield _World(job, client)
     finally:
@@ -330,7 +358,7 @@ def _poses(
     settled = ends.status == RestStatus.SETTLED
     depth = -(_third_row(body) @ job.hull.T).min(axis=1) * job.radius
     centre[:, 2] = np.where(settled, depth, centre[:, 2])
-    position = centre - Rotation.from_quat(orientation).apply(job.centre_of_mass)
+    position = centre - rotate(orientation, job.centre_of_mass)
     elapsed = ends.time + release.elapsed[slots]
     return RestingPoses(
         first_drop=first_drop,
@@ -353,5 +381,5 @@ def _part_from_body(of_body: Array, axes: Array) -> Array:
 
 
 def _third_row(xyzw: Array) -> Array:
-    """(n, 3) heights of the unit vectors of the rotated frame: z of a rotated point is row @ point."""
+    """(n, 3) third rows of the rotation matrices: z of a rotated point is row @ point."""
     return -down_in_part(xyzw)

@@ -19,6 +19,7 @@ class Surfaces:
         self._sets = dict(sets)
 
     def names(self) -> list[str]:
+        """All names, sorted."""
         return sorted(self._sets)
 
     def get(self, name: str = '') -> DropConditions:
@@ -31,7 +32,7 @@ class Surfaces:
         return self._sets[name]
 
     def named(self, conditions: DropConditions) -> DropConditions:
-        """The same conditions, under their surface's name if they are that surface's, else under none."""
+        """The same conditions, without their surface's name if they are not that surface's."""
         known = self._sets.get(conditions.surface)
         if known is not None and known.values() == conditions.values():
             return known
@@ -42,7 +43,7 @@ class Surfaces:
         """Read a file of the form of config/surfaces.yaml; raises InvalidValueError."""
         try:
             document = yaml.safe_load(path.read_text(encoding='utf-8'))
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
             reason = ' '.join(str(error).split())
             raise InvalidValueError(f'surfaces file {path} cannot be read: {reason}') from None
         if not isinstance(document, dict) or not document:
@@ -56,12 +57,14 @@ class Surfaces:
 def _conditions(path: Path, name: object, entry: object) -> DropConditions:
     where = f'surfaces file {path}, {name}'
     needed = {*QUANTITIES, 'height_of'}
+    if not isinstance(name, str):
+        raise InvalidValueError(f'{where}: the name of a surface must be text')
     if not isinstance(entry, dict) or set(entry) - {'source'} != needed:
         raise InvalidValueError(f'{where}: must have exactly {", ".join(sorted(needed))}')
     values = {key: value for key, value in entry.items() if key != 'source'}
     try:
         values['height_of'] = HeightOf[str(values['height_of'])]
-        return DropConditions(surface=str(name), **values)
+        return DropConditions(surface=name, **values)
     except KeyError:
         allowed = ', '.join(h.name for h in HeightOf)
         raise InvalidValueError(
