@@ -1,0 +1,74 @@
+"""A distribution as a table in a terminal."""
+
+import numpy as np
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from resting_aspects_ros.core.distribution import CONFIDENCE, Distribution, Interval
+from resting_aspects_ros.report.rounding import (
+    direction_text,
+    interval_of,
+    interval_text,
+    millimetre_texts,
+    probability_text,
+)
+
+# What a probability is called that nobody has measured.
+NOTHING = '-'
+
+
+def distribution_table(distribution: Distribution, title: str) -> Table:
+    """A row for each aspect, seen or not, then what is in none of them, then the drops.
+
+    It fits 80 columns, says all without colour, and its cells are ASCII. Probabilities are
+    in percent with the digits that their interval allows, heights in mm.
+
+    Parameters
+    ----------
+    distribution : Distribution
+    title : str
+        Plain text, shown above.
+    """
+    table = _empty_table(title)
+    drops = distribution.drops
+    aspects = distribution.aspects.aspects
+    heights = millimetre_texts(np.array([aspect.com_height for aspect in aspects]))
+    rows = zip(aspects, heights, distribution.counts, distribution.intervals(), strict=True)
+    for aspect, height, count, interval in rows:
+        direction = direction_text(aspect.down_in_part)
+        table.add_row(str(aspect.id), direction, *_shares(interval, int(count), drops), height)
+    table.add_section()
+    for name, count in outside_aspects(distribution):
+        table.add_row('', name, *_shares(interval_of(distribution, count), count, drops), '')
+    table.add_row('', 'drops in total', '', '', str(drops), '', style='bold')
+    return table
+
+
+def outside_aspects(distribution: Distribution) -> list[tuple[str, int]]:
+    """What drops in no aspect are called, with their counts; those that there are."""
+    counts = {
+        'unclassified': distribution.unclassified,
+        'unsettled': distribution.unsettled,
+        'failed': distribution.failed,
+    }
+    return [(name, count) for name, count in counts.items() if count]
+
+
+def _empty_table(title: str) -> Table:
+    # The title and the headings are not markup: a bracket in a part's name stays a bracket.
+    table = Table(title=Text(title, style='bold'), title_justify='left', box=box.SIMPLE_HEAD,
+                  show_edge=False, pad_edge=False, collapse_padding=True)
+    table.add_column('aspect', justify='right', no_wrap=True)
+    table.add_column('down in part', no_wrap=True)
+    table.add_column('probability', justify='right', no_wrap=True)
+    table.add_column(f'{100 * CONFIDENCE:g} % interval', justify='right', no_wrap=True)
+    table.add_column('count', justify='right', no_wrap=True)
+    table.add_column('height of\ncentre of\nmass (mm)', justify='right', no_wrap=True)
+    return table
+
+
+def _shares(interval: Interval, count: int, drops: int) -> tuple[str, str, str]:
+    if drops == 0:
+        return NOTHING, interval_text(interval), str(count)
+    return probability_text(interval), interval_text(interval), str(count)
