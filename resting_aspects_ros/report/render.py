@@ -1,0 +1,136 @@
+"""A small software renderer: which triangle is seen in each pixel, without a display or a GPU.
+
+Parallel projection and a depth buffer, so that parts that are not convex look right.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.core.rotations import Array
+
+Indices = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+NOTHING = -1
+# Surfaces that meet at more than this make an edge that is drawn, also over a few pixels of a
+# small fillet; the flats of a curved side do not.
+CREASE = np.cos(np.radians(25.0))
+# A step in depth is drawn as an edge from this on, pixels.
+STEP = 3.0
+# A pixel centre this close to a triangle's border is in it: else rounding leaves pinholes.
+BORDER = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What is seen in each pixel; row 0 is the lowest.
+
+    face : (size, size) int
+        Index of the triangle; NOTHING where there is none.
+    depth : (size, size) float
+        Towards the viewer, pixels; -inf where there is nothing.
+    slope : (m, 2) float
+        Change of depth per pixel to the right and up, on each triangle that faces the viewer.
+    """
+
+    face: Indices
+    depth: Array
+    slope: Array
+
+
+def rasterise(points: Array, faces: Indices, size: int) -> Seen:
+    """Find the nearest triangle in each pixel of a square picture.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+        Pixels: to the right, up, and towards the viewer. Pixel (row, column) has its centre at
+        (column + 0.5, row + 0.5).
+    faces : (m, 3) int
+        Counter-clockwise as seen from outside; those that face away are not seen.
+    size : int
+        Rows and columns of the picture.
+    """
+    corners = points[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    facing = np.flatnonzero(normal[:, 2] > 1e-12)
+    slope = np.zeros((len(faces), 2))
+    slope[facing] = -normal[facing, :2] / normal[facing, 2:]
+    face, row, column = _covered(corners, facing, size)
+
+    first = corners[face, 0]
+    along = np.stack([column + 0.5, row + 0.5], axis=1) - first[:, :2]
+    heights = corners[face, :, 2]
+    # Within the triangle's own range: a sliver seen from its side has a slope without bounds.
+    depth = np.clip(first[:, 2] + (slope[face] * along).sum(axis=1),
+                    heights.min(axis=1), heights.max(axis=1))
+    pixel = row * size + column
+    nearest = np.full(size * size, -np.inf)
+    np.maximum.at(nearest, pixel, depth)
+    seen = np.full(size * size, NOTHING)
+    on_top = depth == nearest[pixel]
+    seen[pixel[on_top]] = face[on_top]
+    return Seen(seen.reshape(size, size), nearest.reshape(size, size), slope)
+
+
+def edges(seen: Seen, normals: Array) -> Mask:
+    """(size, size) pixels on a drawn edge: outlines, steps in depth, and creases.
+
+    Parameters
+    ----------
+    seen : Seen
+    normals : (m, 3) float
+        Unit normals of the triangles, any frame.
+    """
+    size = len(seen.face)
+    marked = np.zeros(size * size, dtype=bool)
+    number = np.arange(size * size).reshape(size, size)
+    for axis, near, far in ((0, number[:, :-1], number[:, 1:]), (1, number[:-1], number[1:])):
+        differ = seen.face.ravel()[near] != seen.face.ravel()[far]
+        a, b = near[differ], far[differ]
+        edge = _is_edge(seen, normals, a, b, axis)
+        marked[a[edge]] = marked[b[edge]] = True
+    return marked.reshape(size, size)
+
+
+def _is_edge(seen: Seen, normals: Array, a: Indices, b: Indices, axis: int) -> Mask:
+    """Tell whether there is an edge between neighbouring pixels a and b (k,) that differ."""
+    face_a, face_b = seen.face.ravel()[a], seen.face.ravel()[b]
+    outline = (face_a == NOTHING) | (face_b == NOTHING)
+    crease = (normals[face_a] * normals[face_b]).sum(axis=1) < CREASE
+    with np.errstate(invalid='ignore'):  # -inf - -inf, where it is an outline anyway
+        rise = seen.depth.ravel()[b] - seen.depth.ravel()[a]
+    slopes = seen.slope[np.stack([face_a, face_b]), axis]
+    step = np.abs(rise - slopes).min(axis=0) > STEP
+    return outline | crease | step
+
+
+def _covered(corners: Array, facing: Indices, size: int) -> tuple[Indices, Indices, Indices]:
+    """Triangle, row and column of every pixel whose centre is in a triangle."""
+    y = corners[facing, :, 1]
+    which, row = _spread(y.min(axis=1), y.max(axis=1), size)
+    face = facing[which]
+    low = np.full(len(row), -np.inf)
+    high = np.full(len(row), np.inf)
+    for start, stop in ((0, 1), (1, 2), (2, 0)):
+        x0, y0 = corners[face, start, 0], corners[face, start, 1]
+        dx, dy = corners[face, stop, 0] - x0, corners[face, stop, 1] - y0
+        with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
+            crossing = x0 + dx * ((row + 0.5 - y0) / dy)
+        # Counter-clockwise: the inside is left of an edge that goes up, right of one down.
+        np.minimum(high, crossing, out=high, where=dy > 0)
+        np.maximum(low, crossing, out=low, where=dy < 0)
+    which, column = _spread(low, high, size)
+    return face[which], row[which], column
+
+
+def _spread(low: Array, high: Array, size: int) -> tuple[Indices, Indices]:
+    """Every pixel with its centre in one of the ranges (k,): the range's index, and its own."""
+    first = np.ceil(np.clip(low - 0.5 - BORDER, 0, size)).astype(np.int64)
+    last = np.floor(np.clip(high - 0.5 + BORDER, -1, size - 1)).astype(np.int64)
+    count = np.maximum(last - first + 1, 0)
+    which = np.repeat(np.arange(len(count)), count)
+    begin = np.cumsum(count) - count
+    return which, first[which] + np.arange(len(which)) - begin[which]
