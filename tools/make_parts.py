@@ -26,8 +26,11 @@ def prism(outline: list[Point], height: float) -> Trimesh:
     top = triangulated(outline)
     bottom = [(c, b, a) for a, b, c in top]
     sides = strip(list(range(n)), list(range(n, 2 * n)))
-    return Trimesh([(*p, z) for z in (0, height) for p in outline],
-                   bottom + [shifted(t, n) for t in top] + sides, process=False)
+    return Trimesh(
+        [(*p, z) for z in (0, height) for p in outline],
+        bottom + [shifted(t, n) for t in top] + sides,
+        process=False,
+    )
 
 
 def tube(outer: list[Point], inner: list[Point], height: float) -> Trimesh:
@@ -37,8 +40,11 @@ def tube(outer: list[Point], inner: list[Point], height: float) -> Trimesh:
     bottom = [(c, b, a) for a, b, c in top]
     low, high = list(range(n + m)), list(range(n + m, 2 * (n + m)))
     sides = strip(low[:n], high[:n]) + strip(high[n:], low[n:])
-    return Trimesh([(*p, z) for z in (0, height) for p in outer + inner],
-                   bottom + [shifted(t, n + m) for t in top] + sides, process=False)
+    return Trimesh(
+        [(*p, z) for z in (0, height) for p in outer + inner],
+        bottom + [shifted(t, n + m) for t in top] + sides,
+        process=False,
+    )
 
 
 def strip(low: list[int], high: list[int]) -> list[Triangle]:
@@ -82,7 +88,8 @@ def is_ear(ear: Triangle, left: list[int], outline: list[Point]) -> bool:
     a, b, c = (outline[i] for i in ear)
     others = (outline[i] for i in left if i not in ear)
     return turn(a, b, c) > 0 and not any(
-        turn(a, b, p) >= 0 and turn(b, c, p) >= 0 and turn(c, a, p) >= 0 for p in others)
+        turn(a, b, p) >= 0 and turn(b, c, p) >= 0 and turn(c, a, p) >= 0 for p in others
+    )
 
 
 def turn(a: Point, b: Point, c: Point) -> float:
@@ -115,8 +122,11 @@ def polygon(sides: int, radius: float) -> list[Point]:
 def tetrahedron(edge: float) -> Trimesh:
     """A regular tetrahedron about 0: four corners of a cube."""
     a = edge / math.sqrt(8)
-    return Trimesh([(a, a, a), (a, -a, -a), (-a, a, -a), (-a, -a, a)],
-                   [(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)], process=False)
+    return Trimesh(
+        [(a, a, a), (a, -a, -a), (-a, a, -a), (-a, -a, a)],
+        [(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)],
+        process=False,
+    )
 
 
 PARTS: dict[str, Callable[[], Trimesh]] = {
@@ -124,8 +134,9 @@ PARTS: dict[str, Callable[[], Trimesh]] = {
     'l_bracket': lambda: prism(angle_profile(40, 30, 10), 20),
     'angle_45x30x8': lambda: prism(angle_profile(45, 30, 8), 20),
     # A flange of 40 x 10 on a web of 10 x 30; 40 high in all.
-    't_prism': lambda: prism([(-5, 0), (5, 0), (5, 30), (20, 30), (20, 40), (-20, 40), (-20, 30),
-                              (-5, 30)], 20),
+    't_prism': lambda: prism(
+        [(-5, 0), (5, 0), (5, 30), (20, 30), (20, 40), (-20, 40), (-20, 30), (-5, 30)], 20
+    ),
     'box_10x20x30': lambda: prism(rectangle(10, 20), 30),
     'cylinder_d20_h20': lambda: prism(polygon(SIDES, 10), 20),
     # For M8, as in ISO 7089.
@@ -133,8 +144,9 @@ PARTS: dict[str, Callable[[], Trimesh]] = {
     # 17 across flats with a plain bore of 10, as an M10 nut of ISO 4032 without its chamfers.
     'hex_nut': lambda: tube(polygon(6, 17 / math.sqrt(3)), polygon(SIDES, 5), 8.4),
     # 30 wide and 25 high outside, walls of 5.
-    'u_bracket': lambda: prism([(0, 0), (30, 0), (30, 25), (25, 25), (25, 5), (5, 5), (5, 25),
-                                (0, 25)], 20),
+    'u_bracket': lambda: prism(
+        [(0, 0), (30, 0), (30, 25), (25, 25), (25, 5), (5, 5), (5, 25), (0, 25)], 20
+    ),
     'tetrahedron': lambda: tetrahedron(30),
 }
 

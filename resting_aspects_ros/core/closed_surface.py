@@ -59,8 +59,10 @@ def closed_surface(vertices: Vertices, faces: Faces) -> Surface:
         mended = _against_their_neighbours(faces)
         faces = _flipped(faces, mended)
         if _balanced(faces):
-            warnings.append('triangles that faced the other way than their neighbours were '
-                            f'turned: {np.count_nonzero(mended)}')
+            warnings.append(
+                'triangles that faced the other way than their neighbours were '
+                f'turned: {np.count_nonzero(mended)}'
+            )
         else:
             defect = 'has triangles that cannot be turned to face the same way as their neighbours'
     if not defect:
@@ -84,8 +86,12 @@ def _weld(vertices: Vertices, faces: Faces) -> tuple[Vertices, Faces]:
     vertices = vertices[np.r_[True, (np.diff(vertices, axis=0) != 0).any(axis=1)]]
     if tolerance:
         # First by cells, so that a file with a million vertices in one spot has few pairs.
-        _, first, cell = np.unique(np.round(vertices / tolerance).astype(np.int64), axis=0,
-                                   return_index=True, return_inverse=True)
+        _, first, cell = np.unique(
+            np.round(vertices / tolerance).astype(np.int64),
+            axis=0,
+            return_index=True,
+            return_inverse=True,
+        )
         pairs = KDTree(vertices[first]).query_pairs(tolerance, output_type='ndarray')
         label = _components(len(first), pairs)[cell.ravel()]
         _, first, label = np.unique(label, return_index=True, return_inverse=True)
@@ -144,8 +150,12 @@ def _against_their_neighbours(faces: Faces) -> Flags:
     face, other = (pairs // 3).T
     turn = direction[pairs[:, 0]] == direction[pairs[:, 1]]
     m = len(faces)
-    links = np.concatenate([np.stack([face, other + m * turn], axis=1),
-                            np.stack([face + m, other + m * ~turn], axis=1)])
+    links = np.concatenate(
+        [
+            np.stack([face, other + m * turn], axis=1),
+            np.stack([face + m, other + m * ~turn], axis=1),
+        ]
+    )
     piece = _components(2 * m, links)
     return piece[:m] > piece[m:]
 
@@ -178,13 +188,18 @@ def _inward(vertices: Vertices, faces: Faces, mended: Flags, warnings: list[str]
         elif volumes[s] > 0:
             flip[s] = doubtful[s] or any(flip[o] for o in around)
             if not flip[s]:
-                warnings.append('a body lies inside another one, both facing outward, so that its '
-                                'volume counts twice; a cavity must face inward')
+                warnings.append(
+                    'a body lies inside another one, both facing outward, so that its '
+                    'volume counts twice; a cavity must face inward'
+                )
         done.append(s)
     if (flip & ~doubtful).any():
-        warnings.append('the mesh was inside out and was turned' if flip.all() else
-                        f'{np.count_nonzero(flip)} of {len(flip)} bodies in the mesh were inside '
-                        'out and were turned')
+        warnings.append(
+            'the mesh was inside out and was turned'
+            if flip.all()
+            else f'{np.count_nonzero(flip)} of {len(flip)} bodies in the mesh were inside '
+            'out and were turned'
+        )
     return flip[shell]
 
 

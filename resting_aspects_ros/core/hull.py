@@ -36,8 +36,10 @@ def convex_hull(vertices: Array, label: str) -> Array:
         return vertices[np.sort(ConvexHull(scaled).vertices)]
     except QhullError:
         where = 'on a line' if thick == 1 else 'in a plane'
-        raise PartError(f'{label} has no volume: all its {len(vertices)} vertices lie '
-                        f'{where}') from None
+        raise PartError(
+            f'{label} has no volume: all its {len(vertices)} vertices lie {where}, '
+            f'within {FLAT:.0e} of its size'
+        ) from None
 
 
 def outward_hull(hull_vertices: Array) -> tuple[Array, Faces, float]:

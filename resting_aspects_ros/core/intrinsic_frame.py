@@ -13,8 +13,20 @@ NO_MOMENT = 1e-6
 _SIGNS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=np.float64)
 # Powers of x, y, z in the third moments, in the order in which they decide:
 # x3 y3 z3 x2y x2z y2x y2z z2x z2y xyz
-_POWERS = np.array([[3, 0, 0], [0, 3, 0], [0, 0, 3], [2, 1, 0], [2, 0, 1],
-                    [1, 2, 0], [0, 2, 1], [1, 0, 2], [0, 1, 2], [1, 1, 1]])
+_POWERS = np.array(
+    [
+        [3, 0, 0],
+        [0, 3, 0],
+        [0, 0, 3],
+        [2, 1, 0],
+        [2, 0, 1],
+        [1, 2, 0],
+        [0, 2, 1],
+        [1, 0, 2],
+        [0, 1, 2],
+        [1, 1, 1],
+    ]
+)
 
 
 def third_moments(vertices: Array, faces: Faces, axes: Array) -> Array:
@@ -46,8 +58,12 @@ def third_moments(vertices: Array, faces: Faces, axes: Array) -> Array:
         s, v = total.T, corners
         f = s[i] * s[j] * s[k]
         for p in v:
-            f = f + (p[:, i] * p[:, j] * s[k] + p[:, i] * s[j] * p[:, k] + s[i] * p[:, j] * p[:, k]
-                     + 2 * p[:, i] * p[:, j] * p[:, k])
+            f = f + (
+                p[:, i] * p[:, j] * s[k]
+                + p[:, i] * s[j] * p[:, k]
+                + s[i] * p[:, j] * p[:, k]
+                + 2 * p[:, i] * p[:, j] * p[:, k]
+            )
         return float(weight @ f)
 
     return np.array([moment(*np.repeat(np.arange(3), powers).tolist()) for powers in _POWERS])

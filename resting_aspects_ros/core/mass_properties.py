@@ -54,8 +54,14 @@ class Solid:
     inertia: Array
 
 
-def mass_properties(label: str, vertices: Array, faces: Faces, hull_vertices: Array,
-                    defect: str | None, given: Given) -> tuple[MassProperties, str | None]:
+def mass_properties(
+    label: str,
+    vertices: Array,
+    faces: Faces,
+    hull_vertices: Array,
+    defect: str | None,
+    given: Given,
+) -> tuple[MassProperties, str | None]:
     """Return the mass properties of a part, and why its mesh is no solid, None if it is.
 
     Raises
@@ -66,16 +72,27 @@ def mass_properties(label: str, vertices: Array, faces: Faces, hull_vertices: Ar
         The mesh encloses no solid, and not all of mass, centre_of_mass and inertia are given.
     """
     if given.density is not None and given.mass is not None:
-        raise InvalidValueError(f'{label} has both a density ({given.density!r}) and a mass '
-                                f'({given.mass!r}): one of them is allowed')
+        raise InvalidValueError(
+            f'{label} has both a density ({given.density!r}) and a mass '
+            f'({given.mass!r}): one of them is allowed'
+        )
     of = f'of {label}'
-    density = None if given.density is None else mass_values.number(
-        given.density, f'the density {of}, kg/m^3,')
+    density = (
+        None
+        if given.density is None
+        else mass_values.number(given.density, f'the density {of}, kg/m^3,')
+    )
     mass = None if given.mass is None else mass_values.number(given.mass, f'the mass {of}, kg,')
-    centre = None if given.centre_of_mass is None else mass_values.point(
-        given.centre_of_mass, f'the centre of mass {of}, m,')
-    inertia = None if given.inertia is None else mass_values.inertia_matrix(
-        given.inertia, f'the inertia {of}')
+    centre = (
+        None
+        if given.centre_of_mass is None
+        else mass_values.point(given.centre_of_mass, f'the centre of mass {of}, m,')
+    )
+    inertia = (
+        None
+        if given.inertia is None
+        else mass_values.inertia_matrix(given.inertia, f'the inertia {of}')
+    )
 
     solid = None if defect else solid_integrals(vertices, faces)
     if solid and not solid.volume > NO_VOLUME * float(np.ptp(vertices, axis=0).max()) ** 3:
@@ -85,8 +102,10 @@ def mass_properties(label: str, vertices: Array, faces: Faces, hull_vertices: Ar
         centre = solid.centroid if centre is None else centre
         inertia = solid.inertia * (mass / solid.volume) if inertia is None else inertia
     if mass is None or centre is None or inertia is None:
-        raise PartError(f'{label} {defect}; either repair the mesh, or give mass, centre_of_mass '
-                        'and inertia, all three')
+        raise PartError(
+            f'{label} {defect}; either repair the mesh, or give mass, centre_of_mass '
+            'and inertia, all three'
+        )
     if given.centre_of_mass is not None:
         _check_inside(centre, hull_vertices, f'the centre of mass {of}')
     if given.inertia is not None:
@@ -123,8 +142,10 @@ def _check_inside(centre: Array, hull_vertices: Array, what: str) -> None:
     planes = ConvexHull((hull_vertices - middle) / size).equations
     if (planes[:, :3] @ (centre - middle) / size + planes[:, 3]).max() > 1e-9:
         low, high = hull_vertices.min(axis=0), hull_vertices.max(axis=0)
-        raise InvalidValueError(f'{what} is {centre.tolist()} m: it must lie inside the convex '
-                                f'hull, whose box is {low.tolist()} to {high.tolist()} m')
+        raise InvalidValueError(
+            f'{what} is {centre.tolist()} m: it must lie inside the convex '
+            f'hull, whose box is {low.tolist()} to {high.tolist()} m'
+        )
 
 
 def _check_possible(inertia: Array, mass: float, arms: Array, what: str) -> None:
@@ -132,6 +153,8 @@ def _check_possible(inertia: Array, mass: float, arms: Array, what: str) -> None
     greatest = 2 * mass * (arms**2).sum(axis=1).max()
     least = CONCENTRATED * greatest
     if not least <= np.trace(inertia) <= greatest * (1 + mass_values.ROUNDING):
-        raise InvalidValueError(f'{what} is {inertia.tolist()} kg m^2: its trace is '
-                                f'{np.trace(inertia):.4g}, and for {mass:.4g} kg in this hull it '
-                                f'is between {least:.4g} and {greatest:.4g}; is it in kg m^2?')
+        raise InvalidValueError(
+            f'{what} is {inertia.tolist()} kg m^2: its trace is '
+            f'{np.trace(inertia):.4g}, and for {mass:.4g} kg in this hull it '
+            f'is between {least:.4g} and {greatest:.4g}; is it in kg m^2?'
+        )

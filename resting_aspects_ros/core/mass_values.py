@@ -21,8 +21,10 @@ def number(value: Any, what: str) -> float:
     """Return the value as a number above 0, or raise InvalidValueError."""
     found = _floats(value)
     if found is None or found.shape != () or not 1 / LARGEST <= found <= LARGEST:
-        raise InvalidValueError(f'{what} is {reprlib.repr(value)}: allowed is a finite number '
-                                f'above 0 ({1 / LARGEST:.0e} to {LARGEST:.0e})')
+        raise InvalidValueError(
+            f'{what} is {reprlib.repr(value)}: allowed is a finite number '
+            f'above 0 ({1 / LARGEST:.0e} to {LARGEST:.0e})'
+        )
     return float(found)
 
 
@@ -30,8 +32,9 @@ def point(value: Any, what: str) -> Array:
     """Return the value as a (3,) array of finite numbers, or raise InvalidValueError."""
     found = _floats(value)
     if found is None or found.shape != (3,) or not (np.abs(found) <= LARGEST).all():
-        raise InvalidValueError(f'{what} is {reprlib.repr(value)}: '
-                                'allowed are three finite numbers')
+        raise InvalidValueError(
+            f'{what} is {reprlib.repr(value)}: allowed are three finite numbers'
+        )
     return found + 0.0
 
 
@@ -54,19 +57,25 @@ def inertia_matrix(value: Any, what: str) -> Array:
     if found is not None and found.shape == (6,):
         found = found[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
     if found is None or found.shape != (3, 3) or not (np.abs(found) <= LARGEST).all():
-        raise InvalidValueError(f'{what} is {reprlib.repr(value)}: allowed are six finite '
-                                'numbers (ixx ixy ixz iyy iyz izz, kg m^2) or a 3 x 3 matrix')
+        raise InvalidValueError(
+            f'{what} is {reprlib.repr(value)}: allowed are six finite '
+            'numbers (ixx ixy ixz iyy iyz izz, kg m^2) or a 3 x 3 matrix'
+        )
     if np.abs(found - found.T).max() > ROUNDING * np.abs(found).max():
         raise InvalidValueError(f'{what} is {found.tolist()}: it must be symmetric')
     found = np.asarray((found + found.T) / 2 + 0.0)
     moments = np.linalg.eigvalsh(found / (np.abs(found).max() or 1.0))
     if not moments[0] > 1e-14 * moments[2]:
-        raise InvalidValueError(f'{what} is {found.tolist()}: all principal moments must be '
-                                f'above 0, and they are as {_ratios(moments)}')
+        raise InvalidValueError(
+            f'{what} is {found.tolist()}: all principal moments must be '
+            f'above 0, and they are as {_ratios(moments)}'
+        )
     if moments[2] > (moments[0] + moments[1]) * (1 + ROUNDING):
-        raise InvalidValueError(f'{what} is {found.tolist()}: no principal moment of a solid can '
-                                'be larger than the sum of the other two, and they are as '
-                                f'{_ratios(moments)}')
+        raise InvalidValueError(
+            f'{what} is {found.tolist()}: no principal moment of a solid can '
+            'be larger than the sum of the other two, and they are as '
+            f'{_ratios(moments)}'
+        )
     return found
 
 

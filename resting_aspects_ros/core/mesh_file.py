@@ -27,14 +27,17 @@ logging.getLogger('trimesh').addHandler(logging.NullHandler())
 
 _STL_HEADER = 84  # 80 bytes of anything, then the number of triangles
 _STL_TRIANGLE = 50  # normal and three corners in float32, two bytes of attributes
-_STL_VERTEX = re.compile(rb'^[ \t]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t]*$',
-                         re.IGNORECASE | re.MULTILINE)
+_STL_VERTEX = re.compile(
+    rb'^[ \t]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t]*$', re.IGNORECASE | re.MULTILINE
+)
 
 _NUMBER = rb'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?'
 _CORNER = rb'-?[1-9]\d*(?:/-?\d*){0,2}'
 _NO_OBJ_LINE = re.compile(
     rb'^(?:v[ \t]+(?!' + _NUMBER + rb'(?:[ \t]+' + _NUMBER + rb'){2,}[ \t]*$)'
-    rb'|f[ \t]+(?!' + _CORNER + rb'(?:[ \t]+' + _CORNER + rb'){2,}[ \t]*$))[^\n]*', re.MULTILINE)
+    rb'|f[ \t]+(?!' + _CORNER + rb'(?:[ \t]+' + _CORNER + rb'){2,}[ \t]*$))[^\n]*',
+    re.MULTILINE,
+)
 _NO_NUMBER = re.compile(rb'(?<!\S)(?!' + _NUMBER + rb'(?!\S))\S+')
 
 
@@ -75,8 +78,10 @@ def read_triangles(data: bytes, mesh_format: str, label: str) -> tuple[Vertices,
         raise PartError(f'{label} has no triangles: at least 4 are needed to enclose a volume')
     stray = faces[(faces < 0) | (faces >= len(vertices))]
     if len(stray):
-        raise PartError(f'{label} has a triangle whose corner is vertex number {stray[0]}: '
-                        f'allowed are 0 to {len(vertices) - 1}')
+        raise PartError(
+            f'{label} has a triangle whose corner is vertex number {stray[0]}: '
+            f'allowed are 0 to {len(vertices) - 1}'
+        )
     used, corners = np.unique(faces, return_inverse=True)
     return _finite(vertices[used], label), corners.reshape(-1, 3)
 
@@ -91,34 +96,50 @@ def _read_stl(data: bytes, label: str) -> tuple[Vertices, Faces]:
     if b'\0' not in data:
         if text[:5].lower() == b'solid':
             return _read_ascii_stl(text, label)
-        raise PartError(f'{label} is not an STL: it is neither binary nor text that begins with '
-                        f"'solid', but begins with {data[:20]!r}")
+        raise PartError(
+            f'{label} is not an STL: it is neither binary nor text that begins with '
+            f"'solid', but begins with {data[:20]!r}"
+        )
     if promised < 0:
-        raise PartError(f'{label} is not an STL: it has {len(data)} bytes, and a binary STL '
-                        f'has at least {_STL_HEADER}')
+        raise PartError(
+            f'{label} is not an STL: it has {len(data)} bytes, and a binary STL '
+            f'has at least {_STL_HEADER}'
+        )
     if promised > held:
-        raise PartError(f'{label} is shorter than its header says: it promises {promised} '
-                        f'triangles and there are {held}; the file is cut off, or not an STL')
+        raise PartError(
+            f'{label} is shorter than its header says: it promises {promised} '
+            f'triangles and there are {held}; the file is cut off, or not an STL'
+        )
     # Some programs write padding behind the last triangle.
-    return _read_with_trimesh(data[:_STL_HEADER + promised * _STL_TRIANGLE], 'stl', label)
+    return _read_with_trimesh(data[: _STL_HEADER + promised * _STL_TRIANGLE], 'stl', label)
 
 
 def _read_ascii_stl(text: bytes, label: str) -> tuple[Vertices, Faces]:
     text = text.replace(b'\r\n', b'\n').replace(b'\r', b'\n')
-    lines = {word: _count_lines(word, text)
-             for word in (b'solid', b'endsolid', b'facet', b'endfacet', b'vertex')}
+    lines = {
+        word: _count_lines(word, text)
+        for word in (b'solid', b'endsolid', b'facet', b'endfacet', b'vertex')
+    }
     corners = _STL_VERTEX.findall(text)
     if lines[b'solid'] != lines[b'endsolid']:
-        raise PartError(f"{label} is cut off: it has {lines[b'solid']} 'solid' and "
-                        f"{lines[b'endsolid']} 'endsolid', which must be as many")
+        raise PartError(
+            f"{label} is cut off: it has {lines[b'solid']} 'solid' and "
+            f"{lines[b'endsolid']} 'endsolid', which must be as many"
+        )
     if not lines[b'facet'] == lines[b'endfacet'] == lines[b'vertex'] / 3 == len(corners) / 3:
-        raise PartError(f"{label} is a broken ASCII STL: {lines[b'facet']} 'facet', "
-                        f"{lines[b'endfacet']} 'endfacet' and {len(corners)} corners with three "
-                        'numbers, where each facet needs one end and three corners')
+        raise PartError(
+            f"{label} is a broken ASCII STL: {lines[b'facet']} 'facet', "
+            f"{lines[b'endfacet']} 'endfacet' and {len(corners)} corners with three "
+            'numbers, where each facet needs one end and three corners'
+        )
     try:
         vertices = np.array([[float(word) for word in corner] for corner in corners])
     except ValueError as error:
-        raise PartError(f'{label} is a broken ASCII STL: {error}') from None
+        word = str(error).rpartition(': b')[2]
+        raise PartError(
+            f'{label} is a broken ASCII STL: it has {word} as a coordinate, where '
+            'only numbers are allowed'
+        ) from None
     return vertices.reshape(-1, 3), np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
 
 
@@ -138,13 +159,17 @@ def _checked_obj(data: bytes, label: str) -> bytes:
     data = re.sub(rb'^ ', b'', re.sub(rb'[ \t]+', b' ', data), flags=re.MULTILINE)
     broken = _NO_OBJ_LINE.search(data)
     if broken:
-        raise PartError(f'{label} is a broken OBJ: a line is {_shown(broken)}, where a vertex (v) '
-                        'has three finite numbers and a face (f) at least three vertex numbers, '
-                        'from 1 on')
+        raise PartError(
+            f'{label} is a broken OBJ: a line is {_shown(broken)}, where a vertex (v) '
+            'has three finite numbers and a face (f) at least three vertex numbers, '
+            'from 1 on'
+        )
     relative = re.search(rb'^f[^\n]*[ \t]-\d', data, re.MULTILINE)
     if relative and data.rfind(b'\nv ') > relative.start():
-        raise PartError(f'{label} has relative vertex numbers between its vertices, as in '
-                        f'{_shown(relative)}: only absolute ones are allowed there')
+        raise PartError(
+            f'{label} has relative vertex numbers between its vertices, as in '
+            f'{_shown(relative)}: only absolute ones are allowed there'
+        )
     return data
 
 
@@ -158,12 +183,16 @@ def _checked_ply(data: bytes, label: str) -> bytes:
         counts = re.findall(rb'^element[ \t]+\S+[ \t]+(\d{1,18})\b', header, re.MULTILINE)
         promised, rows = sum(map(int, counts)), len(body.strip().splitlines())
         if rows < promised:
-            raise PartError(f'{label} is shorter than its header says: it promises {promised} '
-                            f'rows (vertices and faces) and there are {rows}')
+            raise PartError(
+                f'{label} is shorter than its header says: it promises {promised} '
+                f'rows (vertices and faces) and there are {rows}'
+            )
         broken = _NO_NUMBER.search(body)
         if broken:
-            raise PartError(f'{label} is a broken PLY: it has {_shown(broken)} among its rows, '
-                            'where only finite numbers are allowed')
+            raise PartError(
+                f'{label} is a broken PLY: it has {_shown(broken)} among its rows, '
+                'where only finite numbers are allowed'
+            )
     return header + end + body
 
 
@@ -174,23 +203,32 @@ def _shown(match: re.Match[bytes]) -> str:
 def _read_with_trimesh(data: bytes, mesh_format: str, label: str) -> tuple[Vertices, Faces]:
     try:
         with np.errstate(all='ignore'):
-            mesh = trimesh.load_mesh(io.BytesIO(data), file_type=mesh_format, process=False,
-                                     skip_materials=True)
+            mesh = trimesh.load_mesh(
+                io.BytesIO(data), file_type=mesh_format, process=False, skip_materials=True
+            )
             vertices = np.asarray(mesh.vertices, dtype=np.float64).reshape(-1, 3)
             faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
     except Exception as error:  # noqa: BLE001 its parsers raise whatever they stumble over
-        hint = ('; it is cut off, or has faces with different numbers of corners, which are '
-                'allowed in an ASCII PLY only' if 'unexpected length' in str(error) else '')
-        raise PartError(f'{label} is not a readable {mesh_format.upper()} '
-                        f'({type(error).__name__}: {str(error)[:200]}){hint}') from None
+        hint = (
+            '; it is cut off, or has faces with different numbers of corners, which are '
+            'allowed in an ASCII PLY only'
+            if 'unexpected length' in str(error)
+            else ''
+        )
+        raise PartError(
+            f'{label} is not a readable {mesh_format.upper()} '
+            f'({type(error).__name__}: {str(error)[:200]}){hint}'
+        ) from None
     return vertices, faces
 
 
 def _finite(vertices: Vertices, label: str) -> Vertices:
     bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     if len(bad):
-        raise PartError(f'{label} has {len(bad)} vertices that are not finite, the first one '
-                        f'number {bad[0]}: {vertices[bad[0]].tolist()}; all must be finite')
+        raise PartError(
+            f'{label} has {len(bad)} vertices that are not finite, the first one '
+            f'number {bad[0]}: {vertices[bad[0]].tolist()}; all must be finite'
+        )
     return vertices
 
 

@@ -25,8 +25,14 @@ from resting_aspects_ros.core.mesh_file import FORMATS, read_triangles
 Array = npt.NDArray[np.float64]
 
 # Metres in one unit of a mesh's coordinates.
-UNITS: dict[str, float] = {'um': 1e-6, 'mm': 1e-3, 'cm': 1e-2, 'm': 1.0, 'in': 0.0254,
-                           'ft': 0.3048}
+UNITS: dict[str, float] = {
+    'um': 1e-6,
+    'mm': 1e-3,
+    'cm': 1e-2,
+    'm': 1.0,
+    'in': 0.0254,
+    'ft': 0.3048,
+}
 DEFAULT_UNIT = 'mm'  # none of STL, OBJ and PLY says its unit; most parts are drawn in mm
 
 MAX_NAME = 64
@@ -84,8 +90,13 @@ class Part:
     warnings: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        for array in (self.centre_of_mass, self.inertia, self.vertices, self.faces,
-                      self.hull_vertices):
+        for array in (
+            self.centre_of_mass,
+            self.inertia,
+            self.vertices,
+            self.faces,
+            self.hull_vertices,
+        ):
             array.setflags(write=False)
 
     @cached_property
@@ -111,8 +122,7 @@ class Part:
         vertices, faces, volume = self.vertices, self.faces, self.volume
         if np.isnan(volume):
             vertices, faces, volume = outward_hull(self.hull_vertices)
-        moments = third_moments(
-            (vertices - self.centre_of_mass) / self.hull_radius, faces, axes)
+        moments = third_moments((vertices - self.centre_of_mass) / self.hull_radius, faces, axes)
         return axes * intrinsic_signs(moments / (volume / self.hull_radius**3)) + 0.0
 
     @cached_property
@@ -132,9 +142,16 @@ class Part:
         return hashlib.sha256(text + struct.pack('<10d', *numbers)).hexdigest()
 
 
-def load_part(path: str | Path, name: str | None = None, *, unit: str | None = None,
-              density: float | None = None, mass: float | None = None,
-              centre_of_mass: Any = None, inertia: Any = None) -> Part:
+def load_part(
+    path: str | Path,
+    name: str | None = None,
+    *,
+    unit: str | None = None,
+    density: float | None = None,
+    mass: float | None = None,
+    centre_of_mass: Any = None,
+    inertia: Any = None,
+) -> Part:
     """Read a part from an STL, OBJ or PLY file.
 
     The name defaults to the file's stem, made into a valid name. For the rest see
@@ -146,21 +163,37 @@ def load_part(path: str | Path, name: str | None = None, *, unit: str | None = N
     if path.is_dir():
         raise PartError(f'{label} is a folder: a mesh file is needed')
     if mesh_format not in FORMATS:
-        raise PartError(f'{label} has the extension {path.suffix!r}: allowed are '
-                        + ', '.join(f'.{ending}' for ending in FORMATS))
+        raise PartError(
+            f'{label} has the extension {path.suffix!r}: allowed are '
+            + ', '.join(f'.{ending}' for ending in FORMATS)
+        )
     try:
         data = path.read_bytes()
     except FileNotFoundError:
         raise PartError(f'{label} does not exist: a mesh file is needed') from None
     except (OSError, ValueError) as error:
         raise PartError(f'{label} cannot be read: {error}') from None
-    return _part(label, data, mesh_format, valid_name(path.stem) if name is None else name, unit,
-                 Given(density, mass, centre_of_mass, inertia))
+    return _part(
+        label,
+        data,
+        mesh_format,
+        valid_name(path.stem) if name is None else name,
+        unit,
+        Given(density, mass, centre_of_mass, inertia),
+    )
 
 
-def part_from_bytes(data: bytes, mesh_format: str, name: str, *, unit: str | None = None,
-                    density: float | None = None, mass: float | None = None,
-                    centre_of_mass: Any = None, inertia: Any = None) -> Part:
+def part_from_bytes(
+    data: bytes,
+    mesh_format: str,
+    name: str,
+    *,
+    unit: str | None = None,
+    density: float | None = None,
+    mass: float | None = None,
+    centre_of_mass: Any = None,
+    inertia: Any = None,
+) -> Part:
     """Make a part from the bytes of a mesh file.
 
     Without overrides the mass properties are those of the solid inside the mesh, of one density.
@@ -194,8 +227,14 @@ def part_from_bytes(data: bytes, mesh_format: str, name: str, *, unit: str | Non
     InvalidValueError
         An argument is not allowed.
     """
-    return _part(f'part {name!r}', data, mesh_format, name, unit,
-                 Given(density, mass, centre_of_mass, inertia))
+    return _part(
+        f'part {name!r}',
+        data,
+        mesh_format,
+        name,
+        unit,
+        Given(density, mass, centre_of_mass, inertia),
+    )
 
 
 def valid_name(text: str) -> str:
@@ -209,12 +248,15 @@ def is_valid_name(text: str) -> bool:
     return len(text) <= MAX_NAME and re.fullmatch('[a-z][a-z0-9_]*', text) is not None
 
 
-def _part(label: str, data: bytes, mesh_format: str, name: str, unit: str | None,
-          given: Given) -> Part:
+def _part(
+    label: str, data: bytes, mesh_format: str, name: str, unit: str | None, given: Given
+) -> Part:
     if not isinstance(name, str) or not is_valid_name(name):
-        raise InvalidValueError(f'the name of {label} is {name!r}: allowed are lower case '
-                                'letters, digits and _, a letter first, at most '
-                                f'{MAX_NAME} characters')
+        raise InvalidValueError(
+            f'the name of {label} is {name!r}: allowed are lower case '
+            'letters, digits and _, a letter first, at most '
+            f'{MAX_NAME} characters'
+        )
     unit = DEFAULT_UNIT if unit is None else unit
     if not isinstance(unit, str) or unit not in UNITS:
         raise InvalidValueError(f'the unit of {label} is {unit!r}: allowed are {", ".join(UNITS)}')
@@ -222,18 +264,31 @@ def _part(label: str, data: bytes, mesh_format: str, name: str, unit: str | None
     _check_size(raw_vertices, unit, label)
     surface = closed_surface(raw_vertices, raw_faces)
     if not len(surface.faces):
-        raise PartError(f'{label} has no volume: none of its {len(raw_faces)} triangles has an '
-                        'area')
+        raise PartError(
+            f'{label} has no volume: none of its {len(raw_faces)} triangles has an area'
+        )
     vertices = surface.vertices * UNITS[unit]
     hull_vertices = convex_hull(vertices, label)
-    found, defect = mass_properties(label, vertices, surface.faces, hull_vertices,
-                                    surface.defect, given)
+    found, defect = mass_properties(
+        label, vertices, surface.faces, hull_vertices, surface.defect, given
+    )
     warnings = [*surface.warnings, *_size_warnings(raw_vertices, unit)]
     if defect:
         warnings.append(f'the mesh {defect}; the given mass properties are used')
-    return Part(name, data, mesh_format, unit, found.mass, found.centre_of_mass, found.inertia,
-                vertices, surface.faces, hull_vertices, found.volume,
-                tuple(f'{label}: {warning}' for warning in warnings))
+    return Part(
+        name,
+        data,
+        mesh_format,
+        unit,
+        found.mass,
+        found.centre_of_mass,
+        found.inertia,
+        vertices,
+        surface.faces,
+        hull_vertices,
+        found.volume,
+        tuple(f'{label}: {warning}' for warning in warnings),
+    )
 
 
 def _check_size(vertices: Array, unit: str, label: str) -> None:
@@ -241,11 +296,14 @@ def _check_size(vertices: Array, unit: str, label: str) -> None:
         reach = float(np.abs(vertices).max()) * UNITS[unit]
         size = float(np.ptp(vertices, axis=0).max()) * UNITS[unit]
     if reach > MAX_SIZE:
-        raise PartError(f'{label} has a coordinate of {reach:.3g} m: at most {MAX_SIZE:.0e} m '
-                        'are allowed')
+        raise PartError(
+            f'{label} has a coordinate of {reach:.3g} m: at most {MAX_SIZE:.0e} m are allowed'
+        )
     if size < MIN_SIZE:
-        raise PartError(f'{label} has no volume: its longest side is {size:.3g} m, and at least '
-                        f'{MIN_SIZE:.0e} m are needed')
+        raise PartError(
+            f'{label} has no volume: its longest side is {size:.3g} m, and at least '
+            f'{MIN_SIZE:.0e} m are needed'
+        )
 
 
 def _size_warnings(vertices: Array, unit: str) -> list[str]:
@@ -254,8 +312,11 @@ def _size_warnings(vertices: Array, unit: str) -> list[str]:
     size = float(sides.max())
     if USUAL_SIZE[0] <= size * UNITS[unit] <= USUAL_SIZE[1]:
         return []
-    likely = [f'{1e3 * size * metres:.4g} mm with {other}' for other, metres in UNITS.items()
-              if LIKELY_SIZE[0] <= size * metres <= LIKELY_SIZE[1]]
+    likely = [
+        f'{1e3 * size * metres:.4g} mm with {other}'
+        for other, metres in UNITS.items()
+        if LIKELY_SIZE[0] <= size * metres <= LIKELY_SIZE[1]
+    ]
     box = ' x '.join(f'{1e3 * side * UNITS[unit]:.6g}' for side in sides)
     hint = f' (its longest side would be {" or ".join(likely)})' if likely else ''
     return [f'the part is {box} mm with the unit {unit}: is the unit right{hint}?']

@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from resting_aspects_ros.core.errors import PartError, UnknownPartError
+from resting_aspects_ros.core.errors import PartError, RestingAspectsError, UnknownPartError
 from resting_aspects_ros.core.mesh_file import FORMATS
 from resting_aspects_ros.core.part import (
     DEFAULT_UNIT,
@@ -22,8 +22,13 @@ from resting_aspects_ros.core.part import (
 )
 
 # The keys of a part's YAML, and how many numbers each takes; None is a word.
-KEYS: dict[str, int | None] = {'unit': None, 'density': 1, 'mass': 1, 'centre_of_mass': 3,
-                               'inertia': 6}
+KEYS: dict[str, int | None] = {
+    'unit': None,
+    'density': 1,
+    'mass': 1,
+    'centre_of_mass': 3,
+    'inertia': 6,
+}
 MAX_YAML = 65536  # bytes; five keys and their comments need less than a thousand
 
 Stamp = tuple[tuple[int, int] | None, ...]
@@ -42,7 +47,7 @@ class PartLibrary:
 
     def __init__(self, folder: Path) -> None:
         self.folder = Path(folder)
-        self._loaded: dict[str, tuple[Stamp, Part]] = {}
+        self._loaded: dict[str, tuple[Stamp, Part | RestingAspectsError]] = {}
 
     def names(self) -> list[str]:
         """Return the names of the registered parts, sorted."""
@@ -52,20 +57,30 @@ class PartLibrary:
         """Return a sentence for each file that looks like a part and is not registered as one."""
         where = f'in {str(self.folder)!r}'
         by_stem = self._by_stem()
-        found = [] if os.access(self.folder, os.R_OK | os.X_OK) and self.folder.is_dir() else [
-            f'the folder of parts {str(self.folder)!r} does not exist or cannot be read']
-        found += [f'{file.name} {where} is not used: it must be <part>.yaml, beside the mesh of '
-                  'that name' for file in self._files() if file.suffix.lower() in ('.yaml', '.yml')
-                  and not (file.suffix == '.yaml' and file.stem in by_stem)]
+        found = (
+            []
+            if os.access(self.folder, os.R_OK | os.X_OK) and self.folder.is_dir()
+            else [f'the folder of parts {str(self.folder)!r} does not exist or cannot be read']
+        )
+        found += [
+            f'{file.name} {where} is not used: it must be <part>.yaml, beside the mesh of '
+            'that name'
+            for file in self._files()
+            if file.suffix.lower() in ('.yaml', '.yml')
+            and not (file.suffix == '.yaml' and file.stem in by_stem)
+        ]
         for stem, files in by_stem.items():
             names = ', '.join(file.name for file in files)
             if not is_valid_name(stem):
-                found.append(f'{names} {where} is not registered: a part is named with lower '
-                             f'case letters, digits and _, a letter first, at most {MAX_NAME} '
-                             'characters')
+                found.append(
+                    f'{names} {where} is not registered: a part is named with lower '
+                    f'case letters, digits and _, a letter first, at most {MAX_NAME} '
+                    'characters'
+                )
             elif len(files) > 1:
-                found.append(f'{names} {where} are not registered: only one mesh can be the '
-                             f'part {stem!r}')
+                found.append(
+                    f'{names} {where} are not registered: only one mesh can be the part {stem!r}'
+                )
         return found
 
     def load(self, name: str) -> Part:
@@ -83,14 +98,20 @@ class PartLibrary:
             raise UnknownPartError(self._unknown(name))
         sheet = mesh.with_suffix('.yaml')
         stamp = (_stamp(mesh), _stamp(sheet))
-        if name not in self._loaded or self._loaded[name][0] != stamp:
-            given = read_part_yaml(sheet) if stamp[1] else {}
-            self._loaded[name] = stamp, load_part(mesh, name, **given)
-        return self._loaded[name][1]
+        known = self._loaded.get(name)
+        if known is None or known[0] != stamp:
+            known = self._loaded[name] = stamp, _read(mesh, sheet if stamp[1] else None)
+        found = known[1]
+        if isinstance(found, RestingAspectsError):
+            raise type(found)(str(found))
+        return found
 
     def _meshes(self) -> dict[str, Path]:
-        return {stem: files[0] for stem, files in self._by_stem().items()
-                if len(files) == 1 and is_valid_name(stem)}
+        return {
+            stem: files[0]
+            for stem, files in self._by_stem().items()
+            if len(files) == 1 and is_valid_name(stem)
+        }
 
     def _by_stem(self) -> dict[str, list[Path]]:
         found: dict[str, list[Path]] = {}
@@ -113,6 +134,14 @@ class PartLibrary:
         return f'no part {str(name)[:MAX_NAME]!r} is registered: there are {registered}{hint}'
 
 
+def _read(mesh: Path, sheet: Path | None) -> Part | RestingAspectsError:
+    """Return the part, or what is wrong, so that a bad file is not read again either."""
+    try:
+        return load_part(mesh, mesh.stem, **(read_part_yaml(sheet) if sheet else {}))
+    except RestingAspectsError as error:
+        return error
+
+
 def read_part_yaml(path: Path) -> dict[str, Any]:
     """Return what a part's YAML says, as arguments of load_part: SI units.
 
@@ -126,8 +155,9 @@ def read_part_yaml(path: Path) -> dict[str, Any]:
         with path.open('rb') as file:
             text = file.read(MAX_YAML + 1)
         if len(text) > MAX_YAML:
-            raise PartError(f'{label} has more than {MAX_YAML} bytes: it takes only the keys '
-                            f'{", ".join(KEYS)}')
+            raise PartError(
+                f'{label} has more than {MAX_YAML} bytes: it takes only the keys {", ".join(KEYS)}'
+            )
         content = yaml.safe_load(text)
     except OSError as error:
         raise PartError(f'{label} cannot be read: {error}') from None
@@ -137,12 +167,15 @@ def read_part_yaml(path: Path) -> dict[str, Any]:
     if content is None:
         return {}
     if not isinstance(content, Mapping):
-        raise PartError(f'{label} is a {type(content).__name__}: it must be a mapping with the '
-                        f'keys {", ".join(KEYS)}')
+        raise PartError(
+            f'{label} is a {type(content).__name__}: it must be a mapping with the '
+            f'keys {", ".join(KEYS)}'
+        )
     for key in content:
         if key not in KEYS:
-            raise PartError(f'{label} has the unknown key {_short(key)}: allowed are '
-                            f'{", ".join(KEYS)}')
+            raise PartError(
+                f'{label} has the unknown key {_short(key)}: allowed are {", ".join(KEYS)}'
+            )
     given = {key: _checked(value, key, label) for key, value in content.items()}
     if 'centre_of_mass' in given:
         metres = UNITS[given.get('unit', DEFAULT_UNIT)]
@@ -159,8 +192,9 @@ def _checked(value: Any, key: str, label: str) -> Any:
     numbers = [_number(x) for x in (value if count > 1 and isinstance(value, list) else [value])]
     found = [x for x in numbers if x is not None]
     if count > 1 and not len(found) == len(numbers) == count:
-        raise PartError(f'{label} has {key}: {_short(value)}; allowed is a list of {count} finite '
-                        'numbers')
+        raise PartError(
+            f'{label} has {key}: {_short(value)}; allowed is a list of {count} finite numbers'
+        )
     if count == 1 and not (found and found[0] > 0):
         raise PartError(f'{label} has {key}: {_short(value)}; allowed is a finite number above 0')
     return found if count > 1 else found[0]

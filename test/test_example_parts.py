@@ -1,0 +1,128 @@
+"""The example parts: exactly what tools/make_parts.py writes, and what formulas say of them."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from resting_aspects_ros.drops.part_library import PartLibrary
+
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / 'config' / 'parts'
+LIBRARY = PartLibrary(FOLDER)
+
+# STL holds float32: a coordinate is off by up to 6e-8 of itself, and a volume by three times it.
+FLOAT32 = 2e-7
+
+N = 64
+DISC = N / 2 * np.sin(2 * np.pi / N)  # area of the polygon in a circle of radius 1
+
+VOLUMES = {  # mm^3
+    'l_bracket': (40 * 10 + 20 * 10) * 20,
+    'angle_45x30x8': (45 * 8 + 22 * 8) * 20,
+    't_prism': (40 * 10 + 10 * 30) * 20,
+    'box_10x20x30': 10 * 20 * 30,
+    'cylinder_d20_h20': DISC * 10**2 * 20,
+    'washer': DISC * (8**2 - 4.2**2) * 1.6,
+    'hex_nut': (np.sqrt(3) / 2 * 17**2 - DISC * 5**2) * 8.4,
+    'u_bracket': (30 * 25 - 20 * 20) * 20,
+    'tetrahedron': 30**3 / (6 * np.sqrt(2)),
+}
+
+CENTRES = {  # mm
+    'l_bracket': (15, 10, 10),
+    'angle_45x30x8': ((360 * 22.5 + 176 * 4) / 536, (360 * 4 + 176 * 19) / 536, 10),
+    't_prism': (0, (400 * 35 + 300 * 15) / 700, 10),
+    'box_10x20x30': (5, 10, 15),
+    'cylinder_d20_h20': (0, 0, 10),
+    'washer': (0, 0, 0.8),
+    'hex_nut': (0, 0, 4.2),
+    'u_bracket': (15, (150 * 2.5 + 200 * 15) / 350, 10),
+    'tetrahedron': (0, 0, 0),
+}
+
+
+def polygon_prism(radius: float, height: float) -> np.ndarray:
+    """Inertia / mass of a regular prism of N sides about its middle, axis z, mm^2.
+
+    The polar moment of a regular polygon's area is r^2 / 6 (2 + cos(2 pi / n)) of it.
+    """
+    polar = radius**2 / 6 * (2 + np.cos(2 * np.pi / N))
+    return np.array([polar / 2 + height**2 / 12, polar / 2 + height**2 / 12, polar])
+
+
+def washer() -> np.ndarray:
+    outer, inner = 8**2, 4.2**2
+    return (outer * polygon_prism(8, 1.6) - inner * polygon_prism(4.2, 1.6)) / (outer - inner)
+
+
+INERTIAS = {  # / mass, mm^2, along x y z
+    'box_10x20x30': np.array([20**2 + 30**2, 10**2 + 30**2, 10**2 + 20**2]) / 12,
+    'tetrahedron': np.full(3, 30**2 / 20),
+    'cylinder_d20_h20': polygon_prism(10, 20),
+    'washer': washer(),
+}
+
+
+def test_script_writes_these_files_and_no_others(tmp_path):
+    subprocess.run([sys.executable, ROOT / 'tools' / 'make_parts.py', tmp_path], check=True)
+    made = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    kept = {file.name: file.read_bytes() for file in FOLDER.glob('*.stl')}
+    assert made == kept
+
+
+def test_all_parts_are_registered():
+    assert LIBRARY.names() == sorted(VOLUMES)
+    assert LIBRARY.problems() == []
+
+
+@pytest.mark.parametrize('name', VOLUMES)
+def test_part_has_the_volume_and_centre_of_the_formula(name):
+    part = LIBRARY.load(name)
+    assert part.volume == pytest.approx(VOLUMES[name] * 1e-9, rel=FLOAT32)
+    np.testing.assert_allclose(part.centre_of_mass * 1e3, CENTRES[name], atol=FLOAT32 * 40)
+    assert part.unit == 'mm'
+    assert part.warnings == ()
+
+
+@pytest.mark.parametrize('name', INERTIAS)
+def test_part_has_the_inertia_of_the_formula(name):
+    part = LIBRARY.load(name)
+    expected = part.mass * INERTIAS[name] * 1e-6
+    np.testing.assert_allclose(part.inertia, np.diag(expected), atol=3 * FLOAT32 * expected.max())
+
+
+def test_l_bracket_is_of_steel_by_its_yaml():
+    assert LIBRARY.load('l_bracket').mass == pytest.approx(7850 * 12000e-9)
+
+
+def test_l_bracket_has_the_inertia_of_its_two_legs():
+    part = LIBRARY.load('l_bracket')
+    expected = np.zeros((3, 3))
+    for size, middle in (((40, 10, 20), (20, 5, 10)), ((10, 20, 20), (5, 20, 10))):
+        x, y, z = size
+        mass = 7850e-9 * x * y * z
+        arm = np.subtract(middle, (15, 10, 10))
+        expected += mass / 12 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y])
+        expected += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    np.testing.assert_allclose(part.inertia, expected * 1e-6, atol=3 * FLOAT32 * 2e-5)
+
+
+@pytest.mark.parametrize(
+    ('name', 'corners'),
+    [
+        ('l_bracket', 10),
+        ('angle_45x30x8', 10),
+        ('t_prism', 12),
+        ('box_10x20x30', 8),
+        ('cylinder_d20_h20', 128),
+        ('washer', 128),
+        ('hex_nut', 12),
+        ('u_bracket', 8),
+        ('tetrahedron', 4),
+    ],
+)
+def test_hull_has_the_corners_that_the_shape_has(name, corners):
+    assert len(LIBRARY.load(name).hull_vertices) == corners
