@@ -18,25 +18,34 @@ def interval_of(distribution: Distribution, count: int) -> Interval:
     return counted.intervals()[0]
 
 
-def decimals_of(interval: Interval, *, percent: bool = True) -> int:
-    """Decimals that a probability is shown with: two digits of its interval's width.
+def outside_aspects(distribution: Distribution) -> list[tuple[str, int]]:
+    """What drops in no aspect are called, with their counts; those that there are."""
+    counts = {
+        'unclassified': distribution.unclassified,
+        'unsettled': distribution.unsettled,
+        'failed': distribution.failed,
+    }
+    return [(name, count) for name, count in counts.items() if count]
 
-    An interval that is 0.05 wide gives 0.278 or 27.8 %; more drops give more digits.
+
+def decimals_of(interval: Interval) -> int:
+    """Decimals of a percentage that its interval allows: two digits of the interval's width.
+
+    An interval that is 5 % wide gives 27.8 %; more drops give more digits.
     """
-    width = max(interval.upper - interval.lower, 1e-12)
-    decimals = math.ceil(-math.log10(width)) + 1
-    return max(decimals - (2 if percent else 0), 0)
+    width = max(100 * (interval.upper - interval.lower), 1e-9)
+    return max(math.ceil(-math.log10(width)) + 1, 0)
 
 
 def probability_text(interval: Interval) -> str:
-    """In percent, as '27.8 %'."""
-    return f'{100 * interval.probability:.{decimals_of(interval)}f} %'
+    """In percent, as '27.8 %'; '0 %' if it was never seen."""
+    return f'{_percent(interval.probability, decimals_of(interval))} %'
 
 
 def interval_text(interval: Interval) -> str:
-    """Both ends in percent, as '25.1 to 30.7 %'."""
+    """Both ends in percent, as '25.1 to 30.7 %', or '0 to 0.38 %'."""
     decimals = decimals_of(interval)
-    return f'{100 * interval.lower:.{decimals}f} to {100 * interval.upper:.{decimals}f} %'
+    return f'{_percent(interval.lower, decimals)} to {_percent(interval.upper, decimals)} %'
 
 
 def direction_text(direction: npt.NDArray[np.float64]) -> str:
@@ -49,6 +58,11 @@ def millimetre_texts(lengths: npt.NDArray[np.float64]) -> list[str]:
     longest = float(lengths.max(initial=0.0)) * 1000
     whole_digits = math.floor(math.log10(longest)) + 1 if longest > 0 else 1
     return [f'{1000 * length:.{max(4 - whole_digits, 0)}f}' for length in lengths]
+
+
+def _percent(share: float, decimals: int) -> str:
+    # Nothing is exactly nothing: decimals would say that it was measured that well.
+    return f'{100 * share:.{decimals}f}' if share else '0'
 
 
 def _signed(value: float) -> str:

@@ -11,6 +11,7 @@ from resting_aspects_ros.report.rounding import (
     interval_of,
     interval_text,
     millimetre_texts,
+    outside_aspects,
     probability_text,
 )
 
@@ -43,16 +44,6 @@ def distribution_table(distribution: Distribution, title: str) -> Table:
         table.add_row('', name, *_shares(interval_of(distribution, count), count, drops), '')
     table.add_row('', 'drops in total', '', '', str(drops), '', style='bold')
     return table
-
-
-def outside_aspects(distribution: Distribution) -> list[tuple[str, int]]:
-    """What drops in no aspect are called, with their counts; those that there are."""
-    counts = {
-        'unclassified': distribution.unclassified,
-        'unsettled': distribution.unsettled,
-        'failed': distribution.failed,
-    }
-    return [(name, count) for name, count in counts.items() if count]
 
 
 def _empty_table(title: str) -> Table:
