@@ -82,11 +82,13 @@ def _angle(a: Array, b: Array) -> float:
 
 
 def _facet(hull: ConvexHull, members: npt.NDArray[np.int64]) -> Facet:
-    normal = hull.equations[members[0], :3]  # of the largest triangle, where noise is least
+    points = hull.points[np.unique(hull.simplices[members])]
+    # Of the triangle on which the centre of mass is lowest: on that one the part rests, if on any.
+    normals = hull.equations[members, :3]
+    normal = normals[(points @ normals.T).max(axis=0).argmin()]
     across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     across /= np.linalg.norm(across)
     plane = np.stack([across, np.cross(normal, across)])  # right-handed with the normal
-    points = hull.points[np.unique(hull.simplices[members])]
     flat = points @ plane.T
     outline = ConvexHull(flat)  # in two dimensions its vertices come counter-clockwise
     edges = -outline.equations  # inward normals and offsets: the foot is the origin

@@ -1,0 +1,35 @@
+"""What several tests need: the example parts, parts made of a mesh, and the shipped surfaces."""
+
+from pathlib import Path
+
+import pytest
+
+from resting_aspects_ros.core.part import part_from_bytes
+from resting_aspects_ros.drops.part_library import PartLibrary
+from resting_aspects_ros.drops.surfaces import Surfaces
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope='session')
+def part():
+    """Give the example part of a name."""
+    return PartLibrary(ROOT / 'config' / 'parts').load
+
+
+@pytest.fixture(scope='session')
+def solid():
+    """Make a part of a trimesh, in mm, through a file of a format."""
+
+    def make(mesh, mesh_format='stl', **given):
+        data = mesh.export(file_type=mesh_format)
+        data = data.encode() if isinstance(data, str) else data
+        return part_from_bytes(data, mesh_format.removesuffix('_ascii'), 'solid', **given)
+
+    return make
+
+
+@pytest.fixture(scope='session')
+def surfaces():
+    """Give the shipped sets of conditions."""
+    return Surfaces.read(ROOT / 'config' / 'surfaces.yaml')

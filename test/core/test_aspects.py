@@ -1,0 +1,241 @@
+"""Aspects of parts, held to symmetry, to what was measured, and to what must not matter."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from resting_aspects_ros.core.aspects import (
+    POSE_ANGLE,
+    STABLE_MARGIN,
+    AspectSet,
+    find_aspects,
+)
+from resting_aspects_ros.core.rotations import (
+    down_in_part,
+    orientation_with_down,
+    random_orientations,
+    rotate,
+)
+
+FORMATS = ('stl', 'stl_ascii', 'obj', 'ply')
+turns = st.integers(0, 2**32 - 1).map(
+    lambda seed: Rotation.from_quat(np.random.default_rng(seed).standard_normal(4)).as_matrix()
+)
+some = settings(
+    max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+def turned(mesh, matrix, shift=(0, 0, 0)):
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = matrix, shift
+    return mesh.copy().apply_transform(pose)
+
+
+def mesh_of(part):
+    """The part as a mesh in mm."""
+    return trimesh.Trimesh(part.vertices * 1e3, part.faces, process=False)
+
+
+def irregular():
+    """A body without any symmetry."""
+    points = np.random.default_rng(3).standard_normal((14, 3)) * [10, 14, 19]
+    return trimesh.convex.convex_hull(points)
+
+
+def downs(aspects):
+    return np.array([a.down_in_part for a in aspects.aspects])
+
+
+def icosahedron():
+    return trimesh.creation.icosahedron().apply_scale(10)
+
+
+@given(turns)
+@some
+def test_platonic_solids_have_one_aspect_for_each_face(solid, turn):
+    tetrahedron = trimesh.Trimesh(
+        [(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)],
+        [(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)],
+    ).apply_scale(10)
+    for mesh, faces in (
+        (tetrahedron, 4),
+        (trimesh.creation.box((9, 9, 9)), 6),
+        (icosahedron(), 20),
+    ):
+        aspects = find_aspects(solid(turned(mesh, turn)))
+        assert len(aspects) == faces
+        share = [a.solid_angle / (4 * np.pi) for a in aspects.aspects]
+        np.testing.assert_allclose(share, 1 / faces, rtol=1e-5)  # float32 in the file
+
+
+@given(turns, st.sampled_from(FORMATS))
+@some
+def test_the_l_bracket_has_five_aspects_in_every_orientation_and_format(part, solid, turn, ending):
+    aspects = find_aspects(solid(turned(mesh_of(part('l_bracket')), turn, (100, -50, 7)), ending))
+    assert len(aspects) == 5
+    # The centre of mass is over the edge of the long leg's end face: that one is unstable.
+    directions = downs(aspects) @ turn
+    assert (directions @ [1, 0, 0]).max() < 0.6
+    expected = {(0, 0, 1), (0, 0, -1), (0, -1, 0), (-1, 0, 0)}
+    found = {tuple(np.round(d).astype(int) + 0) for d in directions}
+    assert expected <= found
+    # The fifth is on the two leg tips: the line between them rises 20 over 30.
+    tips = np.array([2, 3, 0]) / np.sqrt(13)
+    assert (directions @ tips).max() == pytest.approx(1, abs=1e-9)
+
+
+def test_aspects_are_numbered_by_height_then_share_then_direction(part):
+    for name in ('l_bracket', 'angle_45x30x8', 't_prism', 'u_bracket', 'box_10x20x30', 'washer'):
+        shape = part(name)
+        aspects = find_aspects(shape).aspects
+        assert [a.id for a in aspects] == list(range(1, len(aspects) + 1))
+        step = 1e-3
+        for low, high in pairwise(aspects):
+            rise = (high.com_height - low.com_height) / shape.hull_radius
+            assert rise >= -step
+            if rise <= step:
+                lost = (low.solid_angle - high.solid_angle) / (4 * np.pi)
+                assert lost >= -step
+
+
+def test_aspects_alike_in_height_and_share_are_numbered_along_the_intrinsic_frame(part):
+    # The large faces of the L bracket are alike but for the direction; z is a principal axis.
+    shape = part('l_bracket')
+    first, second = find_aspects(shape).aspects[:2]
+    along = np.array([shape.principal_axes.T @ a.down_in_part for a in (first, second)])
+    differing = np.flatnonzero(np.abs(along[0] - along[1]) > 1e-3)[0]
+    assert along[0, differing] > along[1, differing]
+
+
+@given(turns)
+@some
+def test_ids_of_a_part_without_symmetry_turn_with_its_mesh(solid, turn):
+    mesh = irregular()
+    plain = find_aspects(solid(mesh))
+    moved = find_aspects(solid(turned(mesh, turn, (30, -200, 5))))
+    assert len(plain) == len(moved) > 4
+    np.testing.assert_allclose(downs(moved), downs(plain) @ turn.T, atol=1e-4)  # float32
+    for a, b in zip(plain.aspects, moved.aspects, strict=True):
+        assert b.com_height == pytest.approx(a.com_height, rel=1e-4)
+
+
+@pytest.mark.parametrize('name', ['angle_45x30x8', 'box_10x20x30', 'u_bracket', None])
+def test_ids_do_not_depend_on_how_a_part_is_meshed(part, solid, name):
+    mesh = irregular() if name is None else mesh_of(part(name))
+    order = np.random.default_rng(1).permutation(len(mesh.faces))
+    shuffled = trimesh.Trimesh(mesh.vertices, np.roll(mesh.faces[order], 1, axis=1))
+    plain = downs(find_aspects(solid(mesh)))
+    for other in (mesh.subdivide(), mesh.subdivide().subdivide(), shuffled):
+        np.testing.assert_allclose(downs(find_aspects(solid(other))), plain, atol=1e-5)
+
+
+@pytest.mark.parametrize(('share', 'aspects'), [(1.01, 6), (0.99, 2)])
+def test_a_part_rests_where_its_centre_of_mass_is_inside_by_more_than_the_margin(
+    solid, share, aspects
+):
+    # A box with its centre of mass near the face +x: it is near an edge of four of the others.
+    corner = np.array([5.0, 10.0, 15.0])
+    radius = np.linalg.norm([10, 10, 15])  # to the far corners; the margin is 1e-4 of it
+    centre = np.array([corner[0] - share * STABLE_MARGIN * radius, 0, 0])
+    found = find_aspects(
+        solid(trimesh.creation.box(2 * corner), 'obj', centre_of_mass=centre * 1e-3)
+    )
+    assert len(found) == aspects
+    assert abs(np.abs(downs(found)[:, 0]).sum() - 2) < 1e-12  # on +x and -x in any case
+
+
+def test_each_aspect_shows_itself(part):
+    shape = part('angle_45x30x8')
+    for aspect in find_aspects(shape).aspects:
+        np.testing.assert_allclose(
+            down_in_part(aspect.orientation), aspect.down_in_part, atol=1e-12
+        )
+        hull = rotate(aspect.orientation, shape.hull_vertices - shape.centre_of_mass)
+        assert -hull[:, 2].min() == pytest.approx(aspect.com_height)
+        # The support is what touches the surface, and the centre of mass is over its inside.
+        touching = hull[hull[:, 2] < hull[:, 2].min() + 1e-9, :2]
+        assert len(aspect.support) == len(touching)
+        apart = np.linalg.norm(touching[:, None] - aspect.support[None], axis=2)
+        assert apart.min(axis=1).max() < 1e-12
+        x, y = aspect.support.T
+        assert (x * np.roll(y, -1) - y * np.roll(x, -1) != 0).all()
+
+
+def test_the_die_binom3_rests_on_the_four_faces_that_were_published(solid):
+    # Baktash et al. 2025. Unstable facets lie 0.3 and 0.7 degrees from the stable ones.
+    h, k = 0.3543327, 0.3514274
+    corners = [(-0.7935591, 0, 0.4791195), (0.3202141, 0, 0.3201930)]
+    corners += [(0.1539833, y, 0.3400605) for y in (h, -h)]
+    corners += [(0.1619182, 0, -0.9735855), (0.1602665, 0, 0.9658569)]
+    corners += [(-0.7891129, 0, -0.4764671), (0.3175497, 0, -0.3291496)]
+    corners += [(0.1573784, y, -0.3330442) for y in (k, -k)]
+    aspects = find_aspects(solid(trimesh.convex.convex_hull(corners), unit='cm'))
+    published = [(0.910, 0.415, -0.004), (0.910, -0.415, -0.004)]
+    published += [(-0.347, 0.938, -0.006), (-0.347, -0.938, -0.006)]
+    assert len(aspects) == 4
+    apart = np.linalg.norm(np.array(published)[:, None] - downs(aspects)[None], axis=2)
+    assert apart.min(axis=1).max() < 9e-4  # three digits of three coordinates
+
+
+def test_poses_at_an_aspect_are_in_it_whatever_their_yaw(part):
+    aspects = find_aspects(part('u_bracket'))
+    yaw = Rotation.from_rotvec([[0, 0, angle] for angle in (0, 1, -2.5, np.pi)])
+    for aspect in aspects.aspects:
+        poses = (yaw * Rotation.from_quat(aspect.orientation)).as_quat()
+        np.testing.assert_array_equal(aspects.classify(poses), aspect.id)
+
+
+@pytest.mark.parametrize(('share', 'inside'), [(1 - 1e-9, True), (1 + 1e-9, False)])
+@pytest.mark.parametrize('axis', [(1, 0, 0), (0, 1, 0), (0.6, -0.8, 0)])
+def test_a_pose_is_in_an_aspect_up_to_the_angle_and_not_beyond(part, share, inside, axis):
+    aspects = find_aspects(part('box_10x20x30'))
+    tilt = Rotation.from_rotvec(np.array(axis) * POSE_ANGLE * share)
+    for aspect in aspects.aspects:
+        pose = (tilt * Rotation.from_quat(aspect.orientation)).as_quat()
+        assert aspects.classify(pose).tolist() == [aspect.id if inside else 0]
+
+
+def test_of_two_aspects_within_the_angle_the_nearer_one_is_meant(solid):
+    # A prism with 200 sides, 1.8 degrees apart.
+    aspects = find_aspects(solid(trimesh.creation.cylinder(10, 20, sections=200)))
+    assert len(aspects) > 100
+    poses = np.array([a.orientation for a in aspects.aspects])
+    tilt = Rotation.from_rotvec([np.radians(0.8), 0, 0])
+    tilted = (tilt * Rotation.from_quat(poses)).as_quat()
+    distance = np.arccos(np.clip(down_in_part(tilted) @ downs(aspects).T, -1, 1))
+    np.testing.assert_array_equal(aspects.classify(tilted), distance.argmin(axis=1) + 1)
+
+
+def test_classify_agrees_with_angles_taken_one_by_one(part):
+    aspects = find_aspects(part('l_bracket'))
+    poses = random_orientations(np.random.default_rng(2), 20_000)
+    angle = np.arccos(np.clip(down_in_part(poses) @ downs(aspects).T, -1, 1))
+    expected = np.where(angle.min(axis=1) <= POSE_ANGLE, angle.argmin(axis=1) + 1, 0)
+    assert 0 < np.count_nonzero(expected) < 20_000
+    np.testing.assert_array_equal(aspects.classify(poses), expected)
+
+
+def test_classify_takes_no_pose_one_pose_and_leaves_its_input_alone(part):
+    aspects = find_aspects(part('l_bracket'))
+    assert aspects.classify(np.zeros((0, 4))).shape == (0,)
+    one = orientation_with_down(aspects.aspects[2].down_in_part)
+    before = one.copy()
+    assert aspects.classify(one).tolist() == [3]
+    np.testing.assert_array_equal(one, before)
+
+
+def test_without_aspects_nothing_is_classified():
+    nothing = AspectSet('', ())
+    assert nothing.classify(np.array([[0, 0, 0, 1.0]] * 3)).tolist() == [0, 0, 0]
+
+
+def test_the_example_parts_have_the_aspects_that_their_shape_has(part):
+    expected = {'tetrahedron': 4, 'box_10x20x30': 6, 'hex_nut': 6 + 2, 'l_bracket': 5}
+    expected['u_bracket'] = 6  # its hull is a box
+    assert {name: len(find_aspects(part(name))) for name in expected} == expected
