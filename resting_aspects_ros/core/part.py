@@ -21,25 +21,22 @@ from resting_aspects_ros.core.intrinsic_frame import (
 )
 from resting_aspects_ros.core.mass_properties import Given, mass_properties
 from resting_aspects_ros.core.mesh_file import FORMATS, read_triangles
+from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS, check_size, size_warnings
 
 Array = npt.NDArray[np.float64]
 
-# Metres in one unit of a mesh's coordinates.
-UNITS: dict[str, float] = {
-    'um': 1e-6,
-    'mm': 1e-3,
-    'cm': 1e-2,
-    'm': 1.0,
-    'in': 0.0254,
-    'ft': 0.3048,
-}
-DEFAULT_UNIT = 'mm'  # none of STL, OBJ and PLY says its unit; most parts are drawn in mm
+__all__ = [
+    'DEFAULT_UNIT',
+    'MAX_NAME',
+    'UNITS',
+    'Part',
+    'is_valid_name',
+    'load_part',
+    'part_from_bytes',
+    'valid_name',
+]
 
 MAX_NAME = 64
-USUAL_SIZE = (1e-4, 2.0)  # m; outside of it the unit is probably wrong
-LIKELY_SIZE = (1e-3, 1.0)  # m; of a part that is fed
-MAX_SIZE = 1e6  # m, of any coordinate: far above any part, far below overflow in the integrals
-MIN_SIZE = 1e-9  # m
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,7 +258,7 @@ def _part(
     if not isinstance(unit, str) or unit not in UNITS:
         raise InvalidValueError(f'the unit of {label} is {unit!r}: allowed are {", ".join(UNITS)}')
     raw_vertices, raw_faces = read_triangles(data, mesh_format, label)
-    _check_size(raw_vertices, unit, label)
+    check_size(raw_vertices, unit, label)
     surface = closed_surface(raw_vertices, raw_faces)
     if not len(surface.faces):
         raise PartError(
@@ -272,7 +269,7 @@ def _part(
     found, defect = mass_properties(
         label, vertices, surface.faces, hull_vertices, surface.defect, given
     )
-    warnings = [*surface.warnings, *_size_warnings(raw_vertices, unit)]
+    warnings = [*surface.warnings, *size_warnings(raw_vertices, unit)]
     if defect:
         warnings.append(f'the mesh {defect}; the given mass properties are used')
     return Part(
@@ -289,34 +286,3 @@ def _part(
         found.volume,
         tuple(f'{label}: {warning}' for warning in warnings),
     )
-
-
-def _check_size(vertices: Array, unit: str, label: str) -> None:
-    with np.errstate(over='ignore'):
-        reach = float(np.abs(vertices).max()) * UNITS[unit]
-        size = float(np.ptp(vertices, axis=0).max()) * UNITS[unit]
-    if reach > MAX_SIZE:
-        raise PartError(
-            f'{label} has a coordinate of {reach:.3g} m: at most {MAX_SIZE:.0e} m are allowed'
-        )
-    if size < MIN_SIZE:
-        raise PartError(
-            f'{label} has no volume: its longest side is {size:.3g} m, and at least '
-            f'{MIN_SIZE:.0e} m are needed'
-        )
-
-
-def _size_warnings(vertices: Array, unit: str) -> list[str]:
-    """Warn of a size that suggests another unit, and name those that give a likely one."""
-    sides = np.ptp(vertices, axis=0)
-    size = float(sides.max())
-    if USUAL_SIZE[0] <= size * UNITS[unit] <= USUAL_SIZE[1]:
-        return []
-    likely = [
-        f'{1e3 * size * metres:.4g} mm with {other}'
-        for other, metres in UNITS.items()
-        if LIKELY_SIZE[0] <= size * metres <= LIKELY_SIZE[1]
-    ]
-    box = ' x '.join(f'{1e3 * side * UNITS[unit]:.6g}' for side in sides)
-    hint = f' (its longest side would be {" or ".join(likely)})' if likely else ''
-    return [f'the part is {box} mm with the unit {unit}: is the unit right{hint}?']
