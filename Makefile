@@ -1,8 +1,8 @@
 # What is set up, and when it is set up again, is decided in tools/setup_venv.py.
 
-# A ROS that is sourced, or another virtual environment, must not leak into .venv.
-unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH \
-         COLCON_PREFIX_PATH ROS_PACKAGE_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# An installed ROS that is sourced, or another virtual environment, must not leak into .venv.
+unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PATH PKG_CONFIG_PATH AMENT_PREFIX_PATH \
+         CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .PHONY: help setup dev demo test lint parts requirements clean
 

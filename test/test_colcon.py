@@ -1,0 +1,96 @@
+"""`colcon build`, as with an installed ROS, of what git tracks, on the ROS wheels of .venv."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+IMPORTS = """
+import resting_aspects_interfaces.msg, resting_aspects_ros
+from resting_aspects_ros.config_files import config_folder
+from rclpy.serialization import serialize_message
+for module in resting_aspects_interfaces.msg, resting_aspects_ros:
+    print(module.__file__)
+print(config_folder())
+assert serialize_message(resting_aspects_interfaces.msg.RestingPoses())
+"""
+
+
+def run(workspace, *command):
+    """Run a command with nothing of this process's environment, and return what it printed."""
+    venv = workspace / '.venv'
+    ended = subprocess.run(
+        command,
+        cwd=workspace,
+        env={
+            'PATH': f'{venv}/bin:/usr/local/bin:/usr/bin:/bin',
+            'HOME': str(workspace),
+            'LANG': 'C.UTF-8',
+            'AMENT_PREFIX_PATH': str(venv),
+            'CMAKE_PREFIX_PATH': str(venv),
+        },
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stdout
+    return ended.stdout
+
+
+@pytest.fixture(scope='module')
+def workspace(tmp_path_factory):
+    """Build a copy of the tracked files, as they are now, and return its folder."""
+    folder = tmp_path_factory.mktemp('workspace')
+    tracked = subprocess.run(
+        ['git', 'ls-files', '-z'], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    for name in filter(None, tracked.stdout.split('\0')):
+        if (ROOT / name).exists():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, folder / name)
+    # Not where it is: colcon fails on a Python with a space in its path, and this one may have it.
+    (folder / '.venv').symlink_to(sys.prefix)
+    build = 'python -m colcon build --base-paths . resting_aspects_interfaces'
+    run(folder, *build.split())
+    return folder
+
+
+def run_sourced(workspace, command):
+    """Run a shell command with the workspace sourced, from a folder that holds no package."""
+    return run(workspace, 'sh', '-c', f'cd / && . {workspace}/install/local_setup.sh && {command}')
+
+
+def test_modules_types_and_config_come_from_the_install(workspace):
+    printed = run_sourced(workspace, f"python -c '{IMPORTS}'").split()
+    install = workspace / 'install'
+    site = f'lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages'
+    interfaces = install / 'resting_aspects_interfaces' / site / 'resting_aspects_interfaces'
+    suite = install / 'resting_aspects_ros'
+    assert printed == [
+        str(interfaces / 'msg' / '__init__.py'),
+        str(suite / site / 'resting_aspects_ros' / '__init__.py'),
+        str(suite / 'share' / 'resting_aspects_ros' / 'config'),
+    ]
+
+
+def test_executables_are_where_ros2_run_looks(workspace):
+    folder = workspace / 'install' / 'resting_aspects_ros' / 'lib' / 'resting_aspects_ros'
+    names = {path.name for path in folder.iterdir()}
+    assert names == {'resting_aspects', 'drop_simulator', 'aspect_classifier', 'drop_recorder'}
+    assert 'usage: resting_aspects' in run_sourced(workspace, f'{folder}/resting_aspects --help')
+
+
+def test_config_is_installed_whole(workspace):
+    share = workspace / 'install' / 'resting_aspects_ros' / 'share'
+    assert (share / 'ament_index/resource_index/packages/resting_aspects_ros').exists()
+
+    def files(folder):
+        return {path.relative_to(folder) for path in folder.rglob('*') if path.is_file()}
+
+    assert files(share / 'resting_aspects_ros' / 'config') == files(workspace / 'config')

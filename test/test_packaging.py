@@ -1,0 +1,169 @@
+"""What is declared in package.xml, setup.py and requirements.in is what the code needs."""
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from catkin_pkg.package import parse_package
+
+import resting_aspects_ros
+
+ROOT = Path(__file__).resolve().parent.parent
+SUITE = ROOT / 'package.xml'
+INTERFACES = ROOT / 'resting_aspects_interfaces' / 'package.xml'
+
+# import name: (name in requirements*.in, rosdep key or ROS package in package.xml)
+MESSAGES = 'ros-jazzy-common-interfaces'
+DEPENDENCIES = {
+    'builtin_interfaces': (MESSAGES, 'builtin_interfaces'),
+    'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg'),
+    'diagnostic_msgs': (MESSAGES, 'diagnostic_msgs'),
+    'geometry_msgs': (MESSAGES, 'geometry_msgs'),
+    'hypothesis': ('hypothesis', 'python3-hypothesis'),
+    'matplotlib': ('matplotlib', 'python3-matplotlib'),
+    'mcap': ('mcap', 'mcap-ros2-support'),
+    'numpy': ('numpy', 'python3-numpy'),
+    'pybullet': ('pybullet', 'python3-pybullet-pip'),
+    'pytest': ('pytest', 'python3-pytest'),
+    'rcl_interfaces': ('ros-jazzy-rclpy', 'rcl_interfaces'),
+    'rclpy': ('ros-jazzy-rclpy', 'rclpy'),
+    'resting_aspects_interfaces': (None, 'resting_aspects_interfaces'),
+    'rich': ('rich', 'python3-rich'),
+    'rosbags': ('rosbags', 'python3-rosbags-pip'),
+    'scipy': ('scipy', 'python3-scipy'),
+    'std_msgs': (MESSAGES, 'std_msgs'),
+    'trimesh': ('trimesh', 'python3-trimesh-pip'),
+    'visualization_msgs': (MESSAGES, 'visualization_msgs'),
+    'yaml': ('pyyaml', 'python3-yaml'),
+}
+# Used without an import: the time limit of tests in pyproject.toml.
+NEVER_IMPORTED = {'python3-pytest-timeout'}
+
+
+def third_party_imports(folder):
+    """Return the top names that the files below a folder import, without Python's and our own."""
+    names = set()
+    for path in (ROOT / folder).rglob('*.py'):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                names.update(alias.name.split('.')[0] for alias in node.names)
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                names.add(node.module.split('.')[0])
+    return names - sys.stdlib_module_names - {'resting_aspects_ros', 'test', 'conftest'}
+
+
+def requirements(name):
+    """Return the package names in a requirements*.in file."""
+    lines = (ROOT / name).read_text().splitlines()
+    found = (re.match(r'[A-Za-z][\w.-]*', line) for line in lines)
+    return {match[0] for match in found if match}
+
+
+def names(dependencies):
+    return {dependency.name for dependency in dependencies}
+
+
+@pytest.mark.parametrize('path', [SUITE, INTERFACES], ids=['suite', 'interfaces'])
+def test_package_xml_is_valid_without_a_warning(path):
+    warnings = []
+    package = parse_package(path, warnings=warnings)
+    package.validate(warnings=warnings)
+    assert warnings == []
+    assert package.package_format == 3
+    assert package.licenses == ['Apache-2.0']
+    assert 'Apache License' in (ROOT / 'LICENSE').read_text()
+
+
+def test_every_import_of_the_suite_is_in_package_xml_and_in_requirements():
+    imported = third_party_imports('resting_aspects_ros')
+    assert imported >= {'numpy', 'rclpy'}
+    assert imported <= DEPENDENCIES.keys(), 'add these to DEPENDENCIES here'
+    package = parse_package(SUITE)
+    declared = names(package.exec_depends)
+    assert {DEPENDENCIES[name][1] for name in imported} - declared == set()
+    pinned = {DEPENDENCIES[name][0] for name in imported} - {None}
+    assert pinned - requirements('requirements.in') == set()
+
+
+def test_every_import_of_the_tests_is_in_package_xml_and_in_requirements():
+    imported = third_party_imports('test')
+    assert imported <= DEPENDENCIES.keys(), 'add these to DEPENDENCIES here'
+    package = parse_package(SUITE)
+    declared = names(package.exec_depends + package.test_depends)
+    assert {DEPENDENCIES[name][1] for name in imported} - declared == set()
+    pinned = {DEPENDENCIES[name][0] for name in imported} - {None}
+    both = requirements('requirements.in') | requirements('requirements-dev.in')
+    assert pinned - both == set()
+
+
+def test_every_name_in_package_xml_is_used():
+    package = parse_package(SUITE)
+    key = {imported: key for imported, (_, key) in DEPENDENCIES.items()}
+    in_suite = {key[name] for name in third_party_imports('resting_aspects_ros')}
+    in_tests = {key[name] for name in third_party_imports('test')}
+    assert names(package.exec_depends) - in_suite == set()
+    assert names(package.test_depends) - in_tests == NEVER_IMPORTED
+    assert names(package.build_depends) <= in_suite
+
+
+def test_interface_package_names_the_packages_whose_types_it_uses():
+    folder = INTERFACES.parent
+    files = [*folder.glob('msg/*'), *folder.glob('srv/*'), *folder.glob('action/*')]
+    text = '\n'.join(path.read_text() for path in files)
+    used = set(re.findall(r'^(\w+)/\w+', text, flags=re.MULTILINE))
+    cmake = (folder / 'CMakeLists.txt').read_text()
+    assert used <= names(parse_package(INTERFACES).build_depends)
+    assert used == set(re.search(r'DEPENDENCIES([\w\s]+)', cmake)[1].split())
+    assert {str(path.relative_to(folder)) for path in files} == set(
+        re.findall(r'^ *((?:msg|srv|action)/\w+\.\w+)$', cmake, flags=re.MULTILINE)
+    )
+
+
+def test_versions_agree():
+    setup = subprocess.run(
+        [sys.executable, 'setup.py', '--version'],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert {
+        parse_package(SUITE).version,
+        parse_package(INTERFACES).version,
+        setup.stdout.split()[-1],
+    } == {resting_aspects_ros.__version__}
+
+
+def test_every_requirement_is_pinned_in_the_lock_file():
+    for name in ('requirements', 'requirements-dev'):
+        lines = (ROOT / f'{name}.txt').read_text().lower().replace('_', '-').splitlines()
+        pinned = {line.partition('==')[0] for line in lines if '==' in line}
+        wanted = {
+            requirement.lower().replace('_', '-') for requirement in requirements(f'{name}.in')
+        }
+        assert wanted - pinned == set(), f'make requirements, after a change of {name}.in'
+
+
+def test_skipped_test_fails_in_ci_only(tmp_path):
+    (tmp_path / 'test_skips.py').write_text(
+        'import pytest\n\ndef test_skips():\n    pytest.skip("no ROS here")\n'
+    )
+    command = [sys.executable, '-m', 'pytest', '-p', 'conftest', '--rootdir=.', tmp_path]
+
+    def run(**environment):
+        return subprocess.run(
+            command,
+            env={'PYTHONPATH': str(ROOT), **environment},
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    assert run().returncode == 0
+    in_ci = run(CI='true')
+    assert in_ci.returncode == 1
+    assert 'no ROS here' in in_ci.stdout
