@@ -36,7 +36,7 @@ MOST_SHOWN = 12  # aspects with a bar of their own; the others share one
 WIDTH = 1240
 TOP, BOTTOM, MARGIN = 110, 84, 28
 ROW, ROW_OF_MANY, MANY = 164, 116, 6
-ROW_WITHOUT_PICTURE = 64
+ROW_WITHOUT_PICTURE, ROW_OF_OTHERS = 92, 64
 BAR = 42
 LABEL, BESIDE_BAR = 182, 190
 PIXELS_PER_INCH = 144.0
@@ -80,13 +80,15 @@ def save_picture(
     from matplotlib.figure import Figure
 
     rows = _rows(distribution)
-    side = ROW if len(rows) <= MANY else ROW_OF_MANY
-    sides = [side if part and row.aspect else ROW_WITHOUT_PICTURE for row in rows]
-    height = TOP + sum(sides) + BOTTOM
+    side = ROW if sum(row.aspect is not None for row in rows) <= MANY else ROW_OF_MANY
+    of_aspect = side if part else ROW_WITHOUT_PICTURE
+    sides = [of_aspect if row.aspect else ROW_OF_OTHERS for row in rows]
+    room = max(sum(sides), ROW_OF_OTHERS)
+    height = TOP + room + BOTTOM
     figure = Figure(figsize=(WIDTH / PIXELS_PER_INCH, height / PIXELS_PER_INCH),
                     dpi=PIXELS_PER_INCH, facecolor='white')
     FigureCanvasAgg(figure)
-    bottoms = [BOTTOM + sum(sides) - end for end in np.cumsum(sides)]
+    bottoms = [BOTTOM + room - end for end in np.cumsum(sides)]
     left = MARGIN + (side if part else 0)
     if part:
         for bottom, image in zip(bottoms, _images(part, rows, side), strict=False):
@@ -97,10 +99,10 @@ def save_picture(
         _write_label(figure, row, left, middle, height)
     axes = figure.add_axes((
         (left + LABEL) / WIDTH, BOTTOM / height,
-        (WIDTH - MARGIN - left - LABEL) / WIDTH, sum(sides) / height,
+        (WIDTH - MARGIN - left - LABEL) / WIDTH, room / height,
     ))
     _draw_bars(axes, rows, [m - BOTTOM for m in middles], distribution.drops)
-    axes.set_ylim(0, sum(sides))
+    axes.set_ylim(0, room)
     figure.savefig(path, format='png', dpi=PIXELS_PER_INCH)
     return path
 
