@@ -10,6 +10,8 @@ from resting_aspects_ros.drops.engine import ENGINE, ENGINE_VERSION, DropJob, ma
 
 MOST_DROPS = 2_000_000
 MOST_SEED = 2**64 - 1
+# Of a run for which none was given: the same question has the same answer.
+DEFAULT_SEED = 1
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class RunDescription:
         return self.first_drop + self.drops
 
     def sequence(self) -> tuple[object, ...]:
-        """What the drops follow from: runs that agree in it have the same pose at the same index."""
+        """What the drops follow from: where it is the same, drops of one index end alike."""
         return (
             self.part_sha256,
             self.conditions.values(),
@@ -61,10 +63,8 @@ def plan_run(
     first_drop: int = 0,
 ) -> tuple[DropJob, RunDescription]:
     """The job and the description of a run, checked; raises InvalidValueError."""
-    if isinstance(drops, bool) or not 1 <= drops <= MOST_DROPS:
-        raise InvalidValueError(f'drops is {drops}, allowed is 1 to {MOST_DROPS}')
-    if not 0 <= seed <= MOST_SEED:
-        raise InvalidValueError(f'seed is {seed}, allowed is 0 to {MOST_SEED}')
+    check_drops(drops)
+    check_seed(seed)
     if not 0 <= first_drop <= MOST_SEED - drops:
         raise InvalidValueError(f'first_drop is {first_drop}, allowed is 0 to {MOST_SEED - drops}')
     job = make_job(part, conditions, seed)
@@ -83,3 +83,15 @@ def plan_run(
         time_step=job.time_step,
         started=started,
     )
+
+
+def check_drops(drops: int) -> None:
+    """Raises InvalidValueError if a run cannot have so many drops."""
+    if not 1 <= drops <= MOST_DROPS:
+        raise InvalidValueError(f'drops is {drops}, allowed is 1 to {MOST_DROPS}')
+
+
+def check_seed(seed: int) -> None:
+    """Raises InvalidValueError if the number is no seed."""
+    if not 0 <= seed <= MOST_SEED:
+        raise InvalidValueError(f'seed is {seed}, allowed is 0 to {MOST_SEED}')

@@ -53,9 +53,7 @@ def conditions_msg(conditions: drop_conditions.DropConditions) -> DropConditions
 def conditions_from(msg: DropConditions) -> drop_conditions.DropConditions:
     """Raises InvalidValueError if a value is not allowed."""
     values = {name: getattr(msg, name) for name in drop_conditions.QUANTITIES}
-    return drop_conditions.DropConditions(
-        surface=msg.surface, height_of=msg.height_of, **values
-    )
+    return drop_conditions.DropConditions(surface=msg.surface, height_of=msg.height_of, **values)
 
 
 def run_msg(run: Run) -> RunDescription:
@@ -128,9 +126,7 @@ def _pose_msg(
 
 def poses_from(msg: RestingPosesMsg) -> RestingPoses:
     position = [(p.pose.position.x, p.pose.position.y, p.pose.position.z) for p in msg.poses]
-    orientation = [
-        (o.x, o.y, o.z, o.w) for o in (entry.pose.orientation for entry in msg.poses)
-    ]
+    orientation = [(o.x, o.y, o.z, o.w) for o in (entry.pose.orientation for entry in msg.poses)]
     return RestingPoses(
         first_drop=msg.first_drop,
         position=np.array(position, dtype=np.float64).reshape(-1, 3),

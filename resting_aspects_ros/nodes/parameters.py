@@ -23,7 +23,9 @@ def declare(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
 
     Raises rclpy's InvalidParameterValueException for a value out of bounds.
     """
-    return {p.name: node.declare_parameter(p.name, p.default, _descriptor(p)).value for p in parameters}
+    return {
+        p.name: node.declare_parameter(p.name, p.default, _descriptor(p)).value for p in parameters
+    }
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:

@@ -169,7 +169,9 @@ class RunTracker:
         progress.repairing = False
         if complaint:
             run_id = progress.run.run_id
-            self._node.get_logger().error(f'lost drops of run {run_id} are not to be had: {complaint}')
+            self._node.get_logger().error(
+                f'lost drops of run {run_id} are not to be had: {complaint}'
+            )
 
 
 def _complaint(status: Status) -> str:

@@ -1,0 +1,83 @@
+"""Options that several subcommands share."""
+
+import argparse
+from pathlib import Path
+
+from resting_aspects_ros.commands.quantities import parse_quantity
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions, HeightOf
+from resting_aspects_ros.drops.surfaces import DEFAULT_SURFACE, Surfaces
+
+DEFAULT_DROPS = 1000
+
+
+def add_conditions(parser: argparse.ArgumentParser) -> None:
+    """--surface and one flag for each condition, from the conditions' own declaration."""
+    group = parser.add_argument_group(
+        'conditions of the drops', 'Those of the surface, unless changed one by one.'
+    )
+    group.add_argument(
+        '--surface', metavar='NAME', default='', help=f'named conditions ({DEFAULT_SURFACE})'
+    )
+    for name, quantity in QUANTITIES.items():
+        group.add_argument(
+            _flag(name),
+            metavar=quantity.unit.upper() or 'X',
+            help=f'{quantity.text}: {quantity.allowed()}',
+        )
+    group.add_argument(
+        '--height-of',
+        type=str.upper,
+        choices=[h.name for h in HeightOf],
+        help='what the height is of, when the part is released',
+    )
+
+
+def conditions_of(arguments: argparse.Namespace, surfaces: Surfaces) -> DropConditions:
+    """The conditions that the flags ask for; raises InvalidValueError."""
+    changes: dict[str, object] = {
+        name: parse_quantity(_flag(name), text, quantity.unit)
+        for name, quantity in QUANTITIES.items()
+        if (text := getattr(arguments, name)) is not None
+    }
+    if arguments.height_of is not None:
+        changes['height_of'] = HeightOf[arguments.height_of]
+    return surfaces.get(arguments.surface).changed(**changes)
+
+
+def add_run(parser: argparse.ArgumentParser, seed: int | None) -> None:
+    """--drops and --seed."""
+    parser.add_argument(
+        '--drops',
+        metavar='N',
+        type=_whole,
+        default=DEFAULT_DROPS,
+        help=f'how many ({DEFAULT_DROPS}); 385 give intervals of about +-0.05, 10000 of +-0.01',
+    )
+    shown = 'any known run will do, and a new one gets 1' if seed is None else str(seed)
+    parser.add_argument(
+        '--seed',
+        metavar='S',
+        type=_whole,
+        default=seed,
+        help=f'the same seed gives the same drops ({shown})',
+    )
+
+
+def check_output(name: str, path: Path | None) -> None:
+    """Refuse now what could not be written when the work is done."""
+    if path is not None and not path.parent.is_dir():
+        raise InvalidValueError(
+            f'{name} is {str(path)!r}: the folder {path.parent} does not exist'
+        )
+
+
+def _flag(name: str) -> str:
+    return '--' + name.replace('_', '-')
+
+
+def _whole(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'{text!r} is no whole number') from None

@@ -1,0 +1,67 @@
+"""How far long work is, on standard error: a bar on a terminal, else a line a second."""
+
+import sys
+import time
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeRemainingColumn,
+)
+
+LINE_PERIOD = 1.0
+
+
+class DropProgress:
+    """Shows drops done and drops per second; use it with `with`."""
+
+    def __init__(self, what: str, total: int) -> None:
+        self._what = what
+        self._total = total
+        self._begun: float | None = None
+        self._shown = 0.0
+        self._bar: Progress | None = None
+        self._task: TaskID | None = None
+        if sys.stderr.isatty():
+            self._bar = Progress(
+                TextColumn('{task.description}'),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TextColumn('{task.fields[rate]}'),
+                TimeRemainingColumn(),
+                console=Console(stderr=True),
+                transient=False,
+            )
+            self._task = self._bar.add_task(what, total=total, rate='')
+
+    def __enter__(self) -> 'DropProgress':
+        if self._bar is not None:
+            self._bar.start()
+        self._begun = time.monotonic()
+        return self
+
+    def update(self, done: int) -> None:
+        """So many drops are done."""
+        now = time.monotonic()
+        rate = f'{done / max(now - (self._begun or now), 1e-9):.0f} drops/s' if done else ''
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, completed=done, rate=rate)
+        elif now - self._shown >= LINE_PERIOD or done == self._total:
+            self._shown = now
+            print(
+                f'{self._what}: {done} of {self._total} drops  {rate}', file=sys.stderr, flush=True
+            )
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()

@@ -1,0 +1,129 @@
+"""Ask the suite for a distribution, as any ROS client would."""
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, Status
+from resting_aspects_interfaces.srv import GetDistribution
+
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.drops.conditions import DropConditions
+from resting_aspects_ros.drops.run import check_drops, check_seed
+from resting_aspects_ros.nodes.convert import conditions_msg, part_from
+from resting_aspects_ros.nodes.interface import (
+    ASPECT_DISTRIBUTIONS,
+    GET_DISTRIBUTION,
+    LATCHED,
+    PARTS,
+)
+from resting_aspects_ros.nodes.requests import NotAvailableError, status_error
+
+# A suite that is just starting needs a few seconds to be found, s.
+SERVICE_TIMEOUT = 20.0
+PART_TIMEOUT = 5.0
+SPIN_PERIOD = 0.1
+
+
+def distribution_request(
+    part: str, conditions: DropConditions, drops: int, seed: int | None, only_known: bool = False
+) -> GetDistribution.Request:
+    """The request for a distribution; without a seed any known run will do."""
+    check_drops(drops)
+    if seed is not None:
+        check_seed(seed)
+    return GetDistribution.Request(
+        part=part,
+        surface=conditions.surface,
+        conditions=[conditions_msg(conditions)],
+        drops=drops,
+        seed=[] if seed is None else [seed],
+        only_known=only_known,
+    )
+
+
+@contextmanager
+def suite_client(ros_args: Sequence[str] = ()) -> 'Iterator[SuiteClient]':
+    """A client in a ROS context of its own. Ctrl-C raises KeyboardInterrupt as usual."""
+    rclpy.init(args=list(ros_args), signal_handler_options=SignalHandlerOptions.NO)
+    client = SuiteClient()
+    try:
+        yield client
+    finally:
+        client.destroy_node()
+        rclpy.try_shutdown()
+
+
+class SuiteClient(Node):
+    """Calls get_distribution and follows the run that answers it."""
+
+    def __init__(self) -> None:
+        super().__init__('resting_aspects_client')
+        self._requests = self.create_client(GetDistribution, GET_DISTRIBUTION)
+        self._spinner = SingleThreadedExecutor()
+        self._spinner.add_node(self)
+
+    def destroy_node(self) -> None:
+        """Also ends its executor."""
+        self._spinner.shutdown()
+        super().destroy_node()
+
+    def get(
+        self,
+        request: GetDistribution.Request,
+        progress: Callable[[int], None],
+        check: Callable[[], None] = lambda: None,
+    ) -> AspectDistribution:
+        """Get the answer.
+
+        ``progress`` is called with the drops done while the part is dropped; ``check`` often, and
+        raises if there is no use in waiting any longer. Raises what the suite answers when it
+        refuses, as a RestingAspectsError.
+        """
+        service = self._requests.srv_name
+        if not self.wait(lambda: check() or self._requests.service_is_ready(), SERVICE_TIMEOUT):
+            raise NotAvailableError(
+                f'no aspect_classifier answers on {service}, waited {SERVICE_TIMEOUT:g} s: '
+                'start the suite with "resting_aspects nodes"'
+            )
+
+        def follow(message: AspectDistribution) -> None:
+            if not message.complete:  # a complete one is latched since an earlier run
+                progress(message.drops)
+
+        topic = f'{ASPECT_DISTRIBUTIONS}/{request.part}'
+        subscription = self.create_subscription(AspectDistribution, topic, follow, LATCHED)
+        answer = self._requests.call_async(request)
+        try:
+            self.wait(lambda: check() or answer.done(), None)
+        finally:
+            self.destroy_subscription(subscription)
+        response = answer.result()
+        if response.status.code != Status.OK:
+            raise status_error(response.status)
+        progress(response.distribution.drops)
+        return response.distribution
+
+    def part(self, name: str) -> Part:
+        """The part as the simulator describes it."""
+        described = Future()
+        subscription = self.create_subscription(
+            PartDescription, f'{PARTS}/{name}', described.set_result, LATCHED
+        )
+        if not self.wait(described.done, PART_TIMEOUT):
+            raise NotAvailableError(f'no description of {name} came in {PART_TIMEOUT:g} s')
+        self.destroy_subscription(subscription)
+        return part_from(described.result())
+
+    def wait(self, done: Callable[[], bool], seconds: float | None) -> bool:
+        """Spin until done, at most so long; returns whether it is done."""
+        end = math.inf if seconds is None else time.monotonic() + seconds
+        while not done() and time.monotonic() < end:
+            self._spinner.spin_once(timeout_sec=SPIN_PERIOD)
+        return done()

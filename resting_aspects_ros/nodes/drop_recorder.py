@@ -1,0 +1,149 @@
+"""The node that writes a log of every run: its poses, its distributions, and the part."""
+
+import sys
+from pathlib import Path
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
+
+from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.logs.topics import Qos, Topic
+from resting_aspects_ros.nodes.convert import nanoseconds
+from resting_aspects_ros.nodes.interface import (
+    ASPECT_DISTRIBUTIONS,
+    LATCHED,
+    PARTS,
+    POSES,
+    RESTING_POSES,
+)
+from resting_aspects_ros.nodes.open_log import OpenLog
+from resting_aspects_ros.nodes.parameters import Parameter, declare
+from resting_aspects_ros.nodes.run_tracker import RunProgress, RunTracker
+from resting_aspects_ros.nodes.spin import spin_nodes
+from resting_aspects_ros.nodes.topic_watch import TopicWatch
+
+PARAMETERS = (
+    Parameter('log_folder', 'out/logs', 'folder of the logs: one folder in it for each run'),
+)
+# How often it is looked whether a log is whole, s.
+CLOSE_PERIOD = 0.2
+
+
+class DropRecorder(Node):
+    """Subscribes to resting_poses, parts/* and aspect_distributions/*; writes one MCAP a run."""
+
+    def __init__(self) -> None:
+        super().__init__('drop_recorder')
+        values = declare(self, PARAMETERS)
+        self._folder = Path(values['log_folder']).absolute()
+        self._logs: dict[str, OpenLog] = {}
+        self._parts: dict[str, tuple[PartDescription, bytes]] = {}
+        self._tracker = RunTracker(self, self._run_over)
+        self._part_watch = TopicWatch(self, PARTS, PartDescription, self._part_described, raw=True)
+        self._distribution_watch = TopicWatch(
+            self, ASPECT_DISTRIBUTIONS, AspectDistribution, self._distribution, raw=True
+        )
+        poses_type = 'resting_aspects_interfaces/msg/RestingPoses'
+        self._poses = Topic(self.resolve_topic_name(RESTING_POSES), poses_type, _qos(POSES))
+        self.create_subscription(RestingPoses, RESTING_POSES, self._batch, POSES, raw=True)
+        self.create_timer(CLOSE_PERIOD, self._close_whole)
+        self.get_logger().info(f'ready: logs go to {self._folder}')
+
+    def destroy_node(self) -> None:
+        """Also closes the logs of runs that are not over, so that they can be read."""
+        self._tracker.destroy()
+        for run_id in list(self._logs):
+            self._close(run_id)
+        super().destroy_node()
+
+    def _batch(self, data: bytes) -> None:
+        message = deserialize_message(data, RestingPoses)
+        try:
+            progress, new = self._tracker.accept(message)
+        except RestingAspectsError as error:
+            self.get_logger().error(f'a batch of resting poses cannot be used: {error}')
+            return
+        if progress.closed:
+            return
+        log = self._log(progress)
+        if new:
+            log.write(self._poses, data, self._now(), nanoseconds(message.header.stamp))
+            self._report(log)
+        self._tracker.settle(progress)
+
+    def _log(self, progress: RunProgress) -> OpenLog:
+        """The log of a run; begun if this is the first batch of it."""
+        run = progress.run
+        if run.run_id not in self._logs:
+            log = self._logs[run.run_id] = OpenLog(self._folder, run)
+            self._report(log)
+            if run.part in self._parts:
+                self._write_part(log, *self._parts[run.part])
+        return self._logs[run.run_id]
+
+    def _part_described(self, name: str, data: bytes) -> None:
+        self._parts[name] = (deserialize_message(data, PartDescription), data)
+        for log in self._logs.values():
+            if log.run.part == name:
+                self._write_part(log, *self._parts[name])
+
+    def _write_part(self, log: OpenLog, part: PartDescription, data: bytes) -> None:
+        if log.has_part or part.part_sha256 != log.run.part_sha256:
+            return
+        topic = Topic(self._part_watch.topic(part.name), self._part_watch.type_name, _qos(LATCHED))
+        log.write_part(topic, data, part, self._now())
+        self._report(log)
+
+    def _distribution(self, name: str, data: bytes) -> None:
+        message = deserialize_message(data, AspectDistribution)
+        log = self._logs.get(message.run.run_id)
+        if log is None:
+            return
+        watch = self._distribution_watch
+        topic = Topic(watch.topic(name), watch.type_name, _qos(LATCHED))
+        log.write(topic, data, self._now(), nanoseconds(message.header.stamp))
+        log.has_distribution = log.has_distribution or message.complete
+        self._report(log)
+
+    def _run_over(self, progress: RunProgress) -> None:
+        self._logs[progress.run.run_id].run_is_over()
+
+    def _close_whole(self) -> None:
+        for run_id in [run_id for run_id, log in self._logs.items() if log.done]:
+            self._close(run_id)
+
+    def _close(self, run_id: str) -> None:
+        log = self._logs.pop(run_id)
+        folder = log.close()
+        self._report(log)
+        if folder is not None:
+            self.get_logger().info(f'run {run_id} of {log.run.part} is in {folder}')
+
+    def _report(self, log: OpenLog) -> None:
+        """Say once what went wrong."""
+        if log.error and not log.reported:
+            log.reported = True
+            self.get_logger().error(f'run {log.run.run_id} is not recorded: {log.error}')
+
+    def _now(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+
+def _qos(profile: QoSProfile) -> Qos:
+    return Qos(
+        depth=profile.depth,
+        reliability=profile.reliability.short_key,
+        durability=profile.durability.short_key,
+        history=profile.history.short_key,
+    )
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node alone in this process."""
+    return spin_nodes([DropRecorder], args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

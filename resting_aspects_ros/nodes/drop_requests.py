@@ -1,0 +1,110 @@
+"""How the classifier gets a part dropped: one goal for all who ask for the same drops at once."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.task import Future
+from resting_aspects_interfaces.action import DropPart
+from resting_aspects_interfaces.msg import Status
+
+from resting_aspects_ros.core.errors import EngineError, RestingAspectsError
+from resting_aspects_ros.drops.conditions import DropConditions
+from resting_aspects_ros.nodes.convert import conditions_msg
+from resting_aspects_ros.nodes.interface import DROP_PART
+from resting_aspects_ros.nodes.requests import NotAvailableError, status_error
+from resting_aspects_ros.nodes.waiting import wait_for
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.nodes.run_accounts import RunAccount
+
+# A simulator that has just been started needs about this long to be found, s.
+SERVER_TIMEOUT = 10.0
+SERVER_PERIOD = 0.1
+# All batches were sent before the goal's result; they have so long to arrive or be asked for again, s.
+BATCHES_TIMEOUT = 120.0
+
+
+@dataclass(frozen=True)
+class DropSpec:
+    """Drops that are wanted."""
+
+    part: str
+    conditions: DropConditions
+    drops: int
+    seed: int
+
+
+class DropRequests:
+    """Sends drop_part goals and waits until their poses have been counted.
+
+    Parameters
+    ----------
+    over : gives for a run id the future of its account, done when the run is over
+    """
+
+    def __init__(self, node: Node, over: Callable[[str], Future]) -> None:
+        self._node = node
+        self._over = over
+        self._client = ActionClient(node, DropPart, DROP_PART)
+        self._under_way: dict[DropSpec, Future] = {}
+
+    def destroy(self) -> None:
+        self._client.destroy()
+
+    async def drop(self, spec: DropSpec) -> 'RunAccount':
+        """The account of a run of these drops; raises what the simulator answers."""
+        if spec in self._under_way:
+            answer = await self._under_way[spec]
+        else:
+            joined = self._under_way[spec] = Future(executor=self._node.executor)
+            try:
+                answer = await self._run(spec)
+            except RestingAspectsError as error:
+                answer = error
+            except Exception as error:
+                joined.set_result(EngineError(f'unexpected: {error!r}'))
+                raise
+            finally:
+                del self._under_way[spec]
+            joined.set_result(answer)
+        if isinstance(answer, RestingAspectsError):
+            raise answer
+        return answer
+
+    async def _run(self, spec: DropSpec) -> 'RunAccount':
+        await self._server()
+        goal = DropPart.Goal(
+            part=spec.part,
+            surface=spec.conditions.surface,
+            conditions=[conditions_msg(spec.conditions)],
+            drops=spec.drops,
+            seed=spec.seed,
+        )
+        handle = await self._client.send_goal_async(goal)
+        if not handle.accepted:
+            raise NotAvailableError('the simulator did not take the goal')
+        result = (await handle.get_result_async()).result
+        if result.status.code != Status.OK:
+            raise status_error(result.status)
+        over = self._over(result.run_id)
+        if not await wait_for(self._node, over, BATCHES_TIMEOUT):
+            raise EngineError(f'the poses of run {result.run_id} did not arrive')
+        account: RunAccount = over.result()
+        if account.lost:
+            raise EngineError(f'drops of run {result.run_id} were lost and could not be had again')
+        return account
+
+    async def _server(self) -> None:
+        """Wait until there is a simulator."""
+        never = Future(executor=self._node.executor)
+        for _ in range(round(SERVER_TIMEOUT / SERVER_PERIOD)):
+            if self._client.server_is_ready():
+                return
+            await wait_for(self._node, never, SERVER_PERIOD)
+        raise NotAvailableError(
+            f'no drop_simulator answers on {self._node.resolve_service_name(DROP_PART)}, '
+            f'waited {SERVER_TIMEOUT:g} s'
+        )

@@ -1,0 +1,97 @@
+"""What the classifier knows: parts and their aspects, and the distribution of every run."""
+
+from dataclasses import dataclass, field
+
+from resting_aspects_ros.core.aspects import AspectSet, find_aspects
+from resting_aspects_ros.core.distribution import Distribution, count_poses, no_drops
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.drops.conditions import DropConditions
+from resting_aspects_ros.drops.run import RunDescription
+
+# Finished distributions that are kept, newest first.
+MOST_KNOWN = 10_000
+
+
+@dataclass
+class RunAccount:
+    """The distribution of one run so far; poses wait until the part's aspects are known.
+
+    over, lost : the run has ended, and drops of it could not be had
+    """
+
+    run: RunDescription
+    distribution: Distribution | None = None
+    waiting: list[RestingPoses] = field(default_factory=list)
+    over: bool = False
+    lost: bool = False
+
+    def count(self, aspects: AspectSet) -> None:
+        """Count what waits."""
+        total = self.distribution or no_drops(aspects)
+        for batch in self.waiting:
+            total += count_poses(aspects, batch)
+        self.distribution, self.waiting = total, []
+
+
+class KnownParts:
+    """The parts as they are described now, and the aspects of every version that was seen."""
+
+    def __init__(self) -> None:
+        self._parts: dict[str, Part] = {}
+        self._by_sha: dict[str, Part] = {}
+        self._aspects: dict[str, AspectSet] = {}
+
+    def describe(self, part: Part) -> None:
+        self._parts[part.name] = part
+        self._by_sha[part.part_sha256] = part
+
+    def remove(self, name: str) -> None:
+        """The part is offered no more; its aspects stay known."""
+        self._parts.pop(name, None)
+
+    def names(self) -> list[str]:
+        return sorted(self._parts)
+
+    def get(self, name: str) -> Part | None:
+        return self._parts.get(name)
+
+    def aspects(self, part_sha256: str) -> AspectSet | None:
+        """Those of a version of a part, or None if no description of it was seen."""
+        if part_sha256 not in self._aspects and part_sha256 in self._by_sha:
+            self._aspects[part_sha256] = find_aspects(self._by_sha[part_sha256])
+        return self._aspects.get(part_sha256)
+
+
+class KnownDistributions:
+    """Finished distributions, by part, conditions and seed; of equals the one with most drops."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[object, ...], tuple[RunDescription, Distribution]] = {}
+
+    def add(self, run: RunDescription, distribution: Distribution) -> None:
+        key = (run.part_sha256, run.conditions.values(), run.seed)
+        before = self._known.pop(key, None)
+        if before is not None and before[1].drops > distribution.drops:
+            run, distribution = before
+        self._known[key] = (run, distribution)
+        while len(self._known) > MOST_KNOWN:
+            self._known.pop(next(iter(self._known)))
+
+    def find(
+        self, part_sha256: str, conditions: DropConditions, drops: int, seed: int | None
+    ) -> tuple[RunDescription, Distribution] | None:
+        """The one with most drops, if it has at least those asked for."""
+        fitting = [
+            (run, distribution)
+            for (sha, values, of_seed), (run, distribution) in self._known.items()
+            if sha == part_sha256
+            and values == conditions.values()
+            and seed in (None, of_seed)
+            and distribution.drops >= drops
+        ]
+        return max(fitting, key=lambda found: found[1].drops, default=None)
+
+    def has(self, part_sha256: str) -> bool:
+        """Whether any is known of a part."""
+        return any(sha == part_sha256 for sha, _, _ in self._known)

@@ -1,0 +1,21 @@
+"""Waiting inside async callbacks, without holding up the node."""
+
+from rclpy.node import Node
+from rclpy.task import Future
+
+
+async def wait_for(node: Node, future: Future, seconds: float) -> bool:
+    """Wait until the future is done, but not longer; returns whether it is done."""
+    either = Future(executor=node.executor)
+    future.add_done_callback(lambda _: _finish(either))
+    timer = node.create_timer(seconds, lambda: _finish(either))
+    try:
+        await either
+    finally:
+        node.destroy_timer(timer)
+    return bool(future.done())
+
+
+def _finish(future: Future) -> None:
+    if not future.done():
+        future.set_result(None)
