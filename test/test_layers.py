@@ -8,8 +8,8 @@ import pytest
 
 NAME = 'resting_aspects_ros'
 PACKAGE = Path(__file__).resolve().parents[1] / NAME
-# Which other layers a layer may import. All that is not named here is above: the nodes, the command
-# line and what they share.
+# Which other layers a layer may import. All that is not named here is above: the nodes, the
+# command line and what they share.
 LAYERS = {
     'core': set(),
     'drops': {'core'},
