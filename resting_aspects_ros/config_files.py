@@ -6,7 +6,7 @@ PACKAGE = 'resting_aspects_ros'
 
 
 def config_folder() -> Path:
-    """The source tree's folder if this is one, else share/resting_aspects_ros/config above here."""
+    """The source tree's folder, if this is one; else the installed one above this file."""
     here = Path(__file__).resolve()
     source = here.parents[1] / 'config'
     if source.is_dir() and (here.parents[1] / 'package.xml').is_file():

@@ -39,7 +39,7 @@ class DropProgress:
             )
             self._task = self._bar.add_task(what, total=total, rate='')
 
-    def __enter__(self) -> 'DropProgress':
+    def __enter__(self) -> 'DropProgress':  # noqa: PYI034 - Self is newer than Python 3.10
         if self._bar is not None:
             self._bar.start()
         self._begun = time.monotonic()

@@ -5,7 +5,7 @@ import signal
 import sys
 import threading
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from multiprocessing import active_children, get_context, parent_process
 
@@ -23,7 +23,7 @@ def default_workers() -> int:
 
 def submit_drops(
     job: DropJob, first_drop: int, drops: int, executor: Executor, lookahead: int
-) -> Iterator['Future[RestingPoses]']:
+) -> Generator['Future[RestingPoses]', None, None]:
     """Futures of consecutive chunks of drops, in order, ``lookahead`` of them under way.
 
     Memory does not grow with the number of drops: a chunk is submitted only when an earlier one

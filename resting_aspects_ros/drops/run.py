@@ -2,11 +2,8 @@
 
 from dataclasses import dataclass
 
-from resting_aspects_ros import __version__
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.conditions import DropConditions
-from resting_aspects_ros.drops.engine import ENGINE, ENGINE_VERSION, DropJob, make_job
 
 MOST_DROPS = 2_000_000
 MOST_SEED = 2**64 - 1
@@ -52,46 +49,21 @@ class RunDescription:
         )
 
 
-def plan_run(
-    part: Part,
-    conditions: DropConditions,
-    *,
-    seed: int,
-    drops: int,
-    run_id: str,
-    started: int,
-    first_drop: int = 0,
-) -> tuple[DropJob, RunDescription]:
-    """The job and the description of a run, checked; raises InvalidValueError."""
-    check_drops(drops)
-    check_seed(seed)
-    if not 0 <= first_drop <= MOST_SEED - drops:
-        raise InvalidValueError(f'first_drop is {first_drop}, allowed is 0 to {MOST_SEED - drops}')
-    job = make_job(part, conditions, seed)
-    return job, RunDescription(
-        run_id=run_id,
-        part=part.name,
-        part_sha256=part.part_sha256,
-        conditions=conditions,
-        seed=seed,
-        first_drop=first_drop,
-        drops=drops,
-        precision=0.0,
-        engine=ENGINE,
-        engine_version=ENGINE_VERSION,
-        suite_version=__version__,
-        time_step=job.time_step,
-        started=started,
-    )
-
-
 def check_drops(drops: int) -> None:
     """Raises InvalidValueError if a run cannot have so many drops."""
-    if not 1 <= drops <= MOST_DROPS:
-        raise InvalidValueError(f'drops is {drops}, allowed is 1 to {MOST_DROPS}')
+    _check_whole('drops', drops, 1, MOST_DROPS)
 
 
 def check_seed(seed: int) -> None:
     """Raises InvalidValueError if the number is no seed."""
-    if not 0 <= seed <= MOST_SEED:
-        raise InvalidValueError(f'seed is {seed}, allowed is 0 to {MOST_SEED}')
+    _check_whole('seed', seed, 0, MOST_SEED)
+
+
+def check_first_drop(first_drop: int, drops: int) -> None:
+    """Raises InvalidValueError if so many drops cannot begin there."""
+    _check_whole('first_drop', first_drop, 0, MOST_SEED - drops)
+
+
+def _check_whole(name: str, value: object, low: int, high: int) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+        raise InvalidValueError(f'{name} is {value!r}, allowed is {low} to {high}')

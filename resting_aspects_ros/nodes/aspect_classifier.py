@@ -88,6 +88,7 @@ class AspectClassifier(Node):
         self.get_logger().info('ready')
 
     def destroy_node(self) -> None:
+        """Also ends its action clients."""
         self._tracker.destroy()
         self._requests.destroy()
         super().destroy_node()
@@ -142,7 +143,7 @@ class AspectClassifier(Node):
         if account.over:
             del self._accounts[run.run_id]
             if not account.lost:
-                self._known.add(run, account.distribution)
+                self._known.add(run, account.counted)
             self._publish_changed()
             self._over_future(run.run_id).set_result(account)
 
@@ -152,9 +153,7 @@ class AspectClassifier(Node):
             if part not in self._outputs:
                 topic = f'{ASPECT_DISTRIBUTIONS}/{part}'
                 self._outputs[part] = self.create_publisher(AspectDistribution, topic, LATCHED)
-            self._outputs[part].publish(
-                self._message(account.run, account.distribution, account.over)
-            )
+            self._outputs[part].publish(self._message(account.run, account.counted, account.over))
 
     def _message(
         self, run: RunDescription, distribution: Distribution, complete: bool
@@ -177,7 +176,7 @@ class AspectClassifier(Node):
             response.status = status(Status.OK)
         except RestingAspectsError as error:
             response.status = error_status(error)
-        except Exception as error:  # the edge: a defect must not stop the node
+        except Exception as error:  # noqa: BLE001 - the edge: a defect must not stop the node
             self.get_logger().error(f'get_distribution failed: {error!r}')
             response.status = status(Status.FAILED, f'unexpected: {error!r}')
         return response
@@ -201,7 +200,7 @@ class AspectClassifier(Node):
             request.part, conditions, request.drops, DEFAULT_SEED if seed is None else seed
         )
         account = await self._requests.drop(spec)
-        return account.run, account.distribution
+        return account.run, account.counted
 
     def _nothing_known(self, request: GetDistribution.Request) -> str:
         if self._parts.get(request.part) is None:
@@ -216,8 +215,7 @@ class AspectClassifier(Node):
         self, _: ListParts.Request, response: ListParts.Response
     ) -> ListParts.Response:
         response.status = status(Status.OK)
-        for name in self._parts.names():
-            sha = self._parts.get(name).part_sha256
+        for name, sha in self._parts.offered():
             summary = PartSummary(name=name, part_sha256=sha, known=self._known.has(sha))
             response.parts.append(summary)
         return response

@@ -87,7 +87,7 @@ class SuiteClient(Node):
         refuses, as a RestingAspectsError.
         """
         service = self._requests.srv_name
-        if not self.wait(lambda: check() or self._requests.service_is_ready(), SERVICE_TIMEOUT):
+        if not self.wait(self._requests.service_is_ready, SERVICE_TIMEOUT, check):
             raise NotAvailableError(
                 f'no aspect_classifier answers on {service}, waited {SERVICE_TIMEOUT:g} s: '
                 'start the suite with "resting_aspects nodes"'
@@ -101,7 +101,7 @@ class SuiteClient(Node):
         subscription = self.create_subscription(AspectDistribution, topic, follow, LATCHED)
         answer = self._requests.call_async(request)
         try:
-            self.wait(lambda: check() or answer.done(), None)
+            self.wait(answer.done, None, check)
         finally:
             self.destroy_subscription(subscription)
         response = answer.result()
@@ -121,9 +121,15 @@ class SuiteClient(Node):
         self.destroy_subscription(subscription)
         return part_from(described.result())
 
-    def wait(self, done: Callable[[], bool], seconds: float | None) -> bool:
+    def wait(
+        self,
+        done: Callable[[], bool],
+        seconds: float | None,
+        check: Callable[[], None] = lambda: None,
+    ) -> bool:
         """Spin until done, at most so long; returns whether it is done."""
         end = math.inf if seconds is None else time.monotonic() + seconds
         while not done() and time.monotonic() < end:
+            check()
             self._spinner.spin_once(timeout_sec=SPIN_PERIOD)
         return done()

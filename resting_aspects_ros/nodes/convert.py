@@ -44,6 +44,7 @@ def nanoseconds(stamp: Time) -> int:
 
 
 def conditions_msg(conditions: drop_conditions.DropConditions) -> DropConditions:
+    """Conditions as a message."""
     values = {name: getattr(conditions, name) for name in drop_conditions.QUANTITIES}
     return DropConditions(
         surface=conditions.surface, height_of=int(conditions.height_of), **values
@@ -57,6 +58,7 @@ def conditions_from(msg: DropConditions) -> drop_conditions.DropConditions:
 
 
 def run_msg(run: Run) -> RunDescription:
+    """A run's description as a message."""
     return RunDescription(
         run_id=run.run_id,
         part=run.part,
@@ -94,6 +96,7 @@ def run_from(msg: RunDescription) -> Run:
 
 
 def poses_msg(poses: RestingPoses, run: Run, stamp: Time, last: bool) -> RestingPosesMsg:
+    """A batch of poses as a message."""
     rows = zip(
         poses.position.tolist(),
         poses.orientation.tolist(),
@@ -125,6 +128,7 @@ def _pose_msg(
 
 
 def poses_from(msg: RestingPosesMsg) -> RestingPoses:
+    """The poses of a batch."""
     position = [(p.pose.position.x, p.pose.position.y, p.pose.position.z) for p in msg.poses]
     orientation = [(o.x, o.y, o.z, o.w) for o in (entry.pose.orientation for entry in msg.poses)]
     return RestingPoses(
@@ -138,6 +142,7 @@ def poses_from(msg: RestingPosesMsg) -> RestingPoses:
 
 
 def part_msg(part: Part) -> PartDescription:
+    """All that makes the part, as a message."""
     x, y, z = part.centre_of_mass.tolist()
     return PartDescription(
         name=part.name,
@@ -213,6 +218,7 @@ def _aspect_fields(aspect: core_aspects.Aspect) -> dict[str, object]:
 
 
 def distribution_from(msg: AspectDistribution) -> Distribution:
+    """The counts and aspects of a message; its probabilities follow from them."""
     aspects = tuple(
         core_aspects.Aspect(
             id=a.id,

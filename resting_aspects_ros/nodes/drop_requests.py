@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 # A simulator that has just been started needs about this long to be found, s.
 SERVER_TIMEOUT = 10.0
 SERVER_PERIOD = 0.1
-# All batches were sent before the goal's result; they have so long to arrive or be asked for again, s.
+# All batches were sent before the goal's result; so long they have to arrive, or to be asked
+# for again, s.
 BATCHES_TIMEOUT = 120.0
 
 
@@ -52,6 +53,7 @@ class DropRequests:
         self._under_way: dict[DropSpec, Future] = {}
 
     def destroy(self) -> None:
+        """End the action client."""
         self._client.destroy()
 
     async def drop(self, spec: DropSpec) -> 'RunAccount':

@@ -1,4 +1,4 @@
-"""The node that drops parts: it offers them, drops them when asked, and publishes where they rest."""
+"""The node that drops parts: it offers them, drops them, and publishes where they rest."""
 
 import sys
 import time
@@ -29,7 +29,8 @@ from resting_aspects_ros.drops.campaign import (
 )
 from resting_aspects_ros.drops.engine import DropJob
 from resting_aspects_ros.drops.part_library import PartLibrary
-from resting_aspects_ros.drops.run import RunDescription, plan_run
+from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.batches import Batches
 from resting_aspects_ros.nodes.convert import poses_msg, status
@@ -102,7 +103,7 @@ class DropSimulator(Node):
         except RestingAspectsError as error:
             result.status = error_status(error)
             handle.abort()
-        except Exception as error:  # the edge: a defect must not look like an answer
+        except Exception as error:  # noqa: BLE001 - the edge: a defect must not look like an answer
             self.get_logger().error(f'drop_part failed: {error!r}')
             result.status = status(Status.FAILED, f'unexpected: {error!r}')
             handle.abort()
@@ -153,8 +154,8 @@ class DropSimulator(Node):
         run = self._runs.setdefault(asked.run_id, asked)
         if run.sequence() != asked.sequence():
             raise InvalidValueError(
-                f'run {run.run_id} is of {run.part} under other conditions, another seed or another '
-                'version of the part: its drops can be published again, others cannot be added'
+                f'run {run.run_id} is of {run.part} under other conditions, of another seed or of '
+                'another version of the part: only its own drops can be published again'
             )
         while len(self._runs) > RUNS_KEPT:
             self._runs.popitem(last=False)

@@ -1,4 +1,4 @@
-"""What services and actions share: the conditions that were asked for, and how errors are answered."""
+"""What services and actions share: what may be asked for, and how errors are answered."""
 
 from collections.abc import Sequence
 
@@ -60,7 +60,7 @@ def asked_conditions(
 
 
 def check_precision(precision: float) -> None:
-    """This version stops at a number of drops only."""
+    """Raises NotAvailableError: this version stops at a number of drops only."""
     if precision != 0:
         raise NotAvailableError(
             f'precision is {precision!r}, this version allows only 0: ask for a number of drops'
@@ -68,6 +68,6 @@ def check_precision(precision: float) -> None:
 
 
 def check_method(method: str) -> None:
-    """This version knows drops only."""
+    """Raises NotAvailableError for estimators: this version knows drops only."""
     if method not in ('', METHOD):
         raise NotAvailableError(f'method {method!r} is not known, allowed is {METHOD}')

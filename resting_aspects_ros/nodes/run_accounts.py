@@ -26,6 +26,12 @@ class RunAccount:
     over: bool = False
     lost: bool = False
 
+    @property
+    def counted(self) -> Distribution:
+        """The distribution; only after something was counted."""
+        assert self.distribution is not None
+        return self.distribution
+
     def count(self, aspects: AspectSet) -> None:
         """Count what waits."""
         total = self.distribution or no_drops(aspects)
@@ -43,6 +49,7 @@ class KnownParts:
         self._aspects: dict[str, AspectSet] = {}
 
     def describe(self, part: Part) -> None:
+        """Take a part as it is offered now."""
         self._parts[part.name] = part
         self._by_sha[part.part_sha256] = part
 
@@ -51,10 +58,16 @@ class KnownParts:
         self._parts.pop(name, None)
 
     def names(self) -> list[str]:
+        """Of the parts that are offered, sorted."""
         return sorted(self._parts)
 
     def get(self, name: str) -> Part | None:
+        """The part as it is offered now."""
         return self._parts.get(name)
+
+    def offered(self) -> list[tuple[str, str]]:
+        """Name and part_sha256 of each, sorted."""
+        return [(name, self._parts[name].part_sha256) for name in self.names()]
 
     def aspects(self, part_sha256: str) -> AspectSet | None:
         """Those of a version of a part, or None if no description of it was seen."""
@@ -70,6 +83,7 @@ class KnownDistributions:
         self._known: dict[tuple[object, ...], tuple[RunDescription, Distribution]] = {}
 
     def add(self, run: RunDescription, distribution: Distribution) -> None:
+        """Take the distribution of a run that is over."""
         key = (run.part_sha256, run.conditions.values(), run.seed)
         before = self._known.pop(key, None)
         if before is not None and before[1].drops > distribution.drops:

@@ -78,6 +78,7 @@ class RunTracker:
         node.create_timer(CHECK_PERIOD, self._check)
 
     def destroy(self) -> None:
+        """End the action client."""
         self._client.destroy()
 
     def get(self, run_id: str) -> RunProgress | None:
@@ -100,7 +101,7 @@ class RunTracker:
         return progress, new
 
     def settle(self, progress: RunProgress) -> None:
-        """To be called when a batch has been dealt with: ends the run, or asks for what is missing."""
+        """After a batch was dealt with: end the run, or ask for what is missing."""
         if progress.closed:
             return
         if progress.complete or progress.lost:
@@ -116,9 +117,12 @@ class RunTracker:
                 raise InvalidValueError(f'run {run.run_id} is not the run that it began as')
             return known
         for other in self._runs.values():
-            if other.repairing and other.run.sequence() == run.sequence():
-                if any(low < end and first < high for low, high in other.missing()):
-                    return other
+            if (
+                other.repairing
+                and other.run.sequence() == run.sequence()
+                and any(low < end and first < high for low, high in other.missing())
+            ):
+                return other
         self._runs[run.run_id] = RunProgress(run, run.end, heard=time.monotonic())
         while len(self._runs) > RUNS_KEPT:
             self._runs.popitem(last=False)

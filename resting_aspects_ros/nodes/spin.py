@@ -11,7 +11,7 @@ from rclpy.node import Node
 from resting_aspects_ros.core.errors import RestingAspectsError
 
 
-def spin_nodes(factories: Sequence[Callable[[], Node]], args: Sequence[str] | None = None) -> int:
+def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
     """Make the nodes and spin them in one thread; returns the process's exit code.
 
     Ctrl-C and SIGTERM end it in order, with exit code 0: that is how a node is stopped. A node

@@ -1,6 +1,7 @@
 """Subscribe to every topic <prefix>/<part> that there is, and to those that come later."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from rclpy.node import Node
@@ -29,7 +30,7 @@ class TopicWatch:
         message_type: Any,
         received: Callable[[str, Any], None],
         *,
-        gone: Callable[[str], None] = lambda part: None,
+        gone: Callable[[str], None] = lambda _: None,
         raw: bool = False,
     ) -> None:
         self._node = node
@@ -66,7 +67,7 @@ class TopicWatch:
             self._subscriptions[part] = self._node.create_subscription(
                 self._type,
                 self.topic(part),
-                lambda message, part=part: self._received(part, message),
+                partial(self._received, part),
                 LATCHED,
                 raw=self._raw,
             )
