@@ -1,0 +1,112 @@
+"""The document is JSON, complete, and not rounded."""
+
+import json
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+import pytest
+
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.distribution import Distribution, no_drops
+from resting_aspects_ros.report.document import distribution_document, to_json
+
+
+class Side(IntEnum):
+    LEFT = 0
+
+
+@dataclass(frozen=True)
+class Conditions:
+    height: float
+    side: Side
+
+
+RUN = {'part': 'l_bracket', 'method': 'drops', 'seed': 2**64 - 1,
+       'conditions': {'height': 0.1 + 0.2}, 'engine': 'bullet', 'time_step': 1 / 3}
+
+
+@pytest.fixture(scope='module')
+def distribution(part):
+    aspects = find_aspects(part('l_bracket'))
+    return Distribution(aspects, np.array([278, 271, 249, 131, 0]), 1, 2, 3)
+
+
+def message_fields(pytestconfig, name):
+    text = (pytestconfig.rootpath / 'resting_aspects_interfaces' / 'msg' / name).read_text()
+    declared = [line.split('#')[0].split() for line in text.splitlines()]
+    return {words[1] for words in declared if words}
+
+
+def test_it_survives_json_bit_for_bit(distribution):
+    document = distribution_document(distribution, RUN)
+    text = to_json(document)
+    assert json.loads(text) == document
+    assert text.endswith('}\n')
+    assert text.startswith('{\n  "schema_version": 1,\n  "part": "l_bracket"')
+
+
+def test_the_run_is_in_it_as_given(distribution):
+    document = distribution_document(distribution, RUN)
+    assert {name: document[name] for name in RUN} == RUN
+
+
+def test_an_aspect_has_exactly_the_messages_fields(distribution, pytestconfig):
+    expected = message_fields(pytestconfig, 'Aspect.msg')
+    assert len(expected) == 14
+    for aspect in distribution_document(distribution, RUN)['aspects']:
+        assert set(aspect) == expected
+
+
+def test_it_has_the_messages_other_fields(distribution, pytestconfig):
+    # What is in header and run of the message, the command line gives; it writes complete runs.
+    expected = message_fields(pytestconfig, 'AspectDistribution.msg') - {
+        'header', 'run', 'complete'}
+    assert expected <= set(distribution_document(distribution, RUN))
+
+
+def test_numbers_are_the_distributions_own(distribution):
+    document = json.loads(to_json(distribution_document(distribution, RUN)))
+    assert document['drops'] == 935
+    assert (document['unclassified'], document['unsettled'], document['failed']) == (1, 2, 3)
+    assert (document['confidence'], document['interval']) == (0.95, 'wilson')
+    aspects = document['aspects']
+    assert [a['count'] for a in aspects] == [278, 271, 249, 131, 0]
+    assert sum(a['count'] for a in aspects) + 1 + 2 + 3 == document['drops']
+    for told, aspect, interval in zip(aspects, distribution.aspects.aspects,
+                                      distribution.intervals(), strict=True):
+        assert told['id'] == aspect.id
+        assert told['down_in_part'] == aspect.down_in_part.tolist()
+        assert told['orientation'] == aspect.orientation.tolist()
+        assert told['support'] == aspect.support.tolist()
+        assert told['com_height'] == aspect.com_height
+        assert told['probability'] == told['count'] / document['drops'] == interval.probability
+        assert (told['lower'], told['upper']) == (interval.lower, interval.upper)
+
+
+def test_no_number_is_minus_zero(distribution):
+    assert '-0.0,' not in to_json(distribution_document(distribution, RUN)).replace('\n', ',')
+
+
+def test_what_the_run_gives_becomes_plain(distribution):
+    document = distribution_document(distribution, {
+        'conditions': Conditions(0.06, Side.LEFT), 'volume': float('nan'), 'mass': np.float64(2),
+        'inertia': np.array([[1.0, np.inf]]), 'seed': np.uint64(2**64 - 1), 'names': ('a', 'b'),
+        'drops': 10**6,
+    })
+    told = json.loads(to_json(document))
+    assert told['conditions'] == {'height': 0.06, 'side': 'LEFT'}
+    assert (told['volume'], told['mass'], told['inertia']) == (None, 2.0, [[1.0, None]])
+    assert (told['seed'], told['names']) == (2**64 - 1, ['a', 'b'])
+    assert told['drops'] == distribution.drops  # those counted, not those asked for
+
+
+def test_before_the_first_drop_it_is_json_too(distribution):
+    document = json.loads(to_json(distribution_document(no_drops(distribution.aspects), {})))
+    assert [(a['probability'], a['lower'], a['upper']) for a in document['aspects']] == [
+        (0.0, 0.0, 1.0)] * 5
+
+
+def test_a_number_that_is_not_finite_is_not_written():
+    with pytest.raises(ValueError, match='not JSON compliant'):
+        to_json({'height': float('inf')})

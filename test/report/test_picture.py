@@ -1,0 +1,223 @@
+"""The picture shows the distribution, and the part as it lies."""
+
+import itertools
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from resting_aspects_ros.core.aspects import AspectSet, find_aspects
+from resting_aspects_ros.core.distribution import Distribution, no_drops
+from resting_aspects_ros.core.rotations import down_in_part
+from resting_aspects_ros.report import portrait
+from resting_aspects_ros.report.picture import (
+    COLOURS,
+    GREY,
+    MARGIN,
+    MOST_SHOWN,
+    ROW,
+    _rows,
+    aspect_colour,
+    save_picture,
+)
+from resting_aspects_ros.report.portrait import VIEW, portraits
+
+PIXELS = 160
+BLUE = (0.0, 0.45, 0.7)
+
+
+def rgb(colour):
+    return [int(colour[i:i + 2], 16) for i in (1, 3, 5)]
+
+
+def read(path):
+    with Image.open(path) as image:
+        assert image.format == 'PNG'
+        return np.asarray(image.convert('RGB')).astype(int)
+
+
+def bar_length(image, colour):
+    """Pixels of the longest row of exactly this colour; the whisker runs in the middle only."""
+    return int((image == rgb(colour)).all(axis=2).sum(axis=1).max())
+
+
+@pytest.fixture(scope='module')
+def bracket(part):
+    return part('l_bracket')
+
+
+@pytest.fixture(scope='module')
+def distribution(bracket):
+    return Distribution(find_aspects(bracket), np.array([400, 200, 150, 100, 0]), 120, 30, 0)
+
+
+def test_bars_are_as_long_as_probabilities(distribution, bracket, tmp_path):
+    path = tmp_path / 'bars.png'
+    assert save_picture(distribution, bracket, path, 'title', 'subtitle') == path
+    image = read(path)[:, MARGIN + ROW:]  # beside the part's pictures
+    longest = bar_length(image, aspect_colour(1))
+    assert longest > 300
+    for number, count in enumerate(distribution.counts, start=1):
+        assert bar_length(image, aspect_colour(number)) == pytest.approx(
+            longest * count / 400, abs=2)
+    assert bar_length(image, GREY) == pytest.approx(longest * 120 / 400, abs=2)
+
+
+def test_without_the_part_bars_are_the_same(distribution, tmp_path):
+    image = read(save_picture(distribution, None, tmp_path / 'bars.png', 'title'))
+    longest = bar_length(image, aspect_colour(1))
+    assert bar_length(image, aspect_colour(2)) == pytest.approx(longest / 2, abs=2)
+
+
+def test_words_are_written_as_they_are(distribution, tmp_path):
+    plain = read(save_picture(distribution, None, tmp_path / 'a.png', 'a part'))
+    other = read(save_picture(distribution, None, tmp_path / 'b.png', 'a_{part $x$ \\frac'))
+    assert (plain[:60] != other[:60]).any()
+    assert np.array_equal(plain[110:], other[110:])
+
+
+@pytest.mark.filterwarnings('error')
+def test_no_drops_and_no_aspects_give_a_picture(distribution, bracket, tmp_path):
+    for aspects in (distribution.aspects, AspectSet(bracket.part_sha256, ())):
+        image = read(save_picture(no_drops(aspects), bracket, tmp_path / 'none.png', 'none'))
+        assert image.shape[1] == 1240
+        assert (image < 128).any()
+
+
+def test_of_many_aspects_the_most_probable_are_shown_and_the_others_counted(part):
+    aspects = find_aspects(part('cylinder_d20_h20'))
+    counts = np.arange(len(aspects))[::-1] % 50
+    rows = _rows(Distribution(aspects, counts, 0, 7, 0))
+    shown = [row.aspect.id for row in rows if row.aspect]
+    assert shown == sorted(shown)
+    assert len(shown) == MOST_SHOWN
+    others = np.delete(counts, np.array(shown) - 1)
+    assert counts[np.array(shown) - 1].min() >= others.max()
+    assert [row.label for row in rows[MOST_SHOWN:]] == [
+        f'{len(aspects) - MOST_SHOWN} more aspects', 'unsettled']
+    assert rows[MOST_SHOWN].interval.probability == pytest.approx(
+        others.sum() / (counts.sum() + 7), rel=1e-12)
+
+
+def test_colours_differ_also_to_the_colour_blind():
+    assert [aspect_colour(number) for number in (1, 2, 11)] == [COLOURS[0], COLOURS[1], COLOURS[0]]
+    # Machado, Oliveira and Fernandes 2009, severity 1.
+    sights = {
+        'all': np.eye(3),
+        'no red': [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
+                   [-0.003882, -0.048116, 1.051998]],
+        'no green': [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
+                     [-0.011820, 0.042940, 0.968881]],
+    }
+    colours = np.array([rgb(colour) for colour in (*COLOURS, GREY)]) / 255
+    linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+    for sight in sights.values():
+        lab = cielab(np.clip(linear @ np.transpose(sight), 0, 1))
+        assert min(np.linalg.norm(a - b) for a, b in itertools.combinations(lab, 2)) > 10
+
+
+def cielab(linear):
+    xyz = linear @ np.array([[0.4124, 0.2126, 0.0193], [0.3576, 0.7152, 0.1192],
+                             [0.1805, 0.0722, 0.9505]]) / [0.9505, 1.0, 1.089]
+    f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
+    x, y, z = f.T
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=1)
+
+
+def silhouette(image):
+    return image[..., 3] > 0.95
+
+
+@pytest.mark.parametrize('name', ['l_bracket', 'u_bracket', 'tetrahedron', 'box_10x20x30'])
+def test_a_part_in_a_picture_is_as_large_as_its_projection(part, name):
+    shape = part(name)
+    aspects = find_aspects(shape).aspects
+    images = portraits(shape, aspects, [BLUE] * len(aspects), PIXELS)
+    solids = [portrait._placed(portrait._solid(shape), aspect) for aspect in aspects]
+    spans = [np.ptp(solid.points @ VIEW[:2].T, axis=0) for solid in solids]
+    for a, b in itertools.combinations(range(len(aspects)), 2):
+        # One scale for all: extents in pixels are in the ratio of extents in metres.
+        assert extent(images[a]) * spans[b] / spans[a] == pytest.approx(extent(images[b]), abs=3)
+    hull = shape.hull_vertices
+    for image, aspect in zip(images, aspects, strict=True):
+        # Whatever the turn about the vertical, the picture's height is between these; the hull's
+        # extents, not the renderer's.
+        rise = np.ptp(hull @ aspect.down_in_part) * np.linalg.norm(VIEW[1, 2])
+        wide = 2 * np.linalg.norm(hull - hull.mean(axis=0), axis=1).max()
+        per_metre = extent(images[0])[0] / spans[0][0]
+        assert rise * per_metre - 3 < extent(image)[1] < (rise + wide) * per_metre + 3
+
+
+def extent(image):
+    """Width and height of the part, pixels."""
+    rows, columns = np.nonzero(silhouette(image))
+    return np.array([np.ptp(columns), np.ptp(rows)]) + 1.0
+
+
+def test_the_part_lies_on_the_surface_in_its_aspect(part):
+    for name in ('l_bracket', 'tetrahedron', 'hex_nut'):
+        shape = part(name)
+        for aspect in find_aspects(shape).aspects:
+            solid = portrait._placed(portrait._solid(shape), aspect)
+            corners = solid.points[solid.faces]
+            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+            np.testing.assert_allclose(normals, solid.normals, atol=1e-6)
+            # A rotation that takes the part there has the aspect's direction pointing down.
+            turn, *_ = np.linalg.lstsq(shape.vertices - shape.vertices[0],
+                                       solid.points - solid.points[0], rcond=None)
+            np.testing.assert_allclose(turn.T @ aspect.down_in_part, [0, 0, -1], atol=1e-6)
+            assert np.linalg.det(turn) == pytest.approx(1.0)
+            assert solid.points[:, 2].min() == 0.0
+            np.testing.assert_allclose(down_in_part(aspect.orientation), aspect.down_in_part,
+                                       atol=1e-9)
+
+
+def test_aspects_of_an_l_bracket_look_different(bracket):
+    aspects = find_aspects(bracket).aspects
+    images = portraits(bracket, aspects, [BLUE] * len(aspects), PIXELS)
+    assert len(images) == 5
+    for a, b in itertools.combinations([silhouette(image) for image in images], 2):
+        assert (a & b).sum() / (a | b).sum() < 0.8
+
+
+def test_a_portrait_has_the_aspects_colour_three_shades_of_it_and_dark_edges(bracket):
+    image = portraits(bracket, find_aspects(bracket).aspects[:1], [BLUE], PIXELS)[0]
+    inside = image[silhouette(image)][:, :3]
+    of_colour = np.abs(inside / inside[:, 2:] - np.array(BLUE) / BLUE[2]).max(axis=1) < 0.01
+    assert of_colour.mean() > 0.6
+    shades, counts = np.unique(inside[of_colour, 2].round(3), return_counts=True)
+    assert (counts > 100).sum() >= 3
+    assert shades.max() < BLUE[2] + 0.001
+    assert (inside.max(axis=1) < 0.16).any()
+
+
+def test_a_shadow_is_drawn_and_the_rest_is_transparent(bracket):
+    image = portraits(bracket, find_aspects(bracket).aspects[4:], [BLUE], PIXELS)[0]
+    alpha = image[..., 3]
+    assert alpha[[0, -1]].max() == 0.0
+    assert ((alpha > 0.2) & (alpha < 0.3)).sum() > 100
+    assert image.min() >= 0.0
+    assert image.max() <= 1.0
+    assert image.shape == (PIXELS, PIXELS, 4)
+
+
+def test_matplotlib_is_imported_only_for_a_picture_and_pyplot_never(tmp_path):
+    code = f"""
+import sys
+from pathlib import Path
+import numpy as np
+from resting_aspects_ros.core.aspects import AspectSet
+from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.report.picture import save_picture
+assert 'matplotlib' not in sys.modules
+save_picture(Distribution(AspectSet('', ()), np.array([], int), 3, 0, 0), None,
+             Path({str(tmp_path / 'a.png')!r}), 'title')
+assert 'matplotlib' in sys.modules
+assert 'matplotlib.pyplot' not in sys.modules
+"""
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
+                          check=False)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,126 @@
+"""The table says what the distribution is, in 80 columns."""
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from resting_aspects_ros.core.aspects import AspectSet, find_aspects
+from resting_aspects_ros.core.distribution import Distribution, Interval, no_drops
+from resting_aspects_ros.report.rounding import (
+    direction_text,
+    interval_of,
+    interval_text,
+    millimetre_texts,
+    probability_text,
+)
+from resting_aspects_ros.report.table import distribution_table
+
+ROW = re.compile(
+    r'^ *(?P<id>\d*) +(?P<down>[-+ ]\d\.\d\d [-+ ]\d\.\d\d [-+ ]\d\.\d\d|[a-z ]+?)  +'
+    r'(?P<probability>[\d.]+|-)(?: %)? +(?P<lower>[\d.]+) to (?P<upper>[\d.]+) % +(?P<count>\d+)'
+    r'(?: +(?P<height>[\d.]+))? *$'
+)
+
+
+@pytest.fixture(scope='module')
+def aspects(part):
+    return find_aspects(part('l_bracket'))
+
+
+def lines(distribution, title='a title'):
+    console = Console(width=80, force_terminal=False)
+    with console.capture() as captured:
+        console.print(distribution_table(distribution, title))
+    return captured.get().splitlines()
+
+
+def rows(distribution):
+    return [found.groupdict() for line in lines(distribution) if (found := ROW.match(line))]
+
+
+def half_digit(text):
+    return 0.5 * 10.0 ** -len(text.partition('.')[2]) + 1e-9
+
+
+def test_every_aspect_is_a_row_whose_numbers_are_the_distributions(aspects):
+    distribution = Distribution(aspects, np.array([2780, 2713, 2490, 1312, 0]), 7, 0, 1)
+    found = rows(distribution)
+    assert [row['id'] for row in found] == ['1', '2', '3', '4', '5', '', '']
+    assert [row['count'] for row in found] == ['2780', '2713', '2490', '1312', '0', '7', '1']
+    assert [row['down'] for row in found[5:]] == ['unclassified', 'failed']
+    for row, aspect, interval in zip(found, aspects.aspects, distribution.intervals(),
+                                     strict=False):
+        for name in ('probability', 'lower', 'upper'):
+            shown = row[name]
+            assert float(shown) == pytest.approx(100 * getattr(interval, name),
+                                                 abs=half_digit(shown))
+        assert float(row['height']) == pytest.approx(1000 * aspect.com_height, abs=0.005)
+        direction = [float(number) for number in row['down'].split()]
+        assert direction == pytest.approx(aspect.down_in_part.tolist(), abs=0.005 + 1e-9)
+    assert sum(int(row['count']) for row in found) == distribution.drops
+
+
+def test_the_drops_are_always_told_and_outcomes_that_did_not_happen_are_not(aspects):
+    text = '\n'.join(lines(Distribution(aspects, np.array([1, 2, 3, 4, 5]), 0, 0, 0)))
+    assert re.search(r'drops in total +15\b', text)
+    for word in ('unclassified', 'unsettled', 'failed'):
+        assert word not in text
+
+
+def test_an_aspect_that_was_never_seen_has_zero_and_its_bound(aspects):
+    never = rows(Distribution(aspects, np.array([300, 300, 300, 100, 0]), 0, 0, 0))[4]
+    assert (never['probability'], never['lower']) == ('0', '0')
+    assert float(never['upper']) == pytest.approx(100 * 3.8415 / 1003.8415, abs=0.005)  # z2/(n+z2)
+
+
+def test_without_drops_nothing_is_claimed(aspects):
+    found = [(row['probability'], row['lower'], row['upper']) for row in rows(no_drops(aspects))]
+    assert found == [('-', '0', '100')] * 5
+
+
+def test_it_fits_80_columns_with_66_aspects_and_2_million_drops_and_is_ascii(part):
+    aspects = find_aspects(part('cylinder_d20_h20'))
+    many = Distribution(aspects, np.full(len(aspects), 30000), 19000, 500, 500)
+    text = lines(many)
+    assert len(rows(many)) == len(aspects) + 3
+    assert max(len(line) for line in text) <= 80
+    assert not any('…' in line for line in text)
+    assert all(line.isascii() for line in text if ROW.match(line))
+
+
+def test_a_title_is_plain_text(aspects):
+    assert lines(no_drops(aspects), 'nut [bold] m8')[0].strip() == 'nut [bold] m8'
+
+
+@pytest.mark.parametrize(('lower', 'probability', 'upper', 'words'), [
+    (0.251, 0.278, 0.301, ('27.8 %', '25.1 to 30.1 %')),
+    (0.27751, 0.278, 0.27849, ('27.800 %', '27.751 to 27.849 %')),
+    (0.0, 0.0, 0.0038, ('0 %', '0 to 0.38 %')),
+    (0.05, 0.33, 0.8, ('33 %', '5 to 80 %')),
+])
+def test_digits_follow_the_width_of_the_interval(lower, probability, upper, words):
+    interval = Interval(probability, lower, upper)
+    assert (probability_text(interval), interval_text(interval)) == words
+
+
+def test_no_component_is_minus_zero():
+    assert direction_text(np.array([-0.0, -0.004, 1.0])) == ' 0.00  0.00 +1.00'
+    assert direction_text(np.array([0.5547, -0.83205, -0.005001])) == '+0.55 -0.83 -0.01'
+
+
+def test_lengths_have_four_digits_of_the_longest():
+    assert millimetre_texts(np.array([0.01, 0.0138675])) == ['10.00', '13.87']
+    assert millimetre_texts(np.array([0.0008, 0.00799])) == ['0.800', '7.990']
+    assert millimetre_texts(np.array([1.5, 0.25])) == ['1500', '250']
+    assert millimetre_texts(np.array([])) == []
+
+
+def test_outcomes_together_have_the_interval_of_their_count(aspects):
+    distribution = Distribution(aspects, np.array([10, 20, 30, 40, 0]), 5, 3, 2)
+    same = dataclasses.replace(distribution, counts=np.array([30, 0, 30, 40, 0]))
+    assert interval_of(distribution, 30) == same.intervals()[0]
+    nothing = no_drops(AspectSet(aspects.part_sha256, ()))
+    assert interval_of(nothing, 0) == Interval(0.0, 0.0, 1.0)
