@@ -93,8 +93,12 @@ class SuiteClient(Node):
                 'start the suite with "resting_aspects nodes"'
             )
 
+        dropping = False
+
         def follow(message: AspectDistribution) -> None:
+            nonlocal dropping
             if not message.complete:  # a complete one is latched since an earlier run
+                dropping = True
                 progress(message.drops)
 
         topic = f'{ASPECT_DISTRIBUTIONS}/{request.part}'
@@ -107,7 +111,8 @@ class SuiteClient(Node):
         response = answer.result()
         if response.status.code != Status.OK:
             raise status_error(response.status)
-        progress(response.distribution.drops)
+        if dropping:
+            progress(response.distribution.drops)
         return response.distribution
 
     def part(self, name: str) -> Part:

@@ -25,8 +25,18 @@ if TYPE_CHECKING:  # matplotlib takes half a second: imported when a picture is 
 
 # The first seven are Okabe and Ito's (2008). Any two, and the grey, differ by more than 10 in
 # CIELAB also to people who see no red or no green.
-COLOURS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#56B4E9', '#CC79A7', '#F0E442',
-           '#882255', '#B9D98B', '#4A3FD0')
+COLOURS = (
+    '#0072B2',
+    '#E69F00',
+    '#009E73',
+    '#D55E00',
+    '#56B4E9',
+    '#CC79A7',
+    '#F0E442',
+    '#882255',
+    '#B9D98B',
+    '#4A3FD0',
+)
 GREY = '#B8B8B8'  # what is in no aspect
 TEXT, FAINT, GRID = '#222226', '#6A6A70', '#E4E4E8'
 
@@ -85,8 +95,11 @@ def save_picture(
     sides = [of_aspect if row.aspect else ROW_OF_OTHERS for row in rows]
     room = max(sum(sides), ROW_OF_OTHERS)
     height = TOP + room + BOTTOM
-    figure = Figure(figsize=(WIDTH / PIXELS_PER_INCH, height / PIXELS_PER_INCH),
-                    dpi=PIXELS_PER_INCH, facecolor='white')
+    figure = Figure(
+        figsize=(WIDTH / PIXELS_PER_INCH, height / PIXELS_PER_INCH),
+        dpi=PIXELS_PER_INCH,
+        facecolor='white',
+    )
     FigureCanvasAgg(figure)
     bottoms = [BOTTOM + room - end for end in np.cumsum(sides)]
     left = MARGIN + (side if part else 0)
@@ -97,10 +110,14 @@ def save_picture(
     middles = [bottom + side / 2 for bottom, side in zip(bottoms, sides, strict=True)]
     for row, middle in zip(rows, middles, strict=True):
         _write_label(figure, row, left, middle, height)
-    axes = figure.add_axes((
-        (left + LABEL) / WIDTH, BOTTOM / height,
-        (WIDTH - MARGIN - left - LABEL) / WIDTH, room / height,
-    ))
+    axes = figure.add_axes(
+        (
+            (left + LABEL) / WIDTH,
+            BOTTOM / height,
+            (WIDTH - MARGIN - left - LABEL) / WIDTH,
+            room / height,
+        )
+    )
     _draw_bars(axes, rows, [m - BOTTOM for m in middles], distribution.drops)
     axes.set_ylim(0, room)
     figure.savefig(path, format='png', dpi=PIXELS_PER_INCH)
@@ -120,8 +137,13 @@ def _rows(distribution: Distribution) -> list[_Row]:
     heights = millimetre_texts(np.array([aspect.com_height for aspect in aspects]))
     intervals = distribution.intervals()
     rows = [
-        _Row(f'aspect {aspects[i].id}', f'centre of mass\n{heights[i]} mm high', intervals[i],
-             aspect_colour(aspects[i].id), aspects[i])
+        _Row(
+            f'aspect {aspects[i].id}',
+            f'centre of mass\n{heights[i]} mm high',
+            intervals[i],
+            aspect_colour(aspects[i].id),
+            aspects[i],
+        )
         for i in shown
     ]
     others = len(aspects) - len(shown)
@@ -143,22 +165,37 @@ def _images(part: Part, rows: Sequence[_Row], side: int) -> list[Image]:
 
 def _write_header(figure: 'Figure', title: str, subtitle: str, height: int) -> None:
     x = MARGIN / WIDTH
-    figure.text(x, 1 - 36 / height, title, size=14, weight='bold', color=TEXT, va='center',
-                parse_math=False)
+    figure.text(
+        x,
+        1 - 36 / height,
+        title,
+        size=14,
+        weight='bold',
+        color=TEXT,
+        va='center',
+        parse_math=False,
+    )
     figure.text(x, 1 - 72 / height, subtitle, size=9, color=FAINT, va='center', parse_math=False)
 
 
 def _write_label(figure: 'Figure', row: _Row, left: int, middle: float, height: int) -> None:
     x, y = (left + LABEL - 18) / WIDTH, middle / height
-    figure.text(x, y + (2 / height if row.note else 0), row.label, size=10, weight='bold',
-                color=TEXT, ha='right', va='bottom' if row.note else 'center')
-    figure.text(x, y - 4 / height, row.note, size=7.5, color=FAINT, ha='right', va='top',
-                linespacing=1.35)
+    figure.text(
+        x,
+        y + (2 / height if row.note else 0),
+        row.label,
+        size=10,
+        weight='bold',
+        color=TEXT,
+        ha='right',
+        va='bottom' if row.note else 'center',
+    )
+    figure.text(
+        x, y - 4 / height, row.note, size=7.5, color=FAINT, ha='right', va='top', linespacing=1.35
+    )
 
 
-def _draw_bars(
-    axes: 'Axes', rows: Sequence[_Row], middles: Sequence[float], drops: int
-) -> None:
+def _draw_bars(axes: 'Axes', rows: Sequence[_Row], middles: Sequence[float], drops: int) -> None:
     """Bars at heights ``middles``, pixels, with whiskers and words; the axis is in percent."""
     from matplotlib.ticker import MaxNLocator
 
@@ -176,25 +213,45 @@ def _draw_bars(
     axes.tick_params(axis='x', length=0, labelsize=8, labelcolor=FAINT)
     axes.spines[['top', 'right', 'bottom']].set_visible(False)
     axes.spines['left'].set_color(FAINT)
-    axes.set_xlabel(f'probability in {drops} drops, with its {100 * CONFIDENCE:g} % interval '
-                    f'({INTERVAL.capitalize()})', size=8, color=FAINT, loc='left', labelpad=8)
+    axes.set_xlabel(
+        f'probability in {drops} drops, with its {100 * CONFIDENCE:g} % interval '
+        f'({INTERVAL.capitalize()})',
+        size=8,
+        color=FAINT,
+        loc='left',
+        labelpad=8,
+    )
 
 
 def _draw_bar(axes: 'Axes', row: _Row, middle: float, drops: int) -> None:
     found = row.interval
     axes.barh(middle, found.probability, height=BAR, color=row.colour)
-    axes.errorbar(found.probability, middle, capsize=4, color=TEXT, elinewidth=1.2, capthick=1.2,
-                  xerr=[[found.probability - found.lower], [found.upper - found.probability]])
+    axes.errorbar(
+        found.probability,
+        middle,
+        capsize=4,
+        color=TEXT,
+        elinewidth=1.2,
+        capthick=1.2,
+        xerr=[[found.probability - found.lower], [found.upper - found.probability]],
+    )
     words = probability_text(found) if found.probability else 'not seen' if drops else 'no drops'
-    _write_beside(axes, found.upper, middle, 1, words, size=10.5, weight='bold', color=TEXT,
-                  va='bottom')
-    _write_beside(axes, found.upper, middle, -1.5, interval_text(found), size=7.5, color=FAINT,
-                  va='top')
+    _write_beside(
+        axes, found.upper, middle, 1, words, size=10.5, weight='bold', color=TEXT, va='bottom'
+    )
+    _write_beside(
+        axes, found.upper, middle, -1.5, interval_text(found), size=7.5, color=FAINT, va='top'
+    )
 
 
-def _write_beside(
-    axes: 'Axes', x: float, y: float, rise: float, words: str, **style: Any
-) -> None:
+def _write_beside(axes: 'Axes', x: float, y: float, rise: float, words: str, **style: Any) -> None:
     """Write to the right of a point, ``rise`` points above it, and over the lines of the grid."""
-    axes.annotate(words, (x, y), (8, rise), textcoords='offset points', annotation_clip=False,
-                  bbox={'facecolor': 'white', 'edgecolor': 'none', 'pad': 0.8}, **style)
+    axes.annotate(
+        words,
+        (x, y),
+        (8, rise),
+        textcoords='offset points',
+        annotation_clip=False,
+        bbox={'facecolor': 'white', 'edgecolor': 'none', 'pad': 0.8},
+        **style,
+    )

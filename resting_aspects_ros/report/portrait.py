@@ -22,8 +22,9 @@ GLANCE = 96  # pixels of the picture that tells which side shows more
 
 # Where the viewer is, tray frame: in front, a little to the right, looking down as a person does.
 AZIMUTH, ELEVATION = np.radians(-62.0), np.radians(36.0)
-TOWARDS_VIEWER = np.array([np.cos(ELEVATION) * np.cos(AZIMUTH),
-                           np.cos(ELEVATION) * np.sin(AZIMUTH), np.sin(ELEVATION)])
+TOWARDS_VIEWER = np.array(
+    [np.cos(ELEVATION) * np.cos(AZIMUTH), np.cos(ELEVATION) * np.sin(AZIMUTH), np.sin(ELEVATION)]
+)
 RIGHT = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
 # Rows: to the right in the picture, up in it, towards the viewer; tray frame.
 VIEW = np.stack([RIGHT, np.cross(TOWARDS_VIEWER, RIGHT), TOWARDS_VIEWER])
@@ -48,7 +49,9 @@ class _Solid:
 
 
 def portraits(
-    part: Part, aspects: Sequence[Aspect], colours: Sequence[tuple[float, float, float]],
+    part: Part,
+    aspects: Sequence[Aspect],
+    colours: Sequence[tuple[float, float, float]],
     pixels: int,
 ) -> list[Image]:
     """Draw the part in each aspect, all from one viewpoint and at one scale.
@@ -74,8 +77,10 @@ def portraits(
     """
     solid = _solid(part)
     placed = [_placed(solid, aspect) for aspect in aspects]
-    spans = [np.ptp(np.concatenate([p.points, _on_surface(p.points)]) @ VIEW[:2].T, axis=0).max()
-             for p in placed]
+    spans = [
+        np.ptp(np.concatenate([p.points, _on_surface(p.points)]) @ VIEW[:2].T, axis=0).max()
+        for p in placed
+    ]
     scale = FILLED * pixels * FINE / max(spans)
     return [_portrait(p, np.array(c), scale, pixels) for p, c in zip(placed, colours, strict=True)]
 
@@ -92,8 +97,12 @@ def _solid(part: Part) -> _Solid:
 
 def _placed(solid: _Solid, aspect: Aspect) -> _Solid:
     """The part on the surface, tray frame."""
-    lying = _Solid(rotate(aspect.orientation, solid.points), solid.faces,
-                   rotate(aspect.orientation, solid.normals), solid.areas)
+    lying = _Solid(
+        rotate(aspect.orientation, solid.points),
+        solid.faces,
+        rotate(aspect.orientation, solid.normals),
+        solid.areas,
+    )
     lying.points[:, 2] -= lying.points[:, 2].min()
     # The direction of the upright sides, of period 90 degrees: sides that stand square to each
     # other, or face each other, agree.

@@ -64,8 +64,9 @@ def rasterise(points: Array, faces: Indices, size: int) -> Seen:
     along = np.stack([column + 0.5, row + 0.5], axis=1) - first[:, :2]
     heights = corners[face, :, 2]
     # Within the triangle's own range: a sliver seen from its side has a slope without bounds.
-    depth = np.clip(first[:, 2] + (slope[face] * along).sum(axis=1),
-                    heights.min(axis=1), heights.max(axis=1))
+    depth = np.clip(
+        first[:, 2] + (slope[face] * along).sum(axis=1), heights.min(axis=1), heights.max(axis=1)
+    )
     pixel = row * size + column
     nearest = np.full(size * size, -np.inf)
     np.maximum.at(nearest, pixel, depth)

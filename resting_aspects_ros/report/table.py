@@ -48,8 +48,14 @@ def distribution_table(distribution: Distribution, title: str) -> Table:
 
 def _empty_table(title: str) -> Table:
     # The title and the headings are not markup: a bracket in a part's name stays a bracket.
-    table = Table(title=Text(title, style='bold'), title_justify='left', box=box.SIMPLE_HEAD,
-                  show_edge=False, pad_edge=False, collapse_padding=True)
+    table = Table(
+        title=Text(title, style='bold'),
+        title_justify='left',
+        box=box.SIMPLE_HEAD,
+        show_edge=False,
+        pad_edge=False,
+        collapse_padding=True,
+    )
     table.add_column('aspect', justify='right', no_wrap=True)
     table.add_column('down in part', no_wrap=True)
     table.add_column('probability', justify='right', no_wrap=True)
