@@ -160,7 +160,7 @@ def _images(part: Part, rows: Sequence[_Row], side: int) -> list[Image]:
 
     aspects = [row.aspect for row in rows if row.aspect]
     colours = [to_rgb(row.colour) for row in rows if row.aspect]
-    return portraits(part, aspects, colours, side) if aspects else []
+    return portraits(part, aspects, colours, side)
 
 
 def _write_header(figure: 'Figure', title: str, subtitle: str, height: int) -> None:

@@ -81,7 +81,7 @@ def portraits(
         np.ptp(np.concatenate([p.points, _on_surface(p.points)]) @ VIEW[:2].T, axis=0).max()
         for p in placed
     ]
-    scale = FILLED * pixels * FINE / max(spans)
+    scale = FILLED * pixels * FINE / max(spans, default=1.0)
     return [_portrait(p, np.array(c), scale, pixels) for p, c in zip(placed, colours, strict=True)]
 
 

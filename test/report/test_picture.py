@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 from resting_aspects_ros.core.aspects import AspectSet, find_aspects
@@ -221,3 +222,19 @@ assert 'matplotlib.pyplot' not in sys.modules
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
                           check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_mesh_that_is_not_closed_is_seen_from_inside_too(solid):
+    box = trimesh.creation.box([20, 30, 40])
+    whole = solid(box)
+    given = {'mass': whole.mass, 'centre_of_mass': [0, 0, 0],
+             'inertia': whole.inertia[np.triu_indices(3)]}
+    box.update_faces(box.face_normals[:, 2] < 0.5)
+    lidless = solid(box, **given)
+    assert np.isnan(lidless.volume)
+    aspects = find_aspects(whole).aspects
+    for a, b in zip(portraits(whole, aspects, [BLUE] * 6, PIXELS),
+                    portraits(lidless, aspects, [BLUE] * 6, PIXELS), strict=True):
+        # One looks through the opening at the inner sides of the walls, which fill the outline.
+        assert extent(a) == pytest.approx(extent(b), abs=1)
+        assert (silhouette(a) ^ silhouette(b)).sum() < 0.01 * silhouette(a).sum()
