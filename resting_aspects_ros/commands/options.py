@@ -15,8 +15,8 @@ def add_conditions(parser: argparse.ArgumentParser) -> None:
     """--surface and one flag for each condition, from the conditions' own declaration."""
     group = parser.add_argument_group(
         'conditions of the drops',
-        'Those of the surface, unless changed one by one. Lengths, speeds, gravity and spin may have '
-        'a unit, such as 60mm, 2.4in, 300mm/s or 20rpm.',
+        'Those of the surface, unless changed one by one. Lengths, speeds, gravity and spin may '
+        'have a unit, such as 60mm, 2.4in, 300mm/s or 20rpm.',
     )
     group.add_argument(
         '--surface', metavar='NAME', default='', help=f'named conditions ({DEFAULT_SURFACE})'
