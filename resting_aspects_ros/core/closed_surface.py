@@ -13,6 +13,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from resting_aspects_ros.core.shells import facing
+
 Vertices = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
@@ -66,8 +68,10 @@ def closed_surface(vertices: Vertices, faces: Faces) -> Surface:
         else:
             defect = 'has triangles that cannot be turned to face the same way as their neighbours'
     if not defect:
-        inward = _inward(vertices, faces, mended, warnings)
-        faces = _flipped(faces, inward)
+        middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        found = facing((vertices - middle)[faces], _shells(faces), mended)
+        faces, defect = _flipped(faces, found.inward), found.defect
+        warnings += found.warnings
     used, faces = np.unique(faces, return_inverse=True)
     return Surface(vertices[used], faces.reshape(-1, 3), defect, tuple(warnings))
 
@@ -160,65 +164,13 @@ def _against_their_neighbours(faces: Faces) -> Flags:
     return piece[:m] > piece[m:]
 
 
-def _inward(vertices: Vertices, faces: Faces, mended: Flags, warnings: list[str]) -> Flags:
-    """Return which triangles belong to shells that face the wrong way.
-
-    A shell in the open must face outward. A shell inside another one is a cavity if it faces
-    inward, as it should. Where the shell around it was inside out, or its own triangles were in
-    disorder, it is taken as a cavity as well.
-    """
+def _shells(faces: Faces) -> npt.NDArray[np.int64]:
+    """Return for each triangle the number of the shell, which is all that hangs on its edges."""
     number, _ = _edges(faces)
-    first = np.empty(number.max() + 1, dtype=np.int64)
-    first[number] = np.arange(len(number)) // 3
     triangle = np.arange(len(number)) // 3
-    shell = _components(len(faces), np.stack([triangle, first[number]], axis=1))
-    corners = vertices[faces] - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    volumes = np.bincount(shell, weights=np.linalg.det(corners))
-    flip = np.zeros(len(volumes), dtype=bool)
-    doubtful = np.bincount(shell, weights=mended) > 0
-    by_shell = np.split(np.argsort(shell, kind='stable'), np.cumsum(np.bincount(shell))[:-1])
-    done: list[int] = []
-    for s in np.argsort(-np.abs(volumes), kind='stable').tolist():
-        points = corners[by_shell[s][:: max(1, len(by_shell[s]) // 8)]].mean(axis=1)
-        turns = {o: _turns(points, corners[by_shell[o]]) for o in done}
-        around = [o for o, turn in turns.items() if abs(turn) > 0.5]
-        depth = sum(round(turns[o]) * (-1 if flip[o] else 1) for o in around)
-        if depth <= 0:
-            flip[s] = volumes[s] < 0
-        elif volumes[s] > 0:
-            flip[s] = doubtful[s] or any(flip[o] for o in around)
-            if not flip[s]:
-                warnings.append(
-                    'a body lies inside another one, both facing outward, so that its '
-                    'volume counts twice; a cavity must face inward'
-                )
-        done.append(s)
-    if (flip & ~doubtful).any():
-        warnings.append(
-            'the mesh was inside out and was turned'
-            if flip.all()
-            else f'{np.count_nonzero(flip)} of {len(flip)} bodies in the mesh were inside '
-            'out and were turned'
-        )
-    return flip[shell]
-
-
-def _turns(points: Vertices, triangles: Vertices) -> float:
-    """Return how often a shell winds round some points, the median: 1 inside, 0 outside.
-
-    The solid angle of a triangle after Van Oosterom and Strackee 1983.
-    """
-    if (points < triangles.min(axis=(0, 1))).any() or (points > triangles.max(axis=(0, 1))).any():
-        return 0.0
-    found = []
-    for point in points:
-        a, b, c = np.moveaxis(triangles - point, 1, 0)
-        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-        up = np.einsum('ij,ij->i', a, np.cross(b, c))
-        ab, bc, ca = (np.einsum('ij,ij->i', u, v) for u, v in ((a, b), (b, c), (c, a)))
-        half_angles = np.arctan2(up, la * lb * lc + ab * lc + bc * la + ca * lb)
-        found.append(half_angles.sum() / (2 * np.pi))
-    return float(np.median(found))
+    at_edge = np.empty(number.max() + 1, dtype=np.int64)
+    at_edge[number] = triangle
+    return _components(len(faces), np.stack([triangle, at_edge[number]], axis=1))
 
 
 def _areas(vertices: Vertices, faces: Faces) -> npt.NDArray[np.float64]:

@@ -7,6 +7,7 @@ of solids in which its keywords occur.
 """
 
 import io
+import itertools
 import logging
 import re
 import struct
@@ -133,14 +134,15 @@ def _read_ascii_stl(text: bytes, label: str) -> tuple[Vertices, Faces]:
             'numbers, where each facet needs one end and three corners'
         )
     try:
-        vertices = np.array([[float(word) for word in corner] for corner in corners])
+        words = map(float, itertools.chain.from_iterable(corners))
+        vertices = np.fromiter(words, dtype=np.float64, count=3 * len(corners)).reshape(-1, 3)
     except ValueError as error:
         word = str(error).rpartition(': b')[2]
         raise PartError(
             f'{label} is a broken ASCII STL: it has {word} as a coordinate, where '
             'only numbers are allowed'
         ) from None
-    return vertices.reshape(-1, 3), np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
+    return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
 
 
 def _count_lines(word: bytes, text: bytes) -> int:

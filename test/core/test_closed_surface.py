@@ -185,12 +185,28 @@ def test_body_in_a_cavity_counts():
 def test_body_inside_a_body_counts_twice_with_a_warning():
     part = part_of(both(box(), box(10, 10, 10)))
     assert cubic_mm(part) == 25000
-    assert 'counts twice' in part.warnings[0]
+    assert 'count twice: 1' in part.warnings[0]
     assert 'cavity must face inward' in part.warnings[0]
 
 
-def test_cavity_of_a_ring_is_told_from_its_hole():
-    """The hole of a tube lies in its box, but outside of it: a peg in it is no cavity."""
+def test_bodies_that_touch_are_not_inside_each_other():
+    """The four sides of a short square bar lie on those of the square hole around it."""
+    tube = trimesh.creation.annulus(r_min=10, r_max=20, height=30, sections=4)
+    bar = box(10 * np.sqrt(2), 10 * np.sqrt(2), 20)
+    bar.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 4, (0, 0, 1)))
+    part = part_of(both(tube, bar))
+    assert cubic_mm(part) == pytest.approx(tube.volume + bar.volume)
+    assert part.warnings == ()
+
+
+def test_a_mesh_made_to_keep_the_computer_busy_is_refused():
+    dolls = [box(1 + size, 1 + size, 1 + size) for size in range(102)]
+    with pytest.raises(PartError, match='more than 100 bodies inside each other; either repair'):
+        part_of(both(*dolls))
+
+
+def test_peg_in_a_hole_is_beside_not_inside():
+    """The hole of a tube lies in the tube's box, but not in the tube."""
     tube = trimesh.creation.annulus(r_min=10, r_max=20, height=30, sections=32)
     peg = box(8, 8, 8)
     part = part_of(both(tube, peg))
