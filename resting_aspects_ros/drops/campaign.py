@@ -5,15 +5,19 @@ import signal
 import sys
 import threading
 from collections import deque
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from multiprocessing import active_children, get_context, parent_process
+from multiprocessing import get_context, parent_process
+from typing import ParamSpec, TypeVar
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.drops.engine import CHUNK, DropJob, drop_chunk
 
 MOST_WORKERS = 1024
+
+P = ParamSpec('P')
+T = TypeVar('T')
 
 
 def default_workers() -> int:
@@ -29,6 +33,8 @@ def submit_drops(
     Memory does not grow with the number of drops: a chunk is submitted only when an earlier one
     is taken. Closing the iterator cancels what has not begun.
     """
+    if lookahead < 1:
+        raise ValueError(f'lookahead is {lookahead}, allowed is 1 or more')
     pending: deque[Future[RestingPoses]] = deque()
     first, end = first_drop, first_drop + drops
     try:
@@ -47,20 +53,38 @@ def make_pool(workers: int) -> ProcessPoolExecutor:
     """Worker processes for drops. Spawned: a fork of a process with threads is unsafe."""
     if not 1 <= workers <= MOST_WORKERS:
         raise InvalidValueError(f'workers is {workers}, allowed is 1 to {MOST_WORKERS}')
-    return ProcessPoolExecutor(workers, get_context('spawn'), initializer=_start_worker)
+    return _Pool(workers, get_context('spawn'), initializer=_start_worker)
+
+
+class _Pool(ProcessPoolExecutor):
+    """Begins its workers, which submit does when they are needed, with Ctrl-C held off.
+
+    It reaches every process of the terminal, and a worker can ignore it only when it has read its
+    modules, after about a second; until then it would end in a traceback, and the pool with it.
+    """
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> 'Future[T]':
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # processes inherit it
+        try:
+            return super().submit(fn, *args, **kwargs)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def stop_pool(pool: ProcessPoolExecutor) -> None:
     """End a pool now: what has not begun is cancelled, what is being dropped is given up."""
+    # As terminate_workers of Python 3.14 does; other pools of this process live on.
+    workers = list((pool._processes or {}).values())  # noqa: SLF001
     pool.shutdown(wait=False, cancel_futures=True)
     # Or the interpreter would wait for chunks that nobody wants any more.
-    for worker in active_children():
+    for worker in workers:
         worker.terminate()
 
 
 def _start_worker() -> None:
-    # Ctrl-C reaches every process of the terminal; the parent decides what it means.
+    # The parent decides what Ctrl-C means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     # Bullet prints to standard output, where the parent's answer goes.
     sys.stdout.flush()
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
