@@ -1,0 +1,141 @@
+"""What the README shows is run, and what it lists is what there is."""
+
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from resting_aspects_ros.core.part import load_part
+from resting_aspects_ros.drops.part_library import read_part_yaml
+from resting_aspects_ros.nodes import aspect_classifier, drop_recorder, drop_simulator, interface
+
+ROOT = Path(__file__).resolve().parent.parent
+README = (ROOT / 'README.md').read_text(encoding='utf-8')
+FEW_DROPS = ['--drops', '50']
+
+
+def blocks(language):
+    return re.findall(rf'^```{language}\n(.*?)^```', README, re.MULTILINE | re.DOTALL)
+
+
+def commands(language='bash'):
+    return [line for block in blocks(language) for line in block.splitlines()]
+
+
+@pytest.fixture
+def environment():
+    """Give a ROS domain of our own on this machine."""
+    return os.environ | {
+        'ROS_DOMAIN_ID': str(os.getpid() % 100),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    }
+
+
+def run(command, **options):
+    ended = subprocess.run(
+        command, capture_output=True, text=True, timeout=120, check=False, **options
+    )
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    return ended.stdout
+
+
+def here(line):
+    """The command as it is here: in the .venv that runs this test."""
+    program, *arguments = shlex.split(line)
+    assert program == '.venv/bin/resting_aspects'
+    return [str(Path(sys.executable).parent / 'resting_aspects'), *arguments]
+
+
+def test_every_command_is_known_to_the_tests_below():
+    known = ['make demo', 'make test', '.venv/bin/resting_aspects ']
+    assert all(line.startswith(tuple(known)) for line in commands())
+    assert {line.split()[1] for line in commands()} == {'demo', 'test', 'drop', 'nodes', 'request'}
+
+
+@pytest.mark.parametrize('line', [line for line in commands() if ' drop ' in line])
+def test_drop(line, tmp_path):
+    command = [*here(line), *FEW_DROPS]
+    if '--out' in command:
+        place = command.index('--out') + 1
+        command[place] = str(tmp_path / command[place])
+    printed = run(command, cwd=ROOT)
+    assert '50' in printed
+    if '--out' in command:
+        files = [path.name for path in (tmp_path / 'out' / 'nut').iterdir()]
+        assert sorted(files) == ['distribution.json', 'distribution.png', 'poses.csv']
+
+
+def test_nodes_request_and_the_python_client(tmp_path, environment):
+    (nodes,) = [line for line in commands() if ' nodes' in line]
+    (request,) = [line for line in commands() if ' request ' in line]
+    (client,) = blocks('python')
+    suite = subprocess.Popen(
+        here(nodes), cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        table = run([*here(request), *FEW_DROPS], cwd=tmp_path, env=environment)
+        assert 'drops in total' in table
+        few = client.replace('drops=1000', 'drops=50')
+        printed = run([sys.executable, '-c', few], cwd=tmp_path, env=environment)
+        pairs = re.findall(r'\((\d+), ([\d.]+)\)', printed)
+        assert [int(number) for number, _ in pairs] == [1, 2, 3, 4, 5]
+        assert sum(float(probability) for _, probability in pairs) == pytest.approx(1, abs=0.05)
+    finally:
+        suite.send_signal(signal.SIGINT)
+        _, complaints = suite.communicate(timeout=30)
+    assert suite.returncode == 0, complaints
+    assert len(list((tmp_path / 'out' / 'logs').glob('l_bracket_*/metadata.yaml'))) == 1
+
+
+def test_make_demo_and_make_test_are_targets_and_ci_runs_the_tests():
+    assert {'make demo', 'make test'} <= set(commands())
+    for target in ('demo', 'test'):
+        run(['make', '--dry-run', target], cwd=ROOT)
+    assert 'make test' in (ROOT / '.ci' / 'run').read_text().splitlines()
+
+
+def test_the_colcon_build_is_the_one_that_is_tested():
+    (block,) = blocks('sh')
+    (build,) = [line for line in block.splitlines() if line.startswith('colcon')]
+    assert f'python -m {build}' in (ROOT / 'test' / 'test_colcon.py').read_text()
+
+
+def test_the_part_file_can_be_used(tmp_path):
+    (text,) = blocks('yaml')
+    path = tmp_path / 'my_part.yaml'
+    path.write_text(text)
+    values = read_part_yaml(path)
+    assert set(values) == set(yaml.safe_load(text))
+    assert load_part(ROOT / 'config' / 'parts' / 'l_bracket.stl', **values).unit == 'mm'
+
+
+@pytest.mark.parametrize('node', [drop_simulator, aspect_classifier, drop_recorder])
+def test_parameters_are_listed(node):
+    name = node.__name__.rsplit('.', 1)[-1]
+    section = README.split(f'| `{name}` |')[1]
+    rows = re.match(r'(?:.*\n)(?:\| \| .*\n)*', section)[0]
+    assert re.findall(r'`(\w+)`', rows) == [parameter.name for parameter in node.PARAMETERS]
+
+
+def test_the_interface_is_listed():
+    listed = re.findall(r'^\| `([\w/<>]+)` \| (?:service|topic|action)', README, re.MULTILINE)
+    assert listed == [
+        interface.GET_DISTRIBUTION,
+        interface.LIST_PARTS,
+        interface.DROP_PART,
+        interface.RESTING_POSES,
+        f'{interface.ASPECT_DISTRIBUTIONS}/<part>',
+        f'{interface.PARTS}/<part>',
+    ]
+
+
+def test_files_that_are_linked_are_there():
+    links = re.findall(r'\]\(([^)]+)\)', README)
+    assert links
+    assert [link for link in links if not (ROOT / link).exists()] == []
