@@ -199,6 +199,17 @@ def test_bodies_that_touch_are_not_inside_each_other():
     assert part.warnings == ()
 
 
+@pytest.mark.filterwarnings('error')
+def test_sheets_and_needles_beside_a_body_change_nothing():
+    """Each is closed, as its two sides are there, but has no volume, or not even an area."""
+    corners = [(0, 0, 0), (5, 0, 0), (0, 5, 0), (10, 0, 0)]
+    sheet = Mesh(corners[:3], [(0, 1, 2), (0, 2, 1)], process=False)
+    needle = Mesh([corners[i] for i in (0, 1, 3)], [(0, 1, 2), (0, 2, 1)], process=False)
+    for extra in (sheet, needle):
+        part = part_of(both(box(), extra))
+        assert (cubic_mm(part), part.warnings) == (24000, ())
+
+
 def test_a_mesh_made_to_keep_the_computer_busy_is_refused():
     dolls = [box(1 + size, 1 + size, 1 + size) for size in range(102)]
     with pytest.raises(PartError, match='more than 100 bodies inside each other; either repair'):
