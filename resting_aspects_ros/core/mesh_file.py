@@ -172,7 +172,8 @@ def _checked_obj(data: bytes, label: str) -> bytes:
             f'{label} has relative vertex numbers between its vertices, as in '
             f'{_shown(relative)}: only absolute ones are allowed there'
         )
-    return data
+    # Textures and normals are of no use here, and trimesh needs pillow for them.
+    return re.sub(rb'(?<=\d)/[-/\d]*', b'', data)
 
 
 def _checked_ply(data: bytes, label: str) -> bytes:

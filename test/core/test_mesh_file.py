@@ -101,6 +101,12 @@ WHOLE = {
     'binary PLY with a comment': ply(
         'binary_little_endian', TRIANGLES, 'comment Größe\n'.encode('latin-1')
     ),
+    'PLY with texture coordinates': (
+        ply('ascii', TRIANGLES, more=' 0 1')[0].replace(
+            b'uchar red', b'float s\nproperty float t'
+        ),
+        'ply',
+    ),
     'PLY with a texture': ply('ascii', TRIANGLES, b'comment TextureFile /dev/zero\n'),
 }
 
