@@ -18,6 +18,7 @@ INTERFACES = ROOT / 'resting_aspects_interfaces' / 'package.xml'
 # import name: (name in requirements*.in, rosdep key or ROS package in package.xml)
 MESSAGES = 'ros-jazzy-common-interfaces'
 DEPENDENCIES = {
+    'PIL': ('pillow', 'python3-pil'),
     'builtin_interfaces': (MESSAGES, 'builtin_interfaces'),
     'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg'),
     'diagnostic_msgs': (MESSAGES, 'diagnostic_msgs'),
@@ -55,9 +56,17 @@ def third_party_imports(folder):
     return names - sys.stdlib_module_names - {'resting_aspects_ros', 'test', 'conftest'}
 
 
-def requirements(name):
-    """Return the package names in a requirements*.in file."""
-    lines = (ROOT / name).read_text().splitlines()
+def needed(folder):
+    """Return what the imports of a folder need: names in requirements*.in, and in package.xml."""
+    imported = third_party_imports(folder)
+    assert imported <= DEPENDENCIES.keys(), 'add these to DEPENDENCIES here'
+    pairs = [DEPENDENCIES[name] for name in imported]
+    return {name for name, _ in pairs} - {None}, {key for _, key in pairs}
+
+
+def requirements(*files):
+    """Return the package names in requirements*.in files."""
+    lines = '\n'.join((ROOT / file).read_text() for file in files).splitlines()
     found = (re.match(r'[A-Za-z][\w.-]*', line) for line in lines)
     return {match[0] for match in found if match}
 
@@ -78,35 +87,26 @@ def test_package_xml_is_valid_without_a_warning(path):
 
 
 def test_every_import_of_the_suite_is_in_package_xml_and_in_requirements():
-    imported = third_party_imports('resting_aspects_ros')
-    assert imported >= {'numpy', 'rclpy'}
-    assert imported <= DEPENDENCIES.keys(), 'add these to DEPENDENCIES here'
-    package = parse_package(SUITE)
-    declared = names(package.exec_depends)
-    assert {DEPENDENCIES[name][1] for name in imported} - declared == set()
-    pinned = {DEPENDENCIES[name][0] for name in imported} - {None}
+    pinned, keys = needed('resting_aspects_ros')
+    assert {'numpy', 'ros-jazzy-rclpy'} <= pinned
+    assert keys - names(parse_package(SUITE).exec_depends) == set()
     assert pinned - requirements('requirements.in') == set()
 
 
 def test_every_import_of_the_tests_is_in_package_xml_and_in_requirements():
-    imported = third_party_imports('test')
-    assert imported <= DEPENDENCIES.keys(), 'add these to DEPENDENCIES here'
+    pinned, keys = needed('test')
     package = parse_package(SUITE)
-    declared = names(package.exec_depends + package.test_depends)
-    assert {DEPENDENCIES[name][1] for name in imported} - declared == set()
-    pinned = {DEPENDENCIES[name][0] for name in imported} - {None}
-    both = requirements('requirements.in') | requirements('requirements-dev.in')
-    assert pinned - both == set()
+    assert keys - names(package.exec_depends + package.test_depends) == set()
+    assert pinned - requirements('requirements.in', 'requirements-dev.in') == set()
 
 
 def test_every_name_in_package_xml_is_used():
+    _, in_suite = needed('resting_aspects_ros')
+    _, in_tests = needed('test')
     package = parse_package(SUITE)
-    key = {imported: key for imported, (_, key) in DEPENDENCIES.items()}
-    in_suite = {key[name] for name in third_party_imports('resting_aspects_ros')}
-    in_tests = {key[name] for name in third_party_imports('test')}
     assert names(package.exec_depends) - in_suite == set()
+    assert names(package.build_depends) - in_suite == set()
     assert names(package.test_depends) - in_tests == NEVER_IMPORTED
-    assert names(package.build_depends) <= in_suite
 
 
 def test_interface_package_names_the_packages_whose_types_it_uses():
