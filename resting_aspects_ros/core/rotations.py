@@ -66,5 +66,9 @@ def orientation_with_down(down: Array) -> Array:
 
 def rotate(xyzw: Array, points: Array) -> Array:
     """(n, 3) points turned by unit quaternions (4,) or (n, 4)."""
-    # A copy: some versions of SciPy take no read-only array, as a part's are.
-    return np.asarray(Rotation.from_quat(xyzw).apply(np.array(points)))
+    # Number by number: SciPy's apply rounds by the number of points, so that a drop's position
+    # would depend on how many others are asked for (rule 1).
+    xyzw = np.asarray(xyzw)
+    axis, w = xyzw[..., :3], xyzw[..., 3:]
+    turn = 2 * np.cross(axis, points)
+    return np.asarray(points + w * turn + np.cross(axis, turn))

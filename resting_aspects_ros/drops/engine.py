@@ -166,7 +166,7 @@ def _releases(job: DropJob, chunk: int) -> _Release:
     spin = generator.standard_normal((CHUNK, 3)) * c.spin * unit
 
     of_body = _body_from_part(of_part, job.axes)
-    depth = -(_third_row(of_body) @ job.hull.T).min(axis=1)  # centre of mass above lowest point
+    depth = _depth(of_body, job.hull)
     height = np.full(CHUNK, c.height / job.radius)
     clearance = height if c.height_of is HeightOf.LOWEST_POINT else height - depth
     elapsed = np.zeros(CHUNK)
@@ -356,7 +356,7 @@ def _poses(
     centre = ends.position * job.radius
     # A hull rests a margin (0.001 R) above Bullet's plane; a part rests on the surface.
     settled = ends.status == RestStatus.SETTLED
-    depth = -(_third_row(body) @ job.hull.T).min(axis=1) * job.radius
+    depth = _depth(body, job.hull) * job.radius
     centre[:, 2] = np.where(settled, depth, centre[:, 2])
     position = centre - rotate(orientation, job.centre_of_mass)
     elapsed = ends.time + release.elapsed[slots]
@@ -380,6 +380,10 @@ def _part_from_body(of_body: Array, axes: Array) -> Array:
     return np.asarray((Rotation.from_quat(of_body) * Rotation.from_matrix(axes).inv()).as_quat())
 
 
-def _third_row(xyzw: Array) -> Array:
-    """(n, 3) third rows of the rotation matrices: z of a rotated point is row @ point."""
-    return -down_in_part(xyzw)
+def _depth(xyzw: Array, hull: Array) -> Array:
+    """(n,) heights of the centre of mass above the lowest point of the hull (k, 3)."""
+    # Not as a matrix product: its rounding depends on how many rows it has, so that a drop's
+    # height would depend on how many others are asked for (rule 1).
+    x, y, z = down_in_part(xyzw).T[:, :, None]
+    reach: Array = (x * hull[:, 0] + y * hull[:, 1] + z * hull[:, 2]).max(axis=1)
+    return reach
