@@ -1,50 +1,108 @@
-"""The command `resting_aspects`."""
+"""The command `resting_aspects`.
+
+Exit codes: 0 done; 2 wrong input, nothing was done; 1 something failed on the way (a worker or a
+node died, the disk is full, no suite answers); 130 interrupted. After 1 and 130 what was done is
+saved. An error is one line on standard error.
+"""
 
 import argparse
+import os
+import re
 import signal
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.commands import demo, drop, nodes, request
-from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.commands.interruption import catch
+from resting_aspects_ros.core.errors import (
+    InvalidValueError,
+    PartError,
+    RestingAspectsError,
+    UnknownPartError,
+)
 
-DONE, WRONG_INPUT, INTERRUPTED = 0, 2, 130
+DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 DESCRIPTION = """How a part comes to rest when it is dropped, and how probable each way is.
 Start with: resting_aspects drop l_bracket"""
+EPILOG = """exit codes:
+  0    done
+  1    something failed on the way; what was done is saved
+  2    wrong input: one line says what, and what is allowed
+  130  interrupted; what was done is saved
+"""
 
 
 class _Parser(argparse.ArgumentParser):
-    """One line for wrong input, not the whole usage."""
+    """One line for wrong input, not the whole usage; flags in full, so that more can come."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options, allow_abbrev=False)
 
     def error(self, message: str) -> NoReturn:
-        self.exit(WRONG_INPUT, f'error: {message} (see {self.prog} --help)\n')
+        self.exit(WRONG_INPUT, f'error: {_line(message)} (see {self.prog} --help)\n')
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit code: 0 done, 2 wrong input, 130 interrupted."""
+def make_parser() -> argparse.ArgumentParser:
+    """All commands and their flags."""
     parser = _Parser(
         prog='resting_aspects',
         description=DESCRIPTION,
+        epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument('--version', action='version', version=__version__)
+    parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
     for command in (drop, request, nodes, demo):
         command.add(subparsers)
-    arguments = parser.parse_args(argv)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
     # Stopped by a service manager or a closed terminal: the same orderly end as Ctrl-C.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    signal.signal(signal.SIGHUP, signal.default_int_handler)
+    catch(signal.default_int_handler)
     try:
-        return int(arguments.run(arguments))
-    except RestingAspectsError as error:
-        print(f'error: {error}', file=sys.stderr)
-        return WRONG_INPUT
+        try:
+            arguments = make_parser().parse_args(_joined(sys.argv[1:] if argv is None else argv))
+            code = int(arguments.run(arguments))
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        # Who read it has seen enough. The interpreter must not try again to write the rest.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except (PartError, UnknownPartError, InvalidValueError) as error:
+        return _end(WRONG_INPUT, f'error: {error}')
+    except (RestingAspectsError, OSError) as error:
+        return _end(FAILED, f'error: {error}')
     except KeyboardInterrupt:
-        return INTERRUPTED
+        return _end(INTERRUPTED, 'interrupted')
+    return code
+
+
+def _joined(argv: Sequence[str]) -> list[str]:
+    """A flag and its negative value as one word: argparse takes -3mm for another flag."""
+    joined: list[str] = []
+    for k, word in enumerate(argv):
+        if word in ('--', '--ros-args'):
+            return [*joined, *argv[k:]]
+        if joined and re.fullmatch('--[a-z-]+', joined[-1]) and re.match(r'-\.?\d', word):
+            joined[-1] += f'={word}'
+        else:
+            joined.append(word)
+    return joined
+
+
+def _end(code: int, message: str) -> int:
+    print(_line(message), file=sys.stderr)
+    return code
+
+
+def _line(message: str) -> str:
+    return ' '.join(message.split())
 
 
 if __name__ == '__main__':

@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.commands.options import add_conditions, add_run
+from resting_aspects_ros.commands.interruption import Interruption
+from resting_aspects_ros.commands.options import add_conditions, add_run, whole
 from resting_aspects_ros.drops.run import DEFAULT_SEED
 
 EXAMPLES = """examples:
@@ -19,14 +20,14 @@ def add(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         'drop',
         help='drop a part and show how it comes to rest',
-        description='Drop a part many times in simulation and show in which aspects it comes to '
-        'rest, and how probable each is. Needs no ROS graph.',
+        description='Drop a part many times in simulation and show in which aspects it comes\n'
+        'to rest, and how probable each is. Needs no ROS graph.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('part', metavar='PART_OR_MESH', help='name of a part, or a mesh file')
     add_run(parser, DEFAULT_SEED)
-    parser.add_argument('--workers', metavar='W', type=int, help='processes (one per core)')
+    parser.add_argument('--workers', metavar='W', type=whole, help='processes (one per core)')
     parser.add_argument(
         '--unit',
         metavar='UNIT',
@@ -49,7 +50,8 @@ def add(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
-    # The engine takes a second to import, which --help does not need.
-    from resting_aspects_ros.commands.drop_here import drop_here
+    with Interruption() as stop:
+        # The engine takes a second to import, which --help does not need.
+        from resting_aspects_ros.commands.drop_here import drop_here
 
-    return drop_here(arguments)
+        return drop_here(arguments, stop)

@@ -14,7 +14,7 @@ def add(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         'nodes',
         help='run all ROS nodes in one process',
-        description='Run drop_simulator, aspect_classifier and drop_recorder in one process, '
+        description='Run drop_simulator, aspect_classifier and drop_recorder in one process,\n'
         'until Ctrl-C. What follows --ros-args goes to ROS.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -1,10 +1,8 @@
 """Options that several subcommands share."""
 
 import argparse
-from pathlib import Path
 
 from resting_aspects_ros.commands.quantities import parse_quantity
-from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.drops.surfaces import DEFAULT_SURFACE, Surfaces
 
@@ -15,8 +13,8 @@ def add_conditions(parser: argparse.ArgumentParser) -> None:
     """--surface and one flag for each condition, from the conditions' own declaration."""
     group = parser.add_argument_group(
         'conditions of the drops',
-        'Those of the surface, unless changed one by one. Lengths, speeds, gravity and spin may '
-        'have a unit, such as 60mm, 2.4in, 300mm/s or 20rpm.',
+        'Those of the surface, unless changed one by one. Lengths, speeds, gravity and\n'
+        'spin may have a unit, such as 60mm, 2.4in, 300mm/s or 20rpm.',
     )
     group.add_argument(
         '--surface', metavar='NAME', default='', help=f'named conditions ({DEFAULT_SURFACE})'
@@ -52,7 +50,7 @@ def add_run(parser: argparse.ArgumentParser, seed: int | None) -> None:
     parser.add_argument(
         '--drops',
         metavar='N',
-        type=_whole,
+        type=whole,
         default=DEFAULT_DROPS,
         help=f'how many ({DEFAULT_DROPS}); 385 give intervals of about +-0.05, 10000 of +-0.01',
     )
@@ -60,25 +58,18 @@ def add_run(parser: argparse.ArgumentParser, seed: int | None) -> None:
     parser.add_argument(
         '--seed',
         metavar='S',
-        type=_whole,
+        type=whole,
         default=seed,
         help=f'the same seed gives the same drops ({shown})',
     )
-
-
-def check_output(name: str, path: Path | None) -> None:
-    """Refuse now what could not be written when the work is done."""
-    if path is not None and not path.parent.is_dir():
-        raise InvalidValueError(
-            f'{name} is {str(path)!r}: the folder {path.parent} does not exist'
-        )
 
 
 def _flag(name: str) -> str:
     return '--' + name.replace('_', '-')
 
 
-def _whole(text: str) -> int:
+def whole(text: str) -> int:
+    """A whole number, as the type of an option."""
     try:
         return int(text)
     except ValueError:

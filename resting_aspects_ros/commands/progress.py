@@ -23,39 +23,40 @@ class DropProgress:
     def __init__(self, what: str, total: int) -> None:
         self._what = what
         self._total = total
-        self._begun: float | None = None
-        self._shown = 0.0
+        self._begun = self._shown = time.monotonic()
+        self._over = False
         self._bar: Progress | None = None
         self._task: TaskID | None = None
         if sys.stderr.isatty():
             self._bar = Progress(
-                TextColumn('{task.description}'),
+                TextColumn('{task.description}', markup=False),
                 BarColumn(),
                 MofNCompleteColumn(),
-                TextColumn('{task.fields[rate]}'),
+                TextColumn('drops {task.fields[rate]}', markup=False),
                 TimeRemainingColumn(),
                 console=Console(stderr=True),
-                transient=False,
             )
             self._task = self._bar.add_task(what, total=total, rate='')
 
     def __enter__(self) -> 'DropProgress':  # noqa: PYI034 - Self is newer than Python 3.10
         if self._bar is not None:
             self._bar.start()
-        self._begun = time.monotonic()
         return self
 
     def update(self, done: int) -> None:
-        """So many drops are done."""
+        """So many drops are done. To be called often."""
         now = time.monotonic()
-        rate = f'{done / max(now - (self._begun or now), 1e-9):.0f} drops/s' if done else ''
+        rate = f'{done / max(now - self._begun, 1e-9):.0f} drops/s' if done else ''
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, completed=done, rate=rate)
         elif now - self._shown >= LINE_PERIOD or done == self._total:
             self._shown = now
-            print(
-                f'{self._what}: {done} of {self._total} drops  {rate}', file=sys.stderr, flush=True
-            )
+            if not self._over:
+                print(
+                    f'{self._what}: {done} of {self._total} drops  {rate}'.rstrip(),
+                    file=sys.stderr,
+                )
+            self._over = done == self._total
 
     def __exit__(
         self,

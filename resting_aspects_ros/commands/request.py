@@ -1,19 +1,18 @@
 """`resting_aspects request`: ask a running suite for a distribution, as a ROS client."""
 
 import argparse
-import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.commands.options import (
-    add_conditions,
-    add_run,
-    check_output,
-    conditions_of,
-)
-from resting_aspects_ros.commands.progress import DropProgress
+from resting_aspects_ros.commands.interruption import Interruption
+from resting_aspects_ros.commands.options import add_conditions, add_run, conditions_of
+from resting_aspects_ros.commands.outputs import check_output
 from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.drops.surfaces import Surfaces
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.commands.answer import Answer
+    from resting_aspects_ros.core.part import Part
 
 EXAMPLES = """examples:
   resting_aspects nodes                      (in another terminal)
@@ -27,8 +26,9 @@ def add(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         'request',
         help='ask the running ROS nodes for a distribution',
-        description='Call get_distribution of the running nodes: a known distribution is answered '
-        'at once, otherwise the part is dropped first. What follows --ros-args goes to ROS.',
+        description='Call get_distribution of the running nodes: a known distribution is\n'
+        'answered at once, otherwise the part is dropped first. What follows --ros-args\n'
+        'goes to ROS.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -44,43 +44,31 @@ def add(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for what the suite refuses."""
-    check_output('--picture', arguments.picture)
-    conditions = conditions_of(arguments, Surfaces.read(surfaces_file()))
-    from resting_aspects_ros.nodes.client import distribution_request, suite_client
+    with Interruption() as stop:
+        check_output('--picture', arguments.picture)
+        conditions = conditions_of(arguments, Surfaces.read(surfaces_file()))
+        # A second to import, which --help does not need.
+        from resting_aspects_ros.commands.progress import DropProgress
+        from resting_aspects_ros.nodes.client import distribution_request, suite_client
 
-    request = distribution_request(
-        arguments.part, conditions, arguments.drops, arguments.seed, arguments.only_known
-    )
-    ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
-    with suite_client(ros_args) as client:
-        with DropProgress(arguments.part, arguments.drops) as progress:
-            answer = client.get(request, progress.update)
-        part = client.part(arguments.part) if arguments.picture else None
-    show(answer, part, as_json=arguments.json, picture=arguments.picture)
+        request = distribution_request(
+            arguments.part, conditions, arguments.drops, arguments.seed, arguments.only_known
+        )
+        ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
+        with suite_client(ros_args) as client:
+            with DropProgress(arguments.part, arguments.drops) as progress:
+                message = client.get(request, progress.update, stop.check)
+            answer = answer_from(message, client.part(arguments.part))
+        if arguments.picture is not None:
+            answer.save_picture(arguments.picture)
+        answer.print(as_json=arguments.json)
     return 0
 
 
-def show(answer: Any, part: Any, *, as_json: bool, picture: Path | None) -> None:
-    """Print an AspectDistribution as a table or a document; save its picture."""
+def answer_from(message: Any, part: 'Part') -> 'Answer':
+    """The answer in an AspectDistribution."""
+    from resting_aspects_ros.commands.answer import Answer
     from resting_aspects_ros.nodes.convert import distribution_from, run_from
 
-    distribution, run = distribution_from(answer), run_from(answer.run)
-    surface = run.conditions.surface or 'own conditions'
-    title = f'{run.part}, {distribution.drops} drops on {surface}, seed {run.seed}'
-    if picture is not None:
-        from resting_aspects_ros.report.picture import save_picture
-
-        save_picture(distribution, part, picture, title)
-    if as_json:
-        import dataclasses
-
-        from resting_aspects_ros.report.document import distribution_document, to_json
-
-        fields = {**dataclasses.asdict(run), 'method': answer.method, 'complete': answer.complete}
-        sys.stdout.write(to_json(distribution_document(distribution, fields)))
-        return
-    from rich.console import Console
-
-    from resting_aspects_ros.report.table import distribution_table
-
-    Console().print(distribution_table(distribution, title))
+    distribution, run = distribution_from(message), run_from(message.run)
+    return Answer(distribution, run, part, message.method, message.complete)

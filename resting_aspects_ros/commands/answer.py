@@ -1,0 +1,69 @@
+"""A distribution as a command answers it: a table or a JSON document, and a picture."""
+
+import dataclasses
+import sys
+from pathlib import Path
+
+from rich.console import Console
+
+from resting_aspects_ros.commands.outputs import whole_file
+from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.drops.run import RunDescription
+from resting_aspects_ros.report.document import distribution_document, to_json
+from resting_aspects_ros.report.table import distribution_table
+
+# Of a table that goes into a pipe or a file.
+PIPED_WIDTH = 80
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Answer:
+    """A distribution with all that says what it is of."""
+
+    distribution: Distribution
+    run: RunDescription
+    part: Part
+    method: str
+    complete: bool
+
+    @property
+    def title(self) -> str:
+        """Part, drops, surface and seed in a line."""
+        surface = self.run.conditions.surface or 'own conditions'
+        drops = self.distribution.drops
+        return f'{self.run.part}, {drops} drops on {surface}, seed {self.run.seed}'
+
+    def json(self) -> str:
+        """The document."""
+        fields = {
+            **dataclasses.asdict(self.run),
+            'mesh_sha256': self.part.mesh_sha256,
+            'method': self.method,
+            'complete': self.complete,
+        }
+        return to_json(distribution_document(self.distribution, fields))
+
+    def print(self, *, as_json: bool) -> None:
+        """On standard output, as a document and nothing else, or as a table."""
+        if as_json:
+            sys.stdout.write(self.json())
+            return
+        console = Console()
+        if not console.is_terminal:
+            # Not that of the terminal in which the command was typed.
+            console.width = PIPED_WIDTH
+        console.print(distribution_table(self.distribution, self.title))
+
+    def save_json(self, path: Path) -> None:
+        """Write the document; raises OutputError."""
+        with whole_file(path) as part:
+            part.write_text(self.json(), encoding='utf-8')
+
+    def save_picture(self, path: Path) -> None:
+        """Write a PNG; raises OutputError."""
+        # It imports what takes a while.
+        from resting_aspects_ros.report.picture import save_picture
+
+        with whole_file(path) as part:
+            save_picture(self.distribution, self.part, part, self.title)

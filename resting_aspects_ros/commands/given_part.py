@@ -1,0 +1,53 @@
+"""The part that is meant by what a person typed."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+from resting_aspects_ros.config_files import parts_folder
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.part import DEFAULT_UNIT, UNITS, Part, load_part
+from resting_aspects_ros.drops.part_library import PartLibrary, read_part_yaml
+
+
+def given_part(text: str, unit: str | None, folder: Path | None) -> Part:
+    """A mesh file if it looks like one, with the YAML beside it; else a named part of a folder.
+
+    Raises RestingAspectsError.
+    """
+    if _is_path(text):
+        mesh = Path(text)
+        return load_part(mesh, **_sheet(mesh.parent / f'{mesh.stem}.yaml', unit))
+    if unit is not None:
+        raise InvalidValueError(
+            f'--unit is {unit!r}, allowed only with a mesh file: {text!r} is the name of a part, '
+            f'whose unit is that of its YAML, else {DEFAULT_UNIT}'
+        )
+    if folder is not None and not folder.is_dir():
+        raise InvalidValueError(f'--parts is {str(folder)!r}, allowed is a folder of meshes')
+    return PartLibrary(folder or parts_folder()).load(text)
+
+
+def _is_path(text: str) -> bool:
+    return os.sep in text or bool(Path(text).suffix) or text in ('.', '..')
+
+
+def _sheet(sheet: Path, unit: str | None) -> dict[str, Any]:
+    """What the part's YAML says, with the unit."""
+    values = read_part_yaml(sheet) if sheet.is_file() else {}
+    if unit is None:
+        return values
+    if unit not in UNITS:
+        raise InvalidValueError(f'--unit is {unit!r}, allowed are {", ".join(UNITS)}')
+    written = values.get('unit')
+    if written not in (None, unit):
+        raise InvalidValueError(
+            f'--unit is {unit!r}, allowed is {written!r}, the unit in {str(sheet)!r}'
+        )
+    # Its numbers were read in the default unit.
+    if written is None and 'centre_of_mass' in values and unit != DEFAULT_UNIT:
+        raise InvalidValueError(
+            f'--unit is {unit!r}, but {str(sheet)!r} gives a centre_of_mass without a unit: '
+            f'write "unit: {unit}" into it'
+        )
+    return {**values, 'unit': unit}
