@@ -6,6 +6,8 @@ so that g is 1.
 """
 
 import math
+import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,7 +15,6 @@ from importlib.metadata import version
 
 import numpy as np
 import numpy.typing as npt
-import pybullet
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.errors import EngineError, InvalidValueError
@@ -27,6 +28,25 @@ from resting_aspects_ros.core.rotations import (
     rotate,
 )
 from resting_aspects_ros.drops.conditions import DropConditions, HeightOf
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Nothing reaches standard error: for C code, which does not know sys.stderr."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+with _silent():  # it prints when it was built, in every process
+    import pybullet
 
 ENGINE = 'bullet'
 ENGINE_VERSION = version('pybullet')
