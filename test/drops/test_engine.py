@@ -63,7 +63,7 @@ def hull_in_tray(part, poses):
 
 @pytest.mark.parametrize(('shape', 'faces'), [('tetrahedron', 4), ('cube', 6)])
 def test_the_faces_of_a_regular_body_are_equally_probable(drop, part, solid, shape, faces):
-    n = 6 * CHUNK
+    n = 5 * CHUNK
     body = solid(trimesh.creation.box((20, 20, 20))) if shape == 'cube' else part(shape)
     found = count_poses(find_aspects(body), drop(body, n))
     assert found.counts.sum() == n
@@ -140,6 +140,21 @@ def test_gravity_changes_the_time_and_nothing_else(part, mat):
     b = drop_chunk(make_job(part('t_prism'), mat.changed(gravity=mat.gravity / 4), 1), 0, 20)
     np.testing.assert_array_equal(b.orientation, a.orientation)
     np.testing.assert_array_equal(b.time_to_rest, a.time_to_rest * 2)
+
+
+def test_a_part_that_was_called_at_rest_would_have_stayed_in_its_aspect(
+    drop, part, mat, monkeypatch
+):
+    shape, n = part('t_prism'), 30
+    aspects = find_aspects(shape)
+    called = drop(shape, n)
+    monkeypatch.setattr(engine, 'REST_WINDOW', 25.0)
+    stayed = drop_chunk(make_job(shape, mat, 1), 0, n)
+    assert (stayed.status == RestStatus.SETTLED).all()
+    np.testing.assert_array_equal(
+        aspects.classify(stayed.orientation), aspects.classify(called.orientation)
+    )
+    np.testing.assert_array_equal(stayed.time_to_rest, called.time_to_rest)
 
 
 # -- Rule 1: the same drops, bit for bit ----------------------------------------------------------
