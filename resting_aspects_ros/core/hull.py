@@ -9,12 +9,18 @@ from resting_aspects_ros.core.errors import PartError
 Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 
-# Thickness / length below which a mesh is flat: float32 leaves 1e-7 of noise on a flat sheet.
+# What float32 leaves between a plane and a vertex on it, as a share of the largest coordinate:
+# both are off by up to 6e-8 in each of three directions.
+NOISE = 2e-7
+# The thickness up to which a mesh is flat, as a share of the largest coordinate.
 FLAT = 1e-6
 
 
 def convex_hull(vertices: Array, label: str) -> Array:
     """Return the vertices of the convex hull.
+
+    Vertices that only noise of float32 lifts out of a facet or an edge are left out, so that a
+    part has the same corners in every orientation; all lie inside the hull but for that noise.
 
     Parameters
     ----------
@@ -27,19 +33,29 @@ def convex_hull(vertices: Array, label: str) -> Array:
         All vertices lie in a plane or on a line.
     """
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    scaled = (vertices - middle) / np.ptp(vertices, axis=0).max()
-    extents = np.ptp(scaled @ np.linalg.eigh(scaled.T @ scaled)[1], axis=0)
-    thick = np.count_nonzero(extents > FLAT)
-    try:
-        if thick < 3:
-            raise QhullError
-        return vertices[np.sort(ConvexHull(scaled).vertices)]
-    except QhullError:
-        where = 'on a line' if thick == 1 else 'in a plane'
+    size = np.ptp(vertices, axis=0).max()
+    scaled = (vertices - middle) / size
+    spread = np.linalg.eigh(np.cov(scaled.T))[1]
+    extents = np.ptp(scaled @ spread, axis=0)
+    reach = float(np.abs(vertices).max() / size)
+    thick = np.count_nonzero(extents > FLAT * reach)
+    hull = _qhull(scaled, NOISE * reach) if thick == 3 else None
+    if hull is None:
         raise PartError(
-            f'{label} has no volume: all its {len(vertices)} vertices lie {where}, '
-            f'within {FLAT:.0e} of its size'
-        ) from None
+            f'{label} has no volume: all its {len(vertices)} vertices lie '
+            f'{"on a line" if thick < 2 else "in a plane"}, within {FLAT:.0e} of its coordinates'
+        )
+    return vertices[np.sort(hull.vertices)]
+
+
+def _qhull(points: Array, noise: float) -> ConvexHull | None:
+    """Let Qhull take the noise for its own of rounding, or do without where that is too much."""
+    for options in (f'E{noise:.3e}', ''):
+        try:
+            return ConvexHull(points, qhull_options=options)
+        except QhullError:
+            continue
+    return None
 
 
 def outward_hull(hull_vertices: Array) -> tuple[Array, Faces, float]:

@@ -182,6 +182,8 @@ def _checked_ply(data: bytes, label: str) -> bytes:
     if not header.startswith(b'ply') or not end:
         raise PartError(f"{label} is not a PLY: it has no header from 'ply' to 'end_header'")
     header = header.decode('ascii', errors='replace').encode('ascii', errors='replace')
+    # trimesh would make a path of edges, for minutes if they are long. It ignores unknown names.
+    header = re.sub(rb'^element[ \t]+edge', b'element unused', header, flags=re.MULTILINE)
     if re.search(rb'^format[ \t]+ascii', header, re.MULTILINE):
         counts = re.findall(rb'^element[ \t]+\S+[ \t]+(\d{1,18})\b', header, re.MULTILINE)
         promised, rows = sum(map(int, counts)), len(body.strip().splitlines())

@@ -107,6 +107,18 @@ def test_flat_mesh_and_line_have_no_volume():
             assert words in str(caught.value)
 
 
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_flat_mesh_of_any_outline_and_orientation_has_no_volume(seed):
+    """The corners are in float32, which leaves them 1e-7 off the plane."""
+    generator = np.random.default_rng(seed)
+    corners = generator.uniform(-20, 20, size=(5, 2)) @ generator.normal(size=(2, 3))
+    corners = (corners + generator.uniform(-20, 20, size=3)).astype(np.float32)
+    faces = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (2, 1, 0), (3, 2, 0), (4, 3, 0)]
+    with pytest.raises(PartError, match='has no volume'):
+        part_of(Mesh(corners.astype(float), faces, process=False))
+
+
 def test_a_point_has_no_volume():
     point = Mesh(box().vertices * 0 + 7, box().faces, process=False)
     with pytest.raises(PartError, match='has no volume: its longest side is 0 m'):

@@ -107,6 +107,14 @@ WHOLE = {
         ),
         'ply',
     ),
+    'PLY with edges': (
+        ply('ascii', TRIANGLES)[0].replace(
+            b'end_header',
+            b'element edge 1\nproperty int vertex1\nproperty int vertex2\nend_header',
+        )
+        + b'0 1\n',
+        'ply',
+    ),
     'PLY with a texture': ply('ascii', TRIANGLES, b'comment TextureFile /dev/zero\n'),
 }
 
