@@ -11,7 +11,6 @@ from rich.progress import (
     Progress,
     TaskID,
     TextColumn,
-    TimeRemainingColumn,
 )
 
 LINE_PERIOD = 1.0
@@ -32,8 +31,7 @@ class DropProgress:
                 TextColumn('{task.description}', markup=False),
                 BarColumn(),
                 MofNCompleteColumn(),
-                TextColumn('drops {task.fields[rate]}', markup=False),
-                TimeRemainingColumn(),
+                TextColumn('{task.fields[rate]}', markup=False),
                 console=Console(stderr=True),
             )
             self._task = self._bar.add_task(what, total=total, rate='')
@@ -46,8 +44,11 @@ class DropProgress:
     def update(self, done: int) -> None:
         """So many drops are done. To be called often."""
         now = time.monotonic()
-        rate = f'{done / max(now - self._begun, 1e-9):.0f} drops/s' if done else ''
+        seconds = max(now - self._begun, 1e-9)
+        rate = f'{done / seconds:.0f} drops/s' if done else ''
         if self._bar is not None and self._task is not None:
+            if 0 < done < self._total:
+                rate += f', {seconds * (self._total - done) / done:.0f} s left'
             self._bar.update(self._task, completed=done, rate=rate)
         elif now - self._shown >= LINE_PERIOD or done == self._total:
             self._shown = now
