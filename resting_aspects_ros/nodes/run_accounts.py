@@ -77,14 +77,16 @@ class KnownParts:
 
 
 class KnownDistributions:
-    """Finished distributions, by part, conditions and seed; of equals the one with most drops."""
+    """Finished distributions; of those that begin with the same drop the one with most drops."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[object, ...], tuple[RunDescription, Distribution]] = {}
 
     def add(self, run: RunDescription, distribution: Distribution) -> None:
         """Take the distribution of a run that is over."""
-        key = (run.part_sha256, run.conditions.values(), run.seed)
+        if distribution.drops == 0:
+            return  # it was canceled at once
+        key = (run.part_sha256, run.conditions.values(), run.seed, run.first_drop)
         before = self._known.pop(key, None)
         if before is not None and before[1].drops > distribution.drops:
             run, distribution = before
@@ -95,17 +97,20 @@ class KnownDistributions:
     def find(
         self, part_sha256: str, conditions: DropConditions, drops: int, seed: int | None
     ) -> tuple[RunDescription, Distribution] | None:
-        """The one with most drops, if it has at least those asked for."""
+        """The one with most drops, if it has at least those asked for.
+
+        A seed stands for its drops from the first on.
+        """
         fitting = [
             (run, distribution)
-            for (sha, values, of_seed), (run, distribution) in self._known.items()
-            if sha == part_sha256
-            and values == conditions.values()
-            and seed in (None, of_seed)
+            for run, distribution in self._known.values()
+            if run.part_sha256 == part_sha256
+            and run.conditions.values() == conditions.values()
+            and (seed is None or (run.seed, run.first_drop) == (seed, 0))
             and distribution.drops >= drops
         ]
         return max(fitting, key=lambda found: found[1].drops, default=None)
 
     def has(self, part_sha256: str) -> bool:
         """Whether any is known of a part."""
-        return any(sha == part_sha256 for sha, _, _ in self._known)
+        return any(run.part_sha256 == part_sha256 for run, _ in self._known.values())

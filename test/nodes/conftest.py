@@ -1,0 +1,356 @@
+"""Real nodes in real processes, and a client node in this one, on a ROS domain of their own."""
+
+import itertools
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+import rclpy
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from resting_aspects_interfaces.action import DropPart
+from resting_aspects_interfaces.msg import RestingPoses
+from resting_aspects_interfaces.srv import GetDistribution, ListParts
+
+from resting_aspects_ros.nodes.interface import POSES, RESTING_POSES
+
+SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
+# Every wait ends with an error after this; free cores need a fraction of it, s.
+DEADLINE = 60.0
+OUTCOMES = {
+    GoalStatus.STATUS_SUCCEEDED: 'succeeded',
+    GoalStatus.STATUS_CANCELED: 'canceled',
+    GoalStatus.STATUS_ABORTED: 'aborted',
+}
+_serial = itertools.count()
+
+
+@pytest.fixture(scope='session', autouse=True)
+def domain(tmp_path_factory):
+    """Keep the nodes of this session apart from all others on the machine."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv('ROS_DOMAIN_ID', str(os.getpid() % 100 + 1))
+        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        patch.setenv('ROS_LOG_DIR', str(tmp_path_factory.mktemp('ros')))
+        yield
+
+
+@pytest.fixture(scope='session')
+def wait():
+    """Wait for a condition, with a deadline."""
+
+    def wait(condition, what, seconds=DEADLINE, step=lambda: time.sleep(0.02)):
+        end = time.monotonic() + seconds
+        while not (found := condition()):
+            assert time.monotonic() < end, f'{what}: not within {seconds:g} s'
+            step()
+        return found
+
+    return wait
+
+
+class Process:
+    """A program of the suite in a process group of its own; what it says goes to a file."""
+
+    def __init__(self, command, output):
+        self.output = output
+        with output.open('wb') as file:
+            self._popen = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+        self.pid = self._popen.pid
+
+    @property
+    def said(self):
+        return self.output.read_text()
+
+    @property
+    def running(self):
+        return self._popen.poll() is None
+
+    def send(self, number):
+        self._popen.send_signal(number)
+
+    def end(self, number=signal.SIGINT, seconds=20):
+        """Ask it to end; its exit code."""
+        if self.running:
+            self.send(number)
+        return self._popen.wait(seconds)
+
+    def destroy(self):
+        """Leave nothing of it, not even after a failure."""
+        with suppress(ProcessLookupError):
+            os.killpg(self.pid, signal.SIGKILL)
+        self._popen.wait()
+
+    def group(self):
+        """The pids of all processes of its group that are alive."""
+        return [pid for pid, fields in _processes() if int(fields[2]) == self.pid]
+
+    def cpu(self):
+        """Seconds of processor time of its group so far."""
+        ticks = [
+            int(fields[11]) + int(fields[12])
+            for _, fields in _processes()
+            if int(fields[2]) == self.pid
+        ]
+        return sum(ticks) / os.sysconf('SC_CLK_TCK')
+
+
+def _processes():
+    """Pid and what /proc/<pid>/stat says after the name, of every process that is no zombie."""
+    for folder in Path('/proc').glob('[0-9]*'):
+        try:
+            fields = (folder / 'stat').read_text().rpartition(')')[2].split()
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if fields[0] != 'Z':
+            yield int(folder.name), fields
+
+
+@pytest.fixture(scope='module')
+def run_command(tmp_path_factory):
+    """Start a command; it is ended with the module."""
+    started = []
+
+    def run_command(*command):
+        output = tmp_path_factory.mktemp('output') / 'said.txt'
+        started.append(Process([str(word) for word in command], output))
+        return started[-1]
+
+    yield run_command
+    for process in started:
+        process.destroy()
+
+
+@pytest.fixture(scope='module')
+def start(run_command, wait):
+    """Start a node, wait until it is ready, and give its process.
+
+    ``constants`` are set before: {'run_tracker.SILENCE': 1.0}.
+    """
+
+    def start(node, namespace, parameters=(), constants=(), ready='ready'):
+        lines = [f'import resting_aspects_ros.nodes.{node} as node']
+        for name, value in dict(constants).items():
+            module, _, constant = name.rpartition('.')
+            lines += [
+                f'import resting_aspects_ros.nodes.{module} as changed',
+                f'assert hasattr(changed, {constant!r})',
+                f'changed.{constant} = {value!r}',
+            ]
+        # Workers are spawned: they import the file that was started, and must not start a node.
+        script = ['-c', '\n'.join([*lines, 'raise SystemExit(node.main())'])]
+        module = ['-m', f'resting_aspects_ros.nodes.{node}']
+        ros = ['--ros-args', '-r', f'__ns:={namespace}']
+        for name, value in dict(parameters).items():
+            ros += ['-p', f'{name}:={value}']
+        process = run_command(sys.executable, *(script if constants else module), *ros)
+        if ready:
+            wait(lambda: ready in process.said or not process.running, f'{node} ready')
+            assert process.running, process.said
+        return process
+
+    return start
+
+
+class Drop:
+    """A drop_part goal on its way."""
+
+    def __init__(self, client, goal):
+        self.feedback = []
+        self._answer = client.send_goal_async(goal, lambda m: self.feedback.append(m.feedback))
+        self._answer.add_done_callback(lambda answer: self._accepted(answer.result()))
+        self._handle = self._result = None
+
+    def _accepted(self, handle):
+        assert handle.accepted
+        self._handle = handle
+        self._result = handle.get_result_async()
+
+    @property
+    def done(self):
+        return self._result is not None and self._result.done()
+
+    @property
+    def result(self):
+        return self._result.result().result
+
+    @property
+    def outcome(self):
+        """What ROS says of the goal."""
+        return OUTCOMES[self._result.result().status]
+
+    def cancel(self):
+        return self._handle.cancel_goal_async()
+
+
+class Client:
+    """A ROS client of one suite."""
+
+    def __init__(self, namespace, wait):
+        self._context = Context()
+        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node(
+            f'test_{next(_serial)}', namespace=namespace, context=self._context
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._wait = wait
+        self._ask = self.node.create_client(GetDistribution, 'get_distribution')
+        self._list = self.node.create_client(ListParts, 'list_parts')
+        self._drop = ActionClient(self.node, DropPart, 'drop_part')
+
+    def destroy(self):
+        self._drop.destroy()
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def wait(self, condition, what, seconds=DEADLINE):
+        """Spin until the condition holds."""
+        return self._wait(
+            condition, what, seconds, lambda: self._executor.spin_once(timeout_sec=0.05)
+        )
+
+    def listen(self, kind, topic, qos):
+        """A list that fills with the messages of a topic while this client waits."""
+        heard = []
+        self.node.create_subscription(kind, topic, heard.append, qos)
+        return heard
+
+    def call(self, client, request, seconds=DEADLINE):
+        self.wait(client.service_is_ready, f'{client.srv_name} offered')
+        answer = client.call_async(request)
+        self.wait(answer.done, f'answer of {client.srv_name}', seconds)
+        return answer.result()
+
+    def asking(self, part='tetrahedron', drops=100, **fields):
+        """The future of an answer of get_distribution."""
+        self.wait(self._ask.service_is_ready, 'get_distribution offered')
+        return self._ask.call_async(GetDistribution.Request(part=part, drops=drops, **fields))
+
+    def ask(self, part='tetrahedron', drops=100, seconds=DEADLINE, **fields):
+        request = GetDistribution.Request(part=part, drops=drops, **fields)
+        return self.call(self._ask, request, seconds)
+
+    def parts(self):
+        """The summaries of list_parts by name, in their order."""
+        return {part.name: part for part in self.call(self._list, ListParts.Request()).parts}
+
+    def dropping(self, part='tetrahedron', drops=100, **fields):
+        self.wait(self._drop.server_is_ready, 'drop_part offered')
+        return Drop(self._drop, DropPart.Goal(part=part, drops=drops, **fields))
+
+    def drop(self, part='tetrahedron', drops=100, **fields):
+        drop = self.dropping(part, drops, **fields)
+        self.wait(lambda: drop.done, f'drop of {part}')
+        return drop
+
+    def poses(self):
+        return self.listen(RestingPoses, RESTING_POSES, POSES)
+
+
+@pytest.fixture(scope='module')
+def connect(wait):
+    """Make a client of the suite in a namespace."""
+    clients = []
+
+    def connect(namespace):
+        clients.append(Client(namespace, wait))
+        return clients[-1]
+
+    yield connect
+    for client in clients:
+        client.destroy()
+
+
+@pytest.fixture
+def namespace():
+    """Give a namespace that nobody used."""
+    return f'/test_{os.getpid()}_{next(_serial)}'
+
+
+class Suite:
+    """The three nodes, each in a process, and a client."""
+
+    def __init__(self, namespace, logs, start, connect, **simulator):
+        self.namespace, self.logs = namespace, logs
+        self.client = connect(namespace)
+        parameters = {'drop_simulator': simulator, 'drop_recorder': {'log_folder': logs}}
+        # Side by side: each takes seconds to import.
+        self.processes = {
+            node: start(node, namespace, parameters.get(node, {}), ready='') for node in SUITE
+        }
+        for node, process in self.processes.items():
+            self.client.wait(
+                lambda process=process: 'ready' in process.said or not process.running, node
+            )
+            assert process.running, process.said
+
+    @property
+    def alive(self):
+        return all(process.running for process in self.processes.values())
+
+    def log_of(self, run_id):
+        """The folder of a run's log, once it is whole."""
+
+        def whole():
+            return list(self.logs.glob(f'*_{run_id}/metadata.yaml'))
+
+        return self.client.wait(whole, f'log of run {run_id}')[0].parent
+
+
+@pytest.fixture(scope='module')
+def suite(start, connect, tmp_path_factory):
+    """Give the suite, with the example parts; shared by the tests of a module."""
+    return Suite(
+        f'/test_{os.getpid()}_{next(_serial)}', tmp_path_factory.mktemp('logs'), start, connect
+    )
+
+
+@pytest.fixture(scope='module')
+def fresh_suite(start, connect, tmp_path_factory):
+    """Make a suite that nobody asked for anything yet."""
+
+    def fresh_suite(**simulator):
+        namespace = f'/test_{os.getpid()}_{next(_serial)}'
+        logs = tmp_path_factory.mktemp('logs')
+        return Suite(namespace, logs, start, connect, **simulator)
+
+    return fresh_suite
+
+
+@pytest.fixture(scope='session')
+def counts():
+    """Give all that a distribution counts, as one tuple that can be compared."""
+
+    def counts(distribution):
+        of_aspects = tuple(aspect.count for aspect in distribution.aspects)
+        return (
+            *of_aspects,
+            distribution.unclassified,
+            distribution.unsettled,
+            distribution.failed,
+        )
+
+    return counts
+
+
+@pytest.fixture(scope='session')
+def traceback():
+    """Find a traceback in what a process said."""
+    return lambda text: re.search(r'Traceback|Exception ignored|never retrieved', text)

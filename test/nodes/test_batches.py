@@ -1,0 +1,46 @@
+"""Chunks of any size become batches of one size."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.nodes.batches import Batches
+
+
+def drops(first, end):
+    """Poses that tell their index."""
+    index = np.arange(first, end, dtype=float)
+    codes = np.zeros(end - first, dtype=np.uint8)
+    return RestingPoses(
+        first, np.tile(index, (3, 1)).T, np.tile(index, (4, 1)).T, codes, codes, index
+    )
+
+
+@given(
+    st.integers(1, 7), st.integers(0, 1000), st.lists(st.integers(1, 20), min_size=1, max_size=8)
+)
+def test_all_come_out_in_order_full_but_the_last_which_is_not_empty(size, start, chunks):
+    batches, out, first = Batches(size), [], start
+    for length in chunks:
+        out += batches.add(drops(first, first + length))
+        first += length
+    out.append(batches.rest(start))
+    assert all(len(batch) == size for batch in out[:-1])
+    assert 1 <= len(out[-1]) <= size
+    joined = RestingPoses.join(out)
+    assert joined.first_drop == start
+    assert joined.time_to_rest.tolist() == list(range(start, first))
+
+
+@pytest.mark.parametrize('length', [1, 249, 250])
+def test_a_batch_is_held_back_until_another_drop_follows(length):
+    batches = Batches(250)
+    assert list(batches.add(drops(0, length))) == []
+    assert len(batches.rest(0)) == length
+
+
+def test_without_a_drop_the_last_batch_is_empty_and_stands_where_the_run_begins():
+    rest = Batches(250).rest(500)
+    assert (rest.first_drop, len(rest)) == (500, 0)

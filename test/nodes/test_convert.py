@@ -1,0 +1,187 @@
+"""The suite's types and ROS messages say the same, field for field, through real CDR."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
+
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.errors import InvalidValueError, PartError
+from resting_aspects_ros.core.poses import DecidedBy, RestStatus
+from resting_aspects_ros.core.poses import RestingPoses as Poses
+from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions, HeightOf
+from resting_aspects_ros.drops.run import MOST_SEED, RunDescription
+from resting_aspects_ros.nodes import convert
+
+# Each field has a value of its own, so that none can be taken for another.
+CONDITIONS = DropConditions(
+    height=0.11,
+    restitution=0.12,
+    friction=0.13,
+    rolling_friction=0.14,
+    spinning_friction=0.15,
+    gravity=0.16,
+    speed_horizontal=0.17,
+    speed_vertical=0.18,
+    spin=0.19,
+    height_of=HeightOf.CENTRE_OF_MASS,
+    surface='felt',
+)
+RUN = RunDescription(
+    run_id='4f1c',
+    part='l_bracket',
+    part_sha256='ab' * 32,
+    conditions=CONDITIONS,
+    seed=MOST_SEED,
+    first_drop=3,
+    drops=2_000_000,
+    precision=0.01,
+    engine='bullet',
+    engine_version='3.2.7',
+    suite_version='0.9.1',
+    time_step=1e-4,
+    started=1_795_233_147_000_000_023,
+)
+POSES = Poses(
+    first_drop=2**40,
+    position=np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.0, 0.0, 0.0]]),
+    orientation=np.array([[0.1, -0.3, 0.5, 0.8062257748298549], [0, 0, 0, 1.0], [1.0, 0, 0, 0]]),
+    status=np.array(list(RestStatus), dtype=np.uint8),
+    decided_by=np.array([DecidedBy.ENERGY, DecidedBy.STILLNESS, DecidedBy.ENERGY], dtype=np.uint8),
+    time_to_rest=np.array([0.7, 1.9, math.nan]),
+)
+
+
+def over_the_wire(message):
+    return deserialize_message(serialize_message(message), type(message))
+
+
+def assert_same_fields(one, other):
+    for field in dataclasses.fields(one):
+        np.testing.assert_array_equal(
+            getattr(one, field.name), getattr(other, field.name), err_msg=field.name
+        )
+
+
+def test_the_example_values_differ():
+    values = [*CONDITIONS.values(), CONDITIONS.surface]
+    assert len(set(values)) == len(values) == len(QUANTITIES) + 2
+    values = [value for value in dataclasses.asdict(RUN).values() if not isinstance(value, dict)]
+    assert len(set(values)) == len(values)
+
+
+def test_conditions_make_the_round_trip():
+    message = over_the_wire(convert.conditions_msg(CONDITIONS))
+    assert (message.surface, message.height_of, message.height) == ('felt', 1, 0.11)
+    assert convert.conditions_from(message) == CONDITIONS
+
+
+def test_a_run_makes_the_round_trip():
+    message = over_the_wire(convert.run_msg(RUN))
+    assert (message.started.sec, message.started.nanosec) == (1_795_233_147, 23)
+    assert convert.run_from(message) == RUN
+
+
+def test_poses_make_the_round_trip():
+    stamp = convert.time_msg(17)
+    message = convert.poses_msg(POSES, RUN, stamp, last=True)
+    message = over_the_wire(message)
+    assert isinstance(message, RestingPoses)
+    assert (message.last, message.header.stamp, message.header.frame_id) == (True, stamp, 'tray')
+    assert message.run == convert.run_msg(RUN)
+    assert message.poses[0].pose.orientation.z == 0.5
+    assert message.poses[0].pose.position.y == 0.2
+    assert_same_fields(convert.poses_from(message), POSES)
+
+
+def test_a_batch_without_poses_makes_the_round_trip():
+    message = over_the_wire(convert.poses_msg(Poses.none(4), RUN, convert.time_msg(0), last=False))
+    assert message.last is False
+    assert_same_fields(convert.poses_from(message), Poses.none(4))
+
+
+@given(
+    st.lists(st.tuples(*[st.floats(allow_nan=False)] * 8, st.sampled_from(RestStatus)), max_size=4)
+)
+def test_any_poses_keep_every_bit(rows):
+    table = np.array([row[:8] for row in rows]).reshape(-1, 8)
+    poses = Poses(
+        5,
+        table[:, :3],
+        table[:, 3:7],
+        np.array([row[8] for row in rows], dtype=np.uint8),
+        np.zeros(len(rows), dtype=np.uint8),
+        table[:, 7],
+    )
+    message = over_the_wire(convert.poses_msg(poses, RUN, convert.time_msg(0), last=False))
+    assert_same_fields(convert.poses_from(message), poses)
+
+
+@pytest.mark.parametrize('name', ['l_bracket', 'hex_nut', 'u_bracket'])
+def test_a_description_makes_the_same_part(part, name):
+    original = part(name)
+    message = over_the_wire(convert.part_msg(original))
+    assert isinstance(message, PartDescription)
+    again = convert.part_from(message)
+    assert again.part_sha256 == original.part_sha256 == message.part_sha256
+    assert again.mesh_sha256 == original.mesh_sha256
+    assert (again.name, again.unit, again.mass) == (name, original.unit, original.mass)
+    np.testing.assert_array_equal(again.centre_of_mass, original.centre_of_mass)
+    np.testing.assert_array_equal(again.inertia, original.inertia)
+    np.testing.assert_array_equal(again.hull_vertices, original.hull_vertices)
+
+
+def test_the_inertia_is_sent_row_by_row(part):
+    original = part('l_bracket')
+    (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = original.inertia.tolist()
+    assert list(convert.part_msg(original).inertia) == [ixx, ixy, ixz, iyy, iyz, izz]
+
+
+def test_a_description_of_no_part_is_refused(part):
+    message = convert.part_msg(part('tetrahedron'))
+    message.mesh = message.mesh[:90]
+    with pytest.raises(PartError, match='tetrahedron'):
+        convert.part_from(message)
+
+
+def test_conditions_that_are_not_allowed_are_refused():
+    message = convert.conditions_msg(CONDITIONS)
+    message.friction = math.nan
+    with pytest.raises(InvalidValueError, match='friction is nan, allowed is'):
+        convert.conditions_from(message)
+
+
+def test_a_distribution_makes_the_round_trip(part):
+    aspects = find_aspects(part('l_bracket'))
+    counts = np.arange(10, 10 + len(aspects))
+    original = Distribution(aspects, counts, unclassified=1, unsettled=2, failed=3)
+    stamp = convert.time_msg(17)
+    message = over_the_wire(convert.distribution_msg(original, RUN, stamp, complete=True))
+    assert isinstance(message, AspectDistribution)
+    assert (message.complete, message.header.stamp, message.header.frame_id) == (
+        True,
+        stamp,
+        'tray',
+    )
+    assert (message.method, message.confidence, message.interval) == ('drops', 0.95, 'wilson')
+    assert message.run == convert.run_msg(RUN)
+    assert message.drops == counts.sum() + 6
+    intervals = original.intervals()
+    assert [(a.probability, a.lower, a.upper) for a in message.aspects] == [
+        (i.probability, i.lower, i.upper) for i in intervals
+    ]
+    again = convert.distribution_from(message)
+    assert again.counts.tolist() == counts.tolist()
+    assert (again.unclassified, again.unsettled, again.failed) == (1, 2, 3)
+    for one, other in zip(again.aspects.aspects, aspects.aspects, strict=True):
+        assert (one.id, one.com_height) == (other.id, other.com_height)
+        np.testing.assert_array_equal(one.down_in_part, other.down_in_part)
+        np.testing.assert_array_equal(one.orientation, other.orientation)
+        # The support polygon is a geometry_msgs/Polygon: float32.
+        np.testing.assert_array_equal(one.support, other.support.astype(np.float32))

@@ -1,0 +1,173 @@
+"""The action drop_part: what it answers, and what comes on resting_poses meanwhile."""
+
+import numpy as np
+import pytest
+from resting_aspects_interfaces.msg import RestingPose, Status
+
+from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.drops.engine import CHUNK, drop_chunk
+from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.nodes.convert import nanoseconds, poses_from
+from resting_aspects_ros.nodes.interface import FRAME, LEAST_BATCH, POSES_DEPTH, batch_size
+
+DROPS = 2 * LEAST_BATCH + 30
+
+
+@pytest.fixture(scope='module')
+def heard(suite):
+    """Every batch of the module."""
+    return suite.client.poses()
+
+
+@pytest.fixture(scope='module')
+def batches_of(suite, heard):
+    """Wait for the last batch of a run, and give all of them."""
+
+    def batches_of(run_id):
+        def batches():
+            return [batch for batch in heard if batch.run.run_id == run_id]
+
+        suite.client.wait(lambda: any(b.last for b in batches()), f'end of run {run_id}')
+        return batches()
+
+    return batches_of
+
+
+@pytest.fixture(scope='module')
+def drop(suite, heard):
+    """A goal that was worked off."""
+    return suite.client.drop('tetrahedron', DROPS, seed=11)
+
+
+@pytest.fixture(scope='module')
+def batches(drop, batches_of):
+    return batches_of(drop.result.run_id)
+
+
+@pytest.fixture(scope='module')
+def engine(part, surfaces):
+    """What the engine gives without any node."""
+
+    def engine(name, first, end, seed):
+        job, _ = plan_run(part(name), surfaces.get(), seed=seed, drops=end, run_id='', started=0)
+        chunks = []
+        while first < end:
+            stop = min(end, (first // CHUNK + 1) * CHUNK)
+            chunks.append(drop_chunk(job, first, stop))
+            first = stop
+        return RestingPoses.join(chunks)
+
+    return engine
+
+
+def assert_same_poses(batches, expected):
+    poses = RestingPoses.join([poses_from(batch) for batch in batches])
+    assert (poses.first_drop, poses.end) == (expected.first_drop, expected.end)
+    for field in ('position', 'orientation', 'status', 'decided_by', 'time_to_rest'):
+        assert np.array_equal(
+            getattr(poses, field), getattr(expected, field), equal_nan=field == 'time_to_rest'
+        ), field
+
+
+def test_the_result_counts_every_drop(drop, batches):
+    result = drop.result
+    assert drop.outcome == 'succeeded'
+    assert result.status == Status(code=Status.OK)
+    assert result.drops == DROPS
+    codes = [pose.status for batch in batches for pose in batch.poses]
+    assert result.settled == codes.count(RestingPose.SETTLED)
+    assert result.unsettled == codes.count(RestingPose.UNSETTLED)
+    assert result.failed == codes.count(RestingPose.FAILED)
+    assert result.settled + result.unsettled + result.failed == DROPS
+    assert result.settled > 0
+
+
+def test_feedback_grows_to_the_total(drop):
+    done = [feedback.done for feedback in drop.feedback]
+    assert len(done) >= 3
+    assert done == sorted(set(done))
+    assert done[-1] == DROPS
+    assert {feedback.total for feedback in drop.feedback} == {DROPS}
+    assert all(feedback.drops_per_second > 0 for feedback in drop.feedback)
+
+
+def test_batches_are_full_but_the_last_and_follow_each_other(batches):
+    assert [len(batch.poses) for batch in batches] == [LEAST_BATCH, LEAST_BATCH, 30]
+    assert [batch.first_drop for batch in batches] == [0, LEAST_BATCH, 2 * LEAST_BATCH]
+    assert [batch.last for batch in batches] == [False, False, True]
+
+
+def test_every_batch_says_all_of_its_run(drop, batches, part, surfaces):
+    run = batches[0].run
+    assert all(batch.run == run for batch in batches)
+    assert run.run_id == drop.result.run_id
+    assert (run.part, run.part_sha256) == ('tetrahedron', part('tetrahedron').part_sha256)
+    assert (run.seed, run.first_drop, run.drops, run.precision) == (11, 0, DROPS, 0.0)
+    assert run.conditions.height == surfaces.get().height
+    assert run.conditions.surface == 'rubber_mat'
+    assert run.time_step > 0
+    for batch in batches:
+        assert batch.header.frame_id == FRAME == 'tray'
+        assert nanoseconds(batch.header.stamp) >= nanoseconds(run.started) > 0
+
+
+def test_poses_are_bit_for_bit_those_of_the_engine(batches, engine):
+    assert_same_poses(batches, engine('tetrahedron', 0, DROPS, seed=11))
+
+
+def test_drops_from_the_middle_are_that_slice_of_the_run(suite, batches_of, engine):
+    drop = suite.client.drop('tetrahedron', 40, first_drop=230, seed=11)
+    batches = batches_of(drop.result.run_id)
+    assert batches[0].run.first_drop == 230
+    assert_same_poses(batches, engine('tetrahedron', 0, 270, seed=11).between(230, 270))
+
+
+def test_an_exactly_full_batch_is_the_last(suite, batches_of):
+    drop = suite.client.drop('tetrahedron', LEAST_BATCH, seed=12)
+    batches = batches_of(drop.result.run_id)
+    assert [(len(batch.poses), batch.last) for batch in batches] == [(LEAST_BATCH, True)]
+
+
+@pytest.mark.parametrize(
+    ('drops', 'size'),
+    [(1, 250), (500_000, 250), (500_001, 251), (2_000_000, 1000), (1_999_999, 1000)],
+)
+def test_no_run_has_more_batches_than_are_kept(drops, size):
+    assert batch_size(drops) == size
+    assert -(-drops // size) <= POSES_DEPTH
+
+
+def test_a_cancel_in_the_middle_keeps_what_was_done(suite, batches_of, engine):
+    drop = suite.client.dropping('tetrahedron', 100_000, seed=13)
+    suite.client.wait(lambda: drop.feedback, 'first feedback')
+    drop.cancel()
+    suite.client.wait(lambda: drop.done, 'canceled goal')
+    result = drop.result
+    assert drop.outcome == 'canceled'
+    assert result.status.code == Status.CANCELED
+    assert result.status.message == (
+        f'canceled after {result.drops} of 100000 drops; those are kept'
+    )
+    assert CHUNK <= result.drops < 5000
+    batches = batches_of(result.run_id)
+    assert [batch.last for batch in batches] == [False] * (len(batches) - 1) + [True]
+    assert all(batch.run.drops == 100_000 for batch in batches)
+    poses = RestingPoses.join([poses_from(batch) for batch in batches])
+    assert (poses.first_drop, len(poses)) == (0, result.drops)
+    assert result.settled == int((poses.status == RestStatus.SETTLED).sum())
+    assert_same_poses(batches[:1], engine('tetrahedron', 0, len(batches[0].poses), seed=13))
+
+
+def test_what_was_done_before_a_cancel_is_known(suite, counts):
+    drop = suite.client.dropping('tetrahedron', 100_000, seed=14)
+    suite.client.wait(lambda: drop.feedback, 'first feedback')
+    drop.cancel()
+    suite.client.wait(lambda: drop.done, 'canceled goal')
+
+    def known():
+        answer = suite.client.ask(drops=drop.result.drops, seed=[14], only_known=True)
+        return answer.status.code == Status.OK and answer.distribution
+
+    distribution = suite.client.wait(known, 'distribution of the canceled run')
+    assert distribution.run.run_id == drop.result.run_id
+    assert distribution.drops == sum(counts(distribution)) == drop.result.drops

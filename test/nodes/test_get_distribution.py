@@ -1,0 +1,126 @@
+"""get_distribution, asked of three processes over DDS."""
+
+import pytest
+from resting_aspects_interfaces.msg import DropConditions, Status
+
+from resting_aspects_ros.nodes.convert import conditions_msg, run_from
+
+
+@pytest.fixture(scope='module')
+def first(suite):
+    """The answer to the first request of a seed."""
+    return suite.client.ask('tetrahedron', 260, seed=[7])
+
+
+def test_every_drop_is_counted_once(first, counts):
+    assert first.status.code == Status.OK
+    assert first.status.message == ''
+    distribution = first.distribution
+    assert distribution.complete
+    assert distribution.method == 'drops'
+    assert distribution.drops == 260 == sum(counts(distribution))
+    assert len(distribution.aspects) == 4
+    for aspect in distribution.aspects:
+        assert aspect.probability == aspect.count / 260
+        assert aspect.lower < aspect.probability < aspect.upper
+
+
+def test_the_run_is_described_in_full(first, part, surfaces):
+    run = run_from(first.distribution.run)
+    assert run.run_id
+    assert run.part == 'tetrahedron'
+    assert run.part_sha256 == part('tetrahedron').part_sha256
+    assert run.conditions == surfaces.get('rubber_mat')
+    assert (run.seed, run.first_drop, run.drops) == (7, 0, 260)
+    assert (run.engine, run.engine_version) == ('bullet', '3.2.7')
+    assert run.time_step > 0
+
+
+def test_what_is_known_is_answered_without_a_drop(suite, first, counts):
+    heard = suite.client.poses()
+    suite.client.wait(lambda: heard and heard[-1].last, 'the run so far')
+    before = len(heard)
+    again = suite.client.ask('tetrahedron', 260, seed=[7])
+    fewer = suite.client.ask('tetrahedron', 100, seed=[7])
+    any_seed = suite.client.ask('tetrahedron', 260)
+    only_known = suite.client.ask('tetrahedron', 260, only_known=True)
+    for answer in (again, fewer, any_seed, only_known):
+        assert answer.status.code == Status.OK
+        assert answer.distribution.run == first.distribution.run
+        assert counts(answer.distribution) == counts(first.distribution)
+    # A drop now comes after all that these requests could have caused.
+    new = suite.client.drop('tetrahedron', 1, seed=99).result.run_id
+    suite.client.wait(lambda: heard[-1].last and heard[-1].run.run_id == new, 'the new run')
+    assert len(heard) == before + 1
+
+
+@pytest.mark.parametrize(
+    ('fields', 'words'),
+    [
+        ({'drops': 261}, 'at least 261 drops'),
+        ({'seed': [8]}, 'tetrahedron'),
+        ({'part': 'washer'}, 'washer'),
+    ],
+    ids=['more drops', 'another seed', 'another part'],
+)
+def test_only_known_drops_nothing(suite, first, fields, words):
+    answer = suite.client.ask(**{'drops': 260, 'only_known': True, **fields})
+    assert answer.status.code == Status.NOT_AVAILABLE
+    assert words in answer.status.message
+    assert 'only_known' in answer.status.message
+
+
+def test_other_conditions_are_another_question(suite, first, surfaces):
+    changed = conditions_msg(surfaces.get())
+    changed.friction = 0.26
+    answer = suite.client.ask(drops=1, conditions=[changed], only_known=True)
+    assert answer.status.code == Status.NOT_AVAILABLE
+
+
+def test_conditions_that_are_a_surface_s_are_the_same_question(suite, first, surfaces):
+    same = conditions_msg(surfaces.get())
+    same.surface = 'my own name for it'
+    answer = suite.client.ask(drops=260, conditions=[same], only_known=True)
+    assert answer.status.code == Status.OK
+    assert answer.distribution.run == first.distribution.run
+
+
+def test_changed_conditions_bear_no_surface_s_name(suite, surfaces):
+    changed = conditions_msg(surfaces.get())
+    changed.friction = 0.3
+    run = suite.client.ask(drops=3, conditions=[changed]).distribution.run
+    assert run.conditions == DropConditions(
+        **{
+            name: getattr(changed, name)
+            for name in changed.get_fields_and_field_types()
+            if name != 'surface'
+        }
+    )
+
+
+def test_more_drops_than_known_are_dropped(suite, first):
+    answer = suite.client.ask('tetrahedron', 270, seed=[7])
+    assert answer.status.code == Status.OK
+    assert answer.distribution.drops == 270
+    assert answer.distribution.run.run_id != first.distribution.run.run_id
+
+
+def test_another_seed_is_dropped_if_it_is_given(suite, first, counts):
+    answer = suite.client.ask('tetrahedron', 260, seed=[8])
+    assert answer.distribution.run.seed == 8
+    assert counts(answer.distribution) != counts(first.distribution)
+
+
+def test_drops_from_the_middle_of_a_seed_do_not_answer_for_the_seed(suite, counts):
+    slice_of_run = suite.client.drop('box_10x20x30', 30, first_drop=500, seed=5).result
+    assert slice_of_run.drops == 30
+    answer = suite.client.ask('box_10x20x30', 30, seed=[5])
+    assert answer.distribution.run.first_drop == 0
+    assert answer.distribution.run.run_id != slice_of_run.run_id
+
+
+def test_a_fresh_suite_gives_the_same_counts_for_a_seed(fresh_suite, first, counts):
+    suite = fresh_suite(workers=1)
+    answer = suite.client.ask('tetrahedron', 260, seed=[7])
+    assert answer.distribution.run.run_id != first.distribution.run.run_id
+    assert counts(answer.distribution) == counts(first.distribution)
