@@ -53,7 +53,12 @@ def make_pool(workers: int) -> ProcessPoolExecutor:
     """Worker processes for drops. Spawned: a fork of a process with threads is unsafe."""
     if not 1 <= workers <= MOST_WORKERS:
         raise InvalidValueError(f'workers is {workers}, allowed is 1 to {MOST_WORKERS}')
-    return _Pool(workers, get_context('spawn'), initializer=_start_worker)
+    pool = _Pool(workers, get_context('spawn'), initializer=_start_worker)
+    # Workers begin with the first work that they get, and take a second to read their modules:
+    # with this they do it now, and not while somebody waits for the first drops.
+    for _ in range(workers):
+        pool.submit(os.getpid)
+    return pool
 
 
 class _Pool(ProcessPoolExecutor):

@@ -64,10 +64,10 @@ class DropConditions:
     restitution: float = _quantity('', 'restitution of part on surface', high=1.0)
     friction: float = _quantity('', 'Coulomb friction of part on surface', high=10.0)
     rolling_friction: float = _quantity(
-        '', 'rolling friction: torque limit / (hull radius x normal force)', high=10.0
+        '', 'rolling friction: torque limit / (hull radius x normal force)', high=1.0
     )
     spinning_friction: float = _quantity(
-        '', 'friction against spin about the contact normal, like rolling friction', high=10.0
+        '', 'friction against spin about the contact normal, like rolling friction', high=1.0
     )
     gravity: float = _quantity('m/s2', 'gravity', high=1000.0, above=True)
     speed_horizontal: float = _quantity(
