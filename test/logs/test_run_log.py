@@ -9,7 +9,7 @@ import signal
 import struct
 import subprocess
 import sys
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from datetime import datetime, timedelta, timezone
 
 import pytest
@@ -20,12 +20,12 @@ from mcap.records import Attachment, ChunkIndex, Message
 from mcap.stream_reader import StreamReader
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
+from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosHistory, QosReliability, QosTime
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.logs.run_log import RunLog, run_folder_name
 from resting_aspects_ros.logs.topics import Qos, Topic
@@ -394,42 +394,46 @@ def test_a_file_cut_anywhere_holds_every_batch_that_was_flushed_before(tmp_path)
         assert flushed <= len(messages_in(io.BytesIO(content[:size]))) <= flushed + 1
 
 
-@pytest.fixture
-def no_space_after():
-    """Let files grow no further than so many bytes, as on a full disk, until the test ends."""
+@contextmanager
+def no_space_after(size):
+    """Let files grow no further than so many bytes, as on a full disk.
+
+    Only inside the test: it holds for the file that pytest may be writing to as well.
+    """
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-def test_a_full_disk_keeps_what_was_written(tmp_path, no_space_after):
+def test_a_full_disk_keeps_what_was_written(tmp_path):
     batches = [random.Random(i).randbytes(50_000) for i in range(5)]
     log = RunLog(tmp_path, 'run')
-    no_space_after(180_000)
-    for i in range(3):
-        log.write(POSES, batches[i], i)
-        log.flush()
-    log.write(POSES, batches[3], 3)
-    words = f'log {log.path} cannot be written: File too large'
-    with pytest.raises(LogError) as caught:
-        log.flush()
-    assert str(caught.value) == words
-    for again in (log.flush, lambda: log.write(POSES, batches[4], 4)):
-        with pytest.raises(LogError) as caught:
-            again()
-        assert str(caught.value) == words
-    assert log.close() == tmp_path / 'run'
-    assert log.close() == tmp_path / 'run'
+    with no_space_after(180_000):
+        for i in range(3):
+            log.write(POSES, batches[i], i)
+            log.flush()
+        log.write(POSES, batches[3], 3)
+        errors = []
+        for refused in (log.flush, log.flush, lambda: log.write(POSES, batches[4], 4)):
+            with pytest.raises(LogError) as caught:
+                refused()
+            errors.append(str(caught.value))
+        folders = [log.close(), log.close()]
+    assert errors == [f'log {log.path} cannot be written: File too large'] * 3
+    assert folders == [tmp_path / 'run'] * 2
     assert [message.data for message in stream(log.path)] == batches[:3]
     assert not (tmp_path / 'run' / 'metadata.yaml').exists()
 
 
-def test_a_disk_that_is_full_while_the_log_is_closed(tmp_path, no_space_after):
+def test_a_disk_that_is_full_while_the_log_is_closed(tmp_path):
     log = RunLog(tmp_path, 'run')
     log.write(POSES, b'batch 00', 1)
     log.flush()
-    no_space_after(log.path.stat().st_size + 100)
-    with pytest.raises(LogError) as caught:
+    size = log.path.stat().st_size + 100
+    with no_space_after(size), pytest.raises(LogError) as caught:
         log.close()
     assert str(caught.value) == f'log {log.path} cannot be written: File too large'
     assert log.close() == tmp_path / 'run'
@@ -437,9 +441,9 @@ def test_a_disk_that_is_full_while_the_log_is_closed(tmp_path, no_space_after):
     assert not (tmp_path / 'run' / 'metadata.yaml').exists()
 
 
-def test_a_disk_that_is_full_from_the_start(tmp_path, no_space_after):
-    no_space_after(5)
-    with pytest.raises(LogError, match=r'run_0\.mcap cannot be written: File too large'):
+def test_a_disk_that_is_full_from_the_start(tmp_path):
+    words = r'run_0\.mcap cannot be written: File too large'
+    with no_space_after(5), pytest.raises(LogError, match=words):
         RunLog(tmp_path, 'run')
 
 
@@ -453,11 +457,10 @@ def test_a_metadata_yaml_that_cannot_be_written_leaves_a_whole_file(tmp_path):
         assert reader.message_count == 1
 
 
-def test_the_first_error_is_the_one_that_is_told(tmp_path, no_space_after):
+def test_the_first_error_is_the_one_that_is_told(tmp_path):
     log = RunLog(tmp_path, 'run')
     log.write(POSES, b'batch 00', 1)
-    no_space_after(0)
-    with pytest.raises(ZeroDivisionError), log:
+    with no_space_after(0), pytest.raises(ZeroDivisionError), log:
         raise ZeroDivisionError
 
 

@@ -22,8 +22,14 @@ class Conditions:
     side: Side
 
 
-RUN = {'part': 'l_bracket', 'method': 'drops', 'seed': 2**64 - 1,
-       'conditions': {'height': 0.1 + 0.2}, 'engine': 'bullet', 'time_step': 1 / 3}
+RUN = {
+    'part': 'l_bracket',
+    'method': 'drops',
+    'seed': 2**64 - 1,
+    'conditions': {'height': 0.1 + 0.2},
+    'engine': 'bullet',
+    'time_step': 1 / 3,
+}
 
 
 @pytest.fixture(scope='module')
@@ -61,7 +67,10 @@ def test_an_aspect_has_exactly_the_messages_fields(distribution, pytestconfig):
 def test_it_has_the_messages_other_fields(distribution, pytestconfig):
     # What is in header and run of the message, the command line gives; it writes complete runs.
     expected = message_fields(pytestconfig, 'AspectDistribution.msg') - {
-        'header', 'run', 'complete'}
+        'header',
+        'run',
+        'complete',
+    }
     assert expected <= set(distribution_document(distribution, RUN))
 
 
@@ -73,8 +82,9 @@ def test_numbers_are_the_distributions_own(distribution):
     aspects = document['aspects']
     assert [a['count'] for a in aspects] == [278, 271, 249, 131, 0]
     assert sum(a['count'] for a in aspects) + 1 + 2 + 3 == document['drops']
-    for told, aspect, interval in zip(aspects, distribution.aspects.aspects,
-                                      distribution.intervals(), strict=True):
+    for told, aspect, interval in zip(
+        aspects, distribution.aspects.aspects, distribution.intervals(), strict=True
+    ):
         assert told['id'] == aspect.id
         assert told['down_in_part'] == aspect.down_in_part.tolist()
         assert told['orientation'] == aspect.orientation.tolist()
@@ -89,11 +99,18 @@ def test_no_number_is_minus_zero(distribution):
 
 
 def test_what_the_run_gives_becomes_plain(distribution):
-    document = distribution_document(distribution, {
-        'conditions': Conditions(0.06, Side.LEFT), 'volume': float('nan'), 'mass': np.float64(2),
-        'inertia': np.array([[1.0, np.inf]]), 'seed': np.uint64(2**64 - 1), 'names': ('a', 'b'),
-        'drops': 10**6,
-    })
+    document = distribution_document(
+        distribution,
+        {
+            'conditions': Conditions(0.06, Side.LEFT),
+            'volume': float('nan'),
+            'mass': np.float64(2),
+            'inertia': np.array([[1.0, np.inf]]),
+            'seed': np.uint64(2**64 - 1),
+            'names': ('a', 'b'),
+            'drops': 10**6,
+        },
+    )
     told = json.loads(to_json(document))
     assert told['conditions'] == {'height': 0.06, 'side': 'LEFT'}
     assert (told['volume'], told['mass'], told['inertia']) == (None, 2.0, [[1.0, None]])
@@ -104,7 +121,8 @@ def test_what_the_run_gives_becomes_plain(distribution):
 def test_before_the_first_drop_it_is_json_too(distribution):
     document = json.loads(to_json(distribution_document(no_drops(distribution.aspects), {})))
     assert [(a['probability'], a['lower'], a['upper']) for a in document['aspects']] == [
-        (0.0, 0.0, 1.0)] * 5
+        (0.0, 0.0, 1.0)
+    ] * 5
 
 
 def test_a_number_that_is_not_finite_is_not_written():

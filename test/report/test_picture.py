@@ -30,7 +30,7 @@ BLUE = (0.0, 0.45, 0.7)
 
 
 def rgb(colour):
-    return [int(colour[i:i + 2], 16) for i in (1, 3, 5)]
+    return [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
 
 
 def read(path):
@@ -57,12 +57,13 @@ def distribution(bracket):
 def test_bars_are_as_long_as_probabilities(distribution, bracket, tmp_path):
     path = tmp_path / 'bars.png'
     assert save_picture(distribution, bracket, path, 'title', 'subtitle') == path
-    image = read(path)[:, MARGIN + ROW:]  # beside the part's pictures
+    image = read(path)[:, MARGIN + ROW :]  # beside the part's pictures
     longest = bar_length(image, aspect_colour(1))
     assert longest > 300
     for number, count in enumerate(distribution.counts, start=1):
         assert bar_length(image, aspect_colour(number)) == pytest.approx(
-            longest * count / 400, abs=2)
+            longest * count / 400, abs=2
+        )
     assert bar_length(image, GREY) == pytest.approx(longest * 120 / 400, abs=2)
 
 
@@ -97,9 +98,12 @@ def test_of_many_aspects_the_most_probable_are_shown_and_the_others_counted(part
     others = np.delete(counts, np.array(shown) - 1)
     assert counts[np.array(shown) - 1].min() >= others.max()
     assert [row.label for row in rows[MOST_SHOWN:]] == [
-        f'{len(aspects) - MOST_SHOWN} more aspects', 'unsettled']
+        f'{len(aspects) - MOST_SHOWN} more aspects',
+        'unsettled',
+    ]
     assert rows[MOST_SHOWN].interval.probability == pytest.approx(
-        others.sum() / (counts.sum() + 7), rel=1e-12)
+        others.sum() / (counts.sum() + 7), rel=1e-12
+    )
 
 
 def test_colours_differ_also_to_the_colour_blind():
@@ -107,10 +111,16 @@ def test_colours_differ_also_to_the_colour_blind():
     # Machado, Oliveira and Fernandes 2009, severity 1.
     sights = {
         'all': np.eye(3),
-        'no red': [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
-                   [-0.003882, -0.048116, 1.051998]],
-        'no green': [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
-                     [-0.011820, 0.042940, 0.968881]],
+        'no red': [
+            [0.152286, 1.052583, -0.204868],
+            [0.114503, 0.786281, 0.099216],
+            [-0.003882, -0.048116, 1.051998],
+        ],
+        'no green': [
+            [0.367322, 0.860646, -0.227968],
+            [0.280085, 0.672501, 0.047413],
+            [-0.011820, 0.042940, 0.968881],
+        ],
     }
     colours = np.array([rgb(colour) for colour in (*COLOURS, GREY)]) / 255
     linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
@@ -120,8 +130,11 @@ def test_colours_differ_also_to_the_colour_blind():
 
 
 def cielab(linear):
-    xyz = linear @ np.array([[0.4124, 0.2126, 0.0193], [0.3576, 0.7152, 0.1192],
-                             [0.1805, 0.0722, 0.9505]]) / [0.9505, 1.0, 1.089]
+    xyz = (
+        linear
+        @ np.array([[0.4124, 0.2126, 0.0193], [0.3576, 0.7152, 0.1192], [0.1805, 0.0722, 0.9505]])
+        / [0.9505, 1.0, 1.089]
+    )
     f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
     x, y, z = f.T
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=1)
@@ -167,13 +180,15 @@ def test_the_part_lies_on_the_surface_in_its_aspect(part):
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
             np.testing.assert_allclose(normals, solid.normals, atol=1e-6)
             # A rotation that takes the part there has the aspect's direction pointing down.
-            turn, *_ = np.linalg.lstsq(shape.vertices - shape.vertices[0],
-                                       solid.points - solid.points[0], rcond=None)
+            turn, *_ = np.linalg.lstsq(
+                shape.vertices - shape.vertices[0], solid.points - solid.points[0], rcond=None
+            )
             np.testing.assert_allclose(turn.T @ aspect.down_in_part, [0, 0, -1], atol=1e-6)
             assert np.linalg.det(turn) == pytest.approx(1.0)
             assert solid.points[:, 2].min() == 0.0
-            np.testing.assert_allclose(down_in_part(aspect.orientation), aspect.down_in_part,
-                                       atol=1e-9)
+            np.testing.assert_allclose(
+                down_in_part(aspect.orientation), aspect.down_in_part, atol=1e-9
+            )
 
 
 def test_aspects_of_an_l_bracket_look_different(bracket):
@@ -219,22 +234,29 @@ save_picture(Distribution(AspectSet('', ()), np.array([], int), 3, 0, 0), None,
 assert 'matplotlib' in sys.modules
 assert 'matplotlib.pyplot' not in sys.modules
 """
-    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
-                          check=False)
+    done = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
 
 
 def test_a_mesh_that_is_not_closed_is_seen_from_inside_too(solid):
     box = trimesh.creation.box([20, 30, 40])
     whole = solid(box)
-    given = {'mass': whole.mass, 'centre_of_mass': [0, 0, 0],
-             'inertia': whole.inertia[np.triu_indices(3)]}
+    given = {
+        'mass': whole.mass,
+        'centre_of_mass': [0, 0, 0],
+        'inertia': whole.inertia[np.triu_indices(3)],
+    }
     box.update_faces(box.face_normals[:, 2] < 0.5)
     lidless = solid(box, **given)
     assert np.isnan(lidless.volume)
     aspects = find_aspects(whole).aspects
-    for a, b in zip(portraits(whole, aspects, [BLUE] * 6, PIXELS),
-                    portraits(lidless, aspects, [BLUE] * 6, PIXELS), strict=True):
+    for a, b in zip(
+        portraits(whole, aspects, [BLUE] * 6, PIXELS),
+        portraits(lidless, aspects, [BLUE] * 6, PIXELS),
+        strict=True,
+    ):
         # One looks through the opening at the inner sides of the walls, which fill the outline.
         assert extent(a) == pytest.approx(extent(b), abs=1)
         assert (silhouette(a) ^ silhouette(b)).sum() < 0.01 * silhouette(a).sum()

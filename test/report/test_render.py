@@ -16,11 +16,15 @@ def turned(mesh, rotation, scale=1.0):
     return points + np.array([SIZE / 2, SIZE / 2, 0.0])
 
 
-@pytest.mark.parametrize('mesh', [
-    trimesh.creation.box([10, 20, 30]),
-    trimesh.creation.icosphere(subdivisions=5, radius=18),  # 20,480 triangles, of a few pixels
-    trimesh.creation.cylinder(radius=8, height=30, sections=64),
-], ids=['box', 'sphere', 'cylinder'])
+@pytest.mark.parametrize(
+    'mesh',
+    [
+        trimesh.creation.box([10, 20, 30]),
+        trimesh.creation.icosphere(subdivisions=5, radius=18),  # 20,480 triangles, of a few pixels
+        trimesh.creation.cylinder(radius=8, height=30, sections=64),
+    ],
+    ids=['box', 'sphere', 'cylinder'],
+)
 def test_a_convex_silhouette_has_the_projected_area_and_no_holes(mesh):
     for rotation in Rotation.random(5, np.random.default_rng(3)):
         seen = rasterise(turned(mesh, rotation, 4.0), mesh.faces, SIZE).face != NOTHING
@@ -54,8 +58,10 @@ def test_it_sees_what_asking_every_triangle_at_every_pixel_finds():
     assert 0.5 < covered.mean() < 1.0
     assert np.array_equal(seen.face != NOTHING, covered)
     np.testing.assert_allclose(seen.depth[covered], expected[covered], atol=1e-6)
-    assert not np.isin(seen.face, [f for f, p in enumerate(points[faces])
-                                   if np.cross(p[1] - p[0], p[2] - p[0])[2] < 0]).any()
+    assert not np.isin(
+        seen.face,
+        [f for f, p in enumerate(points[faces]) if np.cross(p[1] - p[0], p[2] - p[0])[2] < 0],
+    ).any()
 
 
 def test_the_nearer_wall_hides_and_the_slot_between_walls_is_seen(part):

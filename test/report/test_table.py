@@ -51,12 +51,14 @@ def test_every_aspect_is_a_row_whose_numbers_are_the_distributions(aspects):
     assert [row['id'] for row in found] == ['1', '2', '3', '4', '5', '', '']
     assert [row['count'] for row in found] == ['2780', '2713', '2490', '1312', '0', '7', '1']
     assert [row['down'] for row in found[5:]] == ['unclassified', 'failed']
-    for row, aspect, interval in zip(found, aspects.aspects, distribution.intervals(),
-                                     strict=False):
+    for row, aspect, interval in zip(
+        found, aspects.aspects, distribution.intervals(), strict=False
+    ):
         for name in ('probability', 'lower', 'upper'):
             shown = row[name]
-            assert float(shown) == pytest.approx(100 * getattr(interval, name),
-                                                 abs=half_digit(shown))
+            assert float(shown) == pytest.approx(
+                100 * getattr(interval, name), abs=half_digit(shown)
+            )
         assert float(row['height']) == pytest.approx(1000 * aspect.com_height, abs=0.005)
         direction = [float(number) for number in row['down'].split()]
         assert direction == pytest.approx(aspect.down_in_part.tolist(), abs=0.005 + 1e-9)
@@ -95,12 +97,15 @@ def test_a_title_is_plain_text(aspects):
     assert lines(no_drops(aspects), 'nut [bold] m8')[0].strip() == 'nut [bold] m8'
 
 
-@pytest.mark.parametrize(('lower', 'probability', 'upper', 'words'), [
-    (0.251, 0.278, 0.301, ('27.8 %', '25.1 to 30.1 %')),
-    (0.27751, 0.278, 0.27849, ('27.800 %', '27.751 to 27.849 %')),
-    (0.0, 0.0, 0.0038, ('0 %', '0 to 0.38 %')),
-    (0.05, 0.33, 0.8, ('33 %', '5 to 80 %')),
-])
+@pytest.mark.parametrize(
+    ('lower', 'probability', 'upper', 'words'),
+    [
+        (0.251, 0.278, 0.301, ('27.8 %', '25.1 to 30.1 %')),
+        (0.27751, 0.278, 0.27849, ('27.800 %', '27.751 to 27.849 %')),
+        (0.0, 0.0, 0.0038, ('0 %', '0 to 0.38 %')),
+        (0.05, 0.33, 0.8, ('33 %', '5 to 80 %')),
+    ],
+)
 def test_digits_follow_the_width_of_the_interval(lower, probability, upper, words):
     interval = Interval(probability, lower, upper)
     assert (probability_text(interval), interval_text(interval)) == words
