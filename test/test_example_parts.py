@@ -103,6 +103,20 @@ def test_l_bracket_is_of_steel_by_its_yaml():
     assert LIBRARY.load('l_bracket').mass == pytest.approx(7850 * 12000e-9)
 
 
+def test_what_the_example_yaml_shows_in_comments_is_true(tmp_path):
+    text = (FOLDER / 'l_bracket.yaml').read_text()
+    for key in ('centre_of_mass', 'inertia'):
+        assert f'# {key}: ' in text
+        text = text.replace(f'# {key}: ', f'{key}: ')
+    (tmp_path / 'l_bracket.yaml').write_text(text)
+    (tmp_path / 'l_bracket.stl').write_bytes((FOLDER / 'l_bracket.stl').read_bytes())
+    shown, own = (PartLibrary(folder).load('l_bracket') for folder in (tmp_path, FOLDER))
+    np.testing.assert_allclose(shown.centre_of_mass, own.centre_of_mass, rtol=FLOAT32)
+    np.testing.assert_allclose(shown.inertia, own.inertia, atol=1e-5 * own.inertia.max())
+    assert '`mass: 0.0942`' in text
+    assert own.mass == pytest.approx(0.0942)
+
+
 def test_l_bracket_has_the_inertia_of_its_two_legs():
     part = LIBRARY.load('l_bracket')
     expected = np.zeros((3, 3))

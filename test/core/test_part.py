@@ -260,9 +260,10 @@ def test_part_is_the_same_after_a_message():
 def test_open_mesh_with_mass_properties_is_the_same_after_a_message():
     mesh = box()
     data = stl(trimesh.Trimesh(mesh.vertices, mesh.faces[:-1], process=False))
-    given = {'mass': 1, 'centre_of_mass': (0.005, 0.01, -0.0), 'inertia': [1e-4] * 3 + [2e-4] * 3}
-    given['inertia'] = [2e-4, 1e-6, 0, 1e-4, -0.0, 1.5e-4]
-    sent = part_from_bytes(data, 'stl', 'box', **given)
+    inertia = [2e-4, 1e-6, 0, 1e-4, 0, 1.5e-4]
+    sent = part_from_bytes(
+        data, 'stl', 'box', mass=1, centre_of_mass=(0.005, 0.01, 0.0), inertia=inertia
+    )
     got = part_from_bytes(
         data,
         'stl',
@@ -277,6 +278,18 @@ def test_open_mesh_with_mass_properties_is_the_same_after_a_message():
     assert 'given mass properties' in sent.warnings[0]
     assert got.part_sha256 == sent.part_sha256
     np.testing.assert_array_equal(got.principal_axes, sent.principal_axes)
+
+
+def test_minus_zero_is_zero():
+    centre, inertia = np.array([0.0, 10, 15]) * 1e-3, np.array([2e-4, 0, 0, 1e-4, 0, 1.5e-4])
+    given = {'mass': 1, 'centre_of_mass': centre, 'inertia': inertia}
+    minus = {
+        'mass': 1,
+        'centre_of_mass': np.where(centre == 0, -0.0, centre),
+        'inertia': np.where(inertia == 0, -0.0, inertia),
+    }
+    parts = [part_from_bytes(stl(box()), 'stl', 'box', **values) for values in (given, minus)]
+    assert parts[0].part_sha256 == parts[1].part_sha256
 
 
 def test_part_sha256_is_what_its_documentation_says():
