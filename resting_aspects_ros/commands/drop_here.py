@@ -24,7 +24,7 @@ from resting_aspects_ros.core.distribution import METHOD, Distribution, count_po
 from resting_aspects_ros.core.errors import EngineError, InvalidValueError
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 from resting_aspects_ros.drops.campaign import default_workers, make_pool, stop_pool, submit_drops
-from resting_aspects_ros.drops.engine import DropJob
+from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.surfaces import Surfaces
 

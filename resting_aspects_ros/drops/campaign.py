@@ -12,7 +12,9 @@ from typing import ParamSpec, TypeVar
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.drops.engine import CHUNK, DropJob, drop_chunk
+from resting_aspects_ros.drops.engine import drop_chunk
+from resting_aspects_ros.drops.job import DropJob
+from resting_aspects_ros.drops.release import CHUNK
 
 MOST_WORKERS = 1024
 

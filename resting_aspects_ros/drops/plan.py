@@ -3,7 +3,8 @@
 from resting_aspects_ros import __version__
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.conditions import DropConditions
-from resting_aspects_ros.drops.engine import ENGINE, ENGINE_VERSION, DropJob, make_job
+from resting_aspects_ros.drops.engine import ENGINE, ENGINE_VERSION
+from resting_aspects_ros.drops.job import DropJob, make_job
 from resting_aspects_ros.drops.run import (
     RunDescription,
     check_drops,

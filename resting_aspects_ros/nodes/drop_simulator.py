@@ -27,7 +27,7 @@ from resting_aspects_ros.drops.campaign import (
     stop_pool,
     submit_drops,
 )
-from resting_aspects_ros.drops.engine import DropJob
+from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.part_library import PartLibrary
 from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.run import RunDescription

@@ -23,7 +23,9 @@ from resting_aspects_ros.drops.campaign import (
     stop_pool,
     submit_drops,
 )
-from resting_aspects_ros.drops.engine import CHUNK, drop_chunk, make_job
+from resting_aspects_ros.drops.engine import drop_chunk
+from resting_aspects_ros.drops.job import make_job
+from resting_aspects_ros.drops.release import CHUNK
 
 
 class Recorder(Executor):
@@ -190,7 +192,7 @@ import sys
 from multiprocessing import active_children
 from pathlib import Path
 from resting_aspects_ros.drops.campaign import make_pool, submit_drops
-from resting_aspects_ros.drops.engine import make_job
+from resting_aspects_ros.drops.job import make_job
 from resting_aspects_ros.drops.part_library import PartLibrary
 from resting_aspects_ros.drops.surfaces import Surfaces
 

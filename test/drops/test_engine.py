@@ -18,9 +18,12 @@ from resting_aspects_ros.core.distribution import count_poses
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import down_in_part, random_orientations, rotate
-from resting_aspects_ros.drops import engine
+from resting_aspects_ros.drops import engine, release
+from resting_aspects_ros.drops import job as drop_job
 from resting_aspects_ros.drops.conditions import HeightOf
-from resting_aspects_ros.drops.engine import CHUNK, drop_chunk, make_job
+from resting_aspects_ros.drops.engine import drop_chunk
+from resting_aspects_ros.drops.job import make_job
+from resting_aspects_ros.drops.release import CHUNK
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
 LEVEL = 1e-3
@@ -208,11 +211,11 @@ def releases(job, chunks):
 
     Private to the engine, because no number that leaves it tells how a drop began.
     """
-    each = [engine._releases(job, chunk) for chunk in range(chunks)]
-    return engine._Release(
+    each = [release.releases(job, chunk) for chunk in range(chunks)]
+    return release.Release(
         *(
             np.concatenate([getattr(release, field.name) for release in each])
-            for field in dataclasses.fields(engine._Release)
+            for field in dataclasses.fields(release.Release)
         )
     )
 
@@ -323,7 +326,7 @@ def test_no_part_is_at_rest_before_it_can_have_fallen(drop, part, mat):
 @pytest.mark.parametrize(
     ('changes', 'steps'),
     [
-        ({'height': 1e-3}, engine.STEPS_PER_T),
+        ({'height': 1e-3}, drop_job.STEPS_PER_T),
         ({'height': 2.0}, None),
         ({'speed_vertical': 3.0}, None),
         ({'speed_horizontal': 3.0}, None),
@@ -342,9 +345,9 @@ def test_a_step_is_a_share_of_t_and_moves_no_point_too_far(part, mat, changes, s
     )
     fastest += 3 * c.spin * job.radius
     travel = fastest * job.time_step / job.radius
-    assert travel <= engine.TRAVEL_PER_STEP
+    assert travel <= drop_job.TRAVEL_PER_STEP
     if steps is None:
-        assert travel > 0.99 * engine.TRAVEL_PER_STEP
+        assert travel > 0.99 * drop_job.TRAVEL_PER_STEP
     else:
         assert job.steps_per_t == steps
 
@@ -355,7 +358,7 @@ def test_a_step_is_a_share_of_t_and_moves_no_point_too_far(part, mat, changes, s
 def test_a_throw_too_fast_for_the_engine_is_refused_in_words(part, mat, changes):
     shape = part('l_bracket')
     conditions = mat.changed(**changes)
-    fastest = engine.FASTEST_IMPACT * math.sqrt(conditions.gravity * shape.hull_radius)
+    fastest = drop_job.FASTEST_IMPACT * math.sqrt(conditions.gravity * shape.hull_radius)
     with pytest.raises(InvalidValueError) as caught:
         make_job(shape, conditions, 1)
     message = str(caught.value)
@@ -378,7 +381,7 @@ def test_parts_that_lose_no_energy_are_unsettled_and_the_run_ends(part, mat):
     np.testing.assert_allclose(np.linalg.norm(poses.orientation, axis=1), 1, atol=1e-12)
     # Still bouncing, above the surface but for what an impact overlaps.
     lowest = hull_in_tray(part('l_bracket'), poses)[..., 2].min(axis=1)
-    assert (lowest > -engine.TRAVEL_PER_STEP * job.radius).all()
+    assert (lowest > -drop_job.TRAVEL_PER_STEP * job.radius).all()
 
 
 def test_a_drop_that_bullet_loses_is_failed_and_the_others_are_what_they_were(
@@ -452,7 +455,7 @@ class Flight:
         self.job, self.client = job, world._client
         state = (position, orientation, velocity, spin)
         rows = [np.array([row], dtype=np.float64) for row in state]
-        self.body = world._add(engine._Release(*rows, elapsed=np.zeros(1)), 0)
+        self.body = world._add(release.Release(*rows, elapsed=np.zeros(1)), 0)
 
     def step(self, time):
         for _ in range(round(time * self.job.steps_per_t)):
@@ -528,7 +531,7 @@ def rebound(job, height):
 @pytest.mark.parametrize('restitution', [0.3, 0.64, 0.9])
 def test_a_central_impact_bounces_to_the_square_of_the_restitution(octahedron, mat, restitution):
     job = make_job(octahedron, mat.changed(restitution=restitution, height=0.01), 1)
-    assert job.steps_per_t == engine.STEPS_PER_T
+    assert job.steps_per_t == drop_job.STEPS_PER_T
     # The impact is seen at the end of a step, 1.4 / 160 of T, so a height of 1 comes out within
     # some 2 % of it, which are of the rebound 2 % / e^2.
     found = rebound(job, 1.0)
@@ -539,7 +542,7 @@ def test_finer_steps_bounce_closer_to_the_square_of_the_restitution(octahedron, 
     # With Bullet's defaults they do not: a part is braked ahead of the contact, the more so the
     # finer the steps, and pushed out of its overlap faster.
     job = make_job(octahedron, mat.changed(height=0.01), 1)
-    monkeypatch.setattr(engine, 'STEPS_PER_T', 1280)
+    monkeypatch.setattr(drop_job, 'STEPS_PER_T', 1280)
     assert job.steps_per_t == 1280
     assert rebound(job, 1.0) == pytest.approx(0.64**2, rel=0.01)
 

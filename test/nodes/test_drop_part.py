@@ -5,8 +5,9 @@ import pytest
 from resting_aspects_interfaces.msg import RestingPose, Status
 
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.drops.engine import CHUNK, drop_chunk
+from resting_aspects_ros.drops.engine import drop_chunk
 from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.drops.release import CHUNK
 from resting_aspects_ros.nodes.convert import nanoseconds, poses_from
 from resting_aspects_ros.nodes.interface import FRAME, LEAST_BATCH, POSES_DEPTH, batch_size
 
