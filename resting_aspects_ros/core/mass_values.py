@@ -35,7 +35,7 @@ def point(value: Any, what: str) -> Array:
         raise InvalidValueError(
             f'{what} is {reprlib.repr(value)}: allowed are three finite numbers'
         )
-    return found + 0.0
+    return found
 
 
 def inertia_matrix(value: Any, what: str) -> Array:
@@ -63,7 +63,7 @@ def inertia_matrix(value: Any, what: str) -> Array:
         )
     if np.abs(found - found.T).max() > ROUNDING * np.abs(found).max():
         raise InvalidValueError(f'{what} is {found.tolist()}: it must be symmetric')
-    found = np.asarray((found + found.T) / 2 + 0.0)
+    found = np.asarray((found + found.T) / 2)
     moments = np.linalg.eigvalsh(found / (np.abs(found).max() or 1.0))
     if not moments[0] > 1e-14 * moments[2]:
         raise InvalidValueError(

@@ -6,7 +6,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from resting_aspects_ros.core.closed_surface import WELD, closed_surface
+from resting_aspects_ros.core.closed_surface import closed_surface
 from resting_aspects_ros.core.errors import PartError
 from resting_aspects_ros.core.part import Part, part_from_bytes
 
@@ -185,6 +185,20 @@ def test_cavity_stays_a_cavity(mesh, warns):
     assert warns in ' '.join(part.warnings)
 
 
+def test_cavity_may_touch_the_outside():
+    """Where it does, the wall has no thickness, and the largest triangles of both are there."""
+    part = part_of(both(box(10, 30, 20), inverted(box(10, 28, 18))))
+    assert (cubic_mm(part), part.warnings) == (10 * (30 * 20 - 28 * 18), ())
+
+
+def test_only_a_shell_around_another_tells_that_it_is_a_cavity():
+    """The tube was inside out, but the body in its hole, with one more inside, was not."""
+    tube = trimesh.creation.annulus(r_min=10, r_max=20, height=30, sections=32)
+    part = part_of(both(inverted(tube), box(8, 8, 8), box(2, 2, 2)))
+    assert cubic_mm(part) == pytest.approx(tube.volume + 512 + 8)
+    assert len(part.warnings) == 2
+
+
 def test_body_in_a_cavity_counts():
     part = part_of(both(box(2, 2, 2, at=(5, 0, 0)), box(), CAVITY))
     assert (cubic_mm(part), part.warnings) == (23008, ())
@@ -266,16 +280,25 @@ def test_corners_apart_by_noise_of_float32_are_welded(seed):
     """Each triangle of the file gets its own noise, of up to half the tolerance in all."""
     triangles = np.asarray(box().triangles)
     noise = np.random.default_rng(seed).uniform(-1, 1, size=triangles.shape)
-    triangles = triangles + noise * WELD * 20 / 2 / np.sqrt(3)
+    triangles = triangles + noise * 1e-6 * 20 / 2 / np.sqrt(3)
     part = part_of(Mesh(triangles.reshape(-1, 3), np.arange(36).reshape(-1, 3), process=False))
     assert len(part.vertices) == 8
     assert part.volume == pytest.approx(24000e-9, rel=1e-5)
 
 
 def test_small_features_are_not_welded():
-    """A box of 0.4 um on a part of 40 mm is ten tolerances wide."""
-    part = part_of(both(box(), box(4e-4, 4e-4, 4e-4, at=(30, 0, 0))))
+    """A box of 0.1 um, 30 mm from the origin, is three tolerances wide."""
+    part = part_of(both(box(), box(1e-4, 1e-4, 1e-4, at=(30, 0, 0))))
     assert len(part.vertices) == 16
+
+
+def test_zero_has_no_sign():
+    """Or the bits of a vertex would depend on which triangle of the file comes first."""
+    mesh = box(at=(20, 15, 10))
+    vertices = np.where(mesh.vertices == 0, -0.0, mesh.vertices)
+    found = closed_surface(vertices, np.array(mesh.faces)).vertices
+    assert np.count_nonzero(found == 0) == 12
+    assert not np.signbit(found).any()
 
 
 def test_order_of_the_file_does_not_matter():

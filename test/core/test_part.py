@@ -154,6 +154,12 @@ def test_hull_does_not_depend_on_the_order_in_the_file():
     np.testing.assert_array_equal(order, np.arange(len(order)))
 
 
+def test_hull_keeps_what_is_finer_than_a_drawing_but_more_than_noise():
+    """720 sides on a diameter of 20 mm: each corner is 0.1 um above the line of the next two."""
+    mesh = trimesh.creation.cylinder(radius=10, height=20, sections=720)
+    assert len(part_from_bytes(stl(mesh), 'stl', 'pin').hull_vertices) == 1440
+
+
 def test_hull_of_a_part_with_a_hollow_has_none_of_it():
     outline = {(0, 0), (40, 0), (40, 10), (10, 30), (0, 30)}
     part = part_from_bytes(stl(l_bracket()), 'stl', 'l')
