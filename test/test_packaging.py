@@ -19,6 +19,7 @@ INTERFACES = ROOT / 'resting_aspects_interfaces' / 'package.xml'
 MESSAGES = 'ros-jazzy-common-interfaces'
 DEPENDENCIES = {
     'PIL': ('pillow', 'python3-pil'),
+    'action_msgs': ('ros-jazzy-rclpy', 'action_msgs'),
     'builtin_interfaces': (MESSAGES, 'builtin_interfaces'),
     'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg'),
     'diagnostic_msgs': (MESSAGES, 'diagnostic_msgs'),

@@ -5,8 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.commands.interruption import Interruption
-from resting_aspects_ros.commands.options import add_conditions, add_run, whole
-from resting_aspects_ros.drops.run import DEFAULT_SEED
+from resting_aspects_ros.commands.options import add_conditions, add_run, conditions_of, whole
+from resting_aspects_ros.config_files import surfaces_file
+from resting_aspects_ros.drops.run import DEFAULT_SEED, check_drops, check_seed
+from resting_aspects_ros.drops.surfaces import Surfaces
 
 EXAMPLES = """examples:
   resting_aspects drop l_bracket
@@ -51,7 +53,10 @@ def add(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
     with Interruption() as stop:
-        # The engine takes a second to import, which --help does not need.
+        check_drops(arguments.drops)
+        check_seed(arguments.seed)
+        conditions = conditions_of(arguments, Surfaces.read(surfaces_file()))
+        # The engine takes a second to import, which neither --help nor a typo needs.
         from resting_aspects_ros.commands.drop_here import drop_here
 
-        return drop_here(arguments, stop)
+        return drop_here(arguments, conditions, stop)

@@ -15,18 +15,16 @@ from typing import Any, TextIO
 from resting_aspects_ros.commands.answer import Answer
 from resting_aspects_ros.commands.given_part import given_part
 from resting_aspects_ros.commands.interruption import Interruption
-from resting_aspects_ros.commands.options import conditions_of
 from resting_aspects_ros.commands.outputs import check_output, make_folder, whole_file
 from resting_aspects_ros.commands.progress import DropProgress
-from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import METHOD, Distribution, count_poses, no_drops
 from resting_aspects_ros.core.errors import EngineError, InvalidValueError
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 from resting_aspects_ros.drops.campaign import default_workers, make_pool, stop_pool, submit_drops
+from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.plan import plan_run
-from resting_aspects_ros.drops.surfaces import Surfaces
 
 INTERRUPTED = 130
 POSES_HEADER = (
@@ -37,7 +35,9 @@ DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
 LOOK_PERIOD = 0.1
 
 
-def drop_here(arguments: argparse.Namespace, stop: Interruption) -> int:
+def drop_here(
+    arguments: argparse.Namespace, conditions: DropConditions, stop: Interruption
+) -> int:
     """Drop, count and show; returns the exit code.
 
     Raises RestingAspectsError: before the first drop for wrong input, and after what was done is
@@ -46,7 +46,7 @@ def drop_here(arguments: argparse.Namespace, stop: Interruption) -> int:
     part = given_part(arguments.part, arguments.unit, arguments.parts)
     job, run = plan_run(
         part,
-        conditions_of(arguments, Surfaces.read(surfaces_file())),
+        conditions,
         seed=arguments.seed,
         drops=arguments.drops,
         run_id=uuid.uuid4().hex[:12],

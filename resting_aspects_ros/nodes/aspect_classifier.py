@@ -102,29 +102,31 @@ class AspectClassifier(Node):
             self.get_logger().error(f'the description of {name} cannot be used: {error}')
             return
         self._parts.describe(part)
+        self._output(name)  # before the first run, so that who listens hears all of it
         for account in list(self._accounts.values()):
             if account.run.part == name:
                 self._advance(account)
 
     def _batch(self, message: RestingPoses) -> None:
         try:
-            progress, new = self._tracker.accept(message)
+            arrivals = self._tracker.accept(message)
         except RestingAspectsError as error:
             self.get_logger().error(f'a batch of resting poses cannot be used: {error}')
             return
-        if progress.closed:
-            return
-        account = self._accounts.setdefault(progress.run.run_id, RunAccount(progress.run))
         poses = poses_from(message)
-        account.waiting.extend(poses.between(first, end) for first, end in new)
-        self._advance(account)
-        self._tracker.settle(progress)
+        for progress, new in arrivals:
+            account = self._accounts.setdefault(progress.run.run_id, RunAccount(progress.run))
+            account.waiting.extend(poses.between(first, end) for first, end in new)
+            self._advance(account)
+            self._tracker.settle(progress)
 
     def _run_over(self, progress: RunProgress) -> None:
         account = self._accounts.get(progress.run.run_id)
         if account is None:
             return
-        account.over, account.lost = True, progress.lost
+        account.over = True
+        if progress.lost:
+            account.problem = f'drops of run {progress.run.run_id} were lost and are not to be had'
         self._advance(account)
 
     def _advance(self, account: RunAccount) -> None:
@@ -135,25 +137,35 @@ class AspectClassifier(Node):
             part = self._parts.get(run.part)
             if account.over and part is not None:
                 # The description that is latched is of another version: this one is gone.
-                self.get_logger().warning(f'run {run.run_id} is of an earlier {run.part}, ignored')
-                del self._accounts[run.run_id]
+                account.problem = f'run {run.run_id} is of another version of {run.part}, ignored'
+                self._end(account)
             return
         account.count(aspects)
         self._changed[run.part] = account
         if account.over:
-            del self._accounts[run.run_id]
-            if not account.lost:
+            if not account.problem:
                 self._known.add(run, account.counted)
             self._publish_changed()
-            self._over_future(run.run_id).set_result(account)
+            self._end(account)
+
+    def _end(self, account: RunAccount) -> None:
+        """Tell those who wait for it that a run is over."""
+        del self._accounts[account.run.run_id]
+        if account.problem:
+            self.get_logger().warning(account.problem)
+        self._over_future(account.run.run_id).set_result(account)
 
     def _publish_changed(self) -> None:
         changed, self._changed = self._changed, {}
         for part, account in changed.items():
-            if part not in self._outputs:
-                topic = f'{ASPECT_DISTRIBUTIONS}/{part}'
-                self._outputs[part] = self.create_publisher(AspectDistribution, topic, LATCHED)
-            self._outputs[part].publish(self._message(account.run, account.counted, account.over))
+            message = self._message(account.run, account.counted, account.over)
+            self._output(part).publish(message)
+
+    def _output(self, part: str) -> Publisher:
+        if part not in self._outputs:
+            topic = f'{ASPECT_DISTRIBUTIONS}/{part}'
+            self._outputs[part] = self.create_publisher(AspectDistribution, topic, LATCHED)
+        return self._outputs[part]
 
     def _message(
         self, run: RunDescription, distribution: Distribution, complete: bool

@@ -40,6 +40,7 @@ class DropRecorder(Node):
         self._folder = Path(values['log_folder']).absolute()
         self._logs: dict[str, OpenLog] = {}
         self._parts: dict[str, tuple[PartDescription, bytes]] = {}
+        self._newest: dict[str, tuple[AspectDistribution, bytes]] = {}  # by part
         self._tracker = RunTracker(self, self._run_over)
         self._part_watch = TopicWatch(self, PARTS, PartDescription, self._part_described, raw=True)
         self._distribution_watch = TopicWatch(
@@ -61,17 +62,16 @@ class DropRecorder(Node):
     def _batch(self, data: bytes) -> None:
         message = deserialize_message(data, RestingPoses)
         try:
-            progress, new = self._tracker.accept(message)
+            arrivals = self._tracker.accept(message)
         except RestingAspectsError as error:
             self.get_logger().error(f'a batch of resting poses cannot be used: {error}')
             return
-        if progress.closed:
-            return
-        log = self._log(progress)
-        if new:
-            log.write(self._poses, data, self._now(), nanoseconds(message.header.stamp))
-            self._report(log)
-        self._tracker.settle(progress)
+        for progress, new in arrivals:
+            log = self._log(progress)
+            if new or not message.poses:
+                log.write(self._poses, data, self._now(), nanoseconds(message.header.stamp))
+                self._report(log)
+            self._tracker.settle(progress)
 
     def _log(self, progress: RunProgress) -> OpenLog:
         """The log of a run; begun if this is the first batch of it."""
@@ -81,6 +81,8 @@ class DropRecorder(Node):
             self._report(log)
             if run.part in self._parts:
                 self._write_part(log, *self._parts[run.part])
+            if run.part in self._newest:  # it can come before the poses that it counts
+                self._write_distribution(log, *self._newest[run.part])
         return self._logs[run.run_id]
 
     def _part_described(self, name: str, data: bytes) -> None:
@@ -98,11 +100,15 @@ class DropRecorder(Node):
 
     def _distribution(self, name: str, data: bytes) -> None:
         message = deserialize_message(data, AspectDistribution)
-        log = self._logs.get(message.run.run_id)
-        if log is None:
+        self._newest[name] = (message, data)
+        for log in self._logs.values():
+            self._write_distribution(log, message, data)
+
+    def _write_distribution(self, log: OpenLog, message: AspectDistribution, data: bytes) -> None:
+        if log.run.run_id != message.run.run_id:
             return
         watch = self._distribution_watch
-        topic = Topic(watch.topic(name), watch.type_name, _qos(LATCHED))
+        topic = Topic(watch.topic(message.run.part), watch.type_name, _qos(LATCHED))
         log.write(topic, data, self._now(), nanoseconds(message.header.stamp))
         log.has_distribution = log.has_distribution or message.complete
         self._report(log)

@@ -13,6 +13,7 @@ from resting_aspects_interfaces.msg import Status
 from resting_aspects_ros.core.errors import EngineError, RestingAspectsError
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.nodes.convert import conditions_msg
+from resting_aspects_ros.nodes.drop_goals import drop_result
 from resting_aspects_ros.nodes.interface import DROP_PART
 from resting_aspects_ros.nodes.requests import NotAvailableError, status_error
 from resting_aspects_ros.nodes.waiting import wait_for
@@ -85,18 +86,15 @@ class DropRequests:
             drops=spec.drops,
             seed=spec.seed,
         )
-        handle = await self._client.send_goal_async(goal)
-        if not handle.accepted:
-            raise NotAvailableError('the simulator did not take the goal')
-        result = (await handle.get_result_async()).result
+        result = await drop_result(self._node, self._client, goal)
         if result.status.code != Status.OK:
             raise status_error(result.status)
         over = self._over(result.run_id)
         if not await wait_for(self._node, over, BATCHES_TIMEOUT):
             raise EngineError(f'the poses of run {result.run_id} did not arrive')
         account: RunAccount = over.result()
-        if account.lost:
-            raise EngineError(f'drops of run {result.run_id} were lost and could not be had again')
+        if account.problem:
+            raise EngineError(account.problem)
         return account
 
     async def _server(self) -> None:

@@ -65,7 +65,7 @@ class DropSimulator(Node):
     def __init__(self) -> None:
         super().__init__('drop_simulator')
         values = declare(self, PARAMETERS)
-        self._library = PartLibrary(Path(values['parts_folder'] or parts_folder()))
+        self._library = PartLibrary(_folder(values['parts_folder'] or parts_folder()))
         self._surfaces = Surfaces.read(Path(values['surfaces_file'] or surfaces_file()))
         self._workers: int = values['workers'] or default_workers()
         self._pool = make_pool(self._workers)
@@ -120,7 +120,7 @@ class DropSimulator(Node):
         result.run_id = run.run_id
         batches = Batches(batch_size(asked.drops))
         begun = time.monotonic()
-        pool = self._pool
+        pool = self._whole_pool()
         chunks = submit_drops(job, asked.first_drop, asked.drops, pool, 2 * self._workers)
         try:
             for future in chunks:
@@ -162,6 +162,14 @@ class DropSimulator(Node):
         self._parts.offer(part)
         return job, asked, run
 
+    def _whole_pool(self) -> ProcessPoolExecutor:
+        """The workers; new ones if one of them died while there was nothing to do."""
+        try:
+            self._pool.submit(int)
+        except BrokenProcessPool:
+            self._pool = make_pool(self._workers)
+        return self._pool
+
     async def _chunk(
         self, future: 'PoolFuture[RestingPoses]', pool: ProcessPoolExecutor
     ) -> RestingPoses:
@@ -186,6 +194,12 @@ class DropSimulator(Node):
 
     def _publish(self, batch: RestingPoses, run: RunDescription, last: bool) -> None:
         self._poses.publish(poses_msg(batch, run, self.get_clock().now().to_msg(), last))
+
+
+def _folder(path: str | Path) -> Path:
+    if not Path(path).is_dir():
+        raise InvalidValueError(f'parts_folder is {str(path)!r}, must be a folder that is there')
+    return Path(path)
 
 
 def _count(result: DropPart.Result, chunk: RestingPoses) -> None:

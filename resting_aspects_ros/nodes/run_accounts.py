@@ -17,14 +17,15 @@ MOST_KNOWN = 10_000
 class RunAccount:
     """The distribution of one run so far; poses wait until the part's aspects are known.
 
-    over, lost : the run has ended, and drops of it could not be had
+    over : the run has ended
+    problem : why it has no distribution that can be relied on; empty if it has
     """
 
     run: RunDescription
     distribution: Distribution | None = None
     waiting: list[RestingPoses] = field(default_factory=list)
     over: bool = False
-    lost: bool = False
+    problem: str = ''
 
     @property
     def counted(self) -> Distribution:

@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 
 from rclpy.action import ActionClient
 from rclpy.node import Node
-from rclpy.task import Future
 from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.drops.coverage import Coverage
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.nodes.convert import conditions_msg, run_from
+from resting_aspects_ros.nodes.drop_goals import drop_result
 from resting_aspects_ros.nodes.interface import DROP_PART
 
 # Missing drops are asked for so many times in a row without getting any, then they are lost.
@@ -43,6 +43,13 @@ class RunProgress:
     repairing: bool = False
     closed: bool = False
     heard: float = 0.0
+
+    def take(self, first: int, end: int) -> list[tuple[int, int]]:
+        """Note drops as seen; the ranges of them that are new."""
+        new = self.seen.add(first, end) if first < end else []
+        if new:
+            self.repairs = 0
+        return new
 
     def missing(self) -> list[tuple[int, int]]:
         """Ranges that have been published and were not seen."""
@@ -85,20 +92,27 @@ class RunTracker:
         """The progress of a run of which a batch was seen."""
         return self._runs.get(run_id)
 
-    def accept(self, batch: RestingPosesMsg) -> tuple[RunProgress, list[tuple[int, int]]]:
-        """The run that a batch belongs to, and the ranges of its drops that were not seen before.
+    def accept(self, batch: RestingPosesMsg) -> list[tuple[RunProgress, list[tuple[int, int]]]]:
+        """The runs that a batch is news for, and the ranges of its drops that each had not seen.
 
-        Raises InvalidValueError if the batch contradicts itself or an earlier one.
+        First its own run, unless that is over; then those in whose gaps its drops belong. Raises
+        InvalidValueError if the batch contradicts an earlier one of its run.
         """
         first, end = batch.first_drop, batch.first_drop + len(batch.poses)
-        progress = self._find(run_from(batch.run), first, end)
-        new = progress.seen.add(first, end)
-        progress.heard = time.monotonic()
-        if new:
-            progress.repairs = 0
-        if batch.last and batch.run.run_id == progress.run.run_id:
-            progress.ended, progress.end = True, max(end, progress.seen.end)
-        return progress, new
+        own = self._find(run_from(batch.run))
+        arrivals = []
+        if not own.closed:
+            own.heard = time.monotonic()
+            arrivals.append((own, own.take(first, end)))
+            if batch.last:
+                own.ended, own.end = True, max(end, own.seen.end)
+        for other in self._runs.values():
+            if other is own or other.closed or other.run.sequence() != own.run.sequence():
+                continue
+            for low, high in other.missing():
+                if new := other.take(max(low, first), min(high, end)):
+                    arrivals.append((other, new))
+        return arrivals
 
     def settle(self, progress: RunProgress) -> None:
         """After a batch was dealt with: end the run, or ask for what is missing."""
@@ -110,23 +124,15 @@ class RunTracker:
         elif progress.missing():
             self._repair(progress)
 
-    def _find(self, run: RunDescription, first: int, end: int) -> RunProgress:
+    def _find(self, run: RunDescription) -> RunProgress:
         known = self._runs.get(run.run_id)
-        if known is not None:
-            if known.run.sequence() != run.sequence():
-                raise InvalidValueError(f'run {run.run_id} is not the run that it began as')
-            return known
-        for other in self._runs.values():
-            if (
-                other.repairing
-                and other.run.sequence() == run.sequence()
-                and any(low < end and first < high for low, high in other.missing())
-            ):
-                return other
-        self._runs[run.run_id] = RunProgress(run, run.end, heard=time.monotonic())
-        while len(self._runs) > RUNS_KEPT:
-            self._runs.popitem(last=False)
-        return self._runs[run.run_id]
+        if known is None:
+            known = self._runs[run.run_id] = RunProgress(run, run.end)
+            while len(self._runs) > RUNS_KEPT:
+                self._runs.popitem(last=False)
+        elif known.run.sequence() != run.sequence():
+            raise InvalidValueError(f'run {run.run_id} is not the run that it began as')
+        return known
 
     def _check(self) -> None:
         for progress in list(self._runs.values()):
@@ -156,27 +162,19 @@ class RunTracker:
             seed=run.seed,
             run_id=run.run_id,
         )
-        asked = self._client.send_goal_async(goal)
-        asked.add_done_callback(lambda answer: self._asked(progress, answer))
+        executor = self._node.executor
+        assert executor is not None  # this is called by it
+        executor.create_task(self._ask_again, progress, goal)
 
-    def _asked(self, progress: RunProgress, answer: Future) -> None:
-        handle = answer.result()
-        if handle is None or not handle.accepted:
-            self._repaired(progress, 'the simulator did not take the goal')
-            return
-        handle.get_result_async().add_done_callback(
-            lambda done: self._repaired(progress, _complaint(done.result().result.status))
-        )
-
-    def _repaired(self, progress: RunProgress, complaint: str) -> None:
-        """The last batch may still be on its way: _check looks whether something is missing."""
+    async def _ask_again(self, progress: RunProgress, goal: DropPart.Goal) -> None:
+        """The last batch may still be on its way after it: _check looks what is missing."""
+        try:
+            answer = (await drop_result(self._node, self._client, goal)).status
+            complaint = '' if answer.code == Status.OK else answer.message
+        except RestingAspectsError as error:
+            complaint = str(error)
         progress.repairing = False
         if complaint:
-            run_id = progress.run.run_id
             self._node.get_logger().error(
-                f'lost drops of run {run_id} are not to be had: {complaint}'
+                f'lost drops of run {progress.run.run_id} are not to be had: {complaint}'
             )
-
-
-def _complaint(status: Status) -> str:
-    return '' if status.code == Status.OK else str(status.message)

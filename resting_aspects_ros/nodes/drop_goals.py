@@ -1,0 +1,49 @@
+"""One drop_part goal followed to its end, also if that is the end of the simulator."""
+
+import time
+
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from resting_aspects_interfaces.action import DropPart
+
+from resting_aspects_ros.nodes.requests import NotAvailableError
+from resting_aspects_ros.nodes.waiting import wait_for
+
+# A simulator takes a goal, or refuses it, within this, s.
+GOAL_TIMEOUT = 30.0
+# How often it is looked whether the simulator is still there, s.
+LOOK_PERIOD = 1.0
+# After so long without feedback it is asked for the result again, s: one that was restarted
+# answers at once that it does not know the goal; one that is slow answers both in the end.
+ASK_PERIOD = 5.0
+
+
+async def drop_result(node: Node, client: ActionClient, goal: DropPart.Goal) -> DropPart.Result:
+    """Send a goal and wait for its result; NotAvailableError if the simulator is gone before."""
+    heard = time.monotonic()
+
+    def note_feedback(_: object) -> None:
+        nonlocal heard
+        heard = time.monotonic()
+
+    asked = client.send_goal_async(goal, note_feedback)
+    if not await wait_for(node, asked, GOAL_TIMEOUT):
+        raise NotAvailableError(f'the simulator took no goal in {GOAL_TIMEOUT:g} s')
+    handle = asked.result()
+    if not handle.accepted:
+        raise NotAvailableError('the simulator did not take the goal')
+    answer = handle.get_result_async()
+    while not await wait_for(node, answer, LOOK_PERIOD):
+        if not client.server_is_ready():
+            raise NotAvailableError(f'the simulator went away while it dropped {goal.part}')
+        if time.monotonic() - heard > ASK_PERIOD:
+            heard = time.monotonic()
+            again = handle.get_result_async()
+            if await wait_for(node, again, LOOK_PERIOD):
+                answer = again
+    if answer.result().status == GoalStatus.STATUS_UNKNOWN:
+        raise NotAvailableError(
+            f'the simulator was started again while it dropped {goal.part}: ask again'
+        )
+    return answer.result().result

@@ -1,0 +1,136 @@
+"""The command as a person runs it: a process of its own, in an empty folder."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import trimesh
+
+COMMAND = [sys.executable, '-m', 'resting_aspects_ros.cli']
+# Settings of whoever runs the tests that would change what is shown.
+SETTINGS = ('PYTHONUNBUFFERED', 'NO_COLOR', 'FORCE_COLOR', 'COLUMNS', 'TTY_COMPATIBLE')
+DEADLINE = 60.0
+
+
+@pytest.fixture(scope='session')
+def environment():
+    kept = {name: value for name, value in os.environ.items() if name not in SETTINGS}
+    return {**kept, 'TERM': 'xterm'}
+
+
+@pytest.fixture(scope='session')
+def run_in(environment):
+    """Run the command to its end, in a folder."""
+
+    def run(folder, *words, **options):
+        options = {'capture_output': True, 'text': True, 'env': environment} | options
+        words = [str(word) for word in words]
+        return subprocess.run(
+            [*COMMAND, *words], cwd=folder, timeout=DEADLINE, check=False, **options
+        )
+
+    return run
+
+
+@pytest.fixture
+def run(run_in, tmp_path):
+    """Run the command to its end, in an empty folder."""
+    return lambda *words, **options: run_in(tmp_path, *words, **options)
+
+
+@pytest.fixture
+def refused(run, tmp_path):
+    """Run the command with wrong input; returns the one line that it says."""
+
+    def check(*words):
+        before = sorted(tmp_path.rglob('*'))
+        ended = run(*words)
+        assert ended.returncode == 2, ended.stderr
+        assert ended.stdout == ''
+        (line,) = ended.stderr.splitlines()
+        assert line.startswith('error: ')
+        assert sorted(tmp_path.rglob('*')) == before
+        return line
+
+    return check
+
+
+@pytest.fixture
+def begin(environment, tmp_path):
+    """Begin the command in a session of its own, of which nothing outlives the test."""
+    begun = []
+
+    def start(*words, **options):
+        options = {'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE} | options
+        process = subprocess.Popen(
+            [*COMMAND, *(str(word) for word in words)],
+            cwd=tmp_path,
+            env=environment,
+            text=True,
+            start_new_session=True,
+            **options,
+        )
+        begun.append(process)
+        return process
+
+    yield start
+    for process in begun:
+        for pid in _session(process.pid):
+            os.kill(pid, signal.SIGKILL)
+        process.communicate()
+
+
+@pytest.fixture(scope='session')
+def session():
+    """Give the processes of a session by their pid, and the words of their command lines."""
+    return _session
+
+
+def _session(leader):
+    found = {}
+    for stat in Path('/proc').glob('[0-9]*/stat'):
+        try:
+            state, _, _, session = stat.read_text().rpartition(')')[2].split()[:4]
+            words = (stat.parent / 'cmdline').read_text().split('\0')
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if int(session) == leader and state != 'Z':
+            found[int(stat.parent.name)] = words
+    return found
+
+
+@pytest.fixture(scope='session')
+def wait_until():
+    """Wait until something is so."""
+
+    def wait(what, deadline=DEADLINE):
+        end = time.monotonic() + deadline
+        while not (found := what()):
+            assert time.monotonic() < end, 'it did not come to be'
+            time.sleep(0.01)
+        return found
+
+    return wait
+
+
+@pytest.fixture(scope='session')
+def read_until():
+    """Read lines until one is as wanted; returns that."""
+
+    def read(file, wanted):
+        for line in file:
+            if wanted(line):
+                return line
+        raise AssertionError('it ended before')
+
+    return read
+
+
+@pytest.fixture
+def box():
+    """A box of 10 x 20 x 30 about the origin, as a mesh without a unit."""
+    return trimesh.creation.box((10, 20, 30))

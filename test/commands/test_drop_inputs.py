@@ -1,0 +1,147 @@
+"""What can be dropped: named parts and mesh files of every kind, with their units and YAML."""
+
+import json
+
+import pytest
+
+from resting_aspects_ros.core.part import load_part
+
+
+@pytest.fixture
+def heights(run):
+    """Drop something once and give the heights of the centre of mass in its aspects, m."""
+
+    def dropped(*words):
+        ended = run('drop', *words, '--drops', 1, '--json')
+        assert ended.returncode == 0, ended.stderr
+        return [aspect['com_height'] for aspect in json.loads(ended.stdout)['aspects']]
+
+    return dropped
+
+
+BOX = [0.005, 0.005, 0.01, 0.01, 0.015, 0.015]
+
+
+def test_a_registered_name(heights):
+    assert heights('box_10x20x30') == pytest.approx(BOX)
+
+
+@pytest.mark.parametrize(
+    ('file', 'mesh_format'),
+    [
+        ('binary.stl', 'stl'),
+        ('ascii.stl', 'stl_ascii'),
+        ('Box.OBJ', 'obj'),
+        ('my-box.ply', 'ply'),
+    ],
+)
+def test_a_mesh_file(heights, box, tmp_path, file, mesh_format):
+    box.export(tmp_path / file, file_type=mesh_format)
+    assert heights(file) == pytest.approx(BOX)
+
+
+def test_a_mesh_file_in_a_folder_and_its_unit(heights, box, tmp_path):
+    (tmp_path / 'in.here').mkdir()
+    box.export(tmp_path / 'in.here' / 'box.stl')
+    scaled = heights(tmp_path / 'in.here' / 'box.stl', '--unit', 'in')
+    assert scaled == pytest.approx([25.4 * height for height in BOX])
+
+
+@pytest.mark.parametrize(('unit', 'metres'), [('mm', 1e-3), ('in', 0.0254)])
+def test_the_yaml_beside_a_mesh_file_counts(run, box, tmp_path, unit, metres):
+    box.export(tmp_path / 'box.stl')
+    (tmp_path / 'box.yaml').write_text(
+        f'unit: {unit}\ndensity: 2700\ncentre_of_mass: [0, 0, 5]\n', encoding='utf-8'
+    )
+    ended = run('drop', 'box.stl', '--unit', unit, '--drops', 1, '--json')
+    document = json.loads(ended.stdout)
+    of_z = {
+        round(aspect['down_in_part'][2]): aspect['com_height'] for aspect in document['aspects']
+    }
+    assert of_z[-1] == pytest.approx(20 * metres)
+    assert of_z[1] == pytest.approx(10 * metres)
+    meant = load_part(
+        tmp_path / 'box.stl', unit=unit, density=2700, centre_of_mass=[0, 0, 5 * metres]
+    )
+    assert document['part_sha256'] == meant.part_sha256
+
+
+def test_a_unit_that_the_yaml_contradicts_is_refused(refused, box, tmp_path):
+    box.export(tmp_path / 'box.stl')
+    (tmp_path / 'box.yaml').write_text('unit: cm\n', encoding='utf-8')
+    line = refused('drop', 'box.stl', '--unit', 'in')
+    assert line == "error: --unit is 'in', allowed is 'cm', the unit in 'box.yaml'"
+
+
+def test_a_centre_of_mass_in_no_unit_is_not_taken_for_one_in_another(refused, box, tmp_path):
+    box.export(tmp_path / 'box.stl')
+    (tmp_path / 'box.yaml').write_text('centre_of_mass: [0, 0, 5]\n', encoding='utf-8')
+    line = refused('drop', 'box.stl', '--unit', 'in')
+    assert line.endswith('gives a centre_of_mass without a unit: write "unit: in" into it')
+
+
+def test_parts_of_another_folder(heights, refused, box, tmp_path):
+    (tmp_path / 'mine').mkdir()
+    box.export(tmp_path / 'mine' / 'brick.stl')
+    (tmp_path / 'mine' / 'brick.yaml').write_text('unit: cm\n', encoding='utf-8')
+    assert heights('brick', '--parts', 'mine') == pytest.approx([10 * h for h in BOX])
+    line = refused('drop', 'l_bracket', '--parts', 'mine')
+    assert line == "error: no part 'l_bracket' is registered: there are brick"
+
+
+def test_a_warning_leaves_standard_output_to_the_answer(run, box, tmp_path):
+    box.invert()
+    box.export(tmp_path / 'box.stl')
+    ended = run('drop', 'box.stl', '--drops', 1, '--json')
+    warnings = [line for line in ended.stderr.splitlines() if line.startswith('warning: ')]
+    assert len(warnings) == 1
+    assert "'box.stl'" in warnings[0]
+    assert json.loads(ended.stdout)['part'] == 'box'
+
+
+ROUND = """solid a
+facet normal 0 0 0
+outer loop
+vertex 0 0 0
+vertex nan 0 0
+vertex 0 1 0
+endloop
+endfacet
+endsolid a
+"""
+
+
+@pytest.mark.parametrize(
+    ('name', 'content', 'words'),
+    [
+        ('missing.stl', None, "'missing.stl' does not exist"),
+        ('broken.stl', 'hello', "'broken.stl' is not an STL"),
+        ('empty.ply', '', "'empty.ply' is empty"),
+        ('nan.stl', ROUND, 'finite'),
+        ('model.step', 'ISO-10303-21;', 'allowed are .stl, .obj, .ply'),
+        ('.', None, 'is a folder'),
+        ('..', None, 'is a folder'),
+        ('/', None, 'is a folder'),
+    ],
+)
+def test_what_is_no_mesh_is_refused_in_a_line(refused, tmp_path, name, content, words):
+    if content is not None:
+        (tmp_path / name).write_text(content, encoding='utf-8')
+    line = refused('drop', name)
+    assert words in line
+    assert repr(name) in line
+
+
+def test_an_open_mesh_is_refused_with_the_number_of_open_edges(refused, box, tmp_path):
+    box.update_faces([True] * 11 + [False])
+    box.export(tmp_path / 'open.stl')
+    line = refused('drop', 'open.stl')
+    assert "'open.stl'" in line
+    assert '3 open edges' in line
+
+
+def test_an_unknown_name_lists_those_that_are_known(refused):
+    line = refused('drop', 'l_braket')
+    for name in ('angle_45x30x8', 'box_10x20x30', 'l_bracket', 'tetrahedron', 'washer'):
+        assert name in line
+    assert "no part 'l_braket' is registered" in line
