@@ -31,6 +31,7 @@ from resting_aspects_ros.nodes.interface import (
     PARTS,
     POSES,
     RESTING_POSES,
+    SERVICES,
 )
 from resting_aspects_ros.nodes.parameters import Parameter, declare
 from resting_aspects_ros.nodes.requests import (
@@ -81,10 +82,11 @@ class AspectClassifier(Node):
             GetDistribution,
             GET_DISTRIBUTION,
             self._get_distribution,
+            qos_profile=SERVICES,
             # In the node's own group a request that waits would hold up everything it waits for.
             callback_group=ReentrantCallbackGroup(),
         )
-        self.create_service(ListParts, LIST_PARTS, self._list_parts)
+        self.create_service(ListParts, LIST_PARTS, self._list_parts, qos_profile=SERVICES)
         self.get_logger().info('ready')
 
     def destroy_node(self) -> None:

@@ -14,7 +14,7 @@ from resting_aspects_ros.core.errors import EngineError, RestingAspectsError
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.nodes.convert import conditions_msg
 from resting_aspects_ros.nodes.drop_goals import drop_result
-from resting_aspects_ros.nodes.interface import DROP_PART
+from resting_aspects_ros.nodes.interface import ACTION_SERVICES, DROP_PART
 from resting_aspects_ros.nodes.requests import NotAvailableError, status_error
 from resting_aspects_ros.nodes.waiting import wait_for
 
@@ -50,7 +50,7 @@ class DropRequests:
     def __init__(self, node: Node, over: Callable[[str], Future]) -> None:
         self._node = node
         self._over = over
-        self._client = ActionClient(node, DropPart, DROP_PART)
+        self._client = ActionClient(node, DropPart, DROP_PART, **ACTION_SERVICES)
         self._under_way: dict[DropSpec, Future] = {}
 
     def destroy(self) -> None:

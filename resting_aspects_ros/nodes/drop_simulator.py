@@ -34,7 +34,13 @@ from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.batches import Batches
 from resting_aspects_ros.nodes.convert import poses_msg, status
-from resting_aspects_ros.nodes.interface import DROP_PART, POSES, RESTING_POSES, batch_size
+from resting_aspects_ros.nodes.interface import (
+    ACTION_SERVICES,
+    DROP_PART,
+    POSES,
+    RESTING_POSES,
+    batch_size,
+)
 from resting_aspects_ros.nodes.parameters import Parameter, declare
 from resting_aspects_ros.nodes.part_offers import PartOffers
 from resting_aspects_ros.nodes.requests import (
@@ -81,6 +87,7 @@ class DropSimulator(Node):
             # By default every cancel is refused.
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             result_timeout=RESULT_TIMEOUT,
+            **ACTION_SERVICES,
         )
         self.get_logger().info(f'ready: {len(self._parts)} parts, {self._workers} workers')
 

@@ -15,6 +15,14 @@ FRAME = 'tray'
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
+# ROS keeps 10 requests of a service: the 11th at once would be lost, and its client wait for ever.
+SERVICES = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+# The same for the services that an action is made of.
+ACTION_SERVICES = {
+    'goal_service_qos_profile': SERVICES,
+    'result_service_qos_profile': SERVICES,
+    'cancel_service_qos_profile': SERVICES,
+}
 # All batches of the largest run, on both sides: reliable alone does not hold a publisher back, and
 # a reader that is slow or late would lose batches.
 POSES_DEPTH = 2000

@@ -16,7 +16,7 @@ from resting_aspects_ros.drops.coverage import Coverage
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.nodes.convert import conditions_msg, run_from
 from resting_aspects_ros.nodes.drop_goals import drop_result
-from resting_aspects_ros.nodes.interface import DROP_PART
+from resting_aspects_ros.nodes.interface import ACTION_SERVICES, DROP_PART
 
 # Missing drops are asked for so many times in a row without getting any, then they are lost.
 MOST_REPAIRS = 3
@@ -80,7 +80,7 @@ class RunTracker:
     def __init__(self, node: Node, over: Callable[[RunProgress], None]) -> None:
         self._node = node
         self._over = over
-        self._client = ActionClient(node, DropPart, DROP_PART)
+        self._client = ActionClient(node, DropPart, DROP_PART, **ACTION_SERVICES)
         self._runs: OrderedDict[str, RunProgress] = OrderedDict()
         node.create_timer(CHECK_PERIOD, self._check)
 

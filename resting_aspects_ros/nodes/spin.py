@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 import rclpy
-from rclpy.exceptions import InvalidParameterException, InvalidParameterValueException
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
@@ -17,7 +17,10 @@ def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None =
     Ctrl-C and SIGTERM end it in order, with exit code 0: that is how a node is stopped. A node
     that cannot start (a parameter that is not allowed, no such folder) ends it with 2.
     """
-    rclpy.init(args=args)
+    try:
+        rclpy.init(args=args)
+    except RuntimeError as error:  # all that rclpy raises for arguments
+        return _refuse(error)
     nodes: list[Node] = []
     executor = SingleThreadedExecutor()
     try:
@@ -28,16 +31,16 @@ def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None =
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except (
-        RestingAspectsError,
-        InvalidParameterException,
-        InvalidParameterValueException,
-    ) as error:
-        print(f'error: {error}', file=sys.stderr)
-        return 2
+    except (RestingAspectsError, ParameterException) as error:
+        return _refuse(error)
     finally:
         for node in nodes:
             node.destroy_node()
         executor.shutdown()
         rclpy.try_shutdown()
     return 0
+
+
+def _refuse(error: Exception) -> int:
+    print('error:', ' '.join(str(error).split()), file=sys.stderr)
+    return 2

@@ -21,7 +21,7 @@ from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import RestingPoses
 from resting_aspects_interfaces.srv import GetDistribution, ListParts
 
-from resting_aspects_ros.nodes.interface import POSES, RESTING_POSES
+from resting_aspects_ros.nodes.interface import ACTION_SERVICES, POSES, RESTING_POSES, SERVICES
 
 SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 # Every wait ends with an error after this; free cores need a fraction of it, s.
@@ -182,6 +182,10 @@ class Drop:
         self._result = handle.get_result_async()
 
     @property
+    def accepted(self):
+        return self._handle is not None
+
+    @property
     def done(self):
         return self._result is not None and self._result.done()
 
@@ -210,9 +214,11 @@ class Client:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._wait = wait
-        self._ask = self.node.create_client(GetDistribution, 'get_distribution')
+        self._ask = self.node.create_client(
+            GetDistribution, 'get_distribution', qos_profile=SERVICES
+        )
         self._list = self.node.create_client(ListParts, 'list_parts')
-        self._drop = ActionClient(self.node, DropPart, 'drop_part')
+        self._drop = ActionClient(self.node, DropPart, 'drop_part', **ACTION_SERVICES)
 
     def destroy(self):
         self._drop.destroy()
@@ -287,13 +293,20 @@ def namespace():
 class Suite:
     """The three nodes, each in a process, and a client."""
 
-    def __init__(self, namespace, logs, start, connect, **simulator):
+    def __init__(self, namespace, logs, start, connect, constants=(), **simulator):
         self.namespace, self.logs = namespace, logs
         self.client = connect(namespace)
         parameters = {'drop_simulator': simulator, 'drop_recorder': {'log_folder': logs}}
         # Side by side: each takes seconds to import.
         self.processes = {
-            node: start(node, namespace, parameters.get(node, {}), ready='') for node in SUITE
+            node: start(
+                node,
+                namespace,
+                parameters.get(node, {}),
+                dict(constants).get(node, {}),
+                ready='',
+            )
+            for node in SUITE
         }
         for node, process in self.processes.items():
             self.client.wait(
@@ -326,10 +339,10 @@ def suite(start, connect, tmp_path_factory):
 def fresh_suite(start, connect, tmp_path_factory):
     """Make a suite that nobody asked for anything yet."""
 
-    def fresh_suite(**simulator):
+    def fresh_suite(constants=(), **simulator):
         namespace = f'/test_{os.getpid()}_{next(_serial)}'
         logs = tmp_path_factory.mktemp('logs')
-        return Suite(namespace, logs, start, connect, **simulator)
+        return Suite(namespace, logs, start, connect, constants, **simulator)
 
     return fresh_suite
 

@@ -1,0 +1,187 @@
+"""What is not allowed is refused in words, and the nodes live on."""
+
+import math
+import shutil
+import sys
+
+import pytest
+from resting_aspects_interfaces.msg import Status
+
+from resting_aspects_ros.config_files import parts_folder
+from resting_aspects_ros.drops.engine import CHUNK
+from resting_aspects_ros.nodes.convert import conditions_msg
+from resting_aspects_ros.nodes.drop_simulator import MOST_GOALS
+
+NAMES = ('OK', 'INVALID', 'UNKNOWN_PART', 'NOT_AVAILABLE', 'BUSY', 'CANCELED', 'FAILED')
+KINDS = {getattr(Status, name): name for name in NAMES}
+
+
+@pytest.fixture(scope='module')
+def suite(fresh_suite, tmp_path_factory):
+    """A suite with a good and a broken part."""
+    folder = tmp_path_factory.mktemp('parts')
+    shutil.copy(parts_folder() / 'tetrahedron.stl', folder)
+    whole = (folder / 'tetrahedron.stl').read_bytes()
+    (folder / 'cut_short.stl').write_bytes(whole[:-20])
+    return fresh_suite(parts_folder=folder)
+
+
+@pytest.fixture(params=['get_distribution', 'drop_part'])
+def refused(request, suite):
+    """Ask in either way; gives the kind of the status and its words."""
+
+    def refused(**fields):
+        if request.param == 'drop_part':
+            drop = suite.client.drop(**fields)
+            assert drop.outcome == 'aborted'
+            assert drop.result.drops == 0
+            status = drop.result.status
+        else:
+            if 'seed' in fields:
+                fields['seed'] = [fields['seed']]
+            answer = suite.client.ask(**fields)
+            status = answer.status
+            assert answer.distribution.drops == 0
+        return KINDS[status.code], status.message
+
+    yield refused
+    assert suite.alive, [process.said for process in suite.processes.values()]
+    assert suite.client.ask('tetrahedron', 5).status.code == Status.OK
+
+
+@pytest.mark.parametrize(
+    'name',
+    ['no_such_part', '../x', '', 'a/b', 'x' * 300, 'Würfel ⬛', '/etc/passwd', 'tetrahedron\n'],
+)
+def test_a_name_that_is_not_registered(refused, name):
+    kind, words = refused(part=name)
+    assert kind == 'UNKNOWN_PART'
+    assert 'is registered: there are cut_short, tetrahedron' in words
+    assert len(words) < 300
+
+
+def test_a_part_whose_mesh_is_broken(refused):
+    kind, words = refused(part='cut_short')
+    assert kind == 'INVALID'
+    assert 'cut_short.stl' in words
+
+
+@pytest.mark.parametrize('drops', [0, 10**12, 2**64 - 1])
+def test_drops_out_of_bounds(refused, drops):
+    assert refused(drops=drops) == ('INVALID', f'drops is {drops}, allowed is 1 to 2000000')
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf, -0.5])
+@pytest.mark.parametrize('name', ['friction', 'gravity'])
+def test_conditions_that_are_no_finite_numbers_within_bounds(refused, surfaces, name, value):
+    conditions = conditions_msg(surfaces.get())
+    setattr(conditions, name, value)
+    kind, words = refused(conditions=[conditions])
+    assert kind == 'INVALID'
+    assert words.startswith(f'{name} is {value!r}, allowed is ')
+
+
+def test_a_height_of_nothing_known(refused, surfaces):
+    conditions = conditions_msg(surfaces.get())
+    conditions.height_of = 7
+    kind, words = refused(conditions=[conditions])
+    assert (kind, words) == (
+        'INVALID',
+        'height_of is 7, allowed is 0 (LOWEST_POINT), 1 (CENTRE_OF_MASS)',
+    )
+
+
+def test_a_centre_of_mass_so_low_that_the_part_could_touch(refused, surfaces):
+    conditions = conditions_msg(surfaces.get())
+    conditions.height_of = conditions.CENTRE_OF_MASS
+    conditions.height = 0.001
+    kind, words = refused(conditions=[conditions])
+    assert kind == 'INVALID'
+    assert 'height of the centre of mass is 0.001 m' in words
+    assert 'more than' in words
+
+
+def test_a_surface_that_is_not_known(refused):
+    assert refused(surface='ice') == (
+        'INVALID',
+        "surface 'ice' is not known, allowed is rubber_mat",
+    )
+
+
+@pytest.mark.parametrize('precision', [0.01, -1.0, math.nan])
+def test_a_precision_which_this_version_has_not(refused, precision):
+    kind, words = refused(precision=precision)
+    assert kind == 'NOT_AVAILABLE'
+    assert words.startswith(f'precision is {precision!r}, this version allows only 0')
+
+
+def test_a_method_that_is_not_known(suite):
+    answer = suite.client.ask(method='guess')
+    assert answer.status.code == Status.NOT_AVAILABLE
+    assert answer.status.message == "method 'guess' is not known, allowed is drops"
+    assert suite.client.ask(method='drops', drops=5).status.code == Status.OK
+
+
+def test_drops_of_another_run_do_not_pass_for_those_of_a_run(suite):
+    run_id = suite.client.drop(drops=5, seed=21).result.run_id
+    refused = suite.client.drop(drops=5, seed=22, run_id=run_id).result
+    assert refused.status.code == Status.INVALID
+    assert run_id in refused.status.message
+
+
+def test_one_goal_too_many_is_told_that_the_simulator_is_busy(suite):
+    # From the last drop of a chunk on: the first to be worked off, and to be canceled after.
+    goal = {'drops': 100_000, 'first_drop': CHUNK - 1}
+    drops = [suite.client.dropping(**goal, seed=seed) for seed in range(MOST_GOALS)]
+    suite.client.wait(lambda: all(drop.accepted for drop in drops), 'goals taken')
+    one_more = suite.client.drop(drops=1)
+    assert one_more.outcome == 'aborted'
+    assert one_more.result.status.code == Status.BUSY
+    assert f'{MOST_GOALS} drop_part goals' in one_more.result.status.message
+    by_service = suite.client.ask(drops=7, seed=[31])
+    assert by_service.status.code == Status.BUSY
+    for drop in drops:
+        drop.cancel()
+    suite.client.wait(lambda: all(drop.done for drop in drops), 'goals canceled')
+    assert {drop.outcome for drop in drops} == {'canceled'}
+    assert suite.client.drop(drops=1).outcome == 'succeeded'
+
+
+@pytest.mark.parametrize(
+    ('node', 'parameter', 'words'),
+    [
+        ('drop_simulator', ('workers', 2000), 'workers out of range. Min: 0, Max: 1024'),
+        ('drop_simulator', ('workers', -1), 'workers out of range. Min: 0, Max: 1024'),
+        ('drop_simulator', ('workers', 'many'), "'workers' to 'many'"),
+        (
+            'drop_simulator',
+            ('parts_folder', '/no/such/folder'),
+            "parts_folder is '/no/such/folder'",
+        ),
+        ('drop_simulator', ('surfaces_file', '{broken}'), 'cannot be read'),
+        ('aspect_classifier', ('surfaces_file', '{broken}'), 'cannot be read'),
+        ('drop_recorder', ('log_folder', 5), "'log_folder' to '5'"),
+    ],
+    ids=lambda value: '-'.join(map(str, value)) if isinstance(value, tuple) else None,
+)
+def test_a_node_that_cannot_start_says_why_in_one_line(
+    start, namespace, tmp_path, traceback, node, parameter, words
+):
+    broken = tmp_path / 'surfaces.yaml'
+    broken.write_text('rubber_mat: [', encoding='utf-8')
+    name, value = parameter
+    process = start(node, namespace, {name: str(value).format(broken=broken)}, ready='')
+    assert process.end(number=0) == 2
+    errors = [line for line in process.said.splitlines() if line.startswith('error: ')]
+    assert len(errors) == 1
+    assert words in errors[0]
+    assert not traceback(process.said)
+
+
+def test_arguments_that_ros_does_not_understand_are_an_error_in_one_line(run_command, traceback):
+    module = 'resting_aspects_ros.nodes.drop_recorder'
+    process = run_command(sys.executable, '-m', module, '--ros-args', '-p', 'nonsense')
+    assert process.end(number=0) == 2
+    assert 'error: ' in process.said
+    assert 'nonsense' in process.said
+    assert not traceback(process.said)
