@@ -4,9 +4,10 @@ import sys
 import time
 import uuid
 from collections import OrderedDict
+from collections.abc import AsyncGenerator
 from concurrent.futures import Future as PoolFuture
-from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import aclosing
 from pathlib import Path
 
 from rclpy.action import ActionServer, CancelResponse
@@ -61,6 +62,8 @@ PARAMETERS = (
 MOST_GOALS = 16
 # Descriptions of so many runs are kept, to publish drops of them again.
 RUNS_KEPT = 10_000
+# Workers that die are replaced, until so many died without a drop between.
+MOST_DEATHS = 2
 # A result is kept so long for a client that asks late, s.
 RESULT_TIMEOUT = 300
 
@@ -127,21 +130,18 @@ class DropSimulator(Node):
         result.run_id = run.run_id
         batches = Batches(batch_size(asked.drops))
         begun = time.monotonic()
-        pool = self._whole_pool()
-        chunks = submit_drops(job, asked.first_drop, asked.drops, pool, 2 * self._workers)
         try:
-            for future in chunks:
-                chunk = await self._chunk(future, pool)
-                _count(result, chunk)
-                for batch in batches.add(chunk):
-                    self._publish(batch, run, last=False)
-                _feed_back(handle, result.drops, asked.drops, time.monotonic() - begun)
-                if handle.is_cancel_requested and result.drops < asked.drops:
-                    raise CanceledError(
-                        f'canceled after {result.drops} of {asked.drops} drops; those are kept'
-                    )
+            async with aclosing(self._chunks(job, asked)) as chunks:
+                async for chunk in chunks:
+                    _count(result, chunk)
+                    for batch in batches.add(chunk):
+                        self._publish(batch, run, last=False)
+                    _feed_back(handle, result.drops, asked.drops, time.monotonic() - begun)
+                    if handle.is_cancel_requested and result.drops < asked.drops:
+                        raise CanceledError(
+                            f'canceled after {result.drops} of {asked.drops} drops; those are kept'
+                        )
         finally:
-            chunks.close()
             # Drops that are published again do not end their run.
             self._publish(batches.rest(asked.first_drop), run, last=not goal.run_id)
 
@@ -169,17 +169,34 @@ class DropSimulator(Node):
         self._parts.offer(part)
         return job, asked, run
 
-    def _whole_pool(self) -> ProcessPoolExecutor:
-        """The workers; new ones if one of them died while there was nothing to do."""
-        try:
-            self._pool.submit(int)
-        except BrokenProcessPool:
-            self._pool = make_pool(self._workers)
-        return self._pool
+    async def _chunks(
+        self, job: DropJob, asked: RunDescription
+    ) -> AsyncGenerator[RestingPoses, None]:
+        """Chunks of drops in their order, from new workers if one dies; EngineError if all do."""
+        first, deaths = asked.first_drop, 0
+        while first < asked.end:
+            pool = self._pool
+            futures = submit_drops(job, first, asked.end - first, pool, 2 * self._workers)
+            try:
+                for future in futures:
+                    chunk = await self._chunk(future)
+                    first, deaths = chunk.end, 0
+                    yield chunk
+            except BrokenProcessPool:
+                # All that was submitted fails; the first goal to see it makes the new pool.
+                if self._pool is pool:
+                    self._pool = make_pool(self._workers)
+                deaths += 1
+                self.get_logger().warning(f'a worker died near drop {first} of {asked.part}')
+                if deaths == MOST_DEATHS:
+                    raise EngineError(
+                        f'{deaths} worker processes died in a row near drop {first} of '
+                        f'{asked.part}; what was done until then is kept'
+                    ) from None
+            finally:
+                futures.close()
 
-    async def _chunk(
-        self, future: 'PoolFuture[RestingPoses]', pool: ProcessPoolExecutor
-    ) -> RestingPoses:
+    async def _chunk(self, future: 'PoolFuture[RestingPoses]') -> RestingPoses:
         """Wait for a worker without holding up the node."""
         done = Future(executor=self.executor)
 
@@ -191,13 +208,7 @@ class DropSimulator(Node):
 
         future.add_done_callback(wake)
         await done
-        try:
-            return future.result()
-        except BrokenProcessPool:
-            # Every chunk that was submitted fails; the first to see it makes the new pool.
-            if self._pool is pool:
-                self._pool = make_pool(self._workers)
-            raise EngineError('a worker process died; what was done until then is kept') from None
+        return future.result()
 
     def _publish(self, batch: RestingPoses, run: RunDescription, last: bool) -> None:
         self._poses.publish(poses_msg(batch, run, self.get_clock().now().to_msg(), last))

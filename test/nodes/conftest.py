@@ -100,6 +100,15 @@ class Process:
         """The pids of all processes of its group that are alive."""
         return [pid for pid, fields in _processes() if int(fields[2]) == self.pid]
 
+    def kill_children(self, word):
+        """Kill those of its processes whose command line has the word; how many there were."""
+        killed = 0
+        for pid in self.group():
+            if pid != self.pid and word in Path(f'/proc/{pid}/cmdline').read_text():
+                os.kill(pid, signal.SIGKILL)
+                killed += 1
+        return killed
+
     def cpu(self):
         """Seconds of processor time of its group so far."""
         ticks = [
