@@ -1,0 +1,244 @@
+"""Batches that are lost: noticed, asked for again, and if that fails, said in words.
+
+The simulator here is a fake that loses batches on purpose; the poses are the engine's.
+"""
+
+import math
+
+import pytest
+from rclpy.action import ActionServer
+from resting_aspects_interfaces.action import DropPart
+from resting_aspects_interfaces.msg import (
+    AspectDistribution,
+    PartDescription,
+    RestingPoses,
+    Status,
+)
+
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.distribution import count_poses
+from resting_aspects_ros.drops.engine import drop_chunk
+from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.nodes.convert import conditions_msg, part_msg, poses_msg, time_msg
+from resting_aspects_ros.nodes.interface import LATCHED, POSES
+
+DROPS = 40
+QUICK = {'run_tracker.CHECK_PERIOD': 0.2, 'run_tracker.SILENCE': 2.0, 'open_log.END_TIMEOUT': 2.0}
+
+
+class FakeSimulator:
+    """Offers the tetrahedron and answers each goal as ``answer`` says.
+
+    ``answer`` gets the goal and gives a status and the batches to publish before it, each
+    (run id, first drop, end, last).
+    """
+
+    def __init__(self, client, part, conditions):
+        node, self.conditions = client.node, conditions
+        self.answer = lambda goal: (Status(), [])
+        self.asked = []
+        self._job, self._run = plan_run(
+            part, conditions, seed=1, drops=DROPS, run_id='made', started=1_795_000_000 * 10**9
+        )
+        self.poses = drop_chunk(self._job, 0, DROPS)
+        self.counts = count_poses(find_aspects(part), self.poses).counts.tolist()
+        self._out = node.create_publisher(RestingPoses, 'resting_poses', POSES)
+        self._part = node.create_publisher(PartDescription, f'parts/{part.name}', LATCHED)
+        self._part.publish(part_msg(part))
+        self._server = ActionServer(node, DropPart, 'drop_part', self._execute)
+
+    def destroy(self):
+        self._server.destroy()
+
+    def publish(self, run_id, first, end, last=False, **changes):
+        batch = poses_msg(self.poses.between(first, end), self._run, time_msg(1), last)
+        batch.run.run_id = run_id
+        for name, value in changes.items():
+            setattr(batch.run, name, value)
+        self._out.publish(batch)
+
+    def _execute(self, handle):
+        goal = handle.request
+        self.asked.append((goal.run_id, goal.first_drop, goal.first_drop + goal.drops))
+        status, batches = self.answer(goal)
+        for batch in batches:
+            self.publish(*batch)
+        (handle.succeed if status.code == Status.OK else handle.abort)()
+        return DropPart.Result(
+            status=status, run_id=batches[0][0] if batches else '', drops=goal.drops
+        )
+
+
+@pytest.fixture
+def client(connect, namespace):
+    return connect(namespace)
+
+
+@pytest.fixture
+def simulator(client, part, surfaces):
+    fake = FakeSimulator(client, part('tetrahedron'), surfaces.get())
+    yield fake
+    fake.destroy()
+
+
+@pytest.fixture
+def classifier(start, namespace, simulator):
+    return start('aspect_classifier', namespace, constants=QUICK)
+
+
+@pytest.fixture
+def logs(tmp_path):
+    return tmp_path / 'logs'
+
+
+@pytest.fixture
+def recorder(start, namespace, simulator, logs):
+    return start('drop_recorder', namespace, {'log_folder': logs}, constants=QUICK)
+
+
+@pytest.fixture
+def known(client, classifier):
+    """Wait until so many drops are known, and give their distribution."""
+
+    def known(drops=DROPS):
+        def found():
+            answer = client.ask(drops=drops, seed=[1], only_known=True)
+            return answer.status.code == Status.OK and answer.distribution
+
+        return client.wait(found, f'{drops} drops known')
+
+    return known
+
+
+def assert_whole(distribution, simulator):
+    assert distribution.drops == DROPS
+    assert [aspect.count for aspect in distribution.aspects] == simulator.counts
+
+
+def repaired(goal):
+    """What a simulator that is whole does when it is asked for drops again."""
+    return Status(), [(goal.run_id, goal.first_drop, goal.first_drop + goal.drops, False)]
+
+
+def whole_run(goal):
+    """A run without a gap."""
+    return Status(), [('second', 0, DROPS, True)]
+
+
+@pytest.mark.parametrize(
+    ('sent', 'asked'),
+    [
+        ([(0, 10), (30, 40)], [(10, 30)]),
+        ([(20, 40)], [(0, 20)]),
+        ([(0, 10), (15, 20), (25, 40)], [(10, 15), (20, 25)]),
+    ],
+    ids=['middle', 'beginning', 'two gaps'],
+)
+def test_exactly_the_missing_drops_are_asked_for(simulator, known, sent, asked):
+    simulator.answer = repaired
+    for first, end in sent:
+        simulator.publish('gapped', first, end, last=end == DROPS)
+    assert_whole(known(), simulator)
+    assert simulator.asked == [('gapped', *drops) for drops in asked]
+
+
+def test_a_lost_end_is_asked_for_when_the_run_has_been_silent(simulator, known):
+    simulator.answer = repaired
+    simulator.publish('gapped', 0, 25)
+    assert_whole(known(), simulator)
+    assert simulator.asked == [('gapped', 25, DROPS)]
+
+
+def test_a_batch_that_comes_twice_is_counted_once(simulator, known):
+    for first, end in [(0, 20), (0, 20), (10, 30), (20, 40)]:
+        simulator.publish('twice', first, end, last=end == DROPS)
+    assert_whole(known(), simulator)
+    assert simulator.asked == []
+
+
+def test_a_repair_under_another_run_id_fills_the_gap(simulator, known):
+    simulator.answer = lambda goal: (
+        Status(),
+        [('another', goal.first_drop, goal.first_drop + goal.drops, True)],
+    )
+    simulator.publish('gapped', 0, 10)
+    simulator.publish('gapped', 20, 40, last=True)
+    distribution = known()
+    assert_whole(distribution, simulator)
+    assert distribution.run.run_id == 'gapped'
+
+
+def test_a_run_of_the_same_drops_is_a_run_of_its_own_while_another_is_repaired(
+    simulator, client, classifier
+):
+    """The gap of the first is filled by the second, and that one has all its drops as well."""
+    heard = client.listen(AspectDistribution, 'aspect_distributions/tetrahedron', LATCHED)
+    simulator.answer = lambda goal: (Status(), [])  # nothing comes, but it tries
+    simulator.publish('gapped', 0, 10)
+    simulator.publish('gapped', 20, 40, last=True)
+    client.wait(lambda: simulator.asked, 'repair')
+    simulator.publish('whole', 0, 20)
+    simulator.publish('whole', 20, 40, last=True)
+
+    def complete():
+        found = {m.run.run_id: m.drops for m in heard if m.complete}
+        return found == {'gapped': DROPS, 'whole': DROPS}
+
+    client.wait(complete, 'both runs complete')
+
+
+def test_a_repair_that_fails_at_first_is_tried_again(simulator, known):
+    answers = [(Status(code=Status.BUSY, message='try later'), []), (Status(), [])]
+    simulator.answer = lambda goal: answers.pop() if answers else repaired(goal)
+    simulator.publish('gapped', 0, 10)
+    simulator.publish('gapped', 20, 40, last=True)
+    assert_whole(known(), simulator)
+    assert simulator.asked == [('gapped', 10, 20)] * 3
+
+
+def test_drops_that_are_lost_for_good_fail_the_request_in_words(simulator, client, classifier):
+    refusal = Status(code=Status.FAILED, message='the engine is broken')
+    simulator.answer = lambda goal: (
+        (refusal, [])
+        if goal.run_id
+        else (Status(), [('made', 0, 10, False), ('made', 20, 40, True)])
+    )
+    answer = client.ask(drops=DROPS, seed=[1])
+    assert answer.status.code == Status.FAILED
+    assert answer.status.message == 'drops of run made were lost and are not to be had'
+    assert simulator.asked == [('', 0, DROPS)] + [('made', 10, 20)] * 3
+    assert 'the engine is broken' in classifier.said
+    # What is not whole does not pass for known.
+    assert client.ask(drops=1, only_known=True).status.code == Status.NOT_AVAILABLE
+    assert not client.parts()['tetrahedron'].known
+    simulator.answer = whole_run
+    answer = client.ask(drops=DROPS, seed=[1])
+    assert answer.status.code == Status.OK
+    assert_whole(answer.distribution, simulator)
+
+
+def test_a_recorder_that_lost_drops_for_good_closes_its_log(simulator, client, recorder, logs):
+    simulator.answer = lambda goal: (Status(code=Status.FAILED, message='no'), [])
+    simulator.publish('gapped', 0, 10)
+    simulator.publish('gapped', 20, 40, last=True)
+    client.wait(lambda: list(logs.glob('*_gapped/metadata.yaml')), 'closed log')
+    assert 'drops 10 to 19 of run gapped (tetrahedron) were lost, asking again' in recorder.said
+    assert 'lost drops of run gapped are not to be had: no' in recorder.said
+    assert recorder.running
+
+
+def test_a_batch_that_contradicts_its_run_is_refused_in_words(simulator, known, classifier):
+    simulator.publish('twofold', 0, 20)
+    simulator.publish('twofold', 20, 40, seed=2)
+    simulator.publish('twofold', 20, 40, last=True)
+    assert_whole(known(), simulator)
+    assert 'run twofold is not the run that it began as' in classifier.said
+
+
+def test_a_batch_with_conditions_that_cannot_be_is_refused_in_words(simulator, known, classifier):
+    impossible = conditions_msg(simulator.conditions)
+    impossible.gravity = math.nan
+    simulator.publish('impossible', 0, 40, last=True, conditions=impossible)
+    simulator.publish('good', 0, 40, last=True)
+    assert_whole(known(), simulator)
+    assert 'gravity is nan, allowed is' in classifier.said
