@@ -3,7 +3,9 @@
 The simulator here is a fake that loses batches on purpose; the poses are the engine's.
 """
 
+import itertools
 import math
+import os
 
 import pytest
 from rclpy.action import ActionServer
@@ -29,83 +31,93 @@ QUICK = {'run_tracker.CHECK_PERIOD': 0.2, 'run_tracker.SILENCE': 2.0, 'open_log.
 class FakeSimulator:
     """Offers the tetrahedron and answers each goal as ``answer`` says.
 
-    ``answer`` gets the goal and gives a status and the batches to publish before it, each
-    (run id, first drop, end, last).
+    ``answer`` gets the run's name, the first drop and the end that are asked for, and gives a
+    status and the batches to publish before it, each (run's name, first drop, end, last).
     """
 
     def __init__(self, client, part, conditions):
-        node, self.conditions = client.node, conditions
-        self.answer = lambda goal: (Status(), [])
-        self.asked = []
-        self._job, self._run = plan_run(
-            part, conditions, seed=1, drops=DROPS, run_id='made', started=1_795_000_000 * 10**9
-        )
-        self.poses = drop_chunk(self._job, 0, DROPS)
-        self.counts = count_poses(find_aspects(part), self.poses).counts.tolist()
+        node, self._tetrahedron, self.conditions = client.node, part, conditions
         self._out = node.create_publisher(RestingPoses, 'resting_poses', POSES)
-        self._part = node.create_publisher(PartDescription, f'parts/{part.name}', LATCHED)
+        self._part = node.create_publisher(PartDescription, 'parts/tetrahedron', LATCHED)
         self._part.publish(part_msg(part))
         self._server = ActionServer(node, DropPart, 'drop_part', self._execute)
 
     def destroy(self):
         self._server.destroy()
 
-    def publish(self, run_id, first, end, last=False, **changes):
-        batch = poses_msg(self.poses.between(first, end), self._run, time_msg(1), last)
-        batch.run.run_id = run_id
-        for name, value in changes.items():
-            setattr(batch.run, name, value)
+    def begin(self, seed):
+        """Take a seed and names of runs that no test before had."""
+        self.answer = lambda name, first, end: (Status(), [])
+        self.asked = []
+        self.seed = seed
+        job, self._run = plan_run(
+            self._tetrahedron, self.conditions, seed=seed, drops=DROPS, run_id='', started=10**18
+        )
+        self._poses = drop_chunk(job, 0, DROPS)
+        counted = count_poses(find_aspects(self._tetrahedron), self._poses)
+        self.counts = counted.counts.tolist()
+
+    def run_id(self, name):
+        return f'{name}_{self.seed}'
+
+    def publish(self, name, first, end, last=False, **changes):
+        batch = poses_msg(self._poses.between(first, end), self._run, time_msg(1), last)
+        batch.run.run_id = self.run_id(name)
+        for field, value in changes.items():
+            setattr(batch.run, field, value)
         self._out.publish(batch)
 
     def _execute(self, handle):
         goal = handle.request
-        self.asked.append((goal.run_id, goal.first_drop, goal.first_drop + goal.drops))
-        status, batches = self.answer(goal)
+        asked = goal.run_id.removesuffix(f'_{self.seed}'), goal.first_drop
+        asked = (*asked, goal.first_drop + goal.drops)
+        self.asked.append(asked)
+        status, batches = self.answer(*asked)
         for batch in batches:
             self.publish(*batch)
         (handle.succeed if status.code == Status.OK else handle.abort)()
-        return DropPart.Result(
-            status=status, run_id=batches[0][0] if batches else '', drops=goal.drops
-        )
+        run_id = self.run_id(batches[0][0]) if batches else ''
+        return DropPart.Result(status=status, run_id=run_id, drops=goal.drops)
 
 
-@pytest.fixture
+@pytest.fixture(scope='module')
+def namespace():
+    return f'/lost_{os.getpid()}'
+
+
+@pytest.fixture(scope='module')
 def client(connect, namespace):
     return connect(namespace)
 
 
-@pytest.fixture
-def simulator(client, part, surfaces):
+@pytest.fixture(scope='module')
+def fake(client, part, surfaces):
     fake = FakeSimulator(client, part('tetrahedron'), surfaces.get())
     yield fake
     fake.destroy()
 
 
 @pytest.fixture
-def classifier(start, namespace, simulator):
+def simulator(fake, seeds=itertools.count(1)):  # noqa: B008 - one for all tests is meant
+    fake.begin(next(seeds))
+    return fake
+
+
+@pytest.fixture(scope='module')
+def classifier(start, namespace):
     return start('aspect_classifier', namespace, constants=QUICK)
 
 
 @pytest.fixture
-def logs(tmp_path):
-    return tmp_path / 'logs'
+def known(client, classifier, simulator):
+    """Wait until all drops are known, and give their distribution."""
 
-
-@pytest.fixture
-def recorder(start, namespace, simulator, logs):
-    return start('drop_recorder', namespace, {'log_folder': logs}, constants=QUICK)
-
-
-@pytest.fixture
-def known(client, classifier):
-    """Wait until so many drops are known, and give their distribution."""
-
-    def known(drops=DROPS):
+    def known():
         def found():
-            answer = client.ask(drops=drops, seed=[1], only_known=True)
+            answer = client.ask(drops=DROPS, seed=[simulator.seed], only_known=True)
             return answer.status.code == Status.OK and answer.distribution
 
-        return client.wait(found, f'{drops} drops known')
+        return client.wait(found, 'drops known')
 
     return known
 
@@ -115,14 +127,14 @@ def assert_whole(distribution, simulator):
     assert [aspect.count for aspect in distribution.aspects] == simulator.counts
 
 
-def repaired(goal):
+def repaired(name, first, end):
     """What a simulator that is whole does when it is asked for drops again."""
-    return Status(), [(goal.run_id, goal.first_drop, goal.first_drop + goal.drops, False)]
+    return Status(), [(name, first, end, False)]
 
 
-def whole_run(goal):
+def whole_run(_, first, end):
     """A run without a gap."""
-    return Status(), [('second', 0, DROPS, True)]
+    return Status(), [('second', first, end, True)]
 
 
 @pytest.mark.parametrize(
@@ -157,15 +169,12 @@ def test_a_batch_that_comes_twice_is_counted_once(simulator, known):
 
 
 def test_a_repair_under_another_run_id_fills_the_gap(simulator, known):
-    simulator.answer = lambda goal: (
-        Status(),
-        [('another', goal.first_drop, goal.first_drop + goal.drops, True)],
-    )
+    simulator.answer = lambda _, first, end: (Status(), [('another', first, end, True)])
     simulator.publish('gapped', 0, 10)
     simulator.publish('gapped', 20, 40, last=True)
     distribution = known()
     assert_whole(distribution, simulator)
-    assert distribution.run.run_id == 'gapped'
+    assert distribution.run.run_id == simulator.run_id('gapped')
 
 
 def test_a_run_of_the_same_drops_is_a_run_of_its_own_while_another_is_repaired(
@@ -173,7 +182,7 @@ def test_a_run_of_the_same_drops_is_a_run_of_its_own_while_another_is_repaired(
 ):
     """The gap of the first is filled by the second, and that one has all its drops as well."""
     heard = client.listen(AspectDistribution, 'aspect_distributions/tetrahedron', LATCHED)
-    simulator.answer = lambda goal: (Status(), [])  # nothing comes, but it tries
+    simulator.answer = lambda *_: (Status(), [])  # nothing comes, but it tries
     simulator.publish('gapped', 0, 10)
     simulator.publish('gapped', 20, 40, last=True)
     client.wait(lambda: simulator.asked, 'repair')
@@ -182,14 +191,14 @@ def test_a_run_of_the_same_drops_is_a_run_of_its_own_while_another_is_repaired(
 
     def complete():
         found = {m.run.run_id: m.drops for m in heard if m.complete}
-        return found == {'gapped': DROPS, 'whole': DROPS}
+        return {found.get(simulator.run_id(name)) for name in ('gapped', 'whole')} == {DROPS}
 
     client.wait(complete, 'both runs complete')
 
 
 def test_a_repair_that_fails_at_first_is_tried_again(simulator, known):
     answers = [(Status(code=Status.BUSY, message='try later'), []), (Status(), [])]
-    simulator.answer = lambda goal: answers.pop() if answers else repaired(goal)
+    simulator.answer = lambda *asked: answers.pop() if answers else repaired(*asked)
     simulator.publish('gapped', 0, 10)
     simulator.publish('gapped', 20, 40, last=True)
     assert_whole(known(), simulator)
@@ -198,41 +207,46 @@ def test_a_repair_that_fails_at_first_is_tried_again(simulator, known):
 
 def test_drops_that_are_lost_for_good_fail_the_request_in_words(simulator, client, classifier):
     refusal = Status(code=Status.FAILED, message='the engine is broken')
-    simulator.answer = lambda goal: (
-        (refusal, [])
-        if goal.run_id
-        else (Status(), [('made', 0, 10, False), ('made', 20, 40, True)])
-    )
-    answer = client.ask(drops=DROPS, seed=[1])
+    holed = [('made', 0, 10, False), ('made', 20, 40, True)]
+    simulator.answer = lambda name, *_: (refusal, []) if name else (Status(), holed)
+    answer = client.ask(drops=DROPS, seed=[simulator.seed])
     assert answer.status.code == Status.FAILED
-    assert answer.status.message == 'drops of run made were lost and are not to be had'
+    assert answer.status.message == (
+        f'drops of run {simulator.run_id("made")} were lost and are not to be had'
+    )
     assert simulator.asked == [('', 0, DROPS)] + [('made', 10, 20)] * 3
     assert 'the engine is broken' in classifier.said
     # What is not whole does not pass for known.
-    assert client.ask(drops=1, only_known=True).status.code == Status.NOT_AVAILABLE
-    assert not client.parts()['tetrahedron'].known
+    assert (
+        client.ask(drops=1, seed=[simulator.seed], only_known=True).status.code
+        == Status.NOT_AVAILABLE
+    )
     simulator.answer = whole_run
-    answer = client.ask(drops=DROPS, seed=[1])
+    answer = client.ask(drops=DROPS, seed=[simulator.seed])
     assert answer.status.code == Status.OK
     assert_whole(answer.distribution, simulator)
 
 
-def test_a_recorder_that_lost_drops_for_good_closes_its_log(simulator, client, recorder, logs):
-    simulator.answer = lambda goal: (Status(code=Status.FAILED, message='no'), [])
+def test_a_recorder_that_lost_drops_for_good_closes_its_log(
+    simulator, client, start, namespace, tmp_path
+):
+    recorder = start('drop_recorder', namespace, {'log_folder': tmp_path}, constants=QUICK)
+    simulator.answer = lambda *_: (Status(code=Status.FAILED, message='no'), [])
     simulator.publish('gapped', 0, 10)
     simulator.publish('gapped', 20, 40, last=True)
-    client.wait(lambda: list(logs.glob('*_gapped/metadata.yaml')), 'closed log')
-    assert 'drops 10 to 19 of run gapped (tetrahedron) were lost, asking again' in recorder.said
-    assert 'lost drops of run gapped are not to be had: no' in recorder.said
+    run_id = simulator.run_id('gapped')
+    client.wait(lambda: list(tmp_path.glob(f'*_{run_id}/metadata.yaml')), 'closed log')
+    assert f'drops 10 to 19 of run {run_id} (tetrahedron) were lost' in recorder.said
+    assert f'lost drops of run {run_id} are not to be had: no' in recorder.said
     assert recorder.running
 
 
 def test_a_batch_that_contradicts_its_run_is_refused_in_words(simulator, known, classifier):
     simulator.publish('twofold', 0, 20)
-    simulator.publish('twofold', 20, 40, seed=2)
+    simulator.publish('twofold', 20, 40, seed=10**6)
     simulator.publish('twofold', 20, 40, last=True)
     assert_whole(known(), simulator)
-    assert 'run twofold is not the run that it began as' in classifier.said
+    assert f'run {simulator.run_id("twofold")} is not the run that it began as' in classifier.said
 
 
 def test_a_batch_with_conditions_that_cannot_be_is_refused_in_words(simulator, known, classifier):
