@@ -5,7 +5,7 @@ from typing import Any
 
 EXAMPLES = """examples:
   resting_aspects nodes
-  resting_aspects nodes --ros-args -p parts_folder:=my_parts -p log_folder:=logs -r __ns:=/cell_1
+  resting_aspects nodes --ros-args -p log_folder:=logs -r __ns:=/cell_1
 """
 
 

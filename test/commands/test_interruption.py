@@ -1,0 +1,142 @@
+"""Ctrl-C, and workers that die: what was done is saved, and nothing is left running."""
+
+import csv
+import json
+import os
+import re
+import signal
+import subprocess
+
+import pytest
+
+# Falls from far above need fine time steps: the first chunk takes a while.
+SLOW = ('drop', 'l_bracket', '--drops', 100_000, '--workers', 2, '--height', '3m')
+QUICK = ('drop', 'tetrahedron', '--drops', 200_000, '--workers', 2)
+OUTPUTS = ('--json', '--poses', 'p.csv', '--out', 'o')
+ENOUGH = 60.0
+
+
+def some_done(line):
+    return re.match(r'tetrahedron: [1-9]\d* of 200000 drops  \d+ drops/s$', line)
+
+
+@pytest.fixture
+def ended(session, wait_until, tmp_path):
+    """Wait until the command ends; check what it leaves, and give its document and its words."""
+
+    def check(process, code):
+        printed, errors = process.communicate(timeout=ENOUGH)
+        assert process.returncode == code, errors
+        assert 'Traceback' not in errors
+        # One of multiprocessing's ends as it sees that the others have.
+        wait_until(lambda: session(process.pid) == {}, 5)
+        document = json.loads(printed)
+        assert document['complete'] is False
+        assert (tmp_path / 'o' / 'distribution.json').read_text(encoding='utf-8') == printed
+        with (tmp_path / 'p.csv').open(newline='', encoding='utf-8') as file:
+            rows = list(csv.reader(file))
+        assert [row[0] for row in rows] == ['drop', *map(str, range(document['drops']))]
+        outside = sum(document[name] for name in ('unclassified', 'unsettled', 'failed'))
+        assert sum(a['count'] for a in document['aspects']) + outside == document['drops']
+        names = sorted(path.name for path in tmp_path.rglob('*'))
+        assert names == ['distribution.json', 'distribution.png', 'o', 'p.csv', 'poses.csv']
+        return document, errors.splitlines()
+
+    return check
+
+
+def test_ctrl_c_in_the_middle(begin, ended, read_until):
+    process = begin(*QUICK, *OUTPUTS)
+    read_until(process.stderr, some_done)
+    # As the terminal does: to all processes.
+    os.killpg(process.pid, signal.SIGINT)
+    document, lines = ended(process, 130)
+    assert document['drops'] > 0
+    words = f'interrupted after {document["drops"]} of 200000 drops, which are kept'
+    assert lines[-1] == words
+
+
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
+def test_another_signal_to_the_command_alone(begin, ended, read_until, number):
+    process = begin(*QUICK, *OUTPUTS)
+    read_until(process.stderr, some_done)
+    process.send_signal(number)
+    document, _ = ended(process, 130)
+    assert document['drops'] > 0
+
+
+def test_ctrl_c_again_and_again(begin, ended, read_until):
+    process = begin(*QUICK, *OUTPUTS)
+    read_until(process.stderr, some_done)
+    while process.poll() is None:
+        os.killpg(process.pid, signal.SIGINT)
+        try:
+            process.wait(0.02)
+        except subprocess.TimeoutExpired:
+            continue
+    assert ended(process, 130)[0]['drops'] > 0
+
+
+def test_ctrl_c_before_the_first_drop_is_done(begin, ended, read_until):
+    process = begin(*SLOW, *OUTPUTS)
+    line = read_until(process.stderr, lambda line: True)
+    assert line == 'l_bracket: 0 of 100000 drops\n'
+    os.killpg(process.pid, signal.SIGINT)
+    document, lines = ended(process, 130)
+    assert document['drops'] == 0
+    assert lines[-1] == 'interrupted after 0 of 100000 drops, which are kept'
+    for aspect in document['aspects']:
+        assert (aspect['lower'], aspect['upper']) == (0, 1)
+
+
+def test_ctrl_c_while_the_engine_is_loaded(begin, ended, wait_until):
+    process = begin(*SLOW, *OUTPUTS)
+    maps = f'/proc/{process.pid}/maps'
+    # Loaded long before the engine, and after signals are caught.
+    wait_until(lambda: '_multiarray_umath' in open(maps, encoding='utf-8').read())  # noqa: PTH123, SIM115
+    os.killpg(process.pid, signal.SIGINT)
+    assert ended(process, 130)[0]['drops'] == 0
+
+
+def test_without_files_nothing_is_written(begin, read_until, tmp_path):
+    process = begin(*QUICK)
+    read_until(process.stderr, some_done)
+    os.killpg(process.pid, signal.SIGINT)
+    printed, errors = process.communicate(timeout=ENOUGH)
+    done = re.search(r'interrupted after (\d+) of', errors)[1]
+    assert printed.startswith(f'tetrahedron, {done} drops on rubber_mat, seed 1')
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_terminal_that_closes_does_not_end_what_nohup_began(begin, ended, read_until):
+    process = begin(*QUICK, *OUTPUTS, preexec_fn=lambda: signal.signal(1, signal.SIG_IGN))
+    read_until(process.stderr, some_done)
+    process.send_signal(signal.SIGHUP)
+    for _ in range(2):
+        read_until(process.stderr, some_done)
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    ended(process, 130)
+
+
+def test_a_worker_that_is_killed(begin, ended, read_until, session):
+    process = begin(*QUICK, *OUTPUTS)
+    read_until(process.stderr, some_done)
+    workers = [
+        pid for pid, words in session(process.pid).items() if '--multiprocessing-fork' in words
+    ]
+    assert len(workers) == 2
+    os.kill(workers[0], signal.SIGKILL)
+    document, lines = ended(process, 1)
+    assert document['drops'] > 0
+    assert lines[-1] == (
+        f'error: a worker process died after {document["drops"]} of 200000 drops, which are kept'
+    )
+
+
+def test_workers_end_with_a_command_that_is_killed(begin, read_until, session, wait_until):
+    process = begin(*QUICK)
+    read_until(process.stderr, some_done)
+    assert len(session(process.pid)) >= 3
+    process.kill()
+    wait_until(lambda: session(process.pid) == {}, 10)
