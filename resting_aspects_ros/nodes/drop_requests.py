@@ -57,6 +57,10 @@ class DropRequests:
         """End the action client."""
         self._client.destroy()
 
+    def simulator_is_there(self) -> bool:
+        """Whether a goal can be sent now."""
+        return bool(self._client.server_is_ready())
+
     async def drop(self, spec: DropSpec) -> 'RunAccount':
         """The account of a run of these drops; raises what the simulator answers."""
         if spec in self._under_way:
@@ -101,7 +105,7 @@ class DropRequests:
         """Wait until there is a simulator."""
         never = Future(executor=self._node.executor)
         for _ in range(round(SERVER_TIMEOUT / SERVER_PERIOD)):
-            if self._client.server_is_ready():
+            if self.simulator_is_there():
                 return
             await wait_for(self._node, never, SERVER_PERIOD)
         raise NotAvailableError(

@@ -46,12 +46,13 @@ class KnownParts:
 
     def __init__(self) -> None:
         self._parts: dict[str, Part] = {}
+        self._last: dict[str, Part] = {}  # by name, also those that are offered no more
         self._by_sha: dict[str, Part] = {}
         self._aspects: dict[str, AspectSet] = {}
 
     def describe(self, part: Part) -> None:
         """Take a part as it is offered now."""
-        self._parts[part.name] = part
+        self._parts[part.name] = self._last[part.name] = part
         self._by_sha[part.part_sha256] = part
 
     def remove(self, name: str) -> None:
@@ -65,6 +66,10 @@ class KnownParts:
     def get(self, name: str) -> Part | None:
         """The part as it is offered now."""
         return self._parts.get(name)
+
+    def last(self, name: str) -> Part | None:
+        """The part as it was offered last, also if it is not now."""
+        return self._last.get(name)
 
     def offered(self) -> list[tuple[str, str]]:
         """Name and part_sha256 of each, sorted."""

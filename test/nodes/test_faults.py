@@ -1,0 +1,145 @@
+"""Nodes that start late, are slow, die, or are not there."""
+
+import signal
+
+import pytest
+from resting_aspects_interfaces.msg import Status
+from rosbags.highlevel import AnyReader
+
+from resting_aspects_ros.nodes.interface import LEAST_BATCH
+
+# Shorter than for people, with what is tested left as it is.
+QUICK = {
+    'aspect_classifier': {
+        'run_tracker.SILENCE': 3.0,
+        'run_tracker.CHECK_PERIOD': 0.2,
+        'drop_goals.ASK_PERIOD': 1.0,
+        'drop_requests.SERVER_TIMEOUT': 1.0,
+    },
+    'drop_recorder': {
+        'run_tracker.SILENCE': 3.0,
+        'run_tracker.CHECK_PERIOD': 0.2,
+        'drop_goals.ASK_PERIOD': 1.0,
+        'open_log.END_TIMEOUT': 2.0,
+    },
+}
+
+
+@pytest.fixture(scope='module')
+def suite(fresh_suite):
+    return fresh_suite(QUICK)
+
+
+@pytest.fixture
+def recorded():
+    """The indices of the drops in a log, in their order."""
+
+    def recorded(folder):
+        (file,) = folder.glob('*.mcap')
+        found = []
+        with AnyReader([file]) as reader:
+            for connection, _, data in reader.messages():
+                if connection.topic.endswith('/resting_poses'):
+                    batch = reader.deserialize(data, connection.msgtype)
+                    found += range(batch.first_drop, batch.first_drop + len(batch.poses))
+        return found
+
+    return recorded
+
+
+def test_who_starts_late_has_all_of_the_run(suite, start, recorded, tmp_path, counts):
+    """A recorder and a classifier, started in the middle of a run, and others after it."""
+    drops = 2 * LEAST_BATCH + 50
+    heard = suite.client.poses()
+    asked = suite.client.asking('tetrahedron', drops, seed=[41])
+    suite.client.wait(lambda: any(batch.run.seed == 41 for batch in heard), 'first batch')
+    middle = start('drop_recorder', suite.namespace, {'log_folder': tmp_path / 'middle'})
+    assert not asked.done()
+    suite.client.wait(asked.done, 'answer')
+    expected = asked.result().distribution
+    after = start('drop_recorder', suite.namespace, {'log_folder': tmp_path / 'after'})
+    for name in ('middle', 'after'):
+        pattern = f'{name}/*_{expected.run.run_id}/metadata.yaml'
+        suite.client.wait(lambda pattern=pattern: list(tmp_path.glob(pattern)), f'log {name}')
+        (metadata,) = tmp_path.glob(pattern)
+        assert recorded(metadata.parent) == list(range(drops))
+    for recorder in (middle, after):
+        assert recorder.end() == 0
+    suite.processes['aspect_classifier'].end()
+    suite.processes['aspect_classifier'] = start(
+        'aspect_classifier', suite.namespace, constants=QUICK['aspect_classifier']
+    )
+
+    def known():
+        answer = suite.client.ask(drops=drops, seed=[41], only_known=True)
+        return answer.status.code == Status.OK and answer.distribution
+
+    distribution = suite.client.wait(known, 'what the late classifier knows')
+    assert distribution.run == expected.run
+    assert counts(distribution) == counts(expected)
+
+
+def test_who_is_held_up_during_a_run_loses_nothing(suite, recorded):
+    drops = 4 * LEAST_BATCH
+    slow = [suite.processes[name] for name in ('aspect_classifier', 'drop_recorder')]
+    for process in slow:
+        process.send(signal.SIGSTOP)
+    try:
+        drop = suite.client.drop('tetrahedron', drops, seed=42)
+    finally:
+        for process in slow:
+            process.send(signal.SIGCONT)
+    assert drop.result.drops == drops
+
+    def known():
+        answer = suite.client.ask(drops=drops, seed=[42], only_known=True)
+        return answer.status.code == Status.OK and answer.distribution
+
+    assert suite.client.wait(known, 'what the slow classifier knows').drops == drops
+    assert recorded(suite.log_of(drop.result.run_id)) == list(range(drops))
+
+
+def test_without_a_simulator_the_answer_is_that_there_is_none(suite, start):
+    known = suite.client.ask(drops=5, seed=[44])
+    heard = suite.client.poses()
+    asked = suite.client.asking('tetrahedron', 100_000, seed=[45])
+    suite.client.wait(lambda: any(batch.run.seed == 45 for batch in heard), 'first batch')
+    assert suite.processes['drop_simulator'].end(signal.SIGTERM) == 0
+    suite.client.wait(asked.done, 'answer of the interrupted request')
+    assert asked.result().status.code == Status.NOT_AVAILABLE
+    assert asked.result().status.message == (
+        'the simulator went away while it dropped tetrahedron'
+    )
+    answer = suite.client.ask(drops=5, seed=[46])
+    assert answer.status.code == Status.NOT_AVAILABLE
+    assert answer.status.message == (
+        f'no drop_simulator answers on {suite.namespace}/drop_part, waited 1 s'
+    )
+    # What is known is known without it.
+    assert suite.client.ask(drops=5, seed=[44]).distribution.run == known.distribution.run
+    # The log of the run that nobody can end is closed.
+    run_id = next(batch.run.run_id for batch in heard if batch.run.seed == 45)
+    suite.log_of(run_id)
+    suite.processes['drop_simulator'] = start('drop_simulator', suite.namespace)
+    assert suite.client.ask(drops=5, seed=[46]).status.code == Status.OK
+
+
+# Last: for 20 s a node that was killed is taken for present.
+def test_a_simulator_that_is_killed_and_started_again_ends_no_other_node(suite, start, counts):
+    heard = suite.client.poses()
+    asked = suite.client.asking('tetrahedron', 500, seed=[43])
+    suite.client.wait(lambda: any(batch.run.seed == 43 for batch in heard), 'first batch')
+    suite.processes['drop_simulator'].end(signal.SIGKILL)
+    suite.processes['drop_simulator'] = start('drop_simulator', suite.namespace)
+    suite.client.wait(asked.done, 'answer in words')
+    answer = asked.result()
+    assert answer.status.code == Status.NOT_AVAILABLE
+    assert answer.status.message == (
+        'the simulator was started again while it dropped tetrahedron: ask again'
+    )
+    again = suite.client.ask('tetrahedron', 500, seed=[43])
+    assert again.status.code == Status.OK
+    assert again.distribution.drops == sum(counts(again.distribution)) == 500
+    run_id = next(batch.run.run_id for batch in heard if batch.run.seed == 43)
+    suite.log_of(run_id)
+    assert suite.alive

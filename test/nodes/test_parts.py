@@ -1,0 +1,118 @@
+"""parts/<part> and list_parts follow the folder of the simulator."""
+
+import shutil
+
+import pytest
+from resting_aspects_interfaces.msg import PartDescription, Status
+
+from resting_aspects_ros.config_files import parts_folder
+from resting_aspects_ros.drops.part_library import PartLibrary
+from resting_aspects_ros.nodes.convert import part_from
+from resting_aspects_ros.nodes.interface import LATCHED
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('parts')
+    for name in ('box_10x20x30.stl', 'tetrahedron.stl'):
+        shutil.copy(parts_folder() / name, folder)
+    return folder
+
+
+@pytest.fixture(scope='module')
+def suite(fresh_suite, folder):
+    return fresh_suite(
+        {'drop_simulator': {'part_offers.SCAN_PERIOD': 0.2}}, parts_folder=folder, workers=1
+    )
+
+
+@pytest.fixture
+def listed(suite):
+    """Wait until list_parts gives these names, and give the summaries."""
+
+    def listed(*names):
+        def found():
+            parts = suite.client.parts()
+            return list(parts) == list(names) and parts
+
+        return suite.client.wait(found, f'list of {names}')
+
+    return listed
+
+
+def test_parts_are_listed_by_name_with_their_hashes(listed, folder):
+    parts = listed('box_10x20x30', 'tetrahedron')
+    for name, summary in parts.items():
+        assert summary.part_sha256 == PartLibrary(folder).load(name).part_sha256
+
+
+def test_a_part_is_known_after_a_run_of_it(suite, listed):
+    assert not listed('box_10x20x30', 'tetrahedron')['tetrahedron'].known
+    suite.client.ask('tetrahedron', 3)
+    parts = listed('box_10x20x30', 'tetrahedron')
+    assert (parts['tetrahedron'].known, parts['box_10x20x30'].known) == (True, False)
+
+
+def test_a_run_that_was_canceled_before_its_first_drop_makes_nothing_known(suite, listed):
+    box = suite.client.dropping('box_10x20x30', 100_000, first_drop=9)
+    suite.client.wait(lambda: box.accepted, 'goal taken')
+    box.cancel()
+    suite.client.wait(lambda: box.done, 'canceled goal')
+    assert box.result.status.code == Status.CANCELED
+    parts = listed('box_10x20x30', 'tetrahedron')
+    assert parts['box_10x20x30'].known == (box.result.drops > 0)
+
+
+def test_a_description_has_the_mesh_s_bytes_and_rebuilds_the_part(suite, folder):
+    heard = suite.client.listen(PartDescription, 'parts/tetrahedron', LATCHED)
+    suite.client.wait(lambda: heard, 'description')
+    assert bytes(heard[0].mesh) == (folder / 'tetrahedron.stl').read_bytes()
+    again = part_from(heard[0])
+    assert again.part_sha256 == heard[0].part_sha256
+    assert again.part_sha256 == PartLibrary(folder).load('tetrahedron').part_sha256
+
+
+def test_a_part_can_be_added_changed_and_removed(suite, listed, folder):
+    heard = suite.client.listen(PartDescription, 'parts/hex_nut', LATCHED)
+    shutil.copy(parts_folder() / 'hex_nut.stl', folder)
+    before = listed('box_10x20x30', 'hex_nut', 'tetrahedron')['hex_nut'].part_sha256
+    suite.client.wait(lambda: heard, 'description of the new part')
+    assert heard[-1].part_sha256 == before
+    suite.client.ask('hex_nut', 3, seed=[1])
+
+    (folder / 'hex_nut.yaml').write_text('density: 2700\n', encoding='utf-8')
+
+    def changed():
+        return suite.client.parts()['hex_nut'].part_sha256 not in ('', before)
+
+    suite.client.wait(changed, 'another hash')
+    suite.client.wait(lambda: heard[-1].part_sha256 != before, 'description of the changed part')
+    assert heard[-1].mesh_sha256 == heard[0].mesh_sha256
+    # Nothing is known of the part as it is now.
+    assert not suite.client.parts()['hex_nut'].known
+    old = suite.client.ask('hex_nut', 3, seed=[1], only_known=True)
+    assert old.status.code == Status.NOT_AVAILABLE
+    new = suite.client.ask('hex_nut', 3, seed=[1])
+    assert new.distribution.run.part_sha256 == heard[-1].part_sha256
+
+    (folder / 'hex_nut.stl').unlink()
+    (folder / 'hex_nut.yaml').unlink()
+    listed('box_10x20x30', 'tetrahedron')
+    answer = suite.client.ask('hex_nut', 3, seed=[1])
+    assert answer.status.code == Status.UNKNOWN_PART
+    assert 'there are box_10x20x30, tetrahedron' in answer.status.message
+
+
+def test_a_mesh_that_is_broken_is_told_once_and_harms_no_other_part(suite, listed, folder):
+    simulator = suite.processes['drop_simulator']
+    (folder / 'broken.stl').write_bytes(b'no mesh')
+    suite.client.wait(lambda: 'broken.stl' in simulator.said, 'warning')
+    assert suite.client.ask('tetrahedron', 4, seed=[9]).status.code == Status.OK
+    listed('box_10x20x30', 'tetrahedron')
+    # Several scans later, seen by a part that is added.
+    shutil.copy(parts_folder() / 'washer.stl', folder)
+    listed('box_10x20x30', 'tetrahedron', 'washer')
+    (folder / 'washer.stl').unlink()
+    listed('box_10x20x30', 'tetrahedron')
+    assert simulator.said.count('broken.stl') == 1
+    (folder / 'broken.stl').unlink()
