@@ -82,10 +82,8 @@ def test_the_demo_drops_a_part_over_ros_and_shows_it(begin, nodes_of, left, tmp_
     left(process.pid, nodes)
 
     first, title, *lines = printed.splitlines()
-    assert (
-        first == f'Starting {", ".join(sorted(NODES, reverse=True))} as three processes ...'
-        or (all(node in first for node in NODES))
-    )
+    assert re.fullmatch(r'Starting \w+, \w+, \w+ as three processes \.\.\.', first)
+    assert all(node in first for node in NODES)
     assert title.rstrip() == 'l_bracket, 1000 drops on rubber_mat, seed 1'
     aspects = [line.split()[0] for line in lines if re.match(r' +\d+ .* % ', line)]
     assert aspects == ['1', '2', '3', '4', '5']
@@ -121,8 +119,8 @@ def test_ctrl_c_in_the_middle(begin, nodes_of, left, read_until, tmp_path):
     assert no_tracebacks(tmp_path / 'o') == NODES
 
 
-def test_ctrl_c_as_it_starts(begin, nodes_of, left, tmp_path):
-    process = begin('demo', '--out', 'o')
+def test_ctrl_c_as_it_starts(begin, nodes_of, left):
+    process = begin('demo')
     assert process.stdout.readline().startswith('Starting ')
     nodes = nodes_of(process.pid)
     os.killpg(process.pid, signal.SIGINT)
@@ -130,7 +128,6 @@ def test_ctrl_c_as_it_starts(begin, nodes_of, left, tmp_path):
     assert process.returncode == 130
     assert errors == 'interrupted\n'
     left(process.pid, nodes)
-    assert no_tracebacks(tmp_path / 'o') == NODES
 
 
 def test_ctrl_c_before_the_nodes_run_and_then_again_and_again(begin, processes_of, left):
