@@ -1,0 +1,190 @@
+"""A log of every run, read back with an independent reader and compared with what was heard."""
+
+import re
+from datetime import datetime, timezone
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, Status
+from rosbags.highlevel import AnyReader
+
+from resting_aspects_ros.config_files import parts_folder
+from resting_aspects_ros.nodes.interface import LATCHED, LEAST_BATCH
+
+DROPS = 2 * LEAST_BATCH + 20
+
+
+def read(path):
+    """The messages of a bag, each topic's in their order."""
+    found = {}
+    with AnyReader([path]) as reader:
+        for connection, _, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            found.setdefault(connection.topic, []).append(message)
+    return found
+
+
+def plain(message):
+    """A message of rclpy or of rosbags as plain data that can be compared."""
+    if hasattr(message, 'get_fields_and_field_types'):
+        names = message.get_fields_and_field_types()
+        return {name: plain(getattr(message, name)) for name in names}
+    if hasattr(message, '__msgtype__'):
+        names = [name for name in vars(message) if name != '__msgtype__']
+        return {name: plain(getattr(message, name)) for name in names if not name.isupper()}
+    if isinstance(message, bytes | np.ndarray) or hasattr(message, 'typecode'):
+        return np.asarray(bytearray(message) if isinstance(message, bytes) else message).tolist()
+    if isinstance(message, list | tuple):
+        return [plain(entry) for entry in message]
+    return message
+
+
+@pytest.fixture(scope='module')
+def heard(suite):
+    """All that is published of the tetrahedron, heard beside the recorder."""
+    name = 'aspect_distributions/tetrahedron'
+    suite.client.wait(
+        lambda: suite.client.node.count_publishers(f'{suite.namespace}/{name}'), 'topic'
+    )
+    heard = {
+        'resting_poses': suite.client.poses(),
+        name: suite.client.listen(AspectDistribution, name, LATCHED),
+        'parts/tetrahedron': suite.client.listen(PartDescription, 'parts/tetrahedron', LATCHED),
+    }
+    suite.client.wait(lambda: heard['parts/tetrahedron'], 'description')
+    return heard
+
+
+@pytest.fixture(scope='module')
+def run(suite, heard):
+    """The description of a run that was heard and recorded."""
+    run = suite.client.ask('tetrahedron', DROPS, seed=[1]).distribution.run
+    suite.client.wait(lambda: heard['resting_poses'][-1].last, 'last batch')
+    suite.client.wait(
+        lambda: heard['aspect_distributions/tetrahedron'][-1].complete, 'last distribution'
+    )
+    return run
+
+
+@pytest.fixture(scope='module')
+def folder(suite, run):
+    return suite.log_of(run.run_id)
+
+
+def test_a_run_has_a_folder_named_after_part_start_and_run(folder, run):
+    started = datetime.fromtimestamp(run.started.sec, timezone.utc)
+    assert folder.name == f'tetrahedron_{started:%Y%m%dT%H%M%SZ}_{run.run_id}'
+    assert re.fullmatch(r'tetrahedron_\d{8}T\d{6}Z_[0-9a-f]+', folder.name)
+    assert sorted(file.name for file in folder.iterdir()) == [
+        'metadata.yaml',
+        f'{folder.name}_0.mcap',
+    ]
+
+
+@pytest.mark.parametrize('way', ['the bare file', 'metadata.yaml'])
+def test_all_that_was_heard_is_in_the_log_value_by_value(suite, folder, heard, way):
+    messages = read(next(folder.glob('*.mcap')) if way == 'the bare file' else folder)
+    assert set(messages) == {f'{suite.namespace}/{topic}' for topic in heard}
+    for topic, expected in heard.items():
+        recorded = messages[f'{suite.namespace}/{topic}']
+        assert len(recorded) == len(expected), topic
+        for one, other in zip(recorded, expected, strict=True):
+            assert plain(one) == plain(other), topic
+
+
+def test_the_log_ends_with_all_drops_counted(suite, folder, heard, run):
+    messages = read(folder)
+    batches = messages[f'{suite.namespace}/resting_poses']
+    assert sum(len(batch.poses) for batch in batches) == DROPS
+    assert [batch.last for batch in batches] == [False, False, True]
+    last = messages[f'{suite.namespace}/aspect_distributions/tetrahedron'][-1]
+    assert (last.complete, last.drops, last.run.run_id) == (True, DROPS, run.run_id)
+
+
+def test_distributions_come_while_drops_are_made_and_grow(heard, run):
+    distributions = heard['aspect_distributions/tetrahedron']
+    assert {message.run.run_id for message in distributions} == {run.run_id}
+    drops = [message.drops for message in distributions]
+    assert drops == sorted(set(drops))
+    assert drops[0] == LEAST_BATCH
+    assert [message.complete for message in distributions] == [count == DROPS for count in drops]
+
+
+def test_who_comes_late_gets_the_newest_distribution(suite, run):
+    late = suite.client.listen(AspectDistribution, 'aspect_distributions/tetrahedron', LATCHED)
+    suite.client.wait(lambda: late, 'latched distribution')
+    assert (late[0].run, late[0].complete, late[0].drops) == (run, True, DROPS)
+
+
+def test_the_mesh_is_attached_byte_for_byte(folder):
+    with next(folder.glob('*.mcap')).open('rb') as file:
+        (attachment,) = make_reader(file).iter_attachments()
+    assert (attachment.name, attachment.media_type) == ('tetrahedron.stl', 'model/stl')
+    assert attachment.data == (parts_folder() / 'tetrahedron.stl').read_bytes()
+
+
+def test_two_runs_of_a_part_at_once_have_a_log_each(suite):
+    drops = [suite.client.dropping('tetrahedron', 40, seed=seed) for seed in (2, 3)]
+    suite.client.wait(lambda: all(drop.done for drop in drops), 'goals')
+    for drop in drops:
+        messages = read(suite.log_of(drop.result.run_id))
+        (batch,) = messages[f'{suite.namespace}/resting_poses']
+        assert (batch.run.run_id, len(batch.poses)) == (drop.result.run_id, 40)
+        last = messages[f'{suite.namespace}/aspect_distributions/tetrahedron'][-1]
+        assert (last.run.run_id, last.drops, last.complete) == (drop.result.run_id, 40, True)
+
+
+def test_a_canceled_run_has_a_whole_log(suite):
+    drop = suite.client.dropping('tetrahedron', 100_000, seed=5)
+    suite.client.wait(lambda: drop.feedback, 'first feedback')
+    drop.cancel()
+    suite.client.wait(lambda: drop.done, 'canceled goal')
+    batches = read(suite.log_of(drop.result.run_id))[f'{suite.namespace}/resting_poses']
+    assert sum(len(batch.poses) for batch in batches) == drop.result.drops
+    assert batches[-1].last
+
+
+def test_a_folder_that_cannot_be_written_is_told_and_harms_nothing(suite, start, tmp_path):
+    (tmp_path / 'file').write_bytes(b'')
+    recorder = start('drop_recorder', suite.namespace, {'log_folder': tmp_path / 'file' / 'logs'})
+    answer = suite.client.ask('tetrahedron', 3, seed=[6])
+    assert answer.status.code == Status.OK
+    run_id = answer.distribution.run.run_id
+    suite.client.wait(lambda: f'run {run_id} is not recorded: ' in recorder.said, 'error')
+    assert str(tmp_path / 'file') in recorder.said
+    assert recorder.running
+    suite.log_of(run_id)  # of the recorder that can write
+    assert recorder.end() == 0
+
+
+def test_a_run_id_that_is_no_file_name_is_told_and_harms_nothing(suite):
+    recorder = suite.processes['drop_recorder']
+    drop = suite.client.drop('tetrahedron', 3, seed=7, run_id='../../escape')
+    assert drop.outcome == 'succeeded'
+    suite.client.wait(lambda: 'run ../../escape is not recorded: ' in recorder.said, 'error')
+    suite.log_of(suite.client.drop('tetrahedron', 3, seed=8).result.run_id)
+
+
+# Last: it ends the recorder.
+def test_a_recorder_that_is_stopped_in_the_middle_closes_a_log_that_can_be_read(
+    suite, heard, traceback
+):
+    drop = suite.client.dropping('tetrahedron', 100_000, seed=9)
+
+    def of_the_run():
+        return [batch for batch in heard['resting_poses'] if batch.run.seed == 9]
+
+    suite.client.wait(lambda: len(of_the_run()) >= 2, 'second batch')
+    run_id = of_the_run()[0].run.run_id
+    recorder = suite.processes['drop_recorder']
+    assert recorder.end() == 0
+    assert not traceback(recorder.said)
+    drop.cancel()
+    suite.client.wait(lambda: drop.done, 'canceled goal')
+    folder = suite.log_of(run_id)
+    for path in (folder, next(folder.glob('*.mcap'))):
+        batches = read(path)[f'{suite.namespace}/resting_poses']
+        assert len(batches) >= 1
+        for one, other in zip(batches, of_the_run(), strict=False):
+            assert plain(one) == plain(other)
