@@ -1,6 +1,7 @@
 """`resting_aspects request`: ask a running suite for a distribution, as a ROS client."""
 
 import argparse
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,6 +9,7 @@ from resting_aspects_ros.commands.interruption import Interruption
 from resting_aspects_ros.commands.options import add_conditions, add_run, conditions_of
 from resting_aspects_ros.commands.outputs import check_output
 from resting_aspects_ros.config_files import surfaces_file
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.drops.surfaces import Surfaces
 
 if TYPE_CHECKING:
@@ -54,8 +56,12 @@ def run(arguments: argparse.Namespace) -> int:
         request = distribution_request(
             arguments.part, conditions, arguments.drops, arguments.seed, arguments.only_known
         )
-        ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
-        with suite_client(ros_args) as client:
+        with ExitStack() as stack:
+            try:
+                client = stack.enter_context(suite_client(['--ros-args', *arguments.ros_args]))
+            except RuntimeError as error:  # all that rclpy raises for arguments
+                words = ' '.join(arguments.ros_args)
+                raise InvalidValueError(f'--ros-args is {words!r}, ROS refuses: {error}') from None
             with DropProgress(arguments.part, arguments.drops) as progress:
                 message = client.get(request, progress.update, stop.check)
             answer = answer_from(message, client.part(arguments.part))

@@ -1,0 +1,65 @@
+"""`nodes` and `request`: the suite in one process, asked from another."""
+
+import json
+import os
+import signal
+
+import numpy as np
+import pytest
+from PIL import Image
+
+
+@pytest.mark.parametrize(
+    ('words', 'says'),
+    [
+        (['--drops', '0'], ['drops', '0', '1 to 2000000']),
+        (['--friction', '-1'], ['friction', '-1.0', '0 to 10']),
+        (['--picture', 'nowhere/p.png'], ['--picture', "'nowhere/p.png'", 'does not exist']),
+        (['--ros-args', '--bogus'], ['--ros-args', "'--bogus'"]),
+    ],
+    ids=' '.join,
+)
+def test_wrong_input_is_refused_without_a_suite(refused, words, says):
+    line = refused('request', 'l_bracket', *words)
+    for word in says:
+        assert word in line
+
+
+def test_a_running_suite_answers_in_every_form(begin, run, environment, monkeypatch, tmp_path):
+    monkeypatch.setitem(environment, 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    ros = ('--ros-args', '-r', f'__ns:=/request_{os.getpid()}')
+    nodes = begin('nodes', *ros, '-p', 'log_folder:=logs')
+
+    asked = ('request', 'tetrahedron', '--drops', 20, '--seed', 3)
+    ended = run(*asked, '--json', '--picture', 'p.png', *ros)
+    assert ended.returncode == 0, ended.stderr
+    dropped = json.loads(run('drop', *asked[1:], '--json').stdout)
+    document = json.loads(ended.stdout)
+    # The same drops, and the same fields for a reader that does not care who made them.
+    assert document.keys() == dropped.keys()
+    for of in (document, dropped):
+        del of['run_id'], of['started']
+    for asked_for, made_here in zip(document['aspects'], dropped['aspects'], strict=True):
+        # On the wire it is a polygon of float32.
+        assert np.allclose(asked_for.pop('support'), made_here.pop('support'), atol=1e-8)
+    assert document == dropped
+    with Image.open(tmp_path / 'p.png') as picture:
+        picture.load()
+
+    known = run(*asked, '--only-known', *ros)
+    assert known.stdout.startswith('tetrahedron, 20 drops on rubber_mat, seed 3')
+    assert known.stderr == ''
+
+    unknown = run('request', 'nothing', *ros)
+    assert (unknown.returncode, unknown.stdout) == (2, '')
+    (line,) = unknown.stderr.splitlines()
+    assert line.startswith("error: no part 'nothing' is registered: there are angle_45x30x8")
+
+    never = run('request', 'washer', '--only-known', *ros)
+    assert (never.returncode, never.stdout) == (1, '')
+    assert len(never.stderr.splitlines()) == 1
+
+    nodes.send_signal(signal.SIGINT)
+    _, errors = nodes.communicate(timeout=20)
+    assert nodes.returncode == 0
+    assert 'Traceback' not in errors
