@@ -1,6 +1,7 @@
 """The node that writes a log of every run: its poses, its distributions, and the part."""
 
 import sys
+from collections import deque
 from pathlib import Path
 
 from rclpy.node import Node
@@ -12,6 +13,7 @@ from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.logs.topics import Qos, Topic
 from resting_aspects_ros.nodes.convert import nanoseconds
 from resting_aspects_ros.nodes.interface import (
+    ALL_LATCHED,
     ASPECT_DISTRIBUTIONS,
     LATCHED,
     PARTS,
@@ -27,6 +29,8 @@ from resting_aspects_ros.nodes.topic_watch import TopicWatch
 PARAMETERS = (
     Parameter('log_folder', 'out/logs', 'folder of the logs: one folder in it for each run'),
 )
+# Distributions of runs without a log that are kept, for the log that may be begun yet.
+MOST_EARLY = 100
 # How often it is looked whether a log is whole, s.
 CLOSE_PERIOD = 0.2
 
@@ -40,11 +44,17 @@ class DropRecorder(Node):
         self._folder = Path(values['log_folder']).absolute()
         self._logs: dict[str, OpenLog] = {}
         self._parts: dict[str, tuple[PartDescription, bytes]] = {}
-        self._newest: dict[str, tuple[AspectDistribution, bytes]] = {}  # by part
+        # Distributions can come before the poses that they count.
+        self._early: deque[tuple[AspectDistribution, bytes]] = deque(maxlen=MOST_EARLY)
         self._tracker = RunTracker(self, self._run_over)
         self._part_watch = TopicWatch(self, PARTS, PartDescription, self._part_described, raw=True)
         self._distribution_watch = TopicWatch(
-            self, ASPECT_DISTRIBUTIONS, AspectDistribution, self._distribution, raw=True
+            self,
+            ASPECT_DISTRIBUTIONS,
+            AspectDistribution,
+            self._distribution,
+            raw=True,
+            qos=ALL_LATCHED,
         )
         poses_type = 'resting_aspects_interfaces/msg/RestingPoses'
         self._poses = Topic(self.resolve_topic_name(RESTING_POSES), poses_type, _qos(POSES))
@@ -81,8 +91,8 @@ class DropRecorder(Node):
             self._report(log)
             if run.part in self._parts:
                 self._write_part(log, *self._parts[run.part])
-            if run.part in self._newest:  # it can come before the poses that it counts
-                self._write_distribution(log, *self._newest[run.part])
+            for message, data in self._early:
+                self._write_distribution(log, message, data)
         return self._logs[run.run_id]
 
     def _part_described(self, name: str, data: bytes) -> None:
@@ -98,10 +108,12 @@ class DropRecorder(Node):
         log.write_part(topic, data, part, self._now())
         self._report(log)
 
-    def _distribution(self, name: str, data: bytes) -> None:
+    def _distribution(self, _: str, data: bytes) -> None:
         message = deserialize_message(data, AspectDistribution)
-        self._newest[name] = (message, data)
-        for log in self._logs.values():
+        log = self._logs.get(message.run.run_id)
+        if log is None:
+            self._early.append((message, data))
+        else:
             self._write_distribution(log, message, data)
 
     def _write_distribution(self, log: OpenLog, message: AspectDistribution, data: bytes) -> None:

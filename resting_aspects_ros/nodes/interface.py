@@ -15,6 +15,10 @@ FRAME = 'tray'
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
+# For a reader that wants each of them, also those that come while it is busy.
+ALL_LATCHED = QoSProfile(
+    depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
 # ROS keeps 10 requests of a service: the 11th at once would be lost, and its client wait for ever.
 SERVICES = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 # The same for the services that an action is made of.

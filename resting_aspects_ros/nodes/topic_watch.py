@@ -5,6 +5,7 @@ from functools import partial
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 from resting_aspects_ros.nodes.interface import LATCHED
 
@@ -21,6 +22,7 @@ class TopicWatch:
         Relative to the node's namespace, such as 'parts'.
     received : called with the part's name and the message (bytes if ``raw``)
     gone : called with the part's name when nobody publishes the topic any more
+    qos : deeper than the publisher's for who must not miss what comes in quick succession
     """
 
     def __init__(
@@ -32,6 +34,7 @@ class TopicWatch:
         *,
         gone: Callable[[str], None] = lambda _: None,
         raw: bool = False,
+        qos: QoSProfile = LATCHED,
     ) -> None:
         self._node = node
         self._prefix = node.resolve_topic_name(f'{prefix}/part').removesuffix('part')
@@ -42,6 +45,7 @@ class TopicWatch:
         self._received = received
         self._gone = gone
         self._raw = raw
+        self._qos = qos
         self._subscriptions: dict[str, Any] = {}
         node.create_timer(PERIOD, self.look)
 
@@ -68,7 +72,7 @@ class TopicWatch:
                 self._type,
                 self.topic(part),
                 partial(self._received, part),
-                LATCHED,
+                self._qos,
                 raw=self._raw,
             )
         for part in set(self._subscriptions) - published:
