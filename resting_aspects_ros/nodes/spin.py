@@ -1,5 +1,6 @@
 """Run nodes in a process until it is told to stop."""
 
+import signal
 import sys
 from collections.abc import Callable, Sequence
 
@@ -17,6 +18,11 @@ def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None =
     Ctrl-C and SIGTERM end it in order, with exit code 0: that is how a node is stopped. A node
     that cannot start (a parameter that is not allowed, no such folder) ends it with 2.
     """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        # rclpy shuts its context down between two callbacks, and then calls the handler that was
+        # there before. Python's own would raise in the middle of one, where rclpy's C++ makes a
+        # TypeError or a RuntimeError of it.
+        signal.signal(number, _leave_to_rclpy)
     try:
         rclpy.init(args=args)
     except RuntimeError as error:  # all that rclpy raises for arguments
@@ -33,12 +39,20 @@ def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None =
         pass
     except (RestingAspectsError, ParameterException) as error:
         return _refuse(error)
+    except Exception:
+        if rclpy.ok():
+            raise
+        # A callback wanted to publish after the context was shut down.
     finally:
         for node in nodes:
             node.destroy_node()
         executor.shutdown()
         rclpy.try_shutdown()
     return 0
+
+
+def _leave_to_rclpy(*_: object) -> None:
+    pass
 
 
 def _refuse(error: Exception) -> int:
