@@ -77,9 +77,12 @@ def drop_here(
     if out is not None and not arguments.json:
         print(f'Written: {", ".join(str(out / name) for name in (DOCUMENT, PICTURE, POSES))}')
     if failure is not None:
-        raise EngineError(f'{failure} after {done} of {run.drops} drops, which are kept')
+        raise EngineError(f'{failure} after {done} of {run.drops} drops, which are in the answer')
     if not answer.complete:
-        print(f'interrupted after {done} of {run.drops} drops, which are kept', file=sys.stderr)
+        print(
+            f'interrupted after {done} of {run.drops} drops, which are in the answer',
+            file=sys.stderr,
+        )
         return INTERRUPTED
     return 0
 
