@@ -84,6 +84,10 @@ class Process:
     def send(self, number):
         self._popen.send_signal(number)
 
+    def send_to_group(self, number):
+        """As a terminal does on Ctrl-C."""
+        os.killpg(self.pid, number)
+
     def end(self, number=signal.SIGINT, seconds=20):
         """Ask it to end; its exit code."""
         if self.running:
@@ -240,6 +244,11 @@ class Client:
         return self._wait(
             condition, what, seconds, lambda: self._executor.spin_once(timeout_sec=0.05)
         )
+
+    def spin(self, seconds):
+        """Spin for a while, for what can only be measured over time."""
+        end = time.monotonic() + seconds
+        self.wait(lambda: time.monotonic() > end, 'the end')
 
     def listen(self, kind, topic, qos):
         """A list that fills with the messages of a topic while this client waits."""

@@ -1,0 +1,111 @@
+"""All nodes in one process: `resting_aspects nodes`, asked by `resting_aspects request`."""
+
+import json
+import signal
+import subprocess
+import sys
+
+import pytest
+
+COMMAND = [sys.executable, '-m', 'resting_aspects_ros.cli']
+
+
+@pytest.fixture
+def nodes(run_command, wait, namespace, tmp_path):
+    """The suite in one process."""
+    ros = ('--ros-args', '-r', f'__ns:={namespace}', '-p', f'log_folder:={tmp_path / "logs"}')
+    process = run_command(*COMMAND, 'nodes', *ros)
+    wait(lambda: process.said.count('ready') == 3 or not process.running, 'three nodes')
+    assert process.running, process.said
+    return process
+
+
+@pytest.fixture
+def request_json(namespace):
+    """Run `resting_aspects request ... --json` and give the document."""
+
+    def request_json(*words):
+        done = subprocess.run(
+            [*COMMAND, 'request', *words, '--json', '--ros-args', '-r', f'__ns:={namespace}'],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    return request_json
+
+
+def assert_ended_in_order(process, code, wait, traceback):
+    assert code == 0
+    assert not traceback(process.said), process.said
+    assert 'rror' not in process.said
+    wait(lambda: process.group() == [], 'end of all its processes', seconds=5)
+
+
+def test_a_request_is_answered_with_one_document_and_ctrl_c_ends_all(
+    nodes, request_json, wait, traceback, tmp_path
+):
+    document = request_json('tetrahedron', '--drops', '30', '--seed', '3')
+    assert (document['part'], document['drops'], document['seed']) == ('tetrahedron', 30, 3)
+    counted = sum(aspect['count'] for aspect in document['aspects'])
+    assert counted + sum(document[k] for k in ('unclassified', 'unsettled', 'failed')) == 30
+    assert request_json('tetrahedron', '--drops', '30', '--only-known') == document
+    wait(lambda: list(tmp_path.glob('logs/tetrahedron_*/metadata.yaml')), 'log')
+    assert len(nodes.group()) > 1  # it has workers
+    assert_ended_in_order(nodes, nodes.end(signal.SIGINT), wait, traceback)
+
+
+@pytest.mark.parametrize('way', ['SIGINT', 'SIGTERM', 'Ctrl-C'])
+def test_it_ends_in_order_while_drops_are_under_way(
+    nodes, connect, namespace, wait, traceback, tmp_path, way
+):
+    client = connect(namespace)
+    asked = client.asking('tetrahedron', 100_000)
+    wait(lambda: list(tmp_path.glob('logs/tetrahedron_*')), 'log', step=lambda: None)
+    assert not asked.done()
+    if way == 'Ctrl-C':  # a terminal sends it to the workers, too
+        nodes.send_to_group(signal.SIGINT)
+        code = nodes.end(0)
+    else:
+        code = nodes.end(getattr(signal, way))
+    assert_ended_in_order(nodes, code, wait, traceback)
+    (log,) = tmp_path.glob('logs/tetrahedron_*')
+    assert (log / 'metadata.yaml').exists()
+
+
+def test_workers_do_not_outlive_a_simulator_that_is_killed(start, connect, namespace, wait):
+    simulator = start('drop_simulator', namespace, {'workers': 1})
+    connect(namespace).drop('tetrahedron', 1)
+    assert len(simulator.group()) > 1
+    simulator.end(signal.SIGKILL)
+    wait(lambda: simulator.group() == [], 'end of its workers', seconds=10)
+
+
+def test_nodes_that_wait_use_next_to_no_processor_time(suite):
+    """Idle, and while a request waits for a simulator that is held up.
+
+    The window is 2 s, and the bound 0.3 s for each node: rclpy's timers and a look at the topics
+    five times a second take about 0.04 s, a loop that waits for nothing takes the whole 2 s.
+    """
+    window, most = 2.0, 0.3
+    suite.client.ask('tetrahedron', 1)
+
+    def used():
+        before = {name: process.cpu() for name, process in suite.processes.items()}
+        suite.client.spin(window)
+        return {name: process.cpu() - before[name] for name, process in suite.processes.items()}
+
+    idle = used()
+    assert max(idle.values()) < most, idle
+
+    suite.processes['drop_simulator'].send_to_group(signal.SIGSTOP)
+    try:
+        asked = suite.client.asking('tetrahedron', 2)
+        waiting = used()
+    finally:
+        suite.processes['drop_simulator'].send_to_group(signal.SIGCONT)
+    assert max(waiting.values()) < most, waiting
+    suite.client.wait(asked.done, 'answer')
