@@ -119,8 +119,8 @@ def test_ctrl_c_in_the_middle(begin, nodes_of, left, read_until, tmp_path):
     assert no_tracebacks(tmp_path / 'o') == NODES
 
 
-def test_ctrl_c_as_it_starts(begin, nodes_of, left):
-    process = begin('demo')
+def test_ctrl_c_as_it_starts(begin, nodes_of, left, tmp_path):
+    process = begin('demo', '--out', 'o')
     assert process.stdout.readline().startswith('Starting ')
     nodes = nodes_of(process.pid)
     os.killpg(process.pid, signal.SIGINT)
@@ -128,6 +128,7 @@ def test_ctrl_c_as_it_starts(begin, nodes_of, left):
     assert process.returncode == 130
     assert errors == 'interrupted\n'
     left(process.pid, nodes)
+    assert no_tracebacks(tmp_path / 'o') == NODES
 
 
 def test_ctrl_c_before_the_nodes_run_and_then_again_and_again(begin, processes_of, left):
