@@ -18,15 +18,23 @@ def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None =
     Ctrl-C and SIGTERM end it in order, with exit code 0: that is how a node is stopped. A node
     that cannot start (a parameter that is not allowed, no such folder) ends it with 2.
     """
+    told: list[int] = []  # to stop, before rclpy listens
+
+    def note(number: int, _: object) -> None:
+        told.append(number)
+
     for number in (signal.SIGINT, signal.SIGTERM):
         # rclpy shuts its context down between two callbacks, and then calls the handler that was
         # there before. Python's own would raise in the middle of one, where rclpy's C++ makes a
         # TypeError or a RuntimeError of it.
-        signal.signal(number, _leave_to_rclpy)
+        signal.signal(number, note)
     try:
         rclpy.init(args=args)
     except RuntimeError as error:  # all that rclpy raises for arguments
         return _refuse(error)
+    if told:
+        rclpy.try_shutdown()
+        return 0
     nodes: list[Node] = []
     executor = SingleThreadedExecutor()
     try:
@@ -49,10 +57,6 @@ def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None =
         executor.shutdown()
         rclpy.try_shutdown()
     return 0
-
-
-def _leave_to_rclpy(*_: object) -> None:
-    pass
 
 
 def _refuse(error: Exception) -> int:
