@@ -35,6 +35,10 @@ def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None =
     if told:
         rclpy.try_shutdown()
         return 0
+    return _spin(factories)
+
+
+def _spin(factories: Sequence[Callable[[], Node]]) -> int:
     nodes: list[Node] = []
     executor = SingleThreadedExecutor()
     try:
