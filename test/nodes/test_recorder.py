@@ -89,6 +89,12 @@ def test_all_that_was_heard_is_in_the_log_value_by_value(suite, folder, heard, w
     assert set(messages) == {f'{suite.namespace}/{topic}' for topic in heard}
     for topic, expected in heard.items():
         recorded = messages[f'{suite.namespace}/{topic}']
+        if topic.startswith('aspect_distributions'):
+            # Latched with depth 1: on a busy machine each reader may miss one that was replaced.
+            common = {one.drops for one in recorded} & {other.drops for other in expected}
+            assert DROPS in common
+            recorded = [one for one in recorded if one.drops in common]
+            expected = [other for other in expected if other.drops in common]
         assert len(recorded) == len(expected), topic
         for one, other in zip(recorded, expected, strict=True):
             assert plain(one) == plain(other), topic
@@ -108,7 +114,7 @@ def test_distributions_come_while_drops_are_made_and_grow(heard, run):
     assert {message.run.run_id for message in distributions} == {run.run_id}
     drops = [message.drops for message in distributions]
     assert drops == sorted(set(drops))
-    assert drops[0] == LEAST_BATCH
+    assert drops[0] >= LEAST_BATCH
     assert [message.complete for message in distributions] == [count == DROPS for count in drops]
 
 
