@@ -29,7 +29,6 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         *shared('config'),
-        *shared('launch'),
     ],
     # pip installs what requirements.txt pins and rosdep what package.xml names.
     install_requires=['setuptools'],

@@ -76,8 +76,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return FAILED
     except (PartError, UnknownPartError, InvalidValueError) as error:
         return _end(WRONG_INPUT, f'error: {error}')
-    except (RestingAspectsError, OSError) as error:
+    except RestingAspectsError as error:
         return _end(FAILED, f'error: {error}')
+    except OSError as error:
+        where = repr(error.filename) if error.filename else 'standard output'
+        return _end(FAILED, f'error: {where}: {error.strerror or error}')
     except KeyboardInterrupt:
         return _end(INTERRUPTED, 'interrupted')
     return code

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from catkin_pkg.package import parse_package
+from catkin_pkg.packages import find_packages
 
 import resting_aspects_ros
 
@@ -22,7 +23,6 @@ DEPENDENCIES = {
     'action_msgs': ('ros-jazzy-rclpy', 'action_msgs'),
     'builtin_interfaces': (MESSAGES, 'builtin_interfaces'),
     'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg'),
-    'diagnostic_msgs': (MESSAGES, 'diagnostic_msgs'),
     'geometry_msgs': (MESSAGES, 'geometry_msgs'),
     'hypothesis': ('hypothesis', 'python3-hypothesis'),
     'matplotlib': ('matplotlib', 'python3-matplotlib'),
@@ -38,7 +38,7 @@ DEPENDENCIES = {
     'scipy': ('scipy', 'python3-scipy'),
     'std_msgs': (MESSAGES, 'std_msgs'),
     'trimesh': ('trimesh', 'python3-trimesh-pip'),
-    'visualization_msgs': (MESSAGES, 'visualization_msgs'),
+    'unique_identifier_msgs': ('ros-jazzy-rclpy', 'unique_identifier_msgs'),
     'yaml': ('pyyaml', 'python3-yaml'),
 }
 # Used without an import: the time limit of tests in pyproject.toml.
@@ -121,6 +121,14 @@ def test_interface_package_names_the_packages_whose_types_it_uses():
     assert {str(path.relative_to(folder)) for path in files} == set(
         re.findall(r'^ *((?:msg|srv|action)/\w+\.\w+)$', cmake, flags=re.MULTILINE)
     )
+
+
+def test_rosdep_is_given_folders_that_lead_to_both_packages():
+    """It looks for no package within a package."""
+    line = re.search(r'rosdep install --from-paths (.+?) --', (ROOT / 'README.md').read_text())
+    found = [find_packages(ROOT / path) for path in line[1].split()]
+    names = {package.name for packages in found for package in packages.values()}
+    assert names == {'resting_aspects_ros', 'resting_aspects_interfaces'}
 
 
 def test_versions_agree():

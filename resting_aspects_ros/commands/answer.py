@@ -41,6 +41,7 @@ class Answer:
             'mesh_sha256': self.part.mesh_sha256,
             'method': self.method,
             'complete': self.complete,
+            'drops_asked': self.run.drops,
         }
         return to_json(distribution_document(self.distribution, fields))
 

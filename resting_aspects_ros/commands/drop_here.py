@@ -121,6 +121,9 @@ def _drop(
             progress(tally.distribution.drops)
     except BrokenProcessPool:
         raise EngineError('a worker process died') from None
+    except Exception as error:
+        # Whatever a worker raises: what was dropped until then is kept.
+        raise EngineError(f'a worker failed: {error!r}') from error
 
 
 def _poses_paths(poses: Path | None, out: Path | None) -> Iterator[tuple[str, Path]]:

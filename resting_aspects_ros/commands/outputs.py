@@ -1,6 +1,7 @@
 """Files that a command writes: refused before the work if they cannot be, and never half there."""
 
 import os
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -48,7 +49,8 @@ def whole_file(path: Path) -> Iterator[Path]:
     """
     target = path.resolve()  # a link stays a link
     ordinary = (path.is_file() or not path.exists()) and not path.is_relative_to('/dev')
-    part = target.with_name(f'{target.stem}.part{target.suffix}') if ordinary else path
+    own = uuid.uuid4().hex[:8]
+    part = target.with_name(f'{target.stem}.{own}.part{target.suffix}') if ordinary else path
     try:
         yield part
         if ordinary:

@@ -80,12 +80,13 @@ class _Pool(ProcessPoolExecutor):
 
 def stop_pool(pool: ProcessPoolExecutor) -> None:
     """End a pool now: what has not begun is cancelled, what is being dropped is given up."""
-    # As terminate_workers of Python 3.14 does; other pools of this process live on.
-    workers = list((pool._processes or {}).values())  # noqa: SLF001
-    pool.shutdown(wait=False, cancel_futures=True)
-    # Or the interpreter would wait for chunks that nobody wants any more.
-    for worker in workers:
-        worker.terminate()
+    # As kill_workers of Python 3.14 does; other pools of this process live on. Without it the
+    # interpreter would wait for chunks that nobody wants any more.
+    for worker in list((pool._processes or {}).values()):  # noqa: SLF001
+        worker.kill()
+    # Waits for the pool's thread: a pool that is collected while its thread closes their pipe
+    # leaves a traceback.
+    pool.shutdown(cancel_futures=True)
 
 
 def _start_worker() -> None:

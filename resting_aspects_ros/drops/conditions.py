@@ -63,8 +63,9 @@ class DropConditions:
     height: float = _quantity('m', 'height of release', high=100.0, above=True)
     restitution: float = _quantity('', 'restitution of part on surface', high=1.0)
     friction: float = _quantity('', 'Coulomb friction of part on surface', high=10.0)
+    # More would let a part rest tilted on an edge or a corner.
     rolling_friction: float = _quantity(
-        '', 'rolling friction: torque limit / (hull radius x normal force)', high=1.0
+        '', 'rolling friction: torque limit / (hull radius x normal force)', high=0.1
     )
     spinning_friction: float = _quantity(
         '', 'friction against spin about the contact normal, like rolling friction', high=1.0

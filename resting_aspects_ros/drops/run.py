@@ -1,5 +1,6 @@
 """What a run is: which drops of which part, under which conditions, made with what."""
 
+import re
 from dataclasses import dataclass
 
 from resting_aspects_ros.core.errors import InvalidValueError
@@ -7,6 +8,9 @@ from resting_aspects_ros.drops.conditions import DropConditions
 
 MOST_DROPS = 2_000_000
 MOST_SEED = 2**64 - 1
+_LONGEST_RUN_ID = 64
+# Part of the name of the run's log.
+_RUN_ID = re.compile(rf'[A-Za-z0-9][A-Za-z0-9_.-]{{0,{_LONGEST_RUN_ID - 1}}}')
 # Of a run for which none was given: the same question has the same answer.
 DEFAULT_SEED = 1
 
@@ -57,6 +61,15 @@ def check_drops(drops: int) -> None:
 def check_seed(seed: int) -> None:
     """Raises InvalidValueError if the number is no seed."""
     _check_whole('seed', seed, 0, MOST_SEED)
+
+
+def check_run_id(run_id: str) -> None:
+    """Raises InvalidValueError if a run cannot have this id; empty stands for a new one."""
+    if run_id and not _RUN_ID.fullmatch(run_id):
+        raise InvalidValueError(
+            f'run_id is {run_id!r}, allowed are up to {_LONGEST_RUN_ID} letters, digits, "_", "-" '
+            'and ".", a letter or digit first'
+        )
 
 
 def check_first_drop(first_drop: int, drops: int) -> None:

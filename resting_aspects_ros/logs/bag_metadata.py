@@ -8,10 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from resting_aspects_ros.logs.topics import Topic, qos_profiles, yaml_text
 
 _VERSION = 9
 _ROS_DISTRO = 'jazzy'
+_FILE_NAME = 'metadata.yaml'
 
 # rosbag2's word for the starting time of a bag in which nothing is.
 _NEVER = 2**63 - 1
@@ -87,13 +90,23 @@ def write_metadata(folder: Path, metadata: BagMetadata) -> None:
             file.write(yaml_text({'rosbag2_bagfile_information': metadata.information()}))
             file.flush()
             os.fsync(file.fileno())
-        temporary.replace(folder / 'metadata.yaml')
+        temporary.replace(folder / _FILE_NAME)
     except OSError:
         with suppress(OSError):
             temporary.unlink()
         raise
     _sync_folder(folder)
     _sync_folder(folder.parent)
+
+
+def custom_data(folder: Path) -> dict[str, str]:
+    """The custom data in a bag's metadata.yaml; empty if it has none, or none that can be read."""
+    try:
+        content = yaml.safe_load((folder / _FILE_NAME).read_text(encoding='utf-8'))
+        data = content['rosbag2_bagfile_information']['custom_data']
+        return {str(name): str(value) for name, value in data.items()}
+    except (OSError, ValueError, yaml.YAMLError, LookupError, TypeError, AttributeError):
+        return {}
 
 
 def _sync_folder(folder: Path) -> None:

@@ -18,7 +18,7 @@ from resting_aspects_interfaces.srv import GetDistribution, ListParts
 
 from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.core.distribution import Distribution
-from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.core.errors import RestingAspectsError, UnknownPartError
 from resting_aspects_ros.drops.run import DEFAULT_SEED, RunDescription, check_drops
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.convert import distribution_msg, part_from, poses_from, status
@@ -211,18 +211,20 @@ class AspectClassifier(Node):
             if known is not None:
                 return known
         if request.only_known:
-            raise NotAvailableError(self._nothing_known(request))
+            raise self._nothing_known(request)
         spec = DropSpec(
             request.part, conditions, request.drops, DEFAULT_SEED if seed is None else seed
         )
         account = await self._requests.drop(spec)
         return account.run, account.counted
 
-    def _nothing_known(self, request: GetDistribution.Request) -> str:
-        if self._parts.get(request.part) is None:
-            names = ', '.join(self._parts.names()) or 'none'
-            return f'part {request.part!r} is not known, known are {names}'
-        return (
+    def _nothing_known(self, request: GetDistribution.Request) -> RestingAspectsError:
+        names = self._parts.names()
+        if names and request.part not in names:
+            return UnknownPartError(
+                f'part {request.part!r} is not known, known are {", ".join(names)}'
+            )
+        return NotAvailableError(
             f'no distribution of {request.part} under these conditions over at least '
             f'{request.drops} drops is known, and only_known was asked for'
         )

@@ -29,6 +29,8 @@ from resting_aspects_ros.nodes.requests import NotAvailableError, status_error
 SERVICE_TIMEOUT = 20.0
 PART_TIMEOUT = 5.0
 SPIN_PERIOD = 0.1
+# Without an answer and without progress the same is asked again after this, s: it is joined.
+ASK_PERIOD = 5.0
 
 
 def distribution_request(
@@ -103,17 +105,37 @@ class SuiteClient(Node):
 
         topic = f'{ASPECT_DISTRIBUTIONS}/{request.part}'
         subscription = self.create_subscription(AspectDistribution, topic, follow, LATCHED)
-        answer = self._requests.call_async(request)
         try:
-            self.wait(answer.done, None, check)
+            response = self._ask(request, lambda: dropping, check)
         finally:
             self.destroy_subscription(subscription)
-        response = answer.result()
         if response.status.code != Status.OK:
             raise status_error(response.status)
         if dropping:
             progress(response.distribution.drops)
         return response.distribution
+
+    def _ask(
+        self,
+        request: GetDistribution.Request,
+        under_way: Callable[[], bool],
+        check: Callable[[], None],
+    ) -> GetDistribution.Response:
+        """Call the service, and again if nothing happens.
+
+        A classifier that was found and has not yet found this client cannot answer it.
+        """
+        answers: list[Future] = []
+
+        def answered() -> bool:
+            return any(answer.done() for answer in answers)
+
+        while not answered():
+            answers.append(self._requests.call_async(request))
+            self.wait(lambda: answered() or under_way(), ASK_PERIOD, check)
+            if under_way():
+                self.wait(answered, None, check)
+        return next(answer.result() for answer in answers if answer.done())
 
     def part(self, name: str) -> Part:
         """The part as the simulator describes it."""

@@ -1,17 +1,23 @@
 """One drop_part goal followed to its end, also if that is the end of the simulator."""
 
 import time
+from collections.abc import Callable
+from uuid import uuid4
 
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
 from rclpy.node import Node
 from resting_aspects_interfaces.action import DropPart
+from unique_identifier_msgs.msg import UUID
 
 from resting_aspects_ros.nodes.requests import NotAvailableError
 from resting_aspects_ros.nodes.waiting import wait_for
 
-# A simulator takes a goal, or refuses it, within this, s.
-GOAL_TIMEOUT = 30.0
+# A simulator takes a goal within this, s; else it is sent again, so often. It can be that it has
+# been found and has not yet found who asks: then it takes the goal, and its answer is lost.
+GOAL_TIMEOUT = 3.0
+MOST_SENDS = 10
 # How often it is looked whether the simulator is still there, s.
 LOOK_PERIOD = 1.0
 # After so long without feedback it is asked for the result again, s: one that was restarted
@@ -27,12 +33,7 @@ async def drop_result(node: Node, client: ActionClient, goal: DropPart.Goal) -> 
         nonlocal heard
         heard = time.monotonic()
 
-    asked = client.send_goal_async(goal, note_feedback)
-    if not await wait_for(node, asked, GOAL_TIMEOUT):
-        raise NotAvailableError(f'the simulator took no goal in {GOAL_TIMEOUT:g} s')
-    handle = asked.result()
-    if not handle.accepted:
-        raise NotAvailableError('the simulator did not take the goal')
+    handle = await _taken(node, client, goal, note_feedback)
     answer = handle.get_result_async()
     while not await wait_for(node, answer, LOOK_PERIOD):
         if not client.server_is_ready():
@@ -47,3 +48,19 @@ async def drop_result(node: Node, client: ActionClient, goal: DropPart.Goal) -> 
             f'the simulator was started again while it dropped {goal.part}: ask again'
         )
     return answer.result().result
+
+
+async def _taken(
+    node: Node, client: ActionClient, goal: DropPart.Goal, feedback: Callable[[object], None]
+) -> ClientGoalHandle:
+    """Send a goal until the simulator answers that it has it."""
+    goal_id = UUID(uuid=list(uuid4().bytes))
+    for sends in range(MOST_SENDS):
+        asked = client.send_goal_async(goal, feedback, goal_id)
+        if await wait_for(node, asked, GOAL_TIMEOUT):
+            handle = asked.result()
+            # One that it has already is not accepted a second time.
+            if handle.accepted or sends:
+                return handle
+            raise NotAvailableError('the simulator did not take the goal')
+    raise NotAvailableError(f'the simulator took no goal in {MOST_SENDS * GOAL_TIMEOUT:g} s')

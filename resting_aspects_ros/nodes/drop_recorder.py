@@ -78,6 +78,7 @@ class DropRecorder(Node):
             return
         for progress, new in arrivals:
             log = self._log(progress)
+            log.drops += sum(end - first for first, end in new)
             if new or not message.poses:
                 log.write(self._poses, data, self._now(), nanoseconds(message.header.stamp))
                 self._report(log)
@@ -89,6 +90,10 @@ class DropRecorder(Node):
         if run.run_id not in self._logs:
             log = self._logs[run.run_id] = OpenLog(self._folder, run)
             self._report(log)
+            if log.earlier is not None:
+                self.get_logger().info(
+                    f'run {run.run_id} of {run.part} is in {log.earlier} already'
+                )
             if run.part in self._parts:
                 self._write_part(log, *self._parts[run.part])
             for message, data in self._early:
@@ -126,7 +131,7 @@ class DropRecorder(Node):
         self._report(log)
 
     def _run_over(self, progress: RunProgress) -> None:
-        self._logs[progress.run.run_id].run_is_over()
+        self._logs[progress.run.run_id].run_is_over(whole=progress.complete)
 
     def _close_whole(self) -> None:
         for run_id in [run_id for run_id, log in self._logs.items() if log.done]:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
+from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.task import Future
 from resting_aspects_interfaces.action import DropPart
@@ -31,7 +32,7 @@ from resting_aspects_ros.drops.campaign import (
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.part_library import PartLibrary
 from resting_aspects_ros.drops.plan import plan_run
-from resting_aspects_ros.drops.run import RunDescription
+from resting_aspects_ros.drops.run import RunDescription, check_run_id
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.batches import Batches
 from resting_aspects_ros.nodes.convert import poses_msg, status
@@ -80,6 +81,7 @@ class DropSimulator(Node):
         self._pool = make_pool(self._workers)
         self._goals = 0
         self._runs: OrderedDict[str, RunDescription] = OrderedDict()
+        self._published: dict[str, int] = {}  # run under way -> index after its last drop so far
         self._poses = self.create_publisher(RestingPosesMsg, RESTING_POSES, POSES)
         self._parts = PartOffers(self, self._library)
         self._server = ActionServer(
@@ -113,6 +115,8 @@ class DropSimulator(Node):
         except RestingAspectsError as error:
             result.status = error_status(error)
             handle.abort()
+        except InvalidHandle:
+            pass  # the node was destroyed; nobody can be told
         except Exception as error:  # noqa: BLE001 - the edge: a defect must not look like an answer
             self.get_logger().error(f'drop_part failed: {error!r}')
             result.status = status(Status.FAILED, f'unexpected: {error!r}')
@@ -128,14 +132,19 @@ class DropSimulator(Node):
         goal = handle.request
         job, asked, run = self._plan(goal)
         result.run_id = run.run_id
+        new = not goal.run_id
         batches = Batches(batch_size(asked.drops))
         begun = time.monotonic()
         try:
+            if new:
+                self._published[run.run_id] = run.first_drop
             async with aclosing(self._chunks(job, asked)) as chunks:
                 async for chunk in chunks:
                     _count(result, chunk)
                     for batch in batches.add(chunk):
                         self._publish(batch, run, last=False)
+                        if new:
+                            self._published[run.run_id] = batch.end
                     _feed_back(handle, result.drops, asked.drops, time.monotonic() - begun)
                     if handle.is_cancel_requested and result.drops < asked.drops:
                         raise CanceledError(
@@ -143,11 +152,14 @@ class DropSimulator(Node):
                         )
         finally:
             # Drops that are published again do not end their run.
-            self._publish(batches.rest(asked.first_drop), run, last=not goal.run_id)
+            self._publish(batches.rest(asked.first_drop), run, last=new)
+            if new:
+                del self._published[run.run_id]
 
     def _plan(self, goal: DropPart.Goal) -> tuple[DropJob, RunDescription, RunDescription]:
         """The job, the drops that the goal asks for, and the run that they are part of."""
         check_precision(goal.precision)
+        check_run_id(goal.run_id)
         part = self._library.load(goal.part)
         job, asked = plan_run(
             part,
@@ -163,6 +175,11 @@ class DropSimulator(Node):
             raise InvalidValueError(
                 f'run {run.run_id} is of {run.part} under other conditions, of another seed or of '
                 'another version of the part: only its own drops can be published again'
+            )
+        if asked.end > self._published.get(goal.run_id, asked.end):
+            raise BusyError(
+                f'run {goal.run_id} is under way, its drops from '
+                f'{self._published[goal.run_id]} on are yet to come'
             )
         while len(self._runs) > RUNS_KEPT:
             self._runs.popitem(last=False)

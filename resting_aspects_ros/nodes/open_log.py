@@ -9,18 +9,24 @@ from resting_aspects_interfaces.msg import PartDescription
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.drops.run import RunDescription
+from resting_aspects_ros.logs.bag_metadata import custom_data
 from resting_aspects_ros.logs.run_log import RunLog, run_folder_name
 from resting_aspects_ros.logs.topics import Topic
 from resting_aspects_ros.nodes.convert import NANOSECONDS
 
 # When a run is over, its part and its last distribution have so long to arrive, s.
 END_TIMEOUT = 10.0
+# The record of how a log ended: whether it holds all drops of the run and the part; how many.
+OUTCOME = 'outcome'
+WHOLE = 'whole'
 
 
 class OpenLog:
     """The log of a run and what it still waits for.
 
     A log that cannot be written takes nothing more; ``error`` says why. Nothing here raises.
+    A run that was broken off in an earlier log gets one of its own beside it, with a number after
+    its name; one that an earlier log holds whole gets none, and ``earlier`` is where it is.
     """
 
     def __init__(self, folder: Path, run: RunDescription) -> None:
@@ -29,11 +35,20 @@ class OpenLog:
         self.reported = False  # the error was told
         self.has_part = False
         self.has_distribution = False  # the one after the last drop
+        self.drops = 0
+        self.earlier: Path | None = None
+        self._whole = False
         self._over_at: float | None = None
         self._log: RunLog | None = None
         started = datetime.fromtimestamp(run.started / NANOSECONDS, timezone.utc)
         try:
-            self._log = RunLog(folder, run_folder_name(run.part, started, run.run_id))
+            name = run_folder_name(run.part, started, run.run_id)
+            earlier = _earlier_logs(folder, name)
+            self.earlier = next((log for log in earlier if _is_whole(log)), None)
+            if self.earlier is not None:
+                return
+            number = f'_{len(earlier) + 1}' if earlier else ''
+            self._log = RunLog(folder, name + number)
             self._log.add_metadata('run', _as_text(run))
         except LogError as error:
             self.error = str(error)
@@ -61,9 +76,10 @@ class OpenLog:
         except LogError as error:
             self.error = str(error)
 
-    def run_is_over(self) -> None:
-        """No poses come any more."""
+    def run_is_over(self, *, whole: bool) -> None:
+        """No poses come any more; whether all that were published are here."""
         self._over_at = time.monotonic()
+        self._whole = whole
 
     @property
     def done(self) -> bool:
@@ -71,17 +87,36 @@ class OpenLog:
         if self._over_at is None:
             return False
         waited = time.monotonic() - self._over_at > END_TIMEOUT
-        return waited or bool(self.error) or (self.has_part and self.has_distribution)
+        nothing_to_do = self._log is None or bool(self.error)
+        return waited or nothing_to_do or (self.has_part and self.has_distribution)
 
     def close(self) -> Path | None:
         """Finish the log; the run's folder, or None if there is no whole log."""
         if self._log is None:
             return None
         try:
+            if not self.error:
+                whole = self._whole and self.has_part
+                outcome = {WHOLE: str(whole).lower(), 'drops': str(self.drops)}
+                self._log.add_metadata(OUTCOME, outcome)
             folder = self._log.close()
         except LogError as error:
             self.error = self.error or str(error)
         return None if self.error else folder
+
+
+def _earlier_logs(folder: Path, name: str) -> list[Path]:
+    """The logs of the same run that are there already, in their order."""
+    found = []
+    log = folder / name
+    while log.exists():
+        found.append(log)
+        log = folder / f'{name}_{len(found) + 1}'
+    return found
+
+
+def _is_whole(log: Path) -> bool:
+    return custom_data(log).get(f'{OUTCOME}.{WHOLE}') == 'true'
 
 
 def _as_text(run: RunDescription) -> dict[str, str]:

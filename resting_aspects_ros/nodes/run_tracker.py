@@ -20,7 +20,8 @@ from resting_aspects_ros.nodes.interface import ACTION_SERVICES, DROP_PART
 
 # Missing drops are asked for so many times in a row without getting any, then they are lost.
 MOST_REPAIRS = 3
-# A run that is silent for so long has lost its simulator, s; what was to come is asked for again.
+# After so long without a batch of a run the rest of it is asked for, s: its simulator may be gone.
+# One that is there and slow answers that the run is under way.
 SILENCE = 60.0
 # How often silence and gaps are looked for, s.
 CHECK_PERIOD = 1.0
@@ -33,11 +34,13 @@ class RunProgress:
     """The drops of one run that have been seen.
 
     end : index after its last drop; until ``ended`` the one that was asked for
+    silent : it ended without a last batch
     """
 
     run: RunDescription
     end: int
     ended: bool = False
+    silent: bool = False
     seen: Coverage = field(default_factory=Coverage)
     repairs: int = 0
     repairing: bool = False
@@ -54,6 +57,13 @@ class RunProgress:
     def missing(self) -> list[tuple[int, int]]:
         """Ranges that have been published and were not seen."""
         return self.seen.missing(self.run.first_drop, self.end if self.ended else self.seen.end)
+
+    def goes_on(self) -> None:
+        """The simulator says that it is at work."""
+        self.heard = time.monotonic()
+        self.repairs = 0
+        if self.silent:
+            self.ended = self.silent = False
 
     @property
     def complete(self) -> bool:
@@ -105,7 +115,7 @@ class RunTracker:
             own.heard = time.monotonic()
             arrivals.append((own, own.take(first, end)))
             if batch.last:
-                own.ended, own.end = True, max(end, own.seen.end)
+                own.ended, own.silent, own.end = True, False, max(end, own.seen.end)
         for other in self._runs.values():
             if other is own or other.closed or other.run.sequence() != own.run.sequence():
                 continue
@@ -139,6 +149,7 @@ class RunTracker:
             if progress.closed or progress.repairing:
                 continue
             if time.monotonic() - progress.heard > SILENCE:
+                progress.silent = progress.silent or not progress.ended
                 progress.ended = True
                 if not self._client.server_is_ready():
                     progress.repairs = MOST_REPAIRS
@@ -168,13 +179,16 @@ class RunTracker:
 
     async def _ask_again(self, progress: RunProgress, goal: DropPart.Goal) -> None:
         """The last batch may still be on its way after it: _check looks what is missing."""
+        code = Status.NOT_AVAILABLE
         try:
             answer = (await drop_result(self._node, self._client, goal)).status
-            complaint = '' if answer.code == Status.OK else answer.message
+            code, complaint = answer.code, answer.message
         except RestingAspectsError as error:
             complaint = str(error)
         progress.repairing = False
-        if complaint:
+        if code == Status.BUSY:
+            progress.goes_on()
+        elif code != Status.OK:
             self._node.get_logger().error(
                 f'lost drops of run {progress.run.run_id} are not to be had: {complaint}'
             )

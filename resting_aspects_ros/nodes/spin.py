@@ -5,8 +5,9 @@ import sys
 from collections.abc import Callable, Sequence
 
 import rclpy
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import InvalidHandle, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
 from resting_aspects_ros.core.errors import RestingAspectsError
@@ -51,7 +52,7 @@ def _spin(factories: Sequence[Callable[[], Node]]) -> int:
         pass
     except (RestingAspectsError, ParameterException) as error:
         return _refuse(error)
-    except Exception:
+    except (InvalidHandle, rclpy_implementation.RCLError):
         if rclpy.ok():
             raise
         # A callback wanted to publish after the context was shut down.

@@ -216,4 +216,4 @@ def test_a_full_disk_behind_standard_output_is_a_line(run):
         )
     assert ended.returncode == 1
     assert 'Traceback' not in ended.stderr
-    assert ended.stderr.splitlines()[-1] == 'error: [Errno 28] No space left on device'
+    assert ended.stderr.splitlines()[-1] == 'error: standard output: No space left on device'

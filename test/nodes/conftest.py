@@ -1,5 +1,6 @@
 """Real nodes in real processes, and a client node in this one, on a ROS domain of their own."""
 
+import functools
 import itertools
 import os
 import re
@@ -96,22 +97,23 @@ class Process:
 
     def destroy(self):
         """Leave nothing of it, not even after a failure."""
-        with suppress(ProcessLookupError):
+        if self.running:  # else its number may be another's by now
             os.killpg(self.pid, signal.SIGKILL)
-        self._popen.wait()
+            self._popen.wait()
 
     def group(self):
         """The pids of all processes of its group that are alive."""
         return [pid for pid, fields in _processes() if int(fields[2]) == self.pid]
 
-    def kill_children(self, word):
-        """Kill those of its processes whose command line has the word; how many there were."""
-        killed = 0
+    def send_to_workers(self, number):
+        """Send a signal to the processes that drop; how many there are."""
+        workers = 0
         for pid in self.group():
-            if pid != self.pid and word in Path(f'/proc/{pid}/cmdline').read_text():
-                os.kill(pid, signal.SIGKILL)
-                killed += 1
-        return killed
+            with suppress(FileNotFoundError, ProcessLookupError):  # it may end at any time
+                if 'spawn_main' in Path(f'/proc/{pid}/cmdline').read_text():
+                    os.kill(pid, number)
+                    workers += 1
+        return workers
 
     def cpu(self):
         """Seconds of processor time of its group so far."""
@@ -231,6 +233,7 @@ class Client:
             GetDistribution, 'get_distribution', qos_profile=SERVICES
         )
         self._list = self.node.create_client(ListParts, 'list_parts')
+        self._met = set()
         self._drop = ActionClient(self.node, DropPart, 'drop_part', **ACTION_SERVICES)
 
     def destroy(self):
@@ -256,15 +259,36 @@ class Client:
         self.node.create_subscription(kind, topic, heard.append, qos)
         return heard
 
+    def meet(self, name, ready, send):
+        """Wait until a server answers: it can be found before it has found this client."""
+        if name in self._met:
+            return
+        self.wait(ready, f'{name} offered')
+        answers, last = [], 0.0
+
+        def answered():
+            nonlocal last
+            if time.monotonic() - last > 1.0:
+                last = time.monotonic()
+                answers.append(send())
+            return any(answer.done() for answer in answers)
+
+        self.wait(answered, f'first answer of {name}')
+        self._met.add(name)
+
+    def meet_service(self, client):
+        nothing = client.srv_type.Request()  # of no part and no drops: refused
+        self.meet(client.srv_name, client.service_is_ready, lambda: client.call_async(nothing))
+
     def call(self, client, request, seconds=DEADLINE):
-        self.wait(client.service_is_ready, f'{client.srv_name} offered')
+        self.meet_service(client)
         answer = client.call_async(request)
         self.wait(answer.done, f'answer of {client.srv_name}', seconds)
         return answer.result()
 
     def asking(self, part='tetrahedron', drops=100, **fields):
         """The future of an answer of get_distribution."""
-        self.wait(self._ask.service_is_ready, 'get_distribution offered')
+        self.meet_service(self._ask)
         return self._ask.call_async(GetDistribution.Request(part=part, drops=drops, **fields))
 
     def ask(self, part='tetrahedron', drops=100, seconds=DEADLINE, **fields):
@@ -276,7 +300,9 @@ class Client:
         return {part.name: part for part in self.call(self._list, ListParts.Request()).parts}
 
     def dropping(self, part='tetrahedron', drops=100, **fields):
-        self.wait(self._drop.server_is_ready, 'drop_part offered')
+        nothing = DropPart.Goal()
+        send = functools.partial(self._drop.send_goal_async, nothing)
+        self.meet('drop_part', self._drop.server_is_ready, send)
         return Drop(self._drop, DropPart.Goal(part=part, drops=drops, **fields))
 
     def drop(self, part='tetrahedron', drops=100, **fields):

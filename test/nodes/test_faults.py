@@ -57,18 +57,17 @@ def test_who_starts_late_has_all_of_the_run(suite, start, recorded, tmp_path, co
     assert not asked.done()
     suite.client.wait(asked.done, 'answer')
     expected = asked.result().distribution
-    after = start('drop_recorder', suite.namespace, {'log_folder': tmp_path / 'after'})
-    for name in ('middle', 'after'):
+    suite.processes['aspect_classifier'].end()
+    after = start('drop_recorder', suite.namespace, {'log_folder': tmp_path / 'after'}, ready='')
+    suite.processes['aspect_classifier'] = start(
+        'aspect_classifier', suite.namespace, constants=QUICK['aspect_classifier']
+    )
+    for name, recorder in (('middle', middle), ('after', after)):
         pattern = f'{name}/*_{expected.run.run_id}/metadata.yaml'
         suite.client.wait(lambda pattern=pattern: list(tmp_path.glob(pattern)), f'log {name}')
         (metadata,) = tmp_path.glob(pattern)
         assert recorded(metadata.parent) == list(range(drops))
-    for recorder in (middle, after):
         assert recorder.end() == 0
-    suite.processes['aspect_classifier'].end()
-    suite.processes['aspect_classifier'] = start(
-        'aspect_classifier', suite.namespace, constants=QUICK['aspect_classifier']
-    )
 
     def known():
         answer = suite.client.ask(drops=drops, seed=[41], only_known=True)
@@ -130,7 +129,7 @@ def test_without_a_simulator_the_answer_is_that_there_is_none(suite, start):
 # Last: for 20 s a node that was killed is taken for present.
 def test_a_simulator_that_is_killed_and_started_again_ends_no_other_node(suite, start, counts):
     heard = suite.client.poses()
-    asked = suite.client.asking('tetrahedron', 500, seed=[43])
+    asked = suite.client.asking('tetrahedron', 2000, seed=[43])
     suite.client.wait(lambda: any(batch.run.seed == 43 for batch in heard), 'first batch')
     suite.processes['drop_simulator'].end(signal.SIGKILL)
     suite.processes['drop_simulator'] = start('drop_simulator', suite.namespace)

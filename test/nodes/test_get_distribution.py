@@ -70,6 +70,13 @@ def test_only_known_drops_nothing(suite, first, fields, words):
     assert 'only_known' in answer.status.message
 
 
+def test_only_known_of_a_part_that_is_not_offered(suite, first):
+    answer = suite.client.ask('gizmo', only_known=True)
+    assert answer.status.code == Status.UNKNOWN_PART
+    assert answer.status.message.startswith("part 'gizmo' is not known, known are ")
+    assert 'tetrahedron' in answer.status.message
+
+
 def test_other_conditions_are_another_question(suite, first, surfaces):
     changed = conditions_msg(surfaces.get())
     changed.friction = 0.26

@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from resting_aspects_ros.drops.release import CHUNK
+
 COMMAND = [sys.executable, '-m', 'resting_aspects_ros.cli']
 
 
@@ -60,20 +62,19 @@ def test_a_request_is_answered_with_one_document_and_ctrl_c_ends_all(
 
 @pytest.mark.parametrize('way', ['SIGINT', 'SIGTERM', 'Ctrl-C'])
 def test_it_ends_in_order_while_drops_are_under_way(
-    nodes, connect, namespace, wait, traceback, tmp_path, way
+    nodes, connect, namespace, wait, traceback, way
 ):
     client = connect(namespace)
-    asked = client.asking('tetrahedron', 100_000)
-    wait(lambda: list(tmp_path.glob('logs/tetrahedron_*')), 'log', step=lambda: None)
-    assert not asked.done()
+    # From the last drop of a chunk on: feedback comes after one drop.
+    drop = client.dropping('tetrahedron', 100_000, first_drop=CHUNK - 1)
+    client.wait(lambda: drop.feedback, 'first feedback')
+    assert not drop.done
     if way == 'Ctrl-C':  # a terminal sends it to the workers, too
         nodes.send_to_group(signal.SIGINT)
         code = nodes.end(0)
     else:
         code = nodes.end(getattr(signal, way))
     assert_ended_in_order(nodes, code, wait, traceback)
-    (log,) = tmp_path.glob('logs/tetrahedron_*')
-    assert (log / 'metadata.yaml').exists()
 
 
 def test_workers_do_not_outlive_a_simulator_that_is_killed(start, connect, namespace, wait):

@@ -11,6 +11,7 @@ from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, 
 from rosbags.highlevel import AnyReader
 
 from resting_aspects_ros.config_files import parts_folder
+from resting_aspects_ros.logs.bag_metadata import custom_data
 from resting_aspects_ros.nodes.interface import LATCHED, LEAST_BATCH
 
 DROPS = 2 * LEAST_BATCH + 20
@@ -170,12 +171,39 @@ def test_a_folder_that_cannot_be_written_is_told_and_harms_nothing(suite, start,
     assert recorder.end() == 0
 
 
-def test_a_run_id_that_is_no_file_name_is_told_and_harms_nothing(suite):
-    recorder = suite.processes['drop_recorder']
-    drop = suite.client.drop('tetrahedron', 3, seed=7, run_id='../../escape')
-    assert drop.outcome == 'succeeded'
-    suite.client.wait(lambda: 'run ../../escape is not recorded: ' in recorder.said, 'error')
-    suite.log_of(suite.client.drop('tetrahedron', 3, seed=8).result.run_id)
+def test_a_recorder_that_is_killed_and_started_again_has_all_of_the_run(
+    suite, heard, start, tmp_path
+):
+    """What the first wrote stays; the second writes a whole log beside it, and a third none."""
+
+    def recorder():
+        return start('drop_recorder', suite.namespace, {'log_folder': tmp_path})
+
+    def logs():
+        return sorted(tmp_path.glob(f'*{run_id}*'))
+
+    first = recorder()
+    drop = suite.client.dropping('tetrahedron', 2000, seed=10)
+    suite.client.wait(lambda: any(b.run.seed == 10 for b in heard['resting_poses']), 'batch')
+    run_id = next(b.run.run_id for b in heard['resting_poses'] if b.run.seed == 10)
+    suite.client.wait(logs, 'log')
+    first.end(signal.SIGKILL)
+    assert not drop.done
+    second = recorder()
+    suite.client.wait(lambda: drop.done, 'goal')
+    suite.client.wait(lambda: f'run {run_id} of tetrahedron is in ' in second.said, 'whole log')
+    broken_off, whole = logs()
+    assert whole.name == f'{broken_off.name}_2'
+    assert not (broken_off / 'metadata.yaml').exists()
+    batches = read(whole)[f'{suite.namespace}/resting_poses']
+    assert sum(len(batch.poses) for batch in batches) == 2000
+    outcome = custom_data(whole)
+    assert (outcome['outcome.whole'], outcome['outcome.drops']) == ('true', '2000')
+    assert second.end() == 0
+    third = recorder()
+    suite.client.wait(lambda: f'is in {whole} already' in third.said, 'word of it')
+    assert third.end() == 0
+    assert logs() == [broken_off, whole]
 
 
 # Last: it ends the recorder.
@@ -200,3 +228,6 @@ def test_a_recorder_that_is_stopped_in_the_middle_closes_a_log_that_can_be_read(
         assert len(batches) >= 1
         for one, other in zip(batches, of_the_run(), strict=False):
             assert plain(one) == plain(other)
+    outcome = custom_data(folder)
+    assert outcome['outcome.whole'] == 'false'
+    assert int(outcome['outcome.drops']) == sum(len(batch.poses) for batch in batches)

@@ -1,16 +1,18 @@
 """What is not allowed is refused in words, and the nodes live on."""
 
+import functools
 import math
 import shutil
+import signal
 import sys
 
 import pytest
 from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.config_files import parts_folder
-from resting_aspects_ros.drops.engine import CHUNK
 from resting_aspects_ros.nodes.convert import conditions_msg
 from resting_aspects_ros.nodes.drop_simulator import MOST_GOALS
+from resting_aspects_ros.nodes.interface import LEAST_BATCH
 
 NAMES = ('OK', 'INVALID', 'UNKNOWN_PART', 'NOT_AVAILABLE', 'BUSY', 'CANCELED', 'FAILED')
 KINDS = {getattr(Status, name): name for name in NAMES}
@@ -129,21 +131,47 @@ def test_drops_of_another_run_do_not_pass_for_those_of_a_run(suite):
     assert run_id in refused.status.message
 
 
+@pytest.mark.parametrize('run_id', ['../../escape', 'a b', '-x', 'x' * 65, 'ä'])
+def test_a_run_id_that_is_no_name(suite, run_id):
+    refused = suite.client.drop(drops=5, run_id=run_id).result
+    assert refused.status.code == Status.INVALID
+    assert f'run_id is {run_id!r}, allowed are up to 64 letters' in refused.status.message
+
+
+def test_drops_that_a_run_under_way_has_not_come_to_are_not_made_twice(suite):
+    run = suite.client.dropping(drops=100_000, seed=23)
+    heard = suite.client.poses()
+    suite.client.wait(lambda: any(batch.run.seed == 23 for batch in heard), 'first batch')
+    run_id = next(batch.run.run_id for batch in heard if batch.run.seed == 23)
+    ask = functools.partial(suite.client.drop, seed=23, run_id=run_id)
+    yet_to_come = ask(drops=10, first_drop=99_990).result
+    assert yet_to_come.status.code == Status.BUSY
+    assert yet_to_come.status.message.startswith(f'run {run_id} is under way, its drops from ')
+    assert ask(drops=10, first_drop=LEAST_BATCH - 10).result.status.code == Status.OK
+    run.cancel()
+    suite.client.wait(lambda: run.done, 'canceled goal')
+    assert run.outcome == 'canceled'
+    assert ask(drops=10, first_drop=99_990).result.status.code == Status.OK
+
+
 def test_one_goal_too_many_is_told_that_the_simulator_is_busy(suite):
-    # From the last drop of a chunk on: the first to be worked off, and to be canceled after.
-    goal = {'drops': 100_000, 'first_drop': CHUNK - 1}
-    drops = [suite.client.dropping(**goal, seed=seed) for seed in range(MOST_GOALS)]
-    suite.client.wait(lambda: all(drop.accepted for drop in drops), 'goals taken')
-    one_more = suite.client.drop(drops=1)
+    simulator = suite.processes['drop_simulator']
+    assert suite.client.drop(drops=1).outcome == 'succeeded'
+    assert simulator.send_to_workers(signal.SIGSTOP) >= 1
+    try:
+        drops = [suite.client.dropping(drops=2, seed=seed) for seed in range(MOST_GOALS)]
+        suite.client.wait(lambda: all(drop.accepted for drop in drops), 'goals taken')
+        one_more = suite.client.drop(drops=1)
+        by_service = suite.client.ask(drops=7, seed=[31])
+        assert not any(drop.done for drop in drops)
+    finally:
+        simulator.send_to_workers(signal.SIGCONT)
+    words = f'{MOST_GOALS} drop_part goals are under way, try again later'
     assert one_more.outcome == 'aborted'
-    assert one_more.result.status.code == Status.BUSY
-    assert f'{MOST_GOALS} drop_part goals' in one_more.result.status.message
-    by_service = suite.client.ask(drops=7, seed=[31])
-    assert by_service.status.code == Status.BUSY
-    for drop in drops:
-        drop.cancel()
-    suite.client.wait(lambda: all(drop.done for drop in drops), 'goals canceled')
-    assert {drop.outcome for drop in drops} == {'canceled'}
+    assert one_more.result.status == Status(code=Status.BUSY, message=words)
+    assert by_service.status == Status(code=Status.BUSY, message=words)
+    suite.client.wait(lambda: all(drop.done for drop in drops), 'goals')
+    assert {drop.outcome for drop in drops} == {'succeeded'}
     assert suite.client.drop(drops=1).outcome == 'succeeded'
 
 

@@ -67,7 +67,7 @@ def test_a_worker_that_dies_costs_no_drop(suite):
     simulator = suite.processes['drop_simulator']
     drop = suite.client.dropping('tetrahedron', 500, seed=15)
     suite.client.wait(lambda: drop.feedback, 'first feedback')
-    assert simulator.kill_children('spawn_main') >= 1
+    assert simulator.send_to_workers(signal.SIGKILL) >= 1
     suite.client.wait(lambda: drop.done, 'goal')
     assert drop.outcome == 'succeeded'
     assert drop.result.drops == 500
@@ -77,7 +77,7 @@ def test_a_worker_that_dies_costs_no_drop(suite):
 
 def test_a_worker_that_dies_while_it_has_nothing_to_do_costs_nothing(suite):
     assert suite.client.drop('tetrahedron', 5).outcome == 'succeeded'
-    assert suite.processes['drop_simulator'].kill_children('spawn_main') >= 1
+    assert suite.processes['drop_simulator'].send_to_workers(signal.SIGKILL) >= 1
     drop = suite.client.drop('tetrahedron', 5)
     assert drop.result.status.message == ''
     assert drop.outcome == 'succeeded'
@@ -88,7 +88,7 @@ def test_workers_that_die_again_and_again_end_the_goal_in_words(suite):
     drop = suite.client.dropping('tetrahedron', 100_000, seed=16)
 
     def killed_until_done():
-        simulator.kill_children('spawn_main')
+        simulator.send_to_workers(signal.SIGKILL)
         return drop.done
 
     suite.client.wait(killed_until_done, 'goal that fails')
