@@ -1,27 +1,25 @@
 """How probable each aspect of a part is: counts, probabilities and intervals."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import binomtest
 
 from resting_aspects_ros.core.aspects import AspectSet
+from resting_aspects_ros.core.intervals import CONFIDENCE, INTERVAL, Interval, intervals
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 
+__all__ = [
+    'CONFIDENCE',
+    'INTERVAL',
+    'METHOD',
+    'Distribution',
+    'Interval',
+    'count_poses',
+    'no_drops',
+]
+
 METHOD = 'drops'
-CONFIDENCE = 0.95
-INTERVAL: Literal['wilson'] = 'wilson'
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A probability with its confidence interval."""
-
-    probability: float
-    lower: float
-    upper: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,16 +43,13 @@ class Distribution:
         """How many drops were counted."""
         return int(self.counts.sum()) + self.unclassified + self.unsettled + self.failed
 
-    def intervals(self) -> list[Interval]:
-        """For each aspect count / drops, and Wilson's score interval with n = drops.
+    def intervals(self, method: str = INTERVAL, confidence: float = CONFIDENCE) -> list[Interval]:
+        """For each aspect count / drops with an interval, n = drops; as core.intervals has it.
 
-        Wilson 1927, as scipy has it. The interval of a count of zero begins at zero, and it is
-        the bound on how probable an aspect can be that was never seen. Without drops: 0 to 1.
+        The interval of a count of zero begins at zero, and it is the bound on how probable an
+        aspect can be that was never seen. Without drops: 0 to 1.
         """
-        drops = self.drops
-        if drops == 0:
-            return [Interval(0.0, 0.0, 1.0) for _ in self.counts]
-        return [_wilson(int(count), drops) for count in self.counts]
+        return intervals(self.counts, self.drops, method, confidence)
 
     def __add__(self, other: 'Distribution') -> 'Distribution':
         """The distribution over the drops of both: different drops of the same part."""
@@ -86,8 +81,3 @@ def count_poses(aspects: AspectSet, poses: RestingPoses) -> Distribution:
         unsettled=int((poses.status == RestStatus.UNSETTLED).sum()),
         failed=int((poses.status == RestStatus.FAILED).sum()),
     )
-
-
-def _wilson(count: int, drops: int) -> Interval:
-    found = binomtest(count, drops).proportion_ci(CONFIDENCE, method=INTERVAL)
-    return Interval(count / drops, float(found.low), float(found.high))

@@ -13,6 +13,7 @@ from resting_aspects_ros.core.distribution import (
     count_poses,
     no_drops,
 )
+from resting_aspects_ros.core.intervals import METHODS, intervals
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import random_orientations
 
@@ -68,6 +69,14 @@ def test_a_textbook_interval():
     # 81 of 263: Newcombe 1998, table I.
     (each,) = distribution([81], (182, 0, 0)).intervals()
     assert (each.lower, each.upper) == pytest.approx((0.2553, 0.3662), abs=5e-5)
+
+
+@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('confidence', [0.9, 0.99])
+def test_intervals_of_another_method_or_confidence_have_all_drops_for_their_n(method, confidence):
+    found = distribution([30, 0, 50], (7, 8, 5)).intervals(method, confidence)
+    assert found == intervals([30, 0, 50], 100, method, confidence)
+    assert [each.probability for each in found] == [0.3, 0.0, 0.5]
 
 
 def test_without_drops_nothing_is_known(aspects):
