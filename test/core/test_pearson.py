@@ -116,6 +116,11 @@ def test_an_aspect_that_neither_saw_changes_nothing():
     assert with_it == p_of_one(counts(30, 70), exact[[0, 2]], generator())
 
 
+def test_a_p_by_drawn_tables_is_never_zero():
+    found = p_of_two(counts(500, 0), counts(0, 4), generator())
+    assert found == (1 / (1 + TABLES), 'monte carlo')
+
+
 def test_what_cannot_happen_and_did_has_no_chance():
     assert p_of_one(counts(99, 1), np.array([1.0, 0.0]), generator())[0] == 0
 
