@@ -101,7 +101,7 @@ def _aspect_columns(title: str) -> Table:
     table = plain_table(title)
     table.add_column('aspect', justify='right', no_wrap=True)
     table.add_column('down in part', no_wrap=True)
-    table.add_column('probability', justify='right', no_wrap=True)
+    table.add_column('share', justify='right', no_wrap=True)
     table.add_column(f'{100 * CONFIDENCE:g} % interval', justify='right', no_wrap=True)
     table.add_column('count', justify='right', no_wrap=True)
     table.add_column('cluster', justify='right', no_wrap=True)

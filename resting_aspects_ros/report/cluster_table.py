@@ -67,7 +67,7 @@ def _empty_table(title: str) -> Table:
     table.add_column('cluster', justify='right', no_wrap=True)
     table.add_column('down in part', no_wrap=True)
     table.add_column('spread\n(degrees)', justify='right', no_wrap=True)
-    table.add_column('probability', justify='right', no_wrap=True)
+    table.add_column('share', justify='right', no_wrap=True)
     table.add_column(f'{100 * CONFIDENCE:g} % interval', justify='right', no_wrap=True)
     table.add_column('count', justify='right', no_wrap=True)
     return table
