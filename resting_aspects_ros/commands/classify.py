@@ -9,7 +9,7 @@ from resting_aspects_ros.commands.quantities import parse_quantity
 EXAMPLES = """examples:
   resting_aspects classify poses.csv
   resting_aspects classify poses.csv --part l_bracket
-  resting_aspects classify poses.csv --part my_part.stl --unit mm --json > o.json
+  resting_aspects classify poses.csv --part my_part.stl --json > o.json
 """
 
 

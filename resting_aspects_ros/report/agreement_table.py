@@ -46,13 +46,12 @@ def agreement_table(
             str(aspect.id),
             direction_text(aspect.down_in_part),
             *shares(interval, int(count), drops),
-            str(cluster) if cluster else NOTHING,
-            str(clusters.counts[cluster - 1]) if cluster else NOTHING,
+            f'{cluster}: {clusters.counts[cluster - 1]}' if cluster else NOTHING,
         )
     table.add_section()
     for name, count in outside_aspects(distribution):
-        table.add_row('', name, *shares(interval_of(distribution, count), count, drops), '', '')
-    table.add_row('', 'poses in total', '', '', str(drops), '', '', style='bold')
+        table.add_row('', name, *shares(interval_of(distribution, count), count, drops), '')
+    table.add_row('', 'poses in total', '', '', str(drops), '', style='bold')
     return table
 
 
@@ -104,8 +103,7 @@ def _aspect_columns(title: str) -> Table:
     table.add_column('share', justify='right', no_wrap=True)
     table.add_column(f'{100 * CONFIDENCE:g} % interval', justify='right', no_wrap=True)
     table.add_column('count', justify='right', no_wrap=True)
-    table.add_column('cluster', justify='right', no_wrap=True)
-    table.add_column('its\ncount', justify='right', no_wrap=True)
+    table.add_column('cluster:\nits count', justify='right', no_wrap=True)
     return table
 
 

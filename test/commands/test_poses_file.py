@@ -1,7 +1,8 @@
 """Files of poses: every spelling that is meant is read, and what is wrong is named."""
 
+import os
+import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -197,14 +198,11 @@ def test_what_cannot_be_read(tmp_path, name, says):
 
 
 def test_a_pipe_is_read_as_a_file_is(tmp_path):
-    import os
-    import threading
-
     pipe = tmp_path / 'pipe'
     os.mkfifo(pipe)
     writer = threading.Thread(target=lambda: pipe.write_text('qw,qx,qy,qz\n1,0,0,0\n'))
     writer.start()
-    assert read_poses_file(Path(pipe), 1).orientation.tolist() == [[0, 0, 0, 1]]
+    assert read_poses_file(pipe, 1).orientation.tolist() == [[0, 0, 0, 1]]
     writer.join()
 
 
