@@ -17,6 +17,15 @@ from resting_aspects_ros.report.table import distribution_table
 PIPED_WIDTH = 80
 
 
+def make_console() -> Console:
+    """Standard output, as wide as its terminal, if it is one."""
+    console = Console()
+    if not console.is_terminal:
+        # Not that of the terminal in which the command was typed.
+        console.width = PIPED_WIDTH
+    return console
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Answer:
     """A distribution with all that says what it is of."""
@@ -50,11 +59,7 @@ class Answer:
         if as_json:
             sys.stdout.write(self.json())
             return
-        console = Console()
-        if not console.is_terminal:
-            # Not that of the terminal in which the command was typed.
-            console.width = PIPED_WIDTH
-        console.print(distribution_table(self.distribution, self.title))
+        make_console().print(distribution_table(self.distribution, self.title))
 
     def save_json(self, path: Path) -> None:
         """Write the document; raises OutputError."""

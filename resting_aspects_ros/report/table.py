@@ -38,17 +38,18 @@ def distribution_table(distribution: Distribution, title: str) -> Table:
     rows = zip(aspects, heights, distribution.counts, distribution.intervals(), strict=True)
     for aspect, height, count, interval in rows:
         direction = direction_text(aspect.down_in_part)
-        table.add_row(str(aspect.id), direction, *_shares(interval, int(count), drops), height)
+        table.add_row(str(aspect.id), direction, *shares(interval, int(count), drops), height)
     table.add_section()
     for name, count in outside_aspects(distribution):
-        table.add_row('', name, *_shares(interval_of(distribution, count), count, drops), '')
+        table.add_row('', name, *shares(interval_of(distribution, count), count, drops), '')
     table.add_row('', 'drops in total', '', '', str(drops), '', style='bold')
     return table
 
 
-def _empty_table(title: str) -> Table:
-    # The title and the headings are not markup: a bracket in a part's name stays a bracket.
-    table = Table(
+def plain_table(title: str) -> Table:
+    """A table without columns yet; the title is plain text."""
+    # Not markup: a bracket in a part's name stays a bracket.
+    return Table(
         title=Text(title, style='bold'),
         title_justify='left',
         box=box.SIMPLE_HEAD,
@@ -56,6 +57,10 @@ def _empty_table(title: str) -> Table:
         pad_edge=False,
         collapse_padding=True,
     )
+
+
+def _empty_table(title: str) -> Table:
+    table = plain_table(title)
     table.add_column('aspect', justify='right', no_wrap=True)
     table.add_column('down in part', no_wrap=True)
     table.add_column('probability', justify='right', no_wrap=True)
@@ -65,7 +70,8 @@ def _empty_table(title: str) -> Table:
     return table
 
 
-def _shares(interval: Interval, count: int, drops: int) -> tuple[str, str, str]:
+def shares(interval: Interval, count: int, drops: int) -> tuple[str, str, str]:
+    """Probability, interval and count, of so many drops, as three cells of a row."""
     if drops == 0:
         return NOTHING, interval_text(interval), str(count)
     return probability_text(interval), interval_text(interval), str(count)

@@ -7,10 +7,21 @@ import pytest
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.cli import make_parser
-from resting_aspects_ros.commands import demo, drop, nodes, request
+from resting_aspects_ros.commands import classify, demo, drop, nodes, request
+from resting_aspects_ros.core.clusters import (
+    DEFAULT_TOLERANCE_DEGREES,
+    MAX_TOLERANCE_DEGREES,
+    MIN_TOLERANCE_DEGREES,
+)
 from resting_aspects_ros.drops.conditions import QUANTITIES
 
-COMMANDS = {'drop': drop, 'request': request, 'nodes': nodes, 'demo': demo}
+COMMANDS = {
+    'drop': drop,
+    'classify': classify,
+    'request': request,
+    'nodes': nodes,
+    'demo': demo,
+}
 HEAVY = ('numpy', 'scipy', 'trimesh', 'pybullet', 'rclpy', 'matplotlib', 'mcap', 'rich')
 
 
@@ -73,6 +84,11 @@ def test_every_condition_has_one_flag_whose_help_tells_the_bounds(shown, command
         # Once in the synopsis, once with what it means.
         assert text.count(f'{flag} ') == 2
     assert '{LOWEST_POINT,CENTRE_OF_MASS}' in text
+
+
+def test_the_tolerance_of_classify_is_told_with_its_bounds(shown):
+    told = f'({DEFAULT_TOLERANCE_DEGREES:g}): {MIN_TOLERANCE_DEGREES:g} to '
+    assert f'{told}{MAX_TOLERANCE_DEGREES:g} degrees' in shown('classify')
 
 
 def test_version(run):
