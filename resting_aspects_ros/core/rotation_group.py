@@ -59,11 +59,12 @@ def _closed(group: Array) -> Array | None:
     rounding, and each round squares the error.
     """
     for _ in range(4):
-        products = group[:, None] @ group[None].transpose(0, 1, 3, 2)
+        products = group[:, None] @ group.transpose(0, 2, 1)
         flat = products.reshape(-1, 3, 3)
-        gap = np.array([_angles(group, product) for product in flat])
-        element = gap.argmin(axis=1)
-        if gap.min(axis=1).max() > SAME or (np.bincount(element) != len(group)).any():
+        likeness = flat.reshape(-1, 9) @ group.reshape(-1, 9).T
+        element = likeness.argmax(axis=1)
+        apart = np.linalg.norm(flat - group[element], axis=(1, 2)) / np.sqrt(2)
+        if apart.max() > SAME or (np.bincount(element) != len(group)).any():
             return None
         sums = np.zeros_like(group)
         np.add.at(sums, element, flat)

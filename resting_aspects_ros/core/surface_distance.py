@@ -12,6 +12,8 @@ Flags = npt.NDArray[np.bool_]
 
 # Points that go down the tree together: what bounds the memory.
 TOGETHER = 4096
+# Triangles of a point that are looked at first; then so many times more, and so on.
+FEW = 4
 
 
 class TriangleTree:
@@ -58,9 +60,18 @@ class TriangleTree:
             Of the points, m.
         """
         near = np.zeros(len(points), dtype=bool)
-        for point, triangle, apart in self._pairs(points, reach + skins):
-            allowed = reach + np.maximum(skins[point], self._skins[triangle])
-            near[point[np.einsum('ij,ij->i', apart, apart) <= allowed**2]] = True
+        for point, triangle in self._pairs(points, reach + skins):
+            # A few triangles of each point at a time: most points need no more.
+            rank = np.arange(len(point)) - np.searchsorted(point, point)
+            high = FEW
+            while len(point):
+                now = rank < high
+                apart = self._ways(points, point[now], triangle[now])
+                allowed = reach + np.maximum(skins[point[now]], self._skins[triangle[now]])
+                near[point[now][np.einsum('ij,ij->i', apart, apart) <= allowed**2]] = True
+                later = ~now & ~near[point]
+                point, triangle, rank = point[later], triangle[later], rank[later]
+                high *= FEW
         return near
 
     def nearest(self, points: Array, reach: float) -> tuple[Indices, Indices, Array]:
@@ -71,15 +82,23 @@ class TriangleTree:
         found: list[tuple[Indices, Indices, Array]] = [
             (np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
         ]
-        for point, triangle, apart in self._pairs(points, np.full(len(points), reach)):
+        for point, triangle in self._pairs(points, np.full(len(points), reach)):
+            apart = self._ways(points, point, triangle)
             order = np.lexsort((np.einsum('ij,ij->i', apart, apart), point))
             first = order[np.flatnonzero(np.diff(point[order], prepend=-1))]
             found.append((point[first], triangle[first], apart[first]))
         point, triangle, apart = (np.concatenate(parts) for parts in zip(*found, strict=True))
         return point, triangle, apart
 
-    def _pairs(self, points: Array, reach: Array) -> Iterator[tuple[Indices, Indices, Array]]:
-        """Give points with triangles in whose box they are, and the ways between them."""
+    def _ways(self, points: Array, point: Indices, triangle: Indices) -> Array:
+        """Return the ways (k, 3) from points to the nearest points of triangles."""
+        with np.errstate(all='ignore'):
+            return (
+                np.asarray(closest_point(self._corners[triangle], points[point])) - points[point]
+            )
+
+    def _pairs(self, points: Array, reach: Array) -> Iterator[tuple[Indices, Indices]]:
+        """Give the points, ascending, with the triangles whose box is within reach of them."""
         for start in range(0, len(points), TOGETHER):
             point = np.arange(start, min(start + TOGETHER, len(points)))
             node = np.zeros(len(point), dtype=np.int64)
@@ -90,11 +109,8 @@ class TriangleTree:
                 outside = np.maximum(np.maximum(low[node] - at, at - high[node]), 0.0)
                 inside = np.einsum('ij,ij->i', outside, outside) <= reach[point] ** 2
                 point, node = point[inside], node[inside]
-            triangle = self._triangle[node]
             if len(point):
-                with np.errstate(all='ignore'):
-                    closest = closest_point(self._corners[triangle], points[point])
-                yield point, triangle, closest - points[point]
+                yield point, self._triangle[node]
 
 
 def _halved(groups: Indices, middles: Array) -> Indices:

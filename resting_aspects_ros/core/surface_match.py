@@ -26,6 +26,8 @@ SPREAD = 200
 STAGES = (5, 25, 125, 625)
 # Points at once, to bound the memory.
 POINTS = 200_000
+# Makes one number of a cell's place, below 2000 either way, and of a normal's direction, 0 to 4.
+_CELL_CODE = np.array([4000**2 * 125, 4000 * 125, 125, 25, 5, 1])
 # How often each sample is turned by some angle to find out whether any will do.
 TURNS = 3
 
@@ -147,9 +149,9 @@ def _thinned(points: Array, normals: Array, most: int) -> Indices:
     """
     size, chosen = 1e-3, np.arange(len(points))
     while len(chosen) > most:
-        cells = np.concatenate([np.floor(points / size), np.round(1.5 * normals)], axis=1)
-        chosen = np.sort(np.unique(cells, axis=0, return_index=True)[1])
-        size *= 1.3
+        cells = np.concatenate([np.floor(points / size), np.round(1.5 * normals) + 2], axis=1)
+        chosen = np.sort(np.unique(cells.astype(np.int64) @ _CELL_CODE, return_index=True)[1])
+        size *= 1.4
     return chosen
 
 

@@ -39,6 +39,8 @@ ROUGH = 0.01
 # The same where axes are looked for in all directions, so many on half a sphere. They are within
 # 0.03 of any axis, and a half turn about it moves twice as much.
 DIRECTIONS, COARSE = 4000, 0.06
+# Samples that do to choose candidates, and for products of rotations that all samples confirm.
+SAMPLES = 300
 # Candidates that are polished at most, in a search.
 MOST_POLISHED = 40
 # Directions that are tried as the axis of a body of revolution.
@@ -173,13 +175,17 @@ def _from(match: SurfaceMatch, candidates: Array, play: float) -> Array:
     """
     generators: list[Array] = []
     group = np.eye(3)[None]
-    rough = candidates[match.fits(candidates, match.order, play)]
-    for candidate in rough:
+    few = match.order[:SAMPLES]
+    for candidate in candidates[match.fits(candidates, few, play)]:
         if contains(group, candidate):
             continue
-        for rotation in (match.polished(candidate, match.order), candidate):
+        polished = match.polished(candidate, match.order)
+        both = np.stack([polished, candidate])
+        for rotation in both[match.fits(both, match.order)]:
+            if contains(group, rotation):
+                break
             larger = generated(np.array([*generators, rotation]))
-            if larger is not None and match.fits(larger, match.order).all():
+            if larger is not None and match.fits(larger, few).all():
                 group = larger
                 generators.append(rotation)
                 break
@@ -216,9 +222,7 @@ def _has_order(match: SurfaceMatch, axis: Array, n: int, order: Indices) -> bool
     return bool(match.fits(turns(axis, 2 * np.pi * steps / n), order).all())
 
 
-def _flip(
-    match: SurfaceMatch, axis: Array, n: int, hints: Array, order: Indices
-) -> Array | None:
+def _flip(match: SurfaceMatch, axis: Array, n: int, hints: Array, order: Indices) -> Array | None:
     """Return a half turn about an axis across that fits, (3, 3), if there is one."""
     across = _across(axis)
     count = max(STEPS, int(np.ceil(np.pi / n / STEP)))
@@ -278,4 +282,6 @@ def _everywhere() -> Array:
     ring = np.sqrt(1 - z**2)
     axes = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), z], axis=1)
     angles = 2 * np.pi / np.array([2.0, 3.0, 4.0, 5.0])
-    return np.asarray(Rotation.from_rotvec((angles[:, None, None] * axes).reshape(-1, 3)).as_matrix())
+    return np.asarray(
+        Rotation.from_rotvec((angles[:, None, None] * axes).reshape(-1, 3)).as_matrix()
+    )
