@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
-from trimesh.triangles import closest_point
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -63,15 +62,16 @@ class TriangleTree:
         for point, triangle in self._pairs(points, reach + skins):
             # A few triangles of each point at a time: most points need no more.
             rank = np.arange(len(point)) - np.searchsorted(point, point)
-            high = FEW
-            while len(point):
-                now = rank < high
-                apart = self._ways(points, point[now], triangle[now])
-                allowed = reach + np.maximum(skins[point[now]], self._skins[triangle[now]])
-                near[point[now][np.einsum('ij,ij->i', apart, apart) <= allowed**2]] = True
-                later = ~now & ~near[point]
-                point, triangle, rank = point[later], triangle[later], rank[later]
-                high *= FEW
+            left = np.arange(len(point))
+            few = FEW
+            while len(left):
+                now = left[rank[left] < few]
+                at, piece = point[now], triangle[now]
+                apart = _ways_to(self._corners[piece], points[at])
+                allowed = reach + np.maximum(skins[at], self._skins[piece])
+                near[at[np.einsum('ij,ij->i', apart, apart) <= allowed**2]] = True
+                left = left[(rank[left] >= few) & ~near[point[left]]]
+                few *= FEW
         return near
 
     def nearest(self, points: Array, reach: float) -> tuple[Indices, Indices, Array]:
@@ -83,19 +83,12 @@ class TriangleTree:
             (np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
         ]
         for point, triangle in self._pairs(points, np.full(len(points), reach)):
-            apart = self._ways(points, point, triangle)
+            apart = _ways_to(self._corners[triangle], points[point])
             order = np.lexsort((np.einsum('ij,ij->i', apart, apart), point))
             first = order[np.flatnonzero(np.diff(point[order], prepend=-1))]
             found.append((point[first], triangle[first], apart[first]))
         point, triangle, apart = (np.concatenate(parts) for parts in zip(*found, strict=True))
         return point, triangle, apart
-
-    def _ways(self, points: Array, point: Indices, triangle: Indices) -> Array:
-        """Return the ways (k, 3) from points to the nearest points of triangles."""
-        with np.errstate(all='ignore'):
-            return (
-                np.asarray(closest_point(self._corners[triangle], points[point])) - points[point]
-            )
 
     def _pairs(self, points: Array, reach: Array) -> Iterator[tuple[Indices, Indices]]:
         """Give the points, ascending, with the triangles whose box is within reach of them."""
@@ -111,6 +104,27 @@ class TriangleTree:
                 point, node = point[inside], node[inside]
             if len(point):
                 yield point, self._triangle[node]
+
+
+def _ways_to(corners: Array, points: Array) -> Array:
+    """Return the ways (k, 3) from points (k, 3) to the nearest points of triangles (k, 3, 3).
+
+    Straight down if that is inside, else to the nearest edge: so needles do no harm.
+    """
+    edges = np.roll(corners, -1, axis=1) - corners
+    arms = points[:, None] - corners
+    squares = np.maximum(np.einsum('kei,kei->ke', edges, edges), np.finfo(float).tiny)
+    along = np.clip(np.einsum('kei,kei->ke', edges, arms) / squares, 0, 1)
+    to_edges = along[:, :, None] * edges - arms
+    nearest = np.einsum('kei,kei->ke', to_edges, to_edges).argmin(axis=1)
+    ways = to_edges[np.arange(len(points)), nearest]
+    normal = np.cross(edges[:, 0], edges[:, 1])
+    square = np.einsum('ki,ki->k', normal, normal)
+    sides = np.einsum('kei,ki->ke', np.cross(edges, arms), normal)
+    over = (sides >= 0).all(axis=1) & (square > 0)
+    depth = np.einsum('ki,ki->k', arms[over, 0], normal[over]) / square[over]
+    ways[over] = -depth[:, None] * normal[over]
+    return np.asarray(ways)
 
 
 def _halved(groups: Indices, middles: Array) -> Indices:

@@ -1,5 +1,7 @@
 """Whether a rotation maps the surface of a part onto itself: by surface distance both ways."""
 
+from itertools import pairwise
+
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
@@ -100,7 +102,7 @@ class SurfaceMatch:
         """
         left = np.arange(len(rotations))
         bounds = [0, *(s for s in STAGES if s < len(order)), len(order)]
-        for start, stop in zip(bounds, bounds[1:], strict=False):
+        for start, stop in pairwise(bounds):
             some = order[start:stop]
             block = max(1, POINTS // (2 * len(some)))
             parts = [left[i : i + block] for i in range(0, len(left), block)]
@@ -133,7 +135,7 @@ class SurfaceMatch:
         points = np.concatenate([there, back], axis=1)
         skins = np.tile(self._skins[some], 2 * len(rotations))
         near = self._tree.near(points.reshape(-1, 3), SYMMETRY_TOLERANCE + play, skins)
-        return near.reshape(len(rotations), -1).all(axis=1)
+        return np.asarray(near.reshape(len(rotations), -1).all(axis=1))
 
 
 def _normals(triangles: Array) -> Array:
@@ -147,7 +149,8 @@ def _thinned(points: Array, normals: Array, most: int) -> Indices:
 
     So a pocket in a large face keeps samples of its walls however small it is.
     """
-    size, chosen = 1e-3, np.arange(len(points))
+    size = 1e-3
+    chosen: Indices = np.arange(len(points))
     while len(chosen) > most:
         cells = np.concatenate([np.floor(points / size), np.round(1.5 * normals) + 2], axis=1)
         chosen = np.sort(np.unique(cells.astype(np.int64) @ _CELL_CODE, return_index=True)[1])
@@ -165,4 +168,5 @@ def _spread_first(points: Array) -> Indices:
         apart = np.minimum(apart, distance) if count else distance
     rest = np.setdiff1d(np.arange(len(points)), first)
     # Scattered, so that a stage is a fair sample of them all.
-    return np.r_[np.array(first, dtype=np.int64), np.random.default_rng(21).permutation(rest)]
+    scattered = np.random.default_rng(21).permutation(rest)
+    return np.concatenate([np.array(first, dtype=np.int64), scattered])

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotation_group import (
+    LARGEST,
     contains,
     dihedral,
     generated,
@@ -177,6 +178,8 @@ def _from(match: SurfaceMatch, candidates: Array, play: float) -> Array:
     group = np.eye(3)[None]
     few = match.order[:SAMPLES]
     for candidate in candidates[match.fits(candidates, few, play)]:
+        if len(group) == LARGEST:
+            break
         if contains(group, candidate):
             continue
         polished = match.polished(candidate, match.order)

@@ -78,7 +78,7 @@ def sagittas(vertices: Array, faces: Indices) -> tuple[Array, Flags]:
     width = np.minimum(width, WIDER**2 * width[:, ::-1])
     rise = (edges.angle[curved] * length)[:, None] * width / size[facet[sides]]
     depth = np.bincount(facet[sides].ravel(), weights=rise.ravel(), minlength=len(size))
-    return MARGIN * depth[facet], corners
+    return np.asarray(MARGIN * depth[facet]), corners
 
 
 def _edges(faces: Indices, normals: Array) -> _Edges:
