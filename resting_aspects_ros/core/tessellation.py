@@ -1,0 +1,124 @@
+"""How far the triangles of a mesh are off the curved surface that they stand for."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
+
+# Triangles that meet at up to this angle stand for a curved surface: a prism with 16 sides has
+# 22.5 degrees and is a cylinder, one with 12 has 30 and keeps its sides.
+CURVED_ANGLE = np.radians(25.0)
+# Triangles that meet at less are in one plane, but for the noise of float32.
+FLAT_ANGLE = np.radians(0.1)
+# A flat bounded by curved strips, as a face with rounded edges, is no part of the curve. It is
+# told from a wide strip among narrow ones by being more than so many times as wide as they.
+WIDER = 2.0
+# On top of what is derived for strips and for triangles of like sides.
+MARGIN = 1.25
+
+
+@dataclass(frozen=True, eq=False)
+class _Edges:
+    """Edges between two triangles.
+
+    ends : (k, 2) int64, vertices; sides : (k, 2) int64, triangles; angle : (k,) float64, between
+    their normals, rad.
+    """
+
+    ends: Indices
+    sides: Indices
+    angle: Array
+
+
+def sagittas(vertices: Array, faces: Indices) -> tuple[Array, Flags]:
+    """Return the depth of the true surface over each triangle, and which vertices are corners.
+
+    Triangles in one plane make a facet. Over a facet the true surface has the slope a/2 at an
+    edge of angle a; by the divergence theorem its mean curvature tensor is
+    sum over edges of a/2 length n n^T / area, n being the edge's normal in the facet's plane. A
+    paraboloid of that curvature rises over a strip of width w by k w^2 / 8, and over a triangle
+    of like sides by k (circumradius)^2 / 2; with the facet's covariance C both are at most
+    2 trace(K C).
+
+    Parameters
+    ----------
+    vertices : (n, 3) float64
+    faces : (m, 3) int64
+
+    Returns
+    -------
+    depth : (m,) float64
+        In the unit of the vertices; 0 where a triangle has no edge of a curved surface.
+    corners : (n,) bool
+        Vertices at an edge that is too sharp for a curved surface, or is none of two triangles.
+    """
+    triangles = vertices[faces]
+    twice = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = np.linalg.norm(twice, axis=1) / 2
+    normals = twice / np.maximum(2 * area, np.finfo(float).tiny)[:, None]
+    edges = _edges(faces, normals)
+    blunt = edges.angle <= CURVED_ANGLE
+    corners = np.zeros(len(vertices), dtype=bool)
+    corners[edges.ends[~blunt]] = True
+
+    facet = _facets(len(faces), edges.sides[edges.angle < FLAT_ANGLE])
+    size, covariance = _spread(triangles, area, facet)
+    curved = blunt & (edges.angle >= FLAT_ANGLE)
+    ends, sides = vertices[edges.ends[curved]], edges.sides[curved]
+    along = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(along, axis=1)
+    across = np.cross((along / length[:, None])[:, None], normals[sides])
+    width = np.einsum('esi,esij,esj->es', across, covariance[facet[sides]], across)
+    width = np.minimum(width, WIDER**2 * width[:, ::-1])
+    rise = (edges.angle[curved] * length)[:, None] * width / size[facet[sides]]
+    depth = np.bincount(facet[sides].ravel(), weights=rise.ravel(), minlength=len(size))
+    return np.asarray(MARGIN * depth[facet]), corners
+
+
+def _edges(faces: Indices, normals: Array) -> _Edges:
+    """Return the edges of two triangles; all others are bounds or seams, and count as sharp.
+
+    Those are left in with an angle of pi and their first two triangles (or one, twice).
+    """
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    ends = np.sort(np.stack([start, end], axis=1), axis=1)
+    order = np.lexsort(ends.T)
+    new = np.r_[True, (np.diff(ends[order], axis=0) != 0).any(axis=1)]
+    first = np.flatnonzero(new)
+    count = np.diff(np.r_[first, len(order)])
+    pair = np.stack([order[first], order[first + (count > 1)]], axis=1)
+    sides = pair // 3
+    # Neighbours pass their edge in opposite directions, unless one of them is inside out.
+    sign = np.where(start[pair[:, 0]] == start[pair[:, 1]], -1.0, 1.0)
+    a, b = normals[sides[:, 0]], normals[sides[:, 1]] * sign[:, None]
+    angle = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum('ij,ij->i', a, b))
+    return _Edges(ends[order[first]], sides, np.where(count == 2, angle, np.pi))
+
+
+def _facets(count: int, pairs: Indices) -> Indices:
+    links = (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1]))
+    graph = coo_array(links, shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
+
+
+def _spread(triangles: Array, area: Array, facet: Indices) -> tuple[Array, Array]:
+    """Return the area (k,) of each facet and the covariance (k, 3, 3) of the points on it."""
+    size = np.maximum(np.bincount(facet, weights=area), np.finfo(float).tiny)
+
+    def total(values: Array) -> Array:
+        columns = values.reshape(len(values), -1).T
+        sums = [np.bincount(facet, weights=area * column) for column in columns]
+        return np.stack(sums, axis=1) / size[:, None]
+
+    middle = total(triangles.mean(axis=1))
+    arms = triangles - middle[facet][:, None]
+    whole = arms.sum(axis=1)
+    # Second moments of a triangle: (sum of v v^T + s s^T) / 12, s being the sum of its corners.
+    second = np.einsum('mci,mcj->mij', arms, arms) + whole[:, :, None] * whole[:, None, :]
+    return size, total(second / 12).reshape(-1, 3, 3)
