@@ -10,7 +10,8 @@ from resting_aspects_ros.commands.answer import make_console
 from resting_aspects_ros.commands.given_part import given_part
 from resting_aspects_ros.commands.poses_file import PosesFile, read_poses_file
 from resting_aspects_ros.core.agreement import compare, find_differences
-from resting_aspects_ros.core.aspects import AspectSet, find_aspects
+from resting_aspects_ros.core.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.clusters import (
     DEFAULT_TOLERANCE_DEGREES,
     Clusters,

@@ -74,7 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
 def answer_from(message: Any, part: 'Part') -> 'Answer':
     """The answer in an AspectDistribution."""
     from resting_aspects_ros.commands.answer import Answer
-    from resting_aspects_ros.nodes.convert import distribution_from, run_from
+    from resting_aspects_ros.nodes.convert import run_from
+    from resting_aspects_ros.nodes.distribution_messages import distribution_from
 
     distribution, run = distribution_from(message), run_from(message.run)
     return Answer(distribution, run, part, message.method, message.complete)

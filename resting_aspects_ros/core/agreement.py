@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.aspects import AspectSet
-from resting_aspects_ros.core.clusters import Clusters, angle_between
+from resting_aspects_ros.core.aspect_set import AspectSet
+from resting_aspects_ros.core.clusters import Clusters
 
 Array = npt.NDArray[np.float64]
 Ids = npt.NDArray[np.int64]
@@ -50,25 +50,6 @@ def compare(ids: Ids, aspects: int, clusters: Clusters) -> Agreement:
     return Agreement(ids, clusters.labels, cluster_of[1:], table.max(axis=1)[1:], agree)
 
 
-def nearest_aspect(aspects: AspectSet, down: Array) -> tuple[Ids, Array]:
-    """(n,) ids of the aspects whose down direction is nearest, and (n,) angles to it, rad.
-
-    Parameters
-    ----------
-    aspects : AspectSet
-        If it is empty, ids are 0 and angles NaN.
-    down : (n, 3) float
-        Unit vectors, part frame.
-    """
-    ids = np.zeros(len(down), dtype=np.int64)
-    least = np.full(len(down), np.nan)
-    for aspect in aspects.aspects:  # not all at once: there may be a million poses
-        angle = angle_between(down, aspect.down_in_part)
-        nearer = ~(angle >= least)
-        ids[nearer], least[nearer] = aspect.id, angle[nearer]
-    return ids, least
-
-
 @dataclass(frozen=True, eq=False)
 class Differences:
     """The poses on which two classifiers differ, in their order.
@@ -76,9 +57,9 @@ class Differences:
     pose : (m,) int
         Which of the poses that were compared, from 0.
     nearest : (m,) int
-        Id of the aspect whose down direction is nearest; 0 if the part has none.
+        Id of the aspect that is nearest; 0 if the part has none.
     angle : (m,) float
-        To it, rad.
+        To it, rad; infinite without one.
     aspect, cluster : (m,) int
         What the two say; aspect 0 is none.
     """
@@ -96,5 +77,5 @@ class Differences:
 def find_differences(agreement: Agreement, aspects: AspectSet, down: Array) -> Differences:
     """The poses that are not agreed on, of those with the down directions (n, 3)."""
     pose = np.flatnonzero(~agreement.agree)
-    nearest, angle = nearest_aspect(aspects, down[pose])
+    nearest, angle = aspects.locate(down[pose])
     return Differences(pose, nearest, angle, agreement.aspect[pose], agreement.cluster[pose])

@@ -1,130 +1,231 @@
-"""The natural resting aspects of a part, and which of them a resting pose is in.
+"""Find the aspects of a part: the basins of its landscape, told apart, ordered, classed."""
 
-First version: an aspect is a flat facet of the hull with the centre of mass over its inside. So a
-part that can rest on a curved side has an aspect for each flat of its mesh that is wide enough.
-"""
-
+import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import ConvexHull
 
-from resting_aspects_ros.core.facets import Facet, hull_facets
+from resting_aspects_ros.core.aspect_set import Aspect, AspectSet, Sweep
+from resting_aspects_ros.core.joining import CURVED_STEP, Joined, join_minima
+from resting_aspects_ros.core.landscape import Landscape
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array, down_in_part, orientation_with_down, rotate
+from resting_aspects_ros.core.polyhedron import Indices, Polyhedron
+from resting_aspects_ros.core.rotations import Array, angle_between, orientation_with_down, rotate
+from resting_aspects_ros.core.symmetry import Symmetry, find_symmetry
 
-# A part rests on a facet if its centre of mass is inside by more than this, R. Less is
-# indistinguishable from the noise of float32 coordinates, and any breath tips the part over.
-STABLE_MARGIN = 1e-4
-# A pose is in the aspect with the nearest down direction, if that is within this. Bullet rests
-# within hundredths of a degree of a facet, on the margin of its shape; what is further off lies
-# on no facet.
-POSE_ANGLE = np.radians(3.0)
 # Ids are ordered by centre of mass height in steps of this, R, and by share in steps of this.
 ORDER_STEP = 1e-3
+# Facets within this of the one on which the part rests are one with it for the support polygon:
+# far below the angles that a part is built with.
+SAME_FACET = np.radians(1.0)
+# Directions on a circle are within this of its plane, as a share of the circle's radius.
+_PLANAR = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Aspect:
-    """One way in which a part comes to rest.
+class _Found:
+    """An aspect before it has a number: its minima, and what they are together."""
 
-    id : int
-        From 1, lowest centre of mass first.
-    down_in_part : (3,) float
-        Unit vector of gravity, part frame.
-    com_height : float
-        Of the centre of mass above the surface, m.
-    orientation : (4,) float
-        Unit quaternion xyzw, tray from part, of a pose that shows the aspect.
-    support : (k, 2) float
-        Contact polygon on the surface in that pose, m, tray axes, origin below the centre of mass.
-    solid_angle : float
-        Of its facet seen from the centre of mass, sr.
-    """
-
-    id: int
-    down_in_part: Array
-    com_height: float
-    orientation: Array
-    support: Array
-    solid_angle: float
-
-
-@dataclass(frozen=True, eq=False)
-class AspectSet:
-    """All aspects of a part, ordered by id."""
-
-    part_sha256: str
-    aspects: tuple[Aspect, ...]
-
-    def __len__(self) -> int:
-        return len(self.aspects)
-
-    def classify(self, orientation: Array) -> npt.NDArray[np.int64]:
-        """(n,) ids of the aspects that poses are in; 0 where none fits.
-
-        Parameters
-        ----------
-        orientation : (n, 4) float
-            Unit quaternions xyzw, tray from part.
-        """
-        down = down_in_part(np.asarray(orientation, dtype=np.float64).reshape(-1, 4))
-        if not self.aspects:
-            return np.zeros(len(down), dtype=np.int64)
-        directions = np.array([a.down_in_part for a in self.aspects])
-        nearest = (down @ directions.T).argmax(axis=1)
-        chord = np.linalg.norm(down - directions[nearest], axis=1)
-        return np.where(chord <= 2 * np.sin(POSE_ANGLE / 2), nearest + 1, 0)
+    minima: Indices  # the one that shows it first
+    low: float  # height of the lowest of them, m
+    height: float
+    share: float
+    sweep: Sweep
+    axis: Array
+    middle: Array  # of its directions; what a mesh does not change
+    rolls: bool = False
 
 
 def find_aspects(part: Part) -> AspectSet:
-    """The facets of the part's hull on which it can rest, in the order of DESIGN's rule 4."""
-    facets = [
-        facet
-        for facet in hull_facets(part.hull_vertices - part.centre_of_mass)
-        if facet.margin > STABLE_MARGIN * part.hull_radius
-    ]
-    ordered = _in_order(facets, part)
-    aspects = tuple(_aspect(number, facet) for number, facet in enumerate(ordered, start=1))
-    return AspectSet(part.part_sha256, aspects)
+    """The aspects of a part in the order of DESIGN's rule 4, with their symmetry classes."""
+    landscape = Landscape(part)
+    joined = join_minima(landscape)
+    found = _in_order([_found(landscape, part, group) for group in joined], part)
+    owner = np.empty(len(landscape.minima), dtype=np.int64)
+    for number, each in enumerate(found, start=1):
+        owner[each.minima] = number
+    barriers = _barriers(landscape, owner, found)
+    aspects = tuple(
+        _aspect(landscape, each, number, owner, barriers[number])
+        for number, each in enumerate(found, start=1)
+    )
+    flat = [a.down_in_part for a in aspects if a.sweep is Sweep.POINT]
+    symmetry = find_symmetry(part, np.array(flat).reshape(-1, 3))
+    return _with_classes(AspectSet(part.part_sha256, aspects, symmetry), symmetry)
 
 
-def _in_order(facets: Sequence[Facet], part: Part) -> list[Facet]:
-    """By centre of mass height, then solid angle, then direction in the part's intrinsic frame.
+def _with_classes(aspects: AspectSet, symmetry: Symmetry) -> AspectSet:
+    """The aspects with their symmetry classes: those that a rotation maps onto each other."""
+    group = np.arange(len(aspects))
+    for rotation in symmetry.rotations:
+        for k, aspect in enumerate(aspects.aspects):
+            image = int(aspects.locate((rotation @ aspect.down_in_part)[None])[0][0]) - 1
+            group[group == max(group[k], group[image])] = min(group[k], group[image])
+    _, classes, sizes = np.unique(group, return_inverse=True, return_counts=True)
+    return AspectSet(
+        aspects.part_sha256,
+        tuple(
+            dataclasses.replace(a, symmetry_class=int(c) + 1, multiplicity=int(sizes[c]))
+            for a, c in zip(aspects.aspects, classes, strict=True)
+        ),
+        symmetry,
+    )
 
-    The keys are compared in steps, so that noise does not reorder facets that are equal; those
+
+def _found(landscape: Landscape, part: Part, joined: Joined) -> _Found:
+    minima = joined.minima
+    directions = landscape.directions[minima]
+    share = float(landscape.basin_shares[minima].sum())
+    lowest = float(landscape.heights[minima[0]])
+    if not joined.curved:
+        return _Found(minima, lowest, lowest, share, Sweep.POINT, np.zeros(3), directions[0])
+    level = directions[: joined.level]
+    sweep, axis, middle = _sweep(level, joined.step, part.principal_axes)
+    shown = _shown(level, middle, part.principal_axes)
+    order = np.concatenate([[shown], np.delete(np.arange(len(minima)), shown)])
+    rolls = bool(angle_between(level, level[shown]).max() > CURVED_STEP)
+    height = joined.height * landscape.radius
+    return _Found(minima[order], lowest, height, share, sweep, axis, middle, rolls)
+
+
+def _sweep(directions: Array, step: float, frame: Array) -> tuple[Sweep, Array, Array]:
+    """What the directions of a curved aspect sweep, its axis, and their middle."""
+    middle = directions.mean(axis=0)
+    pole = middle / max(float(np.linalg.norm(middle)), 1e-300)
+    if len(directions) == 1:
+        return Sweep.DOME, pole, middle
+    size, axes = np.linalg.svd(directions - middle)[1:]
+    if len(directions) == 2:
+        axis = np.cross(*directions)
+        return Sweep.ARC, _signed(axis / np.linalg.norm(axis), frame), middle
+    if size[1] > _PLANAR * size[0] and angle_between(directions, pole).max() <= 1.5 * step:
+        return Sweep.DOME, pole, middle
+    along = directions @ axes.T
+    if (np.abs([along.min(axis=0), along.max(axis=0)]) > np.cos(CURVED_STEP)).all():
+        return Sweep.SPHERE, np.zeros(3), np.zeros(3)
+    around = along - middle @ axes.T
+    azimuth = np.sort(np.arctan2(around[:, 1], around[:, 0]))
+    # A flat breaks a ring; a step of the mesh does not.
+    round_ = np.diff(azimuth, append=azimuth[0] + 2 * np.pi).max() <= 1.5 * CURVED_STEP
+    flat = size[2] <= _PLANAR * size[1]
+    if flat or (round_ and np.linalg.norm(middle) < _PLANAR):
+        tilt = float(axes[2] @ middle)
+        axis = axes[2] * np.sign(tilt) if abs(tilt) > ORDER_STEP else _signed(axes[2], frame)
+        return (Sweep.RING if round_ else Sweep.ARC), axis, middle
+    return Sweep.DOME, pole, middle
+
+
+def _signed(axis: Array, frame: Array) -> Array:
+    """The axis in the sense of the first axis of the part's frame that it is not square to."""
+    along = axis @ frame
+    return np.asarray(axis * np.sign(along[np.abs(along) > ORDER_STEP][0]))
+
+
+def _shown(directions: Array, middle: Array, frame: Array) -> int:
+    """Which direction of a curved aspect shows it: the one in its middle, if it has one."""
+    if np.linalg.norm(middle) > _PLANAR:
+        return int((directions @ middle).argmax())
+    along = np.round(directions @ frame, 6)
+    return max(range(len(directions)), key=lambda k: tuple(along[k]))
+
+
+def _in_order(found: list[_Found], part: Part) -> list[_Found]:
+    """By centre of mass height, then basin, then direction in the part's intrinsic frame.
+
+    The keys are compared in steps, so that noise does not reorder aspects that are equal; those
     that no key tells apart are mapped onto each other by a symmetry of the part.
     """
-    keys: list[Callable[[Facet], float]] = [
-        lambda facet: facet.height / part.hull_radius,
-        lambda facet: -facet.solid_angle / (4 * np.pi),
-        *(lambda facet, axis=axis: -float(facet.normal @ axis) for axis in part.principal_axes.T),
+    keys: list[Callable[[_Found], float]] = [
+        lambda each: each.height / part.hull_radius,
+        lambda each: -each.share,
+        *(lambda each, axis=axis: -float(each.middle @ axis) for axis in part.principal_axes.T),
     ]
-    groups = [list(facets)]
+    groups = [list(found)]
     for key in keys:
         groups = [step for group in groups for step in _steps(group, key)]
-    return [facet for group in groups for facet in group]
+    return [each for group in groups for each in group]
 
 
-def _steps(facets: list[Facet], key: Callable[[Facet], float]) -> list[list[Facet]]:
-    """Facets in ascending steps of a key."""
-    groups: list[list[Facet]] = []
-    for facet in sorted(facets, key=key):
-        if groups and key(facet) - key(groups[-1][0]) <= ORDER_STEP:
-            groups[-1].append(facet)
+def _steps(found: Sequence[_Found], key: Callable[[_Found], float]) -> list[list[_Found]]:
+    """In ascending steps of a key."""
+    groups: list[list[_Found]] = []
+    for each in sorted(found, key=key):
+        if groups and key(each) - key(groups[-1][0]) <= ORDER_STEP:
+            groups[-1].append(each)
         else:
-            groups.append([facet])
+            groups.append([each])
     return groups
 
 
-def _aspect(number: int, facet: Facet) -> Aspect:
-    orientation = orientation_with_down(facet.normal)
+def _barriers(
+    landscape: Landscape, owner: Indices, found: Sequence[_Found]
+) -> dict[int, tuple[float, int]]:
+    """For each number the least rise to leave the aspect, m, and the one to which that leads."""
+    least = dict.fromkeys(range(1, len(found) + 1), (np.inf, 0))
+    saddles = landscape.saddles
+    for height, pair in zip(saddles.heights, owner[saddles.between], strict=True):
+        for one, other in (pair, pair[::-1]):
+            rise = float(height) - found[one - 1].low
+            if one != other and rise < least[int(one)][0]:
+                least[int(one)] = (rise, int(other))
+    return least
+
+
+def _aspect(
+    landscape: Landscape,
+    found: _Found,
+    number: int,
+    owner: Indices,
+    barrier: tuple[float, int],
+) -> Aspect:
+    facet = int(landscape.minima[found.minima[0]])
+    directions = landscape.directions[found.minima]
+    orientation = orientation_with_down(directions[0])
+    polygon = rotate(orientation, _polygon(landscape.hull, facet) * landscape.radius)[:, :2]
+    links = _links(landscape, owner == number, found.minima) if found.sweep.curved else []
     return Aspect(
         id=number,
-        down_in_part=facet.normal,
-        com_height=facet.height,
+        down_in_part=directions[0],
+        com_height=found.height,
         orientation=orientation,
-        support=rotate(orientation, facet.polygon)[:, :2],
-        solid_angle=facet.solid_angle,
+        support=polygon[ConvexHull(polygon).vertices],  # counter-clockwise
+        basin_share=found.share,
+        least_barrier=barrier[0],
+        neighbour=barrier[1],
+        symmetry_class=number,
+        multiplicity=1,
+        rolls=found.rolls,
+        sweep=found.sweep,
+        axis=found.axis,
+        directions=directions,
+        links=np.array(links, dtype=np.int64).reshape(-1, 2),
     )
+
+
+def _links(
+    landscape: Landscape, own: npt.NDArray[np.bool_], minima: Indices
+) -> list[tuple[int, int]]:
+    """Pairs of an aspect's minima with a saddle between them that its own curved side makes."""
+    place = {int(minimum): k for k, minimum in enumerate(minima)}
+    a, b = landscape.saddles.between.T
+    inner = np.flatnonzero(own[a] & own[b] & (a != b))
+    near = angle_between(landscape.directions[a[inner]], landscape.directions[b[inner]])
+    pairs = landscape.saddles.between[inner[near <= CURVED_STEP]].tolist()
+    return sorted({(place[min(x, y)], place[max(x, y)]) for x, y in pairs})
+
+
+def _polygon(hull: Polyhedron, facet: int) -> Array:
+    """(k, 3) corners of a facet and of those that are one with it, in units of R."""
+    normal = hull.normals[facet]
+    one = [facet]
+    for each in one:
+        for edge in hull.edges_of_facets[each]:
+            other = int(hull.sides[edge].sum()) - each
+            near = angle_between(hull.normals[other], normal) <= SAME_FACET
+            if near and other not in one:
+                one.append(other)
+    corners = np.unique(np.concatenate([hull.corners(each) for each in one]))
+    return np.asarray(hull.points[corners])

@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.rotations import angle_between
 
 Array = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int64]
@@ -126,12 +127,6 @@ def check_tolerance(tolerance: float) -> None:
             f'tolerance is {np.degrees(tolerance):g} degrees, allowed is {low:g} to {high:g} '
             'degrees'
         )
-
-
-def angle_between(one: Array, other: Array) -> Array:
-    """(n,) angles between unit vectors (n, 3), rad; as exact for small ones as for large ones."""
-    chord = np.linalg.norm(one - other, axis=-1)
-    return np.asarray(2 * np.arcsin(np.minimum(chord / 2, 1.0)))
 
 
 def _sorted_order(points: Array) -> npt.NDArray[np.intp]:

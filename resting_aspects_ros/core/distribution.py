@@ -1,13 +1,15 @@
 """How probable each aspect of a part is: counts, probabilities and intervals."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.aspects import AspectSet
+from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.intervals import CONFIDENCE, INTERVAL, Interval, intervals
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.core.stopping import stopping_confidence
 
 __all__ = [
     'CONFIDENCE',
@@ -30,6 +32,8 @@ class Distribution:
         Drops at rest in each aspect, by id from 1.
     unclassified, unsettled, failed : int
         Drops at rest in no aspect, not at rest in the time allowed, and numerically wrong.
+    by_precision : bool
+        Whether the run stopped when its intervals were narrow enough.
     """
 
     aspects: AspectSet
@@ -37,6 +41,7 @@ class Distribution:
     unclassified: int
     unsettled: int
     failed: int
+    by_precision: bool = False
 
     @property
     def drops(self) -> int:
@@ -47,9 +52,18 @@ class Distribution:
         """For each aspect count / drops with an interval, n = drops; as core.intervals has it.
 
         The interval of a count of zero begins at zero, and it is the bound on how probable an
-        aspect can be that was never seen. Without drops: 0 to 1.
+        aspect can be that was never seen. Without drops: 0 to 1. After a stop by precision they
+        are a little wider, so that they cover as often as they say: core.stopping.
         """
+        if self.by_precision:
+            confidence = stopping_confidence(confidence)
         return intervals(self.counts, self.drops, method, confidence)
+
+    def by_class(self) -> 'Distribution':
+        """The counts of the symmetry classes, in their order."""
+        classes = [[a.id - 1 for a in members] for members in self.aspects.classes()]
+        counts = np.array([self.counts[ids].sum() for ids in classes], dtype=np.int64)
+        return dataclasses.replace(self, counts=counts)
 
     def __add__(self, other: 'Distribution') -> 'Distribution':
         """The distribution over the drops of both: different drops of the same part."""
@@ -61,12 +75,13 @@ class Distribution:
             self.unclassified + other.unclassified,
             self.unsettled + other.unsettled,
             self.failed + other.failed,
+            self.by_precision,
         )
 
 
-def no_drops(aspects: AspectSet) -> Distribution:
+def no_drops(aspects: AspectSet, *, by_precision: bool = False) -> Distribution:
     """The distribution before the first drop."""
-    return Distribution(aspects, np.zeros(len(aspects), dtype=np.int64), 0, 0, 0)
+    return Distribution(aspects, np.zeros(len(aspects), dtype=np.int64), 0, 0, 0, by_precision)
 
 
 def count_poses(aspects: AspectSet, poses: RestingPoses) -> Distribution:

@@ -55,6 +55,12 @@ def down_in_part(xyzw: Array) -> Array:
     return -np.stack(row, axis=-1)
 
 
+def angle_between(a: Array, b: Array) -> Array:
+    """(...) angles between unit vectors (..., 3), rad; exact for small and large ones alike."""
+    apart, along = np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1)
+    return np.asarray(2 * np.arctan2(apart, along))
+
+
 def orientation_with_down(down: Array) -> Array:
     """(4,) quaternion, tray from part, that turns ``down`` (3,), part frame, to point down.
 

@@ -21,7 +21,8 @@ from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.errors import RestingAspectsError, UnknownPartError
 from resting_aspects_ros.drops.run import DEFAULT_SEED, RunDescription, check_drops
 from resting_aspects_ros.drops.surfaces import Surfaces
-from resting_aspects_ros.nodes.convert import distribution_msg, part_from, poses_from, status
+from resting_aspects_ros.nodes.convert import part_from, poses_from, status
+from resting_aspects_ros.nodes.distribution_messages import distribution_msg
 from resting_aspects_ros.nodes.drop_requests import DropRequests, DropSpec
 from resting_aspects_ros.nodes.interface import (
     ASPECT_DISTRIBUTIONS,
@@ -43,7 +44,7 @@ from resting_aspects_ros.nodes.requests import (
 )
 from resting_aspects_ros.nodes.run_accounts import KnownDistributions, KnownParts, RunAccount
 from resting_aspects_ros.nodes.run_tracker import RunProgress, RunTracker
-from resting_aspects_ros.nodes.spin import spin_nodes
+from resting_aspects_ros.nodes.spin import run_node
 from resting_aspects_ros.nodes.topic_watch import TopicWatch
 
 PARAMETERS = (
@@ -239,9 +240,9 @@ class AspectClassifier(Node):
         return response
 
 
-def main(args: list[str] | None = None) -> int:
+def main() -> int:
     """Run the node alone in this process."""
-    return spin_nodes([AspectClassifier], args)
+    return run_node(AspectClassifier, PARAMETERS)
 
 
 if __name__ == '__main__':

@@ -13,7 +13,8 @@ from rclpy.task import Future
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, Status
 from resting_aspects_interfaces.srv import GetDistribution
 
-from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.errors import UnknownPartError
+from resting_aspects_ros.core.part import Part, is_valid_name
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.run import check_drops, check_seed
 from resting_aspects_ros.nodes.convert import conditions_msg, part_from
@@ -29,7 +30,8 @@ from resting_aspects_ros.nodes.requests import NotAvailableError, status_error
 SERVICE_TIMEOUT = 20.0
 PART_TIMEOUT = 5.0
 SPIN_PERIOD = 0.1
-# Without an answer and without progress the same is asked again after this, s: it is joined.
+# Without an answer and without progress the same is asked again after this, s, and then after
+# twice as long each time: it is joined.
 ASK_PERIOD = 5.0
 
 
@@ -68,6 +70,7 @@ class SuiteClient(Node):
     def __init__(self) -> None:
         super().__init__('resting_aspects_client')
         self._requests = self.create_client(GetDistribution, GET_DISTRIBUTION)
+        self._heard = 0.0  # when there was an answer or progress last
         self._spinner = SingleThreadedExecutor()
         self._spinner.add_node(self)
 
@@ -95,18 +98,24 @@ class SuiteClient(Node):
                 'start the suite with "resting_aspects nodes"'
             )
 
+        if not is_valid_name(request.part):
+            raise UnknownPartError(
+                f'part {request.part!r} is not known: names of parts are lower case letters, '
+                'digits and _'
+            )
         dropping = False
 
         def follow(message: AspectDistribution) -> None:
             nonlocal dropping
             if not message.complete:  # a complete one is latched since an earlier run
                 dropping = True
+                self._heard = time.monotonic()
                 progress(message.drops)
 
         topic = f'{ASPECT_DISTRIBUTIONS}/{request.part}'
         subscription = self.create_subscription(AspectDistribution, topic, follow, LATCHED)
         try:
-            response = self._ask(request, lambda: dropping, check)
+            response = self._ask(request, check)
         finally:
             self.destroy_subscription(subscription)
         if response.status.code != Status.OK:
@@ -116,25 +125,31 @@ class SuiteClient(Node):
         return response.distribution
 
     def _ask(
-        self,
-        request: GetDistribution.Request,
-        under_way: Callable[[], bool],
-        check: Callable[[], None],
+        self, request: GetDistribution.Request, check: Callable[[], None]
     ) -> GetDistribution.Response:
         """Call the service, and again if nothing happens.
 
-        A classifier that was found and has not yet found this client cannot answer it.
+        A classifier that was found and has not yet found this client cannot answer it, nor can one
+        that was started again since. Raises NotAvailableError if it is gone.
         """
         answers: list[Future] = []
+        period = ASK_PERIOD
 
         def answered() -> bool:
             return any(answer.done() for answer in answers)
 
+        def silent() -> bool:
+            return time.monotonic() - self._heard > period
+
         while not answered():
+            if not self._requests.service_is_ready():
+                raise NotAvailableError(
+                    f'the classifier went away while {request.part} was asked for'
+                )
             answers.append(self._requests.call_async(request))
-            self.wait(lambda: answered() or under_way(), ASK_PERIOD, check)
-            if under_way():
-                self.wait(answered, None, check)
+            self._heard = time.monotonic()
+            self.wait(lambda: answered() or silent(), None, check)
+            period *= 2
         return next(answer.result() for answer in answers if answer.done())
 
     def part(self, name: str) -> Part:

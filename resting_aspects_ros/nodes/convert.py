@@ -1,13 +1,9 @@
 """Between the suite's own types and ROS messages."""
 
-import math
-
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Point32, Polygon, Pose, Quaternion, Vector3
+from geometry_msgs.msg import Point, Pose, Quaternion
 from resting_aspects_interfaces.msg import (
-    Aspect,
-    AspectDistribution,
     DropConditions,
     PartDescription,
     RestingPose,
@@ -17,8 +13,6 @@ from resting_aspects_interfaces.msg import (
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 from std_msgs.msg import Header
 
-from resting_aspects_ros.core import aspects as core_aspects
-from resting_aspects_ros.core.distribution import CONFIDENCE, INTERVAL, METHOD, Distribution
 from resting_aspects_ros.core.part import Part, part_from_bytes
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.drops import conditions as drop_conditions
@@ -168,72 +162,4 @@ def part_from(msg: PartDescription) -> Part:
         mass=msg.mass,
         centre_of_mass=(centre.x, centre.y, centre.z),
         inertia=np.asarray(msg.inertia, dtype=np.float64),
-    )
-
-
-def distribution_msg(
-    distribution: Distribution, run: Run, stamp: Time, complete: bool
-) -> AspectDistribution:
-    """The fields that this version does not fill are zero; see the messages' comments."""
-    rows = zip(
-        distribution.aspects.aspects,
-        distribution.counts.tolist(),
-        distribution.intervals(),
-        strict=True,
-    )
-    return AspectDistribution(
-        header=Header(stamp=stamp, frame_id=FRAME),
-        run=run_msg(run),
-        method=METHOD,
-        confidence=CONFIDENCE,
-        interval=INTERVAL,
-        drops=distribution.drops,
-        unclassified=distribution.unclassified,
-        unsettled=distribution.unsettled,
-        failed=distribution.failed,
-        complete=complete,
-        aspects=[
-            Aspect(
-                count=count,
-                probability=interval.probability,
-                lower=interval.lower,
-                upper=interval.upper,
-                **_aspect_fields(aspect),
-            )
-            for aspect, count, interval in rows
-        ],
-    )
-
-
-def _aspect_fields(aspect: core_aspects.Aspect) -> dict[str, object]:
-    down, orientation = aspect.down_in_part.tolist(), aspect.orientation.tolist()
-    points = [Point32(x=x, y=y) for x, y in aspect.support.tolist()]
-    return {
-        'id': aspect.id,
-        'down_in_part': Vector3(x=down[0], y=down[1], z=down[2]),
-        'orientation': Quaternion(**dict(zip('xyzw', orientation, strict=True))),
-        'com_height': aspect.com_height,
-        'support': Polygon(points=points),
-    }
-
-
-def distribution_from(msg: AspectDistribution) -> Distribution:
-    """The counts and aspects of a message; its probabilities follow from them."""
-    aspects = tuple(
-        core_aspects.Aspect(
-            id=a.id,
-            down_in_part=np.array([a.down_in_part.x, a.down_in_part.y, a.down_in_part.z]),
-            com_height=a.com_height,
-            orientation=np.array([getattr(a.orientation, axis) for axis in 'xyzw']),
-            support=np.array([(p.x, p.y) for p in a.support.points]).reshape(-1, 2),
-            solid_angle=math.nan,  # does not travel
-        )
-        for a in msg.aspects
-    )
-    return Distribution(
-        core_aspects.AspectSet(msg.run.part_sha256, aspects),
-        np.array([a.count for a in msg.aspects], dtype=np.int64),
-        unclassified=msg.unclassified,
-        unsettled=msg.unsettled,
-        failed=msg.failed,
     )

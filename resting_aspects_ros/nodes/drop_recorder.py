@@ -23,7 +23,7 @@ from resting_aspects_ros.nodes.interface import (
 from resting_aspects_ros.nodes.open_log import OpenLog
 from resting_aspects_ros.nodes.parameters import Parameter, declare
 from resting_aspects_ros.nodes.run_tracker import RunProgress, RunTracker
-from resting_aspects_ros.nodes.spin import spin_nodes
+from resting_aspects_ros.nodes.spin import run_node
 from resting_aspects_ros.nodes.topic_watch import TopicWatch
 
 PARAMETERS = (
@@ -163,9 +163,9 @@ def _qos(profile: QoSProfile) -> Qos:
     )
 
 
-def main(args: list[str] | None = None) -> int:
+def main() -> int:
     """Run the node alone in this process."""
-    return spin_nodes([DropRecorder], args)
+    return run_node(DropRecorder, PARAMETERS)
 
 
 if __name__ == '__main__':

@@ -52,7 +52,7 @@ from resting_aspects_ros.nodes.requests import (
     check_precision,
     error_status,
 )
-from resting_aspects_ros.nodes.spin import spin_nodes
+from resting_aspects_ros.nodes.spin import run_node
 
 PARAMETERS = (
     Parameter('parts_folder', '', 'folder of meshes that can be asked for; empty: the examples'),
@@ -249,9 +249,9 @@ def _feed_back(handle: ServerGoalHandle, done: int, total: int, seconds: float) 
     handle.publish_feedback(DropPart.Feedback(done=done, total=total, drops_per_second=rate))
 
 
-def main(args: list[str] | None = None) -> int:
+def main() -> int:
     """Run the node alone in this process."""
-    return spin_nodes([DropSimulator], args)
+    return run_node(DropSimulator, PARAMETERS)
 
 
 if __name__ == '__main__':

@@ -1,6 +1,6 @@
 """The nodes' parameters: each declared once, with unit, bounds and description."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +26,20 @@ def declare(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
     return {
         p.name: node.declare_parameter(p.name, p.default, _descriptor(p)).value for p in parameters
     }
+
+
+def unknown_parameters(nodes: Sequence[Node]) -> list[str]:
+    """Names that were given when the nodes were started and that none of them has."""
+    known = {name for node in nodes for name in node._parameters}  # noqa: SLF001
+    given = {name for node in nodes for name in node._parameter_overrides}  # noqa: SLF001
+    return sorted(name for name in given - known if not name.startswith('qos_overrides.'))
+
+
+def help_text(program: str, parameters: Iterable[Parameter]) -> str:
+    """What a node's program says of itself."""
+    lines = [f'usage: {program} [--ros-args -p name:=value ... -r __ns:=/namespace]', '']
+    lines += [f'  {p.name:16} {p.description} (default {p.default!r})' for p in parameters]
+    return '\n'.join([*lines, '', 'Ctrl-C ends it.'])
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from resting_aspects_ros.core.aspects import AspectSet, find_aspects
+from resting_aspects_ros.core.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import Distribution, count_poses, no_drops
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses

@@ -2,15 +2,18 @@
 
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 
 import rclpy
 from rclpy.exceptions import InvalidHandle, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
 
 from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.nodes.parameters import Parameter, help_text, unknown_parameters
 
 
 def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
@@ -39,6 +42,19 @@ def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None =
     return _spin(factories)
 
 
+def run_node(factory: Callable[[], Node], parameters: Iterable[Parameter]) -> int:
+    """The program of one node: what follows its name is for ROS, but for --help."""
+    program = Path(sys.argv[0]).name
+    words = remove_ros_args(sys.argv)[1:]
+    if '--help' in words or '-h' in words:
+        print(help_text(program, parameters))
+        return 0
+    if words:
+        print(f'error: {words[0]!r} is not known, see {program} --help', file=sys.stderr)
+        return 2
+    return spin_nodes([factory])
+
+
 def _spin(factories: Sequence[Callable[[], Node]]) -> int:
     nodes: list[Node] = []
     executor = SingleThreadedExecutor()
@@ -47,6 +63,8 @@ def _spin(factories: Sequence[Callable[[], Node]]) -> int:
             node = factory()
             nodes.append(node)
             executor.add_node(node)
+        for name in unknown_parameters(nodes):
+            nodes[0].get_logger().warning(f'parameter {name!r} is not known and not used')
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass

@@ -10,19 +10,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.aspects import Aspect
+from resting_aspects_ros.core.aspect_set import Aspect
 from resting_aspects_ros.core.distribution import CONFIDENCE, INTERVAL, Distribution, Interval
 
 SCHEMA_VERSION = 1
-
-# Fields of the message Aspect that this version does not know yet; zero and false, as there.
-NOT_KNOWN: dict[str, object] = {
-    'symmetry_class': 0,
-    'multiplicity': 0,
-    'rolls': False,
-    'least_barrier': 0.0,
-    'basin_share': 0.0,
-}
 
 
 def distribution_document(
@@ -45,10 +36,15 @@ def distribution_document(
         ``schema_version``, the fields of ``run``, the counts of drops, what the intervals are,
         and ``aspects`` by id with the fields of the message Aspect: ``com_height`` m,
         ``support`` m on the surface below the centre of mass, ``orientation`` xyzw, tray from
-        part, ``down_in_part`` a unit vector, part frame.
+        part, ``down_in_part`` a unit vector, part frame, ``least_barrier`` m, null without another
+        aspect. And ``classes``, the symmetry classes, whose counts are sums.
     """
     rows = zip(
         distribution.aspects.aspects, distribution.counts, distribution.intervals(), strict=True
+    )
+    classes = distribution.by_class()
+    class_rows = zip(
+        distribution.aspects.classes(), classes.counts, classes.intervals(), strict=True
     )
     own: dict[str, object] = {
         'drops': distribution.drops,
@@ -57,7 +53,19 @@ def distribution_document(
         'failed': int(distribution.failed),
         'confidence': CONFIDENCE,
         'interval': INTERVAL,
-        'aspects': [_aspect(aspect, int(count), interval) for aspect, count, interval in rows],
+        'aspects': [
+            aspect_fields(aspect) | _share(int(count), interval)
+            for aspect, count, interval in rows
+        ],
+        'classes': [
+            {
+                'symmetry_class': members[0].symmetry_class,
+                'multiplicity': len(members),
+                'aspects': [aspect.id for aspect in members],
+                **_share(int(count), interval),
+            }
+            for members, count, interval in class_rows
+        ],
     }
     given = {str(name): _plain(value) for name, value in run.items() if name not in own}
     return {'schema_version': SCHEMA_VERSION} | given | own
@@ -68,18 +76,31 @@ def to_json(document: Mapping[str, object]) -> str:
     return json.dumps(document, indent=2, allow_nan=False) + '\n'
 
 
-def _aspect(aspect: Aspect, count: int, interval: Interval) -> dict[str, object]:
+def aspect_fields(aspect: Aspect) -> dict[str, object]:
+    """What is known of an aspect without a drop, with the names of the message Aspect."""
     return {
         'id': aspect.id,
+        'symmetry_class': aspect.symmetry_class,
+        'multiplicity': aspect.multiplicity,
+        'rolls': aspect.rolls,
+        'sweep': aspect.sweep.name,
+        'axis': _numbers(aspect.axis),
         'down_in_part': _numbers(aspect.down_in_part),
-        'com_height': float(aspect.com_height),
         'orientation': _numbers(aspect.orientation),
+        'com_height': float(aspect.com_height),
+        'least_barrier': _plain(float(aspect.least_barrier)),
+        'neighbour': aspect.neighbour,
+        'basin_share': float(aspect.basin_share),
         'support': _numbers(aspect.support),
+    }
+
+
+def _share(count: int, interval: Interval) -> dict[str, object]:
+    return {
         'count': count,
         'probability': interval.probability,
         'lower': interval.lower,
         'upper': interval.upper,
-        **NOT_KNOWN,
     }
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resting_aspects_ros.core.aspects import Aspect
+from resting_aspects_ros.core.aspect_set import Aspect
 from resting_aspects_ros.core.distribution import CONFIDENCE, INTERVAL, Distribution, Interval
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.report.portrait import Image, portraits

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.aspects import Aspect
+from resting_aspects_ros.core.aspect_set import Aspect
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array, rotate
 from resting_aspects_ros.report.render import NOTHING, Indices, edges, rasterise

@@ -11,12 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.clusters import (
     DEFAULT_TOLERANCE_DEGREES,
-    angle_between,
     cluster_directions,
     find_clusters,
 )
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.rotations import down_in_part, random_orientations
+from resting_aspects_ros.core.rotations import angle_between, down_in_part, random_orientations
 
 TOLERANCE = np.radians(DEFAULT_TOLERANCE_DEGREES)
 seeds = st.integers(0, 2**32 - 1)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest, chi2_contingency, chisquare
 
-from resting_aspects_ros.core.aspects import AspectSet
+from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.comparison import (
     Rest,
     Tally,

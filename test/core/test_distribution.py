@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, norm
 
-from resting_aspects_ros.core.aspects import AspectSet, find_aspects
+from resting_aspects_ros.core.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import (
     CONFIDENCE,
     Distribution,

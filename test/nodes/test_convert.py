@@ -18,6 +18,7 @@ from resting_aspects_ros.core.poses import RestingPoses as Poses
 from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.drops.run import MOST_SEED, RunDescription
 from resting_aspects_ros.nodes import convert
+from resting_aspects_ros.nodes.distribution_messages import distribution_from, distribution_msg
 
 # Each field has a value of its own, so that none can be taken for another.
 CONDITIONS = DropConditions(
@@ -162,7 +163,7 @@ def test_a_distribution_makes_the_round_trip(part):
     counts = np.arange(10, 10 + len(aspects))
     original = Distribution(aspects, counts, unclassified=1, unsettled=2, failed=3)
     stamp = convert.time_msg(17)
-    message = over_the_wire(convert.distribution_msg(original, RUN, stamp, complete=True))
+    message = over_the_wire(distribution_msg(original, RUN, stamp, complete=True))
     assert isinstance(message, AspectDistribution)
     assert (message.complete, message.header.stamp, message.header.frame_id) == (
         True,
@@ -176,12 +177,15 @@ def test_a_distribution_makes_the_round_trip(part):
     assert [(a.probability, a.lower, a.upper) for a in message.aspects] == [
         (i.probability, i.lower, i.upper) for i in intervals
     ]
-    again = convert.distribution_from(message)
+    again = distribution_from(message)
     assert again.counts.tolist() == counts.tolist()
     assert (again.unclassified, again.unsettled, again.failed) == (1, 2, 3)
     for one, other in zip(again.aspects.aspects, aspects.aspects, strict=True):
-        assert (one.id, one.com_height) == (other.id, other.com_height)
-        np.testing.assert_array_equal(one.down_in_part, other.down_in_part)
-        np.testing.assert_array_equal(one.orientation, other.orientation)
+        for field in ('id', 'symmetry_class', 'multiplicity', 'rolls', 'sweep', 'neighbour'):
+            assert getattr(one, field) == getattr(other, field)
+        for field in ('com_height', 'basin_share', 'least_barrier'):
+            assert getattr(one, field) == getattr(other, field)
+        for field in ('down_in_part', 'orientation', 'axis'):
+            np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
         # The support polygon is a geometry_msgs/Polygon: float32.
         np.testing.assert_array_equal(one.support, other.support.astype(np.float32))

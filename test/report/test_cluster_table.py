@@ -7,7 +7,8 @@ import pytest
 from rich.console import Console
 
 from resting_aspects_ros.core.agreement import compare, find_differences
-from resting_aspects_ros.core.aspects import AspectSet, find_aspects
+from resting_aspects_ros.core.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.clusters import Clusters, find_clusters
 from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.report.agreement_table import (

@@ -9,7 +9,8 @@ import pytest
 import trimesh
 from PIL import Image
 
-from resting_aspects_ros.core.aspects import AspectSet, find_aspects
+from resting_aspects_ros.core.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import Distribution, no_drops
 from resting_aspects_ros.core.rotations import down_in_part
 from resting_aspects_ros.report import portrait
@@ -88,8 +89,8 @@ def test_no_drops_and_no_aspects_give_a_picture(distribution, bracket, tmp_path)
         assert (image < 128).any()
 
 
-def test_of_many_aspects_the_most_probable_are_shown_and_the_others_counted(part):
-    aspects = find_aspects(part('cylinder_d20_h20'))
+def test_of_many_aspects_the_most_probable_are_shown_and_the_others_counted(solid):
+    aspects = find_aspects(solid(trimesh.creation.icosahedron()))
     counts = np.arange(len(aspects))[::-1] % 50
     rows = _rows(Distribution(aspects, counts, 0, 7, 0))
     shown = [row.aspect.id for row in rows if row.aspect]
@@ -225,7 +226,7 @@ def test_matplotlib_is_imported_only_for_a_picture_and_pyplot_never(tmp_path):
 import sys
 from pathlib import Path
 import numpy as np
-from resting_aspects_ros.core.aspects import AspectSet
+from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.report.picture import save_picture
 assert 'matplotlib' not in sys.modules

@@ -5,9 +5,11 @@ import re
 
 import numpy as np
 import pytest
+import trimesh
 from rich.console import Console
 
-from resting_aspects_ros.core.aspects import AspectSet, find_aspects
+from resting_aspects_ros.core.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import Distribution, Interval, no_drops
 from resting_aspects_ros.report.rounding import (
     direction_text,
@@ -83,9 +85,9 @@ def test_without_drops_nothing_is_claimed(aspects):
     assert found == [('-', '0', '100')] * 5
 
 
-def test_it_fits_80_columns_with_66_aspects_and_2_million_drops_and_is_ascii(part):
-    aspects = find_aspects(part('cylinder_d20_h20'))
-    many = Distribution(aspects, np.full(len(aspects), 30000), 19000, 500, 500)
+def test_it_fits_80_columns_with_20_aspects_and_2_million_drops_and_is_ascii(solid):
+    aspects = find_aspects(solid(trimesh.creation.icosahedron()))
+    many = Distribution(aspects, np.full(len(aspects), 99000), 19000, 500, 500)
     text = lines(many)
     assert len(rows(many)) == len(aspects) + 3
     assert max(len(line) for line in text) <= 80

@@ -1,0 +1,123 @@
+"""The area of all directions from which a part rolls to each facet, exactly.
+
+Within the directions in which one corner touches, the cone of the corner, the descent follows
+great circles away from it. So what leaves the cone through a piece of its border fills the
+spherical triangle between corner and piece, without what came in from other cones through the
+border on the way: the area of a basin is the sum of the triangles over the pieces that lead to it,
+those of entries negative. Where a border leads into another cone its pieces follow from that
+one's, which is the cone of a corner nearer to the centre of mass.
+"""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from resting_aspects_ros.core.polyhedron import Indices, Polyhedron
+from resting_aspects_ros.core.rotations import Array
+
+
+class Piece(NamedTuple):
+    """Part of a border between two cones, an arc, and the stable facet to which it leads."""
+
+    begin: Array
+    end: Array
+    onto: int
+
+
+def basin_areas(body: Polyhedron, rest: Indices) -> Array:
+    """(f,) areas, sr, which add up to 4 pi; 0 for facets that are not stable.
+
+    Parameters
+    ----------
+    rest : (f,) int
+        For each facet the stable one to which the descent leads from it.
+    """
+    pieces: list[list[Piece]] = [[] for _ in body.ends]
+    triangles: list[tuple[Array, Array, Array]] = []
+    signed: list[tuple[int, float]] = []
+    for corner in np.argsort(np.linalg.norm(body.points, axis=1), kind='stable').tolist():
+        point = body.points[corner] / np.linalg.norm(body.points[corner])
+        entries, exits = [], []
+        for edge in body.edges_of_points[corner]:
+            foot = body.feet[edge] if body.ends[edge, 0] == corner else 1 - body.feet[edge]
+            if foot <= 0:
+                entries.append(edge)
+                continue
+            if foot < 1:
+                pieces[edge] = list(_rolled_over(body, edge, rest))
+            exits += pieces[edge]
+        if entries:
+            _lead_on(body, point, entries, exits, pieces)
+        for sign, group in ((1.0, exits), (-1.0, [p for e in entries for p in pieces[e]])):
+            triangles += [(point, piece.begin, piece.end) for piece in group]
+            signed += [(piece.onto, sign) for piece in group]
+    area = np.zeros(len(rest))
+    onto, signs = zip(*signed, strict=True)
+    np.add.at(area, np.array(onto), np.array(signs) * _areas(np.array(triangles)))
+    return area
+
+
+def _rolled_over(body: Polyhedron, edge: int, rest: Indices) -> Iterator[Piece]:
+    """The border over an edge that carries the part: it rolls to the facets at its sides."""
+    (first, second), (one, other) = body.sides[edge].tolist(), body.margins[edge].tolist()
+    begin, end = body.normals[first], body.normals[second]
+    if one > 0 and other > 0:
+        a, b = body.points[body.ends[edge]]
+        top = a + body.feet[edge] * (b - a)
+        top /= np.linalg.norm(top)
+        yield Piece(begin, top, int(rest[first]))
+        yield Piece(top, end, int(rest[second]))
+    else:
+        # One foot is beyond the edge: the part rolls from its facet onto the other one.
+        yield Piece(begin, end, int(rest[first if one > other else second]))
+
+
+def _lead_on(
+    body: Polyhedron,
+    point: Array,
+    entries: list[int],
+    exits: list[Piece],
+    pieces: list[list[Piece]],
+) -> None:
+    """Cut the borders through which the descent comes in where it parts on the way out."""
+    if len({piece.onto for piece in exits}) == 1:
+        for edge in entries:
+            begin, end = body.normals[body.sides[edge]]
+            pieces[edge] = [Piece(begin, end, exits[0].onto)]
+        return
+    forward = np.mean([piece.begin + piece.end for piece in exits], axis=0)
+    forward = forward - (forward @ point) * point
+    sideways = np.cross(point, forward)
+
+    def azimuth(direction: Array) -> float:
+        return float(np.arctan2(direction @ sideways, direction @ forward))
+
+    fan = []
+    for piece in exits:
+        begin, end = sorted((piece.begin, piece.end), key=azimuth)
+        fan.append(Piece(begin, end, piece.onto))
+    fan.sort(key=lambda piece: azimuth(piece.begin) + azimuth(piece.end))
+    parting = [after.begin for before, after in pairwise(fan) if before.onto != after.onto]
+    angles = [azimuth(direction) for direction in parting]
+    onto = [fan[0].onto, *(b.onto for a, b in pairwise(fan) if a.onto != b.onto)]
+    for edge in entries:
+        begin, end = sorted(body.normals[body.sides[edge]], key=azimuth)
+        a, b = body.points[body.ends[edge]]
+        first = sum(angle <= azimuth(begin) for angle in angles)
+        last = sum(angle < azimuth(end) for angle in angles)
+        marks = [begin]
+        for direction in parting[first:last]:
+            mark = np.cross(np.cross(point, direction), b - a)
+            marks.append(mark * np.sign(mark @ (begin + end)) / np.linalg.norm(mark))
+        marks.append(end)
+        pieces[edge] = [Piece(x, y, onto[first + k]) for k, (x, y) in enumerate(pairwise(marks))]
+
+
+def _areas(triangles: Array) -> Array:
+    """(n,) areas of spherical triangles (n, 3, 3): Van Oosterom and Strackee 1983."""
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    triple = np.abs((a * np.cross(b, c)).sum(axis=1))
+    spread = 1 + (a * b).sum(axis=1) + (b * c).sum(axis=1) + (c * a).sum(axis=1)
+    return np.asarray(2 * np.arctan2(triple, spread))

@@ -1,0 +1,165 @@
+"""Which minima of a landscape are one aspect.
+
+A mesh makes flats of a curved side, and every flat a minimum; and noise splits one minimum into
+some. No barrier tells these from small but real ones (the rim of a washer, a pin on its end), so
+they are told apart by shape first: neighbours on a curved side, and then what is lower than noise.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from resting_aspects_ros.core.landscape import Landscape
+from resting_aspects_ros.core.polyhedron import Polyhedron
+from resting_aspects_ros.core.rotations import Array, angle_between
+
+# A curved side is meshed in steps of at most this: a circle of 15 sides or more (24 degrees); a
+# circle of fewer is a prism with flat sides.
+CURVED_STEP = np.radians(25.0)
+# Steps along a curved side are alike up to this factor; a chamfer beside a flat is not.
+LIKE_STEPS = 1.5
+# The barrier between two minima on a curved side is the sagitta of the arc between them, up to
+# this factor for meshes whose flats are not alike.
+SAGITTA_SLACK = 1.3
+# Minima on a curved side are neighbours within this many steps, and within one of the largest;
+# further apart, as the two flat sides beside a fillet, they are different.
+NEIGHBOUR_STEPS = 3.0
+# Barriers below this, R, are noise: a breath moves the part across.
+NOISE_BARRIER = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Joined:
+    """Minima that are one aspect.
+
+    minima : (k,) int
+        Their places in the landscape, lowest first.
+    curved : bool
+        Whether they are flats of a curved side.
+    step : float
+        Largest step of the mesh of the curved side, rad; 0 without one.
+    level : int
+        So many of them are as low as the lowest but for the mesh; the others are on a slope.
+    height : float
+        Of the centre of mass on it, R: the lowest minimum's; of a curved side that of the highest
+        saddle within the level, as a mesh has its edges on the true surface and its flats below.
+    """
+
+    minima: npt.NDArray[np.int64]
+    curved: bool
+    step: float
+    level: int
+    height: float
+
+
+def join_minima(landscape: Landscape) -> list[Joined]:
+    """The aspects as groups of minima, each minimum in one of them.
+
+    Saddles are taken from the lowest up, and each joins what is on its sides if it is one of a
+    curved side's mesh, or if the barrier over it from the higher side is noise (persistence:
+    Edelsbrunner, Letscher, Zomorodian 2002).
+    """
+    group = np.arange(len(landscape.minima))
+    low = landscape.heights / landscape.radius
+    curved = np.zeros(len(group), dtype=bool)
+    saddles = landscape.saddles
+    heights = saddles.heights / landscape.radius
+    curved_edges = is_curved(landscape.hull)
+    steps = _steps(landscape.hull, curved_edges)
+    step = steps[landscape.minima]
+    tessellation = _tessellation(landscape, curved_edges, steps)
+    for height, (a, b), meshed in zip(heights, saddles.between, tessellation, strict=True):
+        one, other = group[a], group[b]
+        if one == other:
+            continue
+        barrier = height - max(low[one], low[other])
+        # Step by step, each as low as the mesh makes it, one could climb from one end of an
+        # egg to the other.
+        on_curve = meshed and barrier <= height * (1 - np.cos(max(step[one], step[other])))
+        if not on_curve and barrier > NOISE_BARRIER:
+            continue
+        into, gone = (one, other) if low[one] <= low[other] else (other, one)
+        group[group == gone] = into
+        curved[into] |= curved[gone] | on_curve
+        step[into] = max(step[into], step[gone])
+    joined = []
+    for k in np.unique(group):
+        level = low[k] + (1 - np.cos(step[k])) * curved[k]
+        inner = (group[saddles.between] == k).all(axis=1) & (heights <= level)
+        joined.append(
+            Joined(
+                minima=np.flatnonzero(group == k),
+                curved=bool(curved[k]),
+                step=float(step[k] * curved[k]),
+                level=int((low[group == k] <= level).sum()),
+                height=float(heights[inner].max(initial=low[k]) if curved[k] else low[k]),
+            )
+        )
+    return joined
+
+
+def _tessellation(
+    landscape: Landscape, curved_edges: npt.NDArray[np.bool_], steps: Array
+) -> npt.NDArray[np.bool_]:
+    """(s,) whether each saddle is one that the mesh of a curved side makes."""
+    hull, saddles = landscape.hull, landscape.saddles
+    local = steps[hull.sides[saddles.edges]].max(axis=1)
+    a, b = np.moveaxis(landscape.directions[saddles.between], 1, 0)
+    apart = angle_between(a, b)
+    near = apart <= np.minimum(NEIGHBOUR_STEPS * local, CURVED_STEP)
+    barrier = saddles.heights - landscape.heights[saddles.between].max(axis=1)
+    shallow = barrier <= SAGITTA_SLACK * saddles.heights * (1 - np.cos(apart / 2))
+    return np.asarray(curved_edges[saddles.edges] & near & shallow)
+
+
+def is_curved(hull: Polyhedron) -> npt.NDArray[np.bool_]:
+    """(e,) whether each edge is a step of the mesh of a curved side.
+
+    It is if one of its facets goes on, across another edge, with a step that is like it and does
+    not turn back: three flats in a chain. Or if it is small, and so are all that lead from it once
+    round the part.
+    """
+    small = hull.angles <= CURVED_STEP
+    found = small & _goes_round(hull, small)
+    for edge in np.flatnonzero(small & ~found).tolist():
+        angle = hull.angles[edge]
+        for side in (0, 1):
+            facet, beyond = hull.sides[edge, side], hull.sides[edge, 1 - side]
+            back = hull.normals[beyond] - hull.normals[facet]
+            for next_edge in hull.edges_of_facets[facet]:
+                ratio = hull.angles[next_edge] / angle
+                if next_edge == edge or not small[next_edge]:
+                    continue
+                if not 1 / LIKE_STEPS <= ratio <= LIKE_STEPS:
+                    continue
+                sides = hull.sides[next_edge]
+                ahead = hull.normals[sides.sum() - facet] - hull.normals[facet]
+                found[edge] |= bool(ahead @ back < 0)
+    return np.asarray(found)
+
+
+def _goes_round(hull: Polyhedron, small: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """(e,) whether small steps lead from each edge's first facet once round the part."""
+    count = len(hull.normals)
+    links = coo_array((small, tuple(hull.sides.T)), shape=(count, count))
+    _, side = connected_components(links, directed=False)
+    closed: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
+    for number in np.flatnonzero(np.bincount(side) >= np.pi / CURVED_STEP):
+        normals = hull.normals[side == number]
+        normals = normals - normals.mean(axis=0)
+        axes = np.linalg.svd(normals, full_matrices=False)[2]
+        azimuth = np.sort(np.arctan2(normals @ axes[1], normals @ axes[0]))
+        gaps = np.diff(azimuth, append=azimuth[0] + 2 * np.pi)
+        closed[number] = gaps.max() <= CURVED_STEP
+    return closed[side[hull.sides[:, 0]]]
+
+
+def _steps(hull: Polyhedron, curved_edges: npt.NDArray[np.bool_]) -> Array:
+    """(f,) the largest step of a curved side at each facet, rad; 0 at none."""
+    found = np.zeros(len(hull.normals))
+    edges = np.flatnonzero(curved_edges)
+    np.maximum.at(found, hull.sides[edges].ravel(), np.repeat(hull.angles[edges], 2))
+    return found

@@ -1,0 +1,125 @@
+"""Between distributions over aspects and ROS messages."""
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point32, Polygon, Quaternion, Vector3
+from resting_aspects_interfaces.msg import Aspect, AspectDistribution, SymmetryClass
+from std_msgs.msg import Header
+
+from resting_aspects_ros.core import aspect_set
+from resting_aspects_ros.core.aspect_set import AspectSet, Sweep
+from resting_aspects_ros.core.distribution import CONFIDENCE, INTERVAL, METHOD, Distribution
+from resting_aspects_ros.core.intervals import Interval
+from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.drops.run import RunDescription as Run
+from resting_aspects_ros.nodes.convert import run_msg
+from resting_aspects_ros.nodes.interface import FRAME
+
+# By their codes in the message Aspect.
+SWEEPS = (Sweep.POINT, Sweep.ARC, Sweep.RING, Sweep.DOME, Sweep.SPHERE)
+
+
+def distribution_msg(
+    distribution: Distribution, run: Run, stamp: Time, complete: bool
+) -> AspectDistribution:
+    """A distribution with all aspects of the part, seen or not."""
+    aspects = distribution.aspects
+    rows = zip(
+        aspects.aspects, distribution.counts.tolist(), distribution.intervals(), strict=True
+    )
+    classes = distribution.by_class()
+    class_rows = zip(aspects.classes(), classes.counts.tolist(), classes.intervals(), strict=True)
+    return AspectDistribution(
+        header=Header(stamp=stamp, frame_id=FRAME),
+        run=run_msg(run),
+        method=METHOD,
+        confidence=CONFIDENCE,
+        interval=INTERVAL,
+        drops=distribution.drops,
+        unclassified=distribution.unclassified,
+        unsettled=distribution.unsettled,
+        failed=distribution.failed,
+        complete=complete,
+        aspects=[
+            Aspect(**_aspect_fields(aspect), **_share_fields(count, interval))
+            for aspect, count, interval in rows
+        ],
+        classes=[
+            SymmetryClass(
+                symmetry_class=members[0].symmetry_class,
+                aspects=[aspect.id for aspect in members],
+                **_share_fields(count, interval),
+            )
+            for members, count, interval in class_rows
+        ],
+    )
+
+
+def _share_fields(count: int, interval: Interval) -> dict[str, object]:
+    return {
+        'count': count,
+        'probability': interval.probability,
+        'lower': interval.lower,
+        'upper': interval.upper,
+    }
+
+
+def _aspect_fields(aspect: aspect_set.Aspect) -> dict[str, object]:
+    orientation = aspect.orientation.tolist()
+    points = [Point32(x=x, y=y) for x, y in aspect.support.tolist()]
+    return {
+        'id': aspect.id,
+        'symmetry_class': aspect.symmetry_class,
+        'multiplicity': aspect.multiplicity,
+        'rolls': aspect.rolls,
+        'sweep': SWEEPS.index(aspect.sweep),
+        'axis': _vector_msg(aspect.axis),
+        'down_in_part': _vector_msg(aspect.down_in_part),
+        'orientation': Quaternion(**dict(zip('xyzw', orientation, strict=True))),
+        'com_height': aspect.com_height,
+        'least_barrier': aspect.least_barrier,
+        'neighbour': aspect.neighbour,
+        'basin_share': aspect.basin_share,
+        'support': Polygon(points=points),
+    }
+
+
+def distribution_from(msg: AspectDistribution) -> Distribution:
+    """The counts and aspects of a message; its probabilities follow from them."""
+    return Distribution(
+        AspectSet(msg.run.part_sha256, tuple(_aspect_from(a) for a in msg.aspects)),
+        np.array([a.count for a in msg.aspects], dtype=np.int64),
+        unclassified=msg.unclassified,
+        unsettled=msg.unsettled,
+        failed=msg.failed,
+        by_precision=msg.run.precision > 0,
+    )
+
+
+def _aspect_from(msg: Aspect) -> aspect_set.Aspect:
+    return aspect_set.Aspect(
+        id=msg.id,
+        symmetry_class=msg.symmetry_class,
+        multiplicity=msg.multiplicity,
+        rolls=msg.rolls,
+        sweep=SWEEPS[msg.sweep],
+        axis=_vector(msg.axis),
+        down_in_part=_vector(msg.down_in_part),
+        com_height=msg.com_height,
+        orientation=np.array([getattr(msg.orientation, axis) for axis in 'xyzw']),
+        support=np.array([(p.x, p.y) for p in msg.support.points]).reshape(-1, 2),
+        basin_share=msg.basin_share,
+        least_barrier=msg.least_barrier,
+        neighbour=msg.neighbour,
+        # The flats of a curved side do not travel: nothing is classified with this.
+        directions=_vector(msg.down_in_part)[None],
+        links=np.zeros((0, 2), dtype=np.int64),
+    )
+
+
+def _vector_msg(vector: Array) -> Vector3:
+    return Vector3(**dict(zip('xyz', vector.tolist(), strict=True)))
+
+
+def _vector(msg: Vector3) -> Array:
+    return np.array([msg.x, msg.y, msg.z])
