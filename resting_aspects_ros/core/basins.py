@@ -4,7 +4,8 @@ Within the directions in which one corner touches, the cone of the corner, the d
 great circles away from it. So what leaves the cone through a piece of its border fills the
 spherical triangle between corner and piece, without what came in from other cones through the
 border on the way: the area of a basin is the sum of the triangles over the pieces that lead to it,
-those of entries negative. Where a border leads into another cone its pieces follow from that
+those of entries negative, as is their sense of rotation. So the areas add up to 4 pi on hulls, too,
+whose facets fit each other up to noise only. Where a border leads into another cone its pieces follow from that
 one's, which is the cone of a corner nearer to the centre of mass.
 """
 
@@ -36,7 +37,7 @@ def basin_areas(body: Polyhedron, rest: Indices) -> Array:
     """
     pieces: list[list[Piece]] = [[] for _ in body.ends]
     triangles: list[tuple[Array, Array, Array]] = []
-    signed: list[tuple[int, float]] = []
+    onto: list[int] = []
     for corner in np.argsort(np.linalg.norm(body.points, axis=1), kind='stable').tolist():
         point = body.points[corner] / np.linalg.norm(body.points[corner])
         entries, exits = [], []
@@ -50,12 +51,19 @@ def basin_areas(body: Polyhedron, rest: Indices) -> Array:
             exits += pieces[edge]
         if entries:
             _lead_on(body, point, entries, exits, pieces)
-        for sign, group in ((1.0, exits), (-1.0, [p for e in entries for p in pieces[e]])):
-            triangles += [(point, piece.begin, piece.end) for piece in group]
-            signed += [(piece.onto, sign) for piece in group]
+        for edge in body.edges_of_points[corner]:
+            # The cone is on the left of the way from the right side of an outgoing edge to its
+            # left side.
+            outgoing = body.ends[edge, 0] == corner
+            start = body.normals[body.sides[edge, 1 if outgoing else 0]]
+            stop = body.normals[body.sides[edge, 0 if outgoing else 1]]
+            for piece in pieces[edge]:
+                ahead = (piece.end - piece.begin) @ (stop - start) > 0
+                arc = (piece.begin, piece.end) if ahead else (piece.end, piece.begin)
+                triangles.append((point, *arc))
+                onto.append(piece.onto)
     area = np.zeros(len(rest))
-    onto, signs = zip(*signed, strict=True)
-    np.add.at(area, np.array(onto), np.array(signs) * _areas(np.array(triangles)))
+    np.add.at(area, np.array(onto), _areas(np.array(triangles)))
     return area
 
 
@@ -116,8 +124,11 @@ def _lead_on(
 
 
 def _areas(triangles: Array) -> Array:
-    """(n,) areas of spherical triangles (n, 3, 3): Van Oosterom and Strackee 1983."""
+    """(n,) areas of spherical triangles (n, 3, 3), clockwise ones negative.
+
+    Van Oosterom and Strackee 1983.
+    """
     a, b, c = np.moveaxis(triangles, 1, 0)
-    triple = np.abs((a * np.cross(b, c)).sum(axis=1))
+    triple = (a * np.cross(b, c)).sum(axis=1)
     spread = 1 + (a * b).sum(axis=1) + (b * c).sum(axis=1) + (c * a).sum(axis=1)
     return np.asarray(2 * np.arctan2(triple, spread))
