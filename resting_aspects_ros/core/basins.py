@@ -9,6 +9,7 @@ whose facets fit each other up to noise only. Where a border leads into another 
 one's, which is the cone of a corner nearer to the centre of mass.
 """
 
+import math
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import NamedTuple
@@ -74,7 +75,7 @@ def _rolled_over(body: Polyhedron, edge: int, rest: Indices) -> Iterator[Piece]:
     if one > 0 and other > 0:
         a, b = body.points[body.ends[edge]]
         top = a + body.feet[edge] * (b - a)
-        top /= np.linalg.norm(top)
+        top /= np.sqrt(top @ top)
         yield Piece(begin, top, int(rest[first]))
         yield Piece(top, end, int(rest[second]))
     else:
@@ -95,12 +96,12 @@ def _lead_on(
             begin, end = body.normals[body.sides[edge]]
             pieces[edge] = [Piece(begin, end, exits[0].onto)]
         return
-    forward = np.mean([piece.begin + piece.end for piece in exits], axis=0)
+    forward = np.sum([piece.begin + piece.end for piece in exits], axis=0)
     forward = forward - (forward @ point) * point
-    sideways = np.cross(point, forward)
+    sideways = _cross(point, forward)
 
     def azimuth(direction: Array) -> float:
-        return float(np.arctan2(direction @ sideways, direction @ forward))
+        return math.atan2(direction @ sideways, direction @ forward)
 
     fan = []
     for piece in exits:
@@ -117,10 +118,16 @@ def _lead_on(
         last = sum(angle < azimuth(end) for angle in angles)
         marks = [begin]
         for direction in parting[first:last]:
-            mark = np.cross(np.cross(point, direction), b - a)
-            marks.append(mark * np.sign(mark @ (begin + end)) / np.linalg.norm(mark))
+            mark = _cross(_cross(point, direction), b - a)
+            marks.append(mark * np.sign(mark @ (begin + end)) / np.sqrt(mark @ mark))
         marks.append(end)
         pieces[edge] = [Piece(x, y, onto[first + k]) for k, (x, y) in enumerate(pairwise(marks))]
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Of two vectors (3,): numpy's takes ten times as long for so little."""
+    (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
 
 
 def _areas(triangles: Array) -> Array:

@@ -6,6 +6,7 @@ they are told apart by shape first: neighbours on a curved side, and then what i
 """
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 import numpy.typing as npt
@@ -180,13 +181,21 @@ def _sagittas(hull: Polyhedron, curved_edges: npt.NDArray[np.bool_]) -> Array:
     Two chords of length w that meet at an angle a are below their circle by w / 2 tan(a / 4). The
     narrower of the two facets is the one of the mesh; the other may be a flat side.
     """
+    edges = np.flatnonzero(curved_edges)
+    first = hull.points[hull.ends[edges, 0]]
+    along = hull.points[hull.ends[edges, 1]] - first
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    width = np.full(len(edges), np.inf)
+    for facets in hull.sides[edges].T.tolist():
+        around = [hull.edges_of_facets[facet] for facet in facets]
+        owner = np.repeat(np.arange(len(edges)), [len(each) for each in around])
+        arms = hull.points[hull.ends[np.fromiter(chain(*around), int)]] - first[owner, None]
+        square = (arms * arms).sum(axis=2) - (arms * along[owner, None]).sum(axis=2) ** 2
+        furthest = np.zeros(len(edges))
+        np.maximum.at(furthest, owner, square.max(axis=1))
+        width = np.minimum(width, np.sqrt(furthest))
     found = np.zeros(len(hull.angles))
-    for edge in np.flatnonzero(curved_edges).tolist():
-        first, second = hull.points[hull.ends[edge]]
-        along = (second - first) / np.linalg.norm(second - first)
-        arms = [hull.points[hull.corners(facet)] - first for facet in hull.sides[edge]]
-        width = min(np.linalg.norm(np.cross(arm, along), axis=1).max() for arm in arms)
-        found[edge] = width / 2 * np.tan(hull.angles[edge] / 4)
+    found[edges] = width / 2 * np.tan(hull.angles[edges] / 4)
     return found
 
 
