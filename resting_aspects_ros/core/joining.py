@@ -25,9 +25,9 @@ LIKE_STEPS = 1.5
 # The barrier between two minima on a curved side is the sagitta of the arc between them, up to
 # this factor for meshes whose flats are not alike.
 SAGITTA_SLACK = 1.3
-# On a dome a flat is further below the surface than between two edges: triangles that are alike by
-# this factor.
-DOME_DEPTH = 8 / 3
+# On a dome a flat is further below the surface than between two edges: by 8 / 3 if all are equal
+# triangles, and by this factor in irregular meshes.
+DOME_DEPTH = 3.2
 # A minimum with nothing but the mesh's own steps around it is made by the mesh if it is this much
 # shallower than a flat there is deep: on a side of radius r, with the centre of mass h away, it is
 # r / h of that, and of a flat side it is more.
@@ -101,7 +101,7 @@ def join_minima(landscape: Landscape) -> list[Joined]:
         depth[into] = max(depth[into], depth[gone])
     joined = []
     for k in np.unique(group):
-        level = low[k] + (1 - np.cos(step[k])) * curved[k]
+        level = low[k] + DOME_DEPTH * depth[k] * curved[k]
         inner = (group[saddles.between] == k).all(axis=1) & (heights <= level)
         joined.append(
             Joined(
