@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.aspect_set import POSE_ANGLE, AspectSet
+from resting_aspects_ros.core.aspect_set import POSE_ANGLE, AspectSet, Sweep
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.descent import STABLE_MARGIN
 from resting_aspects_ros.core.landscape import Landscape
@@ -236,3 +236,112 @@ def test_the_example_parts_have_the_aspects_that_their_shape_has(part):
     expected['u_bracket'] = 6  # its hull is a box
     expected |= {'cylinder_d20_h20': 3, 'washer': 3}  # two flat sides, and a curved one
     assert {name: len(find_aspects(part(name))) for name in expected} == expected
+
+
+INVARIANT = [
+    ('prism', (16,)),
+    ('prism', (6, 7.5, 6.5)),
+    ('washer', (64,)),
+    ('icosphere', (0,)),
+    ('icosphere', (2,)),
+    ('filleted_box', ((10, 14, 20), 2, 4)),
+    ('rounded_prism', (6, 9, 1.5, 3)),
+    ('half_round_bar', (32,)),
+    ('d_shaft', (32, 8)),
+    ('revolved', ([(10, 0), (0, 20)], 32)),
+    ('ellipsoid', (14, 10, 7, 2)),
+    ('binom3', ()),
+    ('irregular', (4,)),
+    ('blocks', (5,)),
+]
+
+
+def assert_same(found, expected, turn, scale=1.0):
+    """The same aspects in the same order, turned, up to the symmetry of the part."""
+    assert len(found) == len(expected)
+    rotations = found.symmetry.rotations
+    for a, b in zip(expected.aspects, found.aspects, strict=True):
+        # Noise of float32 at 1 m is 6e-8 m, of 10 mm 6e-6; shares change by a few times as much.
+        assert b.com_height == pytest.approx(scale * a.com_height, rel=1e-3)
+        assert b.basin_share == pytest.approx(a.basin_share, abs=1e-3)
+        assert (b.symmetry_class, b.multiplicity) == (a.symmetry_class, a.multiplicity)
+        assert (b.sweep, b.rolls) == (a.sweep, a.rolls)
+        # Aspects of one class may change places; a symmetry takes one to the other.
+        images = rotations @ (turn @ a.down_in_part)
+        ids, angles = found.locate(images)
+        assert b.id in ids[angles <= POSE_ANGLE]
+
+
+@pytest.mark.parametrize(('name', 'arguments'), INVARIANT)
+def test_turned_scaled_moved_and_written_otherwise_a_part_has_the_same_aspects(
+    solids, solid, name, arguments
+):
+    mesh = getattr(solids, name)(*arguments)
+    plain = find_aspects(solid(mesh))
+    turn = solids.a_turn(7)
+    assert_same(find_aspects(solid(turned(mesh, turn))), plain, turn)
+    far = turned(mesh, turn, (1000, -300, 200))
+    assert_same(find_aspects(solid(far)), plain, turn)
+    large = turned(mesh, turn).apply_scale(1000)
+    assert_same(find_aspects(solid(large, unit='um')), plain, turn)
+    assert_same(find_aspects(solid(large.apply_scale(1 / 1000), unit='m')), plain, turn, 1000)
+
+
+@pytest.mark.parametrize('ending', FORMATS)
+@pytest.mark.parametrize(('name', 'arguments'), [*INVARIANT[:3], INVARIANT[5], *INVARIANT[-2:]])
+def test_divided_and_in_every_format_a_part_has_the_same_aspects(
+    solids, solid, name, arguments, ending
+):
+    mesh = getattr(solids, name)(*arguments)
+    found = find_aspects(solid(mesh.subdivide(), ending))
+    assert_same(found, find_aspects(solid(mesh)), np.eye(3))
+
+
+def test_aspects_of_one_class_have_the_same_share_and_shares_add_up_to_one(solids, solid):
+    # With three steps a fillet has a minimum halfway, which falls to one side.
+    for name, arguments in (*INVARIANT, ('rounded_prism', (8, 9, 1.5, 3))):
+        aspects = find_aspects(solid(getattr(solids, name)(*arguments)))
+        assert sum(a.basin_share for a in aspects.aspects) == pytest.approx(1, abs=1e-9)
+        for alike in aspects.classes():
+            assert {a.multiplicity for a in alike} == {len(alike)}
+            assert len({a.basin_share for a in alike}) == 1
+
+
+def test_the_barrier_of_a_box_is_over_its_nearest_edge_to_the_lower_side(solid):
+    half = {0: 5e-3, 1: 10e-3, 2: 15e-3}
+    aspects = find_aspects(solid(trimesh.creation.box((10, 20, 30))))
+    for aspect in aspects.aspects:
+        axis = int(np.abs(aspect.down_in_part).argmax())
+        rises = {k: np.hypot(h, half[axis]) - half[axis] for k, h in half.items() if k != axis}
+        nearest = min(rises, key=rises.get)
+        assert aspect.least_barrier == pytest.approx(rises[nearest], rel=1e-5)  # float32
+        over = aspects.aspects[aspect.neighbour - 1].down_in_part
+        assert int(np.abs(over).argmax()) == nearest
+        # It rests on the rectangle of the other two sides.
+        sides = sorted(half[k] for k in half if k != axis)
+        reach = np.linalg.norm(aspect.support, axis=1)
+        np.testing.assert_allclose(reach, np.hypot(*sides), rtol=1e-5)
+        assert len(aspect.support) == 4
+
+
+def test_a_pin_on_its_end_falls_on_its_side_and_a_sphere_has_no_neighbour(solids, solid):
+    side, *ends = find_aspects(solid(solids.prism(64, 1.0, 20.0))).aspects
+    assert side.rolls
+    for end in ends:
+        # From 10 mm to the edge of the end: of a 64-gon, up to 1 - cos(pi / 64).
+        rise = np.hypot(10e-3, 1e-3 * np.cos(np.pi / 64)) - 10e-3
+        assert end.least_barrier == pytest.approx(rise, rel=1e-3)
+        assert end.neighbour == side.id
+    (sphere,) = find_aspects(solid(solids.icosphere(2))).aspects
+    assert (sphere.neighbour, sphere.least_barrier) == (0, np.inf)
+
+
+def test_the_flats_of_a_curved_side_are_linked_all_around(solids, solid):
+    ring = find_aspects(solid(solids.prism(16))).aspects[0]
+    assert ring.sweep is Sweep.RING
+    assert ring.directions.shape == (16, 3)
+    np.testing.assert_array_equal(ring.directions[0], ring.down_in_part)
+    np.testing.assert_array_equal(np.bincount(ring.links.ravel()), 2)
+    a, b = np.moveaxis(ring.directions[ring.links], 1, 0)
+    np.testing.assert_allclose((a * b).sum(axis=1), np.cos(2 * np.pi / 16), atol=1e-6)
+    assert np.abs(ring.axis) == pytest.approx([0, 0, 1], abs=1e-9)
