@@ -42,8 +42,10 @@ ROUGH = 0.01
 DIRECTIONS, COARSE = 4000, 0.06
 # Samples that do to choose candidates, and for products of rotations that all samples confirm.
 SAMPLES = 300
+# A candidate closer than this, rad, to one that failed is not tried; nor are more than so many.
+TRIED, MOST_TRIED = 0.05, 100
 # Candidates that are polished at most, in a search.
-MOST_POLISHED = 40
+MOST_POLISHED = 20
 # Directions that are tried as the axis of a body of revolution.
 MOST_AXES = 12
 # Cosine up to which two landmarks make a frame that their errors turn by little.
@@ -175,13 +177,14 @@ def _from(match: SurfaceMatch, candidates: Array, play: float) -> Array:
         By how much the candidates may miss before that, R.
     """
     generators: list[Array] = []
-    group = np.eye(3)[None]
+    group = tried = np.eye(3)[None]
     few = match.order[:SAMPLES]
     for candidate in candidates[match.fits(candidates, few, play)]:
-        if len(group) == LARGEST:
+        if len(group) == LARGEST or len(tried) > MOST_TRIED:
             break
-        if contains(group, candidate):
+        if contains(group, candidate) or contains(tried, candidate, TRIED):
             continue
+        tried = np.concatenate([tried, candidate[None]])
         polished = match.polished(candidate, match.order)
         both = np.stack([polished, candidate])
         for rotation in both[match.fits(both, match.order)]:
@@ -221,8 +224,8 @@ def _cyclic_order(match: SurfaceMatch, axis: Array, order: Indices) -> int:
 
 def _has_order(match: SurfaceMatch, axis: Array, n: int, order: Indices) -> bool:
     # Not only the smallest turn, which may fit because it moves nothing by much.
-    steps = 2 ** np.arange(np.ceil(np.log2(n)))
-    return bool(match.fits(turns(axis, 2 * np.pi * steps / n), order).all())
+    steps = 2 ** np.arange(np.ceil(np.log2(n)))[::-1]
+    return all(match.fits(turn[None], order)[0] for turn in turns(axis, 2 * np.pi * steps / n))
 
 
 def _flip(match: SurfaceMatch, axis: Array, n: int, hints: Array, order: Indices) -> Array | None:
@@ -261,9 +264,11 @@ def _pair_rotations(landmarks: Array) -> Array:
     if not len(first):
         return np.zeros((0, 3, 3))
     of_pairs = angles[first, second]
-    alike = np.abs(of_pairs - of_pairs[:, None]) < LANDMARK_ANGLE
-    alike = alike[alike.sum(axis=1).argmin()]
-    frames = _frames(landmarks[first[alike]], landmarks[second[alike]])
+    ranked = np.sort(of_pairs)
+    alike = np.searchsorted(ranked, of_pairs + LANDMARK_ANGLE)
+    alike -= np.searchsorted(ranked, of_pairs - LANDMARK_ANGLE)
+    rare = np.abs(of_pairs - of_pairs[alike.argmin()]) <= LANDMARK_ANGLE
+    frames = _frames(landmarks[first[rare]], landmarks[second[rare]])
     return np.asarray(frames @ frames[0].T)
 
 
@@ -284,7 +289,9 @@ def _everywhere() -> Array:
     azimuth = np.pi * (1 + np.sqrt(5)) * np.arange(DIRECTIONS)
     ring = np.sqrt(1 - z**2)
     axes = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), z], axis=1)
+    # In any order, so that the first few are spread.
+    axes = np.random.default_rng(22).permutation(axes)
     angles = 2 * np.pi / np.array([2.0, 3.0, 4.0, 5.0])
     return np.asarray(
-        Rotation.from_rotvec((angles[:, None, None] * axes).reshape(-1, 3)).as_matrix()
+        Rotation.from_rotvec((angles[:, None] * axes[:, None]).reshape(-1, 3)).as_matrix()
     )
