@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ def main() -> None:
     egg = _solid(_ellipsoid(CORNERS) * [10, 8, 5])
     ball = _solid(_ellipsoid(CORNERS) * 10)
     for name, part in (('egg', egg), ('ball', ball)):
-        seconds = _best(lambda part=part: _landscape(part))
+        seconds = _best(partial(_landscape, part))
         found['landscape'][f'{name}_{len(part.hull_vertices)}_corners_s'] = seconds
         table.add_row(f'landscape of {name}, {len(part.hull_vertices)} corners', f'{seconds:.2f}')
     poses = random_orientations(np.random.default_rng(1), POSES)
@@ -40,7 +41,7 @@ def main() -> None:
         ('ball of 1280 sides', trimesh.creation.icosphere(3, radius=10)),
     ):
         aspects = find_aspects(_part(mesh))
-        seconds = _best(lambda aspects=aspects: aspects.classify(poses))
+        seconds = _best(partial(aspects.classify, poses))
         found['classify'][f'{name.replace(" ", "_")}_s'] = seconds
         table.add_row(f'classify {POSES} poses of {name}', f'{seconds:.2f}')
     down = down_in_part(poses)
@@ -78,7 +79,9 @@ def _solid(points: np.ndarray) -> Part:
 
 
 def _part(mesh: trimesh.Trimesh) -> Part:
-    return part_from_bytes(mesh.export(file_type='stl'), 'stl', 'bench')
+    data = mesh.export(file_type='stl')
+    assert isinstance(data, bytes)
+    return part_from_bytes(data, 'stl', 'bench')
 
 
 if __name__ == '__main__':

@@ -13,6 +13,7 @@ from resting_aspects_ros.commands.options import (
     drops_of,
     whole,
 )
+from resting_aspects_ros.commands.quantities import parse_quantity
 from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.drops.run import DEFAULT_SEED, check_seed
 from resting_aspects_ros.drops.surfaces import Surfaces
@@ -37,6 +38,18 @@ def add(subparsers: Any) -> None:
     )
     add_part(parser)
     add_run(parser, DEFAULT_SEED)
+    parser.add_argument(
+        '--interval',
+        choices=('wilson', 'simultaneous'),
+        default='wilson',
+        help='of each aspect by itself, or such that all hold at once (wilson)',
+    )
+    parser.add_argument(
+        '--confidence',
+        metavar='C',
+        default='0.95',
+        help='of the intervals, 0.5 to 1 (0.95)',
+    )
     parser.add_argument('--workers', metavar='W', type=whole, help='processes (one per core)')
     parser.add_argument(
         '--out',
@@ -55,8 +68,9 @@ def run(arguments: argparse.Namespace) -> int:
     with Interruption() as stop:
         drops, precision = drops_of(arguments)
         check_seed(arguments.seed)
+        confidence = parse_quantity('--confidence', arguments.confidence, '')
         conditions = conditions_of(arguments, Surfaces.read(surfaces_file()))
         # The engine takes a second to import, which neither --help nor a typo needs.
         from resting_aspects_ros.commands.drop_here import drop_here
 
-        return drop_here(arguments, conditions, drops, precision, stop)
+        return drop_here(arguments, conditions, drops, precision, confidence, stop)

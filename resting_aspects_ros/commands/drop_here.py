@@ -21,11 +21,10 @@ from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import METHOD, Distribution, count_poses, no_drops
 from resting_aspects_ros.core.errors import EngineError, InvalidValueError
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
-from resting_aspects_ros.core.stopping import stops
 from resting_aspects_ros.drops.campaign import default_workers, make_pool, stop_pool, submit_drops
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.job import DropJob
-from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.drops.plan import most_drops, plan_run
 from resting_aspects_ros.drops.run import RunDescription
 
 INTERRUPTED = 130
@@ -42,21 +41,28 @@ def drop_here(
     conditions: DropConditions,
     drops: int,
     precision: float,
+    confidence: float,
     stop: Interruption,
 ) -> int:
     """Drop, count and show; returns the exit code.
 
-    ``drops`` and ``precision`` as plan_run has them.
+    ``drops`` and ``precision`` as most_drops has them.
 
     Raises RestingAspectsError: before the first drop for wrong input, and after what was done is
     saved, if not all could be done.
     """
     part = given_part(arguments.part, arguments.unit, arguments.parts)
+    empty = no_drops(
+        find_aspects(part),
+        interval=arguments.interval,
+        confidence=confidence,
+        by_precision=precision > 0,
+    )
     job, run = plan_run(
         part,
         conditions,
         seed=arguments.seed,
-        drops=drops,
+        drops=most_drops(drops, precision, len(empty.aspects), empty.interval, confidence),
         precision=precision,
         run_id=uuid.uuid4().hex[:12],
         started=time.time_ns(),
@@ -64,7 +70,7 @@ def drop_here(
     workers = default_workers() if arguments.workers is None else arguments.workers
     out: Path | None = arguments.out
     failure: EngineError | None = None
-    tally = _Tally(no_drops(find_aspects(part), by_precision=precision > 0), run)
+    tally = _Tally(empty, run)
     with ExitStack() as stack:
         pool = make_pool(workers)
         stack.callback(stop_pool, pool)
@@ -114,8 +120,7 @@ class _Tally:
     @property
     def over(self) -> bool:
         """All drops are made, or enough."""
-        counted, run = self.distribution, self.run
-        return stops(counted.counts, counted.drops, run.precision, run.drops)
+        return self.distribution.stops(self.run.precision, self.run.drops)
 
 
 def _drop(

@@ -17,7 +17,6 @@ Frey 2010 (The American Statistician 64:242) mends intervals of fixed width in t
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtri
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.intervals import CONFIDENCE, INTERVAL, bounds, check_confidence
@@ -74,28 +73,27 @@ def stopping_confidence(confidence: float = CONFIDENCE) -> float:
     return 1 - LAST_LOOK * (1 - confidence)
 
 
-def drops_for(precision: float, ceiling: int) -> int:
+def drops_for(
+    precision: float,
+    ceiling: int,
+    aspects: int = 1,
+    method: str = INTERVAL,
+    confidence: float = CONFIDENCE,
+) -> int:
     """The look, or the ceiling, by which a run stops whatever its counts are.
 
-    Of Wilson's interval: its half width is at most z / (2 sqrt(n + z^2)), at a share of 1/2.
-    """
-    check_precision(precision)
-    z = -float(ndtri((1 - stopping_confidence()) / 2))
-    enough = (z / (2 * precision)) ** 2 - z**2
-    return next((look for look in looks(ceiling) if look >= enough), ceiling)
-
-
-def stops(counts: npt.ArrayLike, drops: int, precision: float, ceiling: int) -> bool:
-    """Whether a run is over with these counts: a look that is precise, or the ceiling.
+    Intervals are widest at a share of 1/2.
 
     Parameters
     ----------
-    precision : float
-        0: at the ceiling only.
+    aspects : int
+        Of the part; of no matter to intervals of each by itself.
     """
-    if drops >= ceiling:
-        return True
-    return precision > 0 and drops in looks(ceiling) and is_precise(counts, drops, precision)
+    for look in looks(ceiling):
+        widest = [look // 2] + [0] * (aspects - 1)
+        if is_precise(widest, look, precision, method, confidence):
+            return look
+    return ceiling
 
 
 def is_precise(
@@ -124,3 +122,24 @@ def is_precise(
     check_precision(precision)
     lower, upper = bounds(counts, drops, method, stopping_confidence(confidence))
     return bool(np.all(upper - lower <= 2 * precision))
+
+
+def stops(
+    counts: npt.ArrayLike,
+    drops: int,
+    precision: float,
+    ceiling: int,
+    method: str = INTERVAL,
+    confidence: float = CONFIDENCE,
+) -> bool:
+    """Whether a run is over with these counts: at the ceiling, or at a look that is precise.
+
+    Parameters
+    ----------
+    precision : float
+        0: at the ceiling only.
+    """
+    if drops >= ceiling:
+        return True
+    at_look = precision > 0 and drops in looks(ceiling)
+    return at_look and is_precise(counts, drops, precision, method, confidence)

@@ -2,6 +2,7 @@
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.intervals import CONFIDENCE, INTERVAL
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.stopping import check_precision, drops_for
 from resting_aspects_ros.drops.conditions import DropConditions
@@ -14,6 +15,32 @@ from resting_aspects_ros.drops.run import (
     check_first_drop,
     check_seed,
 )
+
+
+def most_drops(
+    drops: int,
+    precision: float,
+    aspects: int = 1,
+    interval: str = INTERVAL,
+    confidence: float = CONFIDENCE,
+) -> int:
+    """How many drops a run has at most that is asked for with so many, and a precision.
+
+    Parameters
+    ----------
+    drops : int
+        0 with a precision: as many as it can take.
+    precision : float
+        0: the run makes all its drops.
+
+    Raises
+    ------
+    InvalidValueError
+        If the precision cannot be.
+    """
+    if precision == 0:
+        return drops
+    return drops_for(precision, drops or MOST_DROPS, aspects, interval, confidence)
 
 
 def plan_run(
@@ -31,19 +58,16 @@ def plan_run(
 
     Parameters
     ----------
-    drops : int
-        With a precision the most that are made; 0: as many as it can take.
     precision : float
         Half width of the intervals at which the run stops; 0: it makes all its drops.
     """
+    check_drops(drops)
     if precision != 0:
         check_precision(precision)
         if first_drop != 0:
             raise InvalidValueError(
                 f'first_drop is {first_drop}, allowed is 0 for a run that stops at a precision'
             )
-        drops = drops_for(precision, MOST_DROPS if drops == 0 else drops)
-    check_drops(drops)
     check_seed(seed)
     check_first_drop(first_drop, drops)
     job = make_job(part, conditions, seed)

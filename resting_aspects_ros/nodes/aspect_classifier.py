@@ -19,8 +19,8 @@ from resting_aspects_interfaces.srv import GetDistribution, ListParts
 from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.errors import RestingAspectsError, UnknownPartError
-from resting_aspects_ros.core.stopping import drops_for
-from resting_aspects_ros.drops.run import DEFAULT_SEED, MOST_DROPS, RunDescription, check_drops
+from resting_aspects_ros.drops.plan import most_drops
+from resting_aspects_ros.drops.run import DEFAULT_SEED, RunDescription, check_drops
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.convert import part_from, poses_from, status
 from resting_aspects_ros.nodes.distribution_messages import distribution_msg
@@ -200,9 +200,7 @@ class AspectClassifier(Node):
         self, request: GetDistribution.Request
     ) -> tuple[RunDescription, Distribution]:
         check_method(request.method)
-        drops = request.drops
-        if request.precision != 0:
-            drops = drops_for(request.precision, drops or MOST_DROPS)
+        drops = most_drops(request.drops, request.precision)
         check_drops(drops)
         conditions = asked_conditions(self._surfaces, request.surface, request.conditions)
         seed = request.seed[0] if request.seed else None

@@ -15,9 +15,9 @@ from resting_aspects_interfaces.srv import GetDistribution
 
 from resting_aspects_ros.core.errors import UnknownPartError
 from resting_aspects_ros.core.part import Part, is_valid_name
-from resting_aspects_ros.core.stopping import drops_for
 from resting_aspects_ros.drops.conditions import DropConditions
-from resting_aspects_ros.drops.run import MOST_DROPS, check_drops, check_seed
+from resting_aspects_ros.drops.plan import most_drops
+from resting_aspects_ros.drops.run import check_drops, check_seed
 from resting_aspects_ros.nodes.convert import conditions_msg, part_from
 from resting_aspects_ros.nodes.interface import (
     ASPECT_DISTRIBUTIONS,
@@ -47,10 +47,9 @@ def distribution_request(
 ) -> GetDistribution.Request:
     """The request for a distribution; without a seed any known run will do.
 
-    ``drops`` and ``precision`` as plan_run has them.
+    ``drops`` and ``precision`` as most_drops has them.
     """
-    if precision:
-        drops = drops_for(precision, drops or MOST_DROPS)
+    drops = most_drops(drops, precision)
     check_drops(drops)
     if seed is not None:
         check_seed(seed)

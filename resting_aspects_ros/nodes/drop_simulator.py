@@ -25,7 +25,6 @@ from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import count_poses, no_drops
 from resting_aspects_ros.core.errors import EngineError, InvalidValueError, RestingAspectsError
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.core.stopping import stops
 from resting_aspects_ros.drops.campaign import (
     MOST_WORKERS,
     default_workers,
@@ -35,7 +34,7 @@ from resting_aspects_ros.drops.campaign import (
 )
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.part_library import PartLibrary
-from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.drops.plan import most_drops, plan_run
 from resting_aspects_ros.drops.run import RunDescription, check_run_id
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.batches import Batches
@@ -153,7 +152,7 @@ class DropSimulator(Node):
                     _feed_back(handle, result.drops, asked.drops, time.monotonic() - begun)
                     if counted is not None:
                         counted += count_poses(counted.aspects, chunk)
-                        if stops(counted.counts, counted.drops, asked.precision, asked.drops):
+                        if counted.stops(asked.precision, asked.drops):
                             break
                     if handle.is_cancel_requested and result.drops < asked.drops:
                         raise CanceledError(
@@ -179,7 +178,7 @@ class DropSimulator(Node):
             part,
             asked_conditions(self._surfaces, goal.surface, goal.conditions),
             seed=goal.seed,
-            drops=goal.drops,
+            drops=most_drops(goal.drops, goal.precision),
             first_drop=goal.first_drop,
             precision=goal.precision,
             run_id=goal.run_id or uuid.uuid4().hex[:12],

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.core.distribution import CONFIDENCE, INTERVAL, Distribution, Interval
+from resting_aspects_ros.core.distribution import Distribution, Interval
 from resting_aspects_ros.core.part import Part
 
 SCHEMA_VERSION = 1
@@ -52,8 +52,8 @@ def distribution_document(
         'unclassified': int(distribution.unclassified),
         'unsettled': int(distribution.unsettled),
         'failed': int(distribution.failed),
-        'confidence': CONFIDENCE,
-        'interval': INTERVAL,
+        'confidence': distribution.confidence,
+        'interval': distribution.interval,
         'aspects': [
             aspect_fields(aspect) | _share(int(count), interval)
             for aspect, count, interval in rows

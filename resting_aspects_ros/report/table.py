@@ -6,7 +6,7 @@ from rich.table import Table
 from rich.text import Text
 
 from resting_aspects_ros.core.aspect_set import Aspect
-from resting_aspects_ros.core.distribution import CONFIDENCE, Distribution, Interval
+from resting_aspects_ros.core.distribution import Distribution, Interval
 from resting_aspects_ros.report.rounding import (
     direction_text,
     interval_of,
@@ -34,7 +34,7 @@ def distribution_table(distribution: Distribution, title: str) -> Table:
     title : str
         Plain text, shown above.
     """
-    table = _empty_table(title)
+    table = _empty_table(title, distribution.confidence)
     drops = distribution.drops
     aspects = distribution.aspects.aspects
     heights = millimetre_texts(np.array([aspect.com_height for aspect in aspects]))
@@ -49,6 +49,20 @@ def distribution_table(distribution: Distribution, title: str) -> Table:
         table.add_row('', name, *shares(interval_of(distribution, count), count, drops), '')
     table.add_row('', 'drops in total', '', '', str(drops), '', style='bold')
     return table
+
+
+def never_seen_text(distribution: Distribution) -> str:
+    """What is known of aspects in which no drop ended; empty if there are none."""
+    rows = zip(
+        distribution.aspects.aspects, distribution.counts, distribution.intervals(), strict=True
+    )
+    texts = [
+        f'{aspect.id} (at most {100 * interval.upper:.2g} %; '
+        f'the part rolls into it from {100 * aspect.basin_share:.2g} % of all directions)'
+        for aspect, count, interval in rows
+        if not count
+    ]
+    return f'Never seen: aspect {", ".join(texts)}.' if texts and distribution.drops else ''
 
 
 def down_text(aspect: Aspect) -> str:
@@ -83,12 +97,12 @@ def plain_table(title: str) -> Table:
     )
 
 
-def _empty_table(title: str) -> Table:
+def _empty_table(title: str, confidence: float) -> Table:
     table = plain_table(title)
     table.add_column('aspect', justify='right', no_wrap=True)
     table.add_column('down in part', no_wrap=True)
     table.add_column('probability', justify='right', no_wrap=True)
-    table.add_column(f'{100 * CONFIDENCE:g} % interval', justify='right', no_wrap=True)
+    table.add_column(f'{100 * confidence:g} % interval', justify='right', no_wrap=True)
     table.add_column('count', justify='right', no_wrap=True)
     table.add_column('height of\ncentre of\nmass (mm)', justify='right', no_wrap=True)
     return table
