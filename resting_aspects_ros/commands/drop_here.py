@@ -32,6 +32,8 @@ POSES_HEADER = (
     'drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw', 'status', 'decided_by', 'time_to_rest'
 )  # fmt: skip
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
+# A fall from higher than this, hull radii, was probably meant in another unit.
+HIGH = 200
 # How often it is looked for Ctrl-C, s.
 LOOK_PERIOD = 0.1
 
@@ -78,6 +80,12 @@ def drop_here(
             tally.tables.append(stack.enter_context(_poses_file(flag, path)))
         for warning in part.warnings:
             print(f'warning: {warning}', file=sys.stderr)
+        if conditions.height > HIGH * part.hull_radius:
+            print(
+                f'warning: the height is {conditions.height:g} m, which is '
+                f'{conditions.height / part.hull_radius:.0f} times the radius of the part',
+                file=sys.stderr,
+            )
         with DropProgress(part.name, run.drops) as progress:
             try:
                 _drop(job, pool, 2 * workers, tally, progress.update, stop)
