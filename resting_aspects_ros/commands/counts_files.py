@@ -40,7 +40,7 @@ def _read_log(path: Path) -> GivenCounts:
     try:
         data = last_message(path, DISTRIBUTION)
     except LogError as error:
-        raise InvalidValueError(f'{error}; allowed is {ALLOWED}') from None
+        raise InvalidValueError(str(error)) from None
     if data is None:
         raise InvalidValueError(
             f'log {str(path)!r} holds no distribution, allowed is one with a message of type '
