@@ -64,7 +64,8 @@ def _check_same_aspects(a: GivenCounts, b: GivenCounts) -> None:
 
 def _warn_if_incomplete(given: GivenCounts) -> None:
     if not given.complete:
-        asked = f' of {given.run.drops}' if given.run is not None else ''
+        known = given.run is not None and given.run.precision == 0
+        asked = f' of {given.run.drops}' if given.run and known else ''
         _warn(f'{str(given.path)!r} is not complete: it counts {given.drops}{asked} drops')
 
 

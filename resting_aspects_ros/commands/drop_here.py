@@ -21,10 +21,12 @@ from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import METHOD, Distribution, count_poses, no_drops
 from resting_aspects_ros.core.errors import EngineError, InvalidValueError
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
+from resting_aspects_ros.core.stopping import stops
 from resting_aspects_ros.drops.campaign import default_workers, make_pool, stop_pool, submit_drops
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.drops.run import RunDescription
 
 INTERRUPTED = 130
 POSES_HEADER = (
@@ -36,9 +38,15 @@ LOOK_PERIOD = 0.1
 
 
 def drop_here(
-    arguments: argparse.Namespace, conditions: DropConditions, stop: Interruption
+    arguments: argparse.Namespace,
+    conditions: DropConditions,
+    drops: int,
+    precision: float,
+    stop: Interruption,
 ) -> int:
     """Drop, count and show; returns the exit code.
+
+    ``drops`` and ``precision`` as plan_run has them.
 
     Raises RestingAspectsError: before the first drop for wrong input, and after what was done is
     saved, if not all could be done.
@@ -48,14 +56,15 @@ def drop_here(
         part,
         conditions,
         seed=arguments.seed,
-        drops=arguments.drops,
+        drops=drops,
+        precision=precision,
         run_id=uuid.uuid4().hex[:12],
         started=time.time_ns(),
     )
     workers = default_workers() if arguments.workers is None else arguments.workers
     out: Path | None = arguments.out
     failure: EngineError | None = None
-    tally = _Tally(no_drops(find_aspects(part)))
+    tally = _Tally(no_drops(find_aspects(part), by_precision=precision > 0), run)
     with ExitStack() as stack:
         pool = make_pool(workers)
         stack.callback(stop_pool, pool)
@@ -65,11 +74,12 @@ def drop_here(
             print(f'warning: {warning}', file=sys.stderr)
         with DropProgress(part.name, run.drops) as progress:
             try:
-                _drop(job, run.drops, pool, 2 * workers, tally, progress.update, stop)
+                _drop(job, pool, 2 * workers, tally, progress.update, stop)
+                progress.end(tally.distribution.drops)
             except EngineError as error:
                 failure = error
     done = tally.distribution.drops
-    answer = Answer(tally.distribution, run, part, METHOD, complete=done == run.drops)
+    answer = Answer(tally.distribution, run, part, METHOD, complete=tally.over)
     if out is not None:
         answer.save_json(out / DOCUMENT)
         answer.save_picture(out / PICTURE)
@@ -90,8 +100,9 @@ def drop_here(
 class _Tally:
     """What was done so far: counted, and written in rows."""
 
-    def __init__(self, distribution: Distribution) -> None:
+    def __init__(self, distribution: Distribution, run: RunDescription) -> None:
         self.distribution = distribution
+        self.run = run
         self.tables: list[TextIO] = []
 
     def add(self, poses: RestingPoses) -> None:
@@ -100,10 +111,15 @@ class _Tally:
             table.flush()
         self.distribution += count_poses(self.distribution.aspects, poses)
 
+    @property
+    def over(self) -> bool:
+        """All drops are made, or enough."""
+        counted, run = self.distribution, self.run
+        return stops(counted.counts, counted.drops, run.precision, run.drops)
+
 
 def _drop(
     job: DropJob,
-    drops: int,
     pool: ProcessPoolExecutor,
     lookahead: int,
     tally: _Tally,
@@ -112,13 +128,15 @@ def _drop(
 ) -> None:
     """Make the drops, or those until somebody asks for an end; raises EngineError."""
     try:
-        for future in submit_drops(job, 0, drops, pool, lookahead):
+        for future in submit_drops(job, 0, tally.run.drops, pool, lookahead):
             while not stop.asked and not wait([future], LOOK_PERIOD).done:
                 progress(tally.distribution.drops)
             if stop.asked:
                 return
             tally.add(future.result())
             progress(tally.distribution.drops)
+            if tally.over:
+                return
     except BrokenProcessPool:
         raise EngineError('a worker process died') from None
     except Exception as error:

@@ -17,6 +17,7 @@ Frey 2010 (The American Statistician 64:242) mends intervals of fixed width in t
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtri
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.intervals import CONFIDENCE, INTERVAL, bounds, check_confidence
@@ -71,6 +72,30 @@ def stopping_confidence(confidence: float = CONFIDENCE) -> float:
     """
     check_confidence(confidence)
     return 1 - LAST_LOOK * (1 - confidence)
+
+
+def drops_for(precision: float, ceiling: int) -> int:
+    """The look, or the ceiling, by which a run stops whatever its counts are.
+
+    Of Wilson's interval: its half width is at most z / (2 sqrt(n + z^2)), at a share of 1/2.
+    """
+    check_precision(precision)
+    z = -float(ndtri((1 - stopping_confidence()) / 2))
+    enough = (z / (2 * precision)) ** 2 - z**2
+    return next((look for look in looks(ceiling) if look >= enough), ceiling)
+
+
+def stops(counts: npt.ArrayLike, drops: int, precision: float, ceiling: int) -> bool:
+    """Whether a run is over with these counts: a look that is precise, or the ceiling.
+
+    Parameters
+    ----------
+    precision : float
+        0: at the ceiling only.
+    """
+    if drops >= ceiling:
+        return True
+    return precision > 0 and drops in looks(ceiling) and is_precise(counts, drops, precision)
 
 
 def is_precise(

@@ -1,11 +1,14 @@
 """From a question to a run: the job for the workers, and the description for everybody else."""
 
 from resting_aspects_ros import __version__
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.stopping import check_precision, drops_for
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.engine import ENGINE, ENGINE_VERSION
 from resting_aspects_ros.drops.job import DropJob, make_job
 from resting_aspects_ros.drops.run import (
+    MOST_DROPS,
     RunDescription,
     check_drops,
     check_first_drop,
@@ -22,8 +25,24 @@ def plan_run(
     run_id: str,
     started: int,
     first_drop: int = 0,
+    precision: float = 0.0,
 ) -> tuple[DropJob, RunDescription]:
-    """The job and the description of a run, checked; raises InvalidValueError."""
+    """The job and the description of a run, checked; raises InvalidValueError.
+
+    Parameters
+    ----------
+    drops : int
+        With a precision the most that are made; 0: as many as it can take.
+    precision : float
+        Half width of the intervals at which the run stops; 0: it makes all its drops.
+    """
+    if precision != 0:
+        check_precision(precision)
+        if first_drop != 0:
+            raise InvalidValueError(
+                f'first_drop is {first_drop}, allowed is 0 for a run that stops at a precision'
+            )
+        drops = drops_for(precision, MOST_DROPS if drops == 0 else drops)
     check_drops(drops)
     check_seed(seed)
     check_first_drop(first_drop, drops)
@@ -36,7 +55,7 @@ def plan_run(
         seed=seed,
         first_drop=first_drop,
         drops=drops,
-        precision=0.0,
+        precision=precision,
         engine=ENGINE,
         engine_version=ENGINE_VERSION,
         suite_version=__version__,

@@ -19,7 +19,8 @@ from resting_aspects_interfaces.srv import GetDistribution, ListParts
 from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.errors import RestingAspectsError, UnknownPartError
-from resting_aspects_ros.drops.run import DEFAULT_SEED, RunDescription, check_drops
+from resting_aspects_ros.core.stopping import drops_for
+from resting_aspects_ros.drops.run import DEFAULT_SEED, MOST_DROPS, RunDescription, check_drops
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.convert import part_from, poses_from, status
 from resting_aspects_ros.nodes.distribution_messages import distribution_msg
@@ -39,7 +40,6 @@ from resting_aspects_ros.nodes.requests import (
     NotAvailableError,
     asked_conditions,
     check_method,
-    check_precision,
     error_status,
 )
 from resting_aspects_ros.nodes.run_accounts import KnownDistributions, KnownParts, RunAccount
@@ -200,21 +200,27 @@ class AspectClassifier(Node):
         self, request: GetDistribution.Request
     ) -> tuple[RunDescription, Distribution]:
         check_method(request.method)
-        check_precision(request.precision)
-        check_drops(request.drops)
+        drops = request.drops
+        if request.precision != 0:
+            drops = drops_for(request.precision, drops or MOST_DROPS)
+        check_drops(drops)
         conditions = asked_conditions(self._surfaces, request.surface, request.conditions)
         seed = request.seed[0] if request.seed else None
         # Without a simulator no part is offered; what is known of it is known still.
         there = self._requests.simulator_is_there()
         part = self._parts.get(request.part) if there else self._parts.last(request.part)
         if part is not None:
-            known = self._known.find(part.part_sha256, conditions, request.drops, seed)
+            known = self._known.find(part.part_sha256, conditions, drops, request.precision, seed)
             if known is not None:
                 return known
         if request.only_known:
             raise self._nothing_known(request)
         spec = DropSpec(
-            request.part, conditions, request.drops, DEFAULT_SEED if seed is None else seed
+            request.part,
+            conditions,
+            drops,
+            request.precision,
+            DEFAULT_SEED if seed is None else seed,
         )
         account = await self._requests.drop(spec)
         return account.run, account.counted

@@ -20,8 +20,12 @@ from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.config_files import parts_folder, surfaces_file
+from resting_aspects_ros.core.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.distribution import count_poses, no_drops
 from resting_aspects_ros.core.errors import EngineError, InvalidValueError, RestingAspectsError
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.core.stopping import stops
 from resting_aspects_ros.drops.campaign import (
     MOST_WORKERS,
     default_workers,
@@ -49,7 +53,6 @@ from resting_aspects_ros.nodes.requests import (
     BusyError,
     CanceledError,
     asked_conditions,
-    check_precision,
     error_status,
 )
 from resting_aspects_ros.nodes.spin import run_node
@@ -82,6 +85,7 @@ class DropSimulator(Node):
         self._goals = 0
         self._runs: OrderedDict[str, RunDescription] = OrderedDict()
         self._published: dict[str, int] = {}  # run under way -> index after its last drop so far
+        self._counted_with = AspectSet('', ())
         self._poses = self.create_publisher(RestingPosesMsg, RESTING_POSES, POSES)
         self._parts = PartOffers(self, self._library)
         self._server = ActionServer(
@@ -134,6 +138,7 @@ class DropSimulator(Node):
         result.run_id = run.run_id
         new = not goal.run_id
         batches = Batches(batch_size(asked.drops))
+        counted = no_drops(self._aspects(asked)) if asked.precision else None
         begun = time.monotonic()
         try:
             if new:
@@ -146,6 +151,10 @@ class DropSimulator(Node):
                         if new:
                             self._published[run.run_id] = batch.end
                     _feed_back(handle, result.drops, asked.drops, time.monotonic() - begun)
+                    if counted is not None:
+                        counted += count_poses(counted.aspects, chunk)
+                        if stops(counted.counts, counted.drops, asked.precision, asked.drops):
+                            break
                     if handle.is_cancel_requested and result.drops < asked.drops:
                         raise CanceledError(
                             f'canceled after {result.drops} of {asked.drops} drops; those are kept'
@@ -156,9 +165,14 @@ class DropSimulator(Node):
             if new:
                 del self._published[run.run_id]
 
+    def _aspects(self, run: RunDescription) -> AspectSet:
+        """Those of the run's part; kept, since a large mesh takes seconds."""
+        if self._counted_with.part_sha256 != run.part_sha256:
+            self._counted_with = find_aspects(self._library.load(run.part))
+        return self._counted_with
+
     def _plan(self, goal: DropPart.Goal) -> tuple[DropJob, RunDescription, RunDescription]:
         """The job, the drops that the goal asks for, and the run that they are part of."""
-        check_precision(goal.precision)
         check_run_id(goal.run_id)
         part = self._library.load(goal.part)
         job, asked = plan_run(
@@ -167,6 +181,7 @@ class DropSimulator(Node):
             seed=goal.seed,
             drops=goal.drops,
             first_drop=goal.first_drop,
+            precision=goal.precision,
             run_id=goal.run_id or uuid.uuid4().hex[:12],
             started=self.get_clock().now().nanoseconds,
         )

@@ -5,6 +5,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from resting_aspects_ros.core.aspect_set import Aspect
 from resting_aspects_ros.core.distribution import CONFIDENCE, Distribution, Interval
 from resting_aspects_ros.report.rounding import (
     direction_text,
@@ -15,6 +16,8 @@ from resting_aspects_ros.report.rounding import (
     probability_text,
 )
 
+# Aspects of a class that are named one by one.
+_MOST_NAMED = 6
 # What a probability is called that nobody has measured.
 NOTHING = '-'
 
@@ -37,13 +40,34 @@ def distribution_table(distribution: Distribution, title: str) -> Table:
     heights = millimetre_texts(np.array([aspect.com_height for aspect in aspects]))
     rows = zip(aspects, heights, distribution.counts, distribution.intervals(), strict=True)
     for aspect, height, count, interval in rows:
-        direction = direction_text(aspect.down_in_part)
+        direction = down_text(aspect)
         table.add_row(str(aspect.id), direction, *shares(interval, int(count), drops), height)
     table.add_section()
+    for label, count in _alike(distribution):
+        table.add_row('', label, *shares(interval_of(distribution, count), count, drops), '')
     for name, count in outside_aspects(distribution):
         table.add_row('', name, *shares(interval_of(distribution, count), count, drops), '')
     table.add_row('', 'drops in total', '', '', str(drops), '', style='bold')
     return table
+
+
+def down_text(aspect: Aspect) -> str:
+    """Its down direction, or the axis about which it rolls."""
+    if aspect.rolls and aspect.axis.any():
+        return f'rolls about {direction_text(aspect.axis)}'
+    return direction_text(aspect.down_in_part)
+
+
+def _alike(distribution: Distribution) -> list[tuple[str, int]]:
+    """Symmetry classes of several aspects, in words, with their counts."""
+    found = []
+    counts = distribution.by_class().counts.tolist()
+    for members, count in zip(distribution.aspects.classes(), counts, strict=True):
+        ids = [str(aspect.id) for aspect in members]
+        shown = ids if len(ids) <= _MOST_NAMED else [ids[0], '...', ids[-1]]
+        if len(ids) > 1:
+            found.append((f'{len(ids)} alike: {" ".join(shown)}', count))
+    return found
 
 
 def plain_table(title: str) -> Table:
