@@ -8,7 +8,7 @@ from resting_aspects_ros.commands.quantities import parse_quantity
 
 EXAMPLES = """examples:
   resting_aspects compare out/nut/distribution.json manual.csv
-  resting_aspects compare out/logs/l_bracket_20250131T235959Z_4f1c l_bracket.json
+  resting_aspects compare out/logs/my_part_20270131T235959Z_4f1c p.json
   resting_aspects compare before.json after.json --confidence 0.99 --json
 """
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,7 @@ def read_document(path: Path, text: str) -> GivenCounts:
         path,
         ids,
         Tally(counts, *(fields.whole(name) for name in REST)),
-        np.array([aspect.direction('down_in_part') for aspect in aspects]).reshape(-1, 3),
+        np.array([aspect.down() for aspect in aspects]).reshape(-1, 3),
         fields.text('part'),
         fields.text('part_sha256'),
         _run(fields),
@@ -102,12 +103,13 @@ class _Fields:
             raise self.wrong(name, value, 'a text')
         return value
 
-    def direction(self, name: str) -> list[float]:
-        value = self.values.get(name)
+    def down(self) -> list[float]:
+        """Of an aspect; NaN where the part rolls."""
+        value = self.values.get('down_in_part')
         numbers = isinstance(value, list) and all(isinstance(x, int | float) for x in value)
         if not numbers or len(value) != 3:
-            raise self.wrong(name, value, 'three numbers')
-        return [float(x) for x in value]
+            raise self.wrong('down_in_part', value, 'three numbers')
+        return [math.nan] * 3 if self.values.get('rolls') is True else [float(x) for x in value]
 
     def aspects(self) -> list['_Fields']:
         value = self.values.get('aspects')

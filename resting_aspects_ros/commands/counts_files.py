@@ -60,7 +60,7 @@ def _read_log(path: Path) -> GivenCounts:
             distribution.unsettled,
             distribution.failed,
         ),
-        np.array([aspect.down_in_part for aspect in aspects]),
+        np.array([np.full(3, np.nan) if a.rolls else a.down_in_part for a in aspects]),
         run.part,
         run.part_sha256,
         run,

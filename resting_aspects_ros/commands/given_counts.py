@@ -21,7 +21,8 @@ class GivenCounts:
     ids : tuple of int
         Of the aspects, ascending; as many as `tally` has counts.
     down : (k, 3) float
-        Unit vectors of gravity, part frame; None if the file does not say.
+        Unit vectors of gravity, part frame; NaN where the part rolls. None if the file does not
+        say.
     part, part_sha256 : str
         Empty if the file does not say.
     run : RunDescription

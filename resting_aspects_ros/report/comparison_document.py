@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from resting_aspects_ros.core.comparison import REST, Comparison
 from resting_aspects_ros.core.intervals import INTERVAL
 from resting_aspects_ros.report.comparison_table import Sides
@@ -40,7 +42,7 @@ def comparison_document(
         'aspects': [
             {
                 'id': sides.ids[k],
-                'down_in_part': None if sides.down is None else sides.down[k].tolist(),
+                'down_in_part': _down(sides, k),
                 **{
                     name: {
                         'count': int(tally.counts[k]),
@@ -67,3 +69,9 @@ def comparison_document(
         'p_value': comparison.p_value,
         'p_by': comparison.p_by,
     }
+
+
+def _down(sides: Sides, k: int) -> list[float] | None:
+    if sides.down is None or np.isnan(sides.down[k]).any():
+        return None
+    return [float(x) + 0.0 for x in sides.down[k]]  # and no -0.0

@@ -23,7 +23,7 @@ class Sides:
     ids : tuple of int
         Of the aspects.
     down : (k, 3) float
-        Unit vectors of gravity, part frame; None if not known.
+        Unit vectors of gravity, part frame; NaN where the part rolls. None if not known.
     """
 
     ids: tuple[int, ...]
@@ -66,7 +66,7 @@ def comparison_table(comparison: Comparison, sides: Sides, title: str) -> Table:
         )
         table.add_row(
             str(sides.ids[k]),
-            NOTHING if sides.down is None else direction_text(sides.down[k]),
+            _down_text(sides, k),
             *_share_texts(a),
             _share_texts(b)[0],
             *_deviation_texts(Interval(deviation, low, high)),
@@ -118,6 +118,12 @@ def _empty_table(title: str, confidence: float) -> Table:
     table.add_column('A - B\n(%)', justify='right', no_wrap=True)
     table.add_column(f'{percent}\nall at once', justify='right', no_wrap=True)
     return table
+
+
+def _down_text(sides: Sides, k: int) -> str:
+    if sides.down is None:
+        return NOTHING
+    return 'rolls' if np.isnan(sides.down[k]).any() else direction_text(sides.down[k])
 
 
 def _of_all(count: int, tally: Tally, confidence: float) -> Interval:
