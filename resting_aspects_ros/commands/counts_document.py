@@ -82,13 +82,13 @@ class _Fields:
 
     def __post_init__(self) -> None:
         if not isinstance(self.values, Mapping):
-            of = self.where or 'the document'
+            of = '' if self.where else 'the document'
             raise self.wrong(of, self.values, 'an object')
 
     def wrong(self, name: str, value: object, allowed: str) -> InvalidValueError:
         shown = f'is {value!r:.100}' if value is not None else 'is missing'
         return InvalidValueError(
-            f'{str(self.path)!r}: {self.where}{name} {shown}, allowed is {allowed}'
+            f'{str(self.path)!r}: {(self.where + name).rstrip(".")} {shown}, allowed is {allowed}'
         )
 
     def whole(self, name: str, low: int = 0, high: int = MOST_COUNTED) -> int:

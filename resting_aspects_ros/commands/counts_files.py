@@ -49,7 +49,12 @@ def _read_log(path: Path) -> GivenCounts:
     # A second to import, which other files do not need.
     from resting_aspects_ros.nodes.distribution_messages import serialized_distribution
 
-    distribution, run, complete = serialized_distribution(data)
+    try:
+        distribution, run, complete = serialized_distribution(data)
+    except (RuntimeError, InvalidValueError) as error:  # the first is all that rclpy raises
+        raise InvalidValueError(
+            f'log {str(path)!r} holds a distribution that cannot be read: {error}'
+        ) from None
     aspects = distribution.aspects.aspects
     return GivenCounts(
         path,

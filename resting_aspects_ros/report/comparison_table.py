@@ -45,7 +45,7 @@ class Sides:
 
 
 def comparison_table(comparison: Comparison, sides: Sides, title: str) -> Table:
-    """A row for each aspect, then for what is in none, then the drops.
+    """A row for each aspect, then for what is in none.
 
     It fits 80 columns, and its cells are ASCII. Shares of aspects are of the drops that are in
     one, other shares of all drops.
@@ -80,10 +80,6 @@ def comparison_table(comparison: Comparison, sides: Sides, title: str) -> Table:
                 for count, tally in zip(counts, sides.tallies, strict=True)
             )
             table.add_row('', name, share, interval, other)
-    in_aspects = [str(int(tally.counts.sum())) for tally in sides.tallies]
-    table.add_row('', 'drops in aspects', in_aspects[0], '', in_aspects[1], style='bold')
-    drops = [str(tally.drops) for tally in sides.tallies]
-    table.add_row('', 'drops in total', drops[0], '', drops[1], style='bold')
     return table
 
 
@@ -102,8 +98,10 @@ def measures_text(comparison: Comparison, sides: Sides) -> str:
         'p value': f'{_p_text(comparison.p_value)} by {by}',
         '': 'how often chance alone makes a difference like this one',
     }
+    counted = (f'{tally.counts.sum()} of {tally.drops}' for tally in sides.tallies)
+    rows['drops in aspects'] = 'A {}, B {}'.format(*counted)
     if any(getattr(tally, name) for tally in sides.tallies for name in REST):
-        rows['shares'] = 'of aspects: of drops in aspects; others: of all drops'
+        rows['shares'] = 'aspects: of drops in aspects; others: of all drops'
     return '\n'.join(f'{name:<25}{text}' for name, text in rows.items())
 
 
@@ -132,7 +130,7 @@ def _of_all(count: int, tally: Tally, confidence: float) -> Interval:
 
 def _share_texts(interval: Interval) -> tuple[str, str]:
     """Share and interval, in percent."""
-    decimals = min(decimals_of(interval), MOST_DECIMALS)
+    decimals = min(decimals_of(interval), MOST_DECIMALS - (interval.upper > 0.99995))
     share, low, high = (
         f'{100 * x:.{decimals}f}' if x else '0'
         for x in (interval.probability, interval.lower, interval.upper)
