@@ -52,7 +52,7 @@ def test_a_row_for_each_aspect_and_for_all_that_is_in_none():
         ['unsettled', '15.0'],
         ['failed', '5.0'],
     ]
-    assert [row[-1] for row in shown[9:12]] == ['0', '20', '0']
+    assert [row[-1] for row in shown[9:12]] == ['0', '20.0', '0']
     assert len(shown) == 12
 
 
