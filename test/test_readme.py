@@ -1,5 +1,6 @@
 """What the README shows is run, and what it lists is what there is."""
 
+import json
 import os
 import re
 import shlex
@@ -56,7 +57,7 @@ def test_every_command_is_known_to_the_tests_below():
     known = ['make demo', 'make test', '.venv/bin/resting_aspects ']
     assert all(line.startswith(tuple(known)) for line in commands())
     assert {line.split()[1] for line in commands()} == {
-        'demo', 'test', 'drop', 'aspects', 'nodes', 'request'
+        'demo', 'test', 'drop', 'aspects', 'compare', 'nodes', 'request'
     }  # fmt: skip
 
 
@@ -76,6 +77,18 @@ def test_drop(line, tmp_path):
 def test_aspects():
     (line,) = [line for line in commands() if ' aspects ' in line]
     assert 'Symmetry: 12 rotations' in run(here(line), cwd=ROOT)
+
+
+def test_compare(tmp_path):
+    (line,) = [line for line in commands() if ' compare ' in line]
+    (drop,) = [line for line in commands() if ' drop ' in line and '--out' in line]
+    mesh = str(ROOT / 'config' / 'parts' / 'hex_nut.stl')
+    words = [mesh if word.endswith('.stl') else word for word in here(drop)]
+    run([*words, *FEW_DROPS], cwd=tmp_path)
+    document = json.loads((tmp_path / here(line)[2]).read_text())
+    rows = [f'{aspect["id"]},{aspect["count"]}' for aspect in document['aspects']]
+    (tmp_path / here(line)[3]).write_text('\n'.join(['aspect,count', *rows]))
+    assert re.search(r'total variation +0 %', run(here(line), cwd=tmp_path))
 
 
 def test_nodes_request_and_the_python_client(tmp_path, environment):

@@ -3,6 +3,7 @@
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point32, Polygon, Quaternion, Vector3
+from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import Aspect, AspectDistribution, SymmetryClass
 from std_msgs.msg import Header
 
@@ -12,7 +13,7 @@ from resting_aspects_ros.core.distribution import METHOD, Distribution
 from resting_aspects_ros.core.intervals import Interval
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.drops.run import RunDescription as Run
-from resting_aspects_ros.nodes.convert import run_msg
+from resting_aspects_ros.nodes.convert import run_from, run_msg
 from resting_aspects_ros.nodes.interface import FRAME
 
 # By their codes in the message Aspect.
@@ -96,6 +97,12 @@ def distribution_from(msg: AspectDistribution) -> Distribution:
         confidence=msg.confidence,
         by_precision=msg.run.precision > 0,
     )
+
+
+def serialized_distribution(data: bytes) -> tuple[Distribution, Run, bool]:
+    """The distribution, its run and whether that was over, of a message as a log has it."""
+    msg = deserialize_message(data, AspectDistribution)
+    return distribution_from(msg), run_from(msg.run), msg.complete
 
 
 def _aspect_from(msg: Aspect) -> aspect_set.Aspect:
