@@ -147,11 +147,13 @@ def test_the_interface_is_listed():
     listed = re.findall(r'^\| `([\w/<>]+)` \| (?:service|topic|action)', README, re.MULTILINE)
     assert listed == [
         interface.GET_DISTRIBUTION,
+        interface.CLASSIFY_POSE,
         interface.LIST_PARTS,
         interface.DROP_PART,
         interface.RESTING_POSES,
         f'{interface.ASPECT_DISTRIBUTIONS}/<part>',
         f'{interface.PARTS}/<part>',
+        interface.MARKERS,
     ]
 
 

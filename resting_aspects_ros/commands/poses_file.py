@@ -16,10 +16,8 @@ import numpy.typing as npt
 from resting_aspects_ros.commands.csv_file import CsvTable, open_text, short
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.rotations import canonical
+from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE, canonical
 
-# How far the length of a quaternion may be from 1: four decimals of its numbers leave 1e-4.
-LENGTH_TOLERANCE = 1e-3
 ALLOWED_NAMES = (
     'qx, qy, qz, qw (or q_x, quat_x, orientation.x, ...) or x, y, z, w, in any order, in columns '
     'parted by , or ;'

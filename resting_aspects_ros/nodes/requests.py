@@ -1,6 +1,8 @@
 """What services and actions share: what may be asked for, and how errors are answered."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
 
 from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
 from resting_aspects_interfaces.msg import Status
@@ -42,6 +44,18 @@ _CODES: dict[type[RestingAspectsError], int] = {
 def error_status(error: RestingAspectsError) -> Status:
     """The status that tells a client of an error."""
     return status(_CODES.get(type(error), Status.FAILED), str(error))
+
+
+@contextmanager
+def answering(service: str, response: Any, complain: Callable[[str], object]) -> Iterator[None]:
+    """The edge of a service: what goes wrong within becomes the response's status."""
+    try:
+        yield
+    except RestingAspectsError as error:
+        response.status = error_status(error)
+    except Exception as error:  # noqa: BLE001 - the edge: a defect must not stop the node
+        complain(f'{service} failed: {error!r}')
+        response.status = status(Status.FAILED, f'unexpected: {error!r}')
 
 
 def status_error(answer: Status) -> RestingAspectsError:
