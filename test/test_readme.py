@@ -55,20 +55,27 @@ def here(line):
 def test_every_command_is_known_to_the_tests_below():
     known = ['make demo', 'make test', '.venv/bin/resting_aspects ']
     assert all(line.startswith(tuple(known)) for line in commands())
-    assert {line.split()[1] for line in commands()} == {'demo', 'test', 'drop', 'nodes', 'request'}
+    assert {line.split()[1] for line in commands()} == {
+        'demo', 'test', 'drop', 'aspects', 'nodes', 'request'
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize('line', [line for line in commands() if ' drop ' in line])
 def test_drop(line, tmp_path):
-    command = [*here(line), *FEW_DROPS]
+    command = here(line) if '--precision' in line else [*here(line), *FEW_DROPS]
     if '--out' in command:
         place = command.index('--out') + 1
         command[place] = str(tmp_path / command[place])
     printed = run(command, cwd=ROOT)
-    assert '50' in printed
+    assert '50' in printed or '--precision' in line
     if '--out' in command:
         files = [path.name for path in (tmp_path / 'out' / 'nut').iterdir()]
         assert sorted(files) == ['distribution.json', 'distribution.png', 'poses.csv']
+
+
+def test_aspects():
+    (line,) = [line for line in commands() if ' aspects ' in line]
+    assert 'Symmetry: 12 rotations' in run(here(line), cwd=ROOT)
 
 
 def test_nodes_request_and_the_python_client(tmp_path, environment):

@@ -11,7 +11,7 @@ from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.report.document import distribution_document, to_json
-from resting_aspects_ros.report.table import distribution_table
+from resting_aspects_ros.report.table import distribution_table, never_seen_text
 
 # Of a table that goes into a pipe or a file.
 PIPED_WIDTH = 80
@@ -59,7 +59,10 @@ class Answer:
         if as_json:
             sys.stdout.write(self.json())
             return
-        make_console().print(distribution_table(self.distribution, self.title))
+        console = make_console()
+        console.print(distribution_table(self.distribution, self.title))
+        if unseen := never_seen_text(self.distribution):
+            console.print(unseen, highlight=False)
 
     def save_json(self, path: Path) -> None:
         """Write the document; raises OutputError."""

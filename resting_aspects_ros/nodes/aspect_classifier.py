@@ -12,6 +12,7 @@ from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, ListPa
 from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.errors import RestingAspectsError, UnknownPartError
+from resting_aspects_ros.drops.plan import most_drops
 from resting_aspects_ros.drops.run import DEFAULT_SEED, RunDescription, check_drops
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.convert import part_from, poses_from, status
@@ -34,7 +35,6 @@ from resting_aspects_ros.nodes.requests import (
     answering,
     asked_conditions,
     check_method,
-    check_precision,
 )
 from resting_aspects_ros.nodes.run_accounts import (
     KnownDistributions,
@@ -178,19 +178,23 @@ class AspectClassifier(Node):
         self, request: GetDistribution.Request
     ) -> tuple[RunDescription, Distribution]:
         check_method(request.method)
-        check_precision(request.precision)
-        check_drops(request.drops)
+        drops = most_drops(request.drops, request.precision)
+        check_drops(drops)
         conditions = asked_conditions(self._surfaces, request.surface, request.conditions)
         seed = request.seed[0] if request.seed else None
         part = self._parts.usable(self._requests.simulator_is_there()).get(request.part)
         if part is not None:
-            known = self._known.find(part.part_sha256, conditions, request.drops, seed)
+            known = self._known.find(part.part_sha256, conditions, drops, request.precision, seed)
             if known is not None:
                 return known
         if request.only_known:
             raise self._nothing_known(request)
         spec = DropSpec(
-            request.part, conditions, request.drops, DEFAULT_SEED if seed is None else seed
+            request.part,
+            conditions,
+            drops,
+            request.precision,
+            DEFAULT_SEED if seed is None else seed,
         )
         account = await self._requests.drop(spec)
         return account.run, account.counted

@@ -8,7 +8,7 @@ from std_msgs.msg import Header
 
 from resting_aspects_ros.core import aspect_set
 from resting_aspects_ros.core.aspect_set import AspectSet, Sweep
-from resting_aspects_ros.core.distribution import CONFIDENCE, INTERVAL, METHOD, Distribution
+from resting_aspects_ros.core.distribution import METHOD, Distribution
 from resting_aspects_ros.core.intervals import Interval
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.drops.run import RunDescription as Run
@@ -33,8 +33,8 @@ def distribution_msg(
         header=Header(stamp=stamp, frame_id=FRAME),
         run=run_msg(run),
         method=METHOD,
-        confidence=CONFIDENCE,
-        interval=INTERVAL,
+        confidence=distribution.confidence,
+        interval=distribution.interval,
         drops=distribution.drops,
         unclassified=distribution.unclassified,
         unsettled=distribution.unsettled,
@@ -92,6 +92,8 @@ def distribution_from(msg: AspectDistribution) -> Distribution:
         unclassified=msg.unclassified,
         unsettled=msg.unsettled,
         failed=msg.failed,
+        interval=msg.interval,
+        confidence=msg.confidence,
         by_precision=msg.run.precision > 0,
     )
 

@@ -20,6 +20,9 @@ from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.config_files import parts_folder, surfaces_file
+from resting_aspects_ros.core.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.distribution import count_poses, no_drops
 from resting_aspects_ros.core.errors import EngineError, InvalidValueError, RestingAspectsError
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.drops.campaign import (
@@ -31,7 +34,7 @@ from resting_aspects_ros.drops.campaign import (
 )
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.part_library import PartLibrary
-from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.drops.plan import most_drops, plan_run
 from resting_aspects_ros.drops.run import RunDescription, check_run_id
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.batches import Batches
@@ -49,7 +52,6 @@ from resting_aspects_ros.nodes.requests import (
     BusyError,
     CanceledError,
     asked_conditions,
-    check_precision,
     error_status,
 )
 from resting_aspects_ros.nodes.spin import run_node
@@ -82,6 +84,7 @@ class DropSimulator(Node):
         self._goals = 0
         self._runs: OrderedDict[str, RunDescription] = OrderedDict()
         self._published: dict[str, int] = {}  # run under way -> index after its last drop so far
+        self._counted_with = AspectSet('', ())
         self._poses = self.create_publisher(RestingPosesMsg, RESTING_POSES, POSES)
         self._parts = PartOffers(self, self._library)
         self._server = ActionServer(
@@ -134,6 +137,7 @@ class DropSimulator(Node):
         result.run_id = run.run_id
         new = not goal.run_id
         batches = Batches(batch_size(asked.drops))
+        counted = no_drops(self._aspects(asked)) if asked.precision else None
         begun = time.monotonic()
         try:
             if new:
@@ -146,6 +150,10 @@ class DropSimulator(Node):
                         if new:
                             self._published[run.run_id] = batch.end
                     _feed_back(handle, result.drops, asked.drops, time.monotonic() - begun)
+                    if counted is not None:
+                        counted += count_poses(counted.aspects, chunk)
+                        if counted.stops(asked.precision, asked.drops):
+                            break
                     if handle.is_cancel_requested and result.drops < asked.drops:
                         raise CanceledError(
                             f'canceled after {result.drops} of {asked.drops} drops; those are kept'
@@ -156,17 +164,23 @@ class DropSimulator(Node):
             if new:
                 del self._published[run.run_id]
 
+    def _aspects(self, run: RunDescription) -> AspectSet:
+        """Those of the run's part; kept, since a large mesh takes seconds."""
+        if self._counted_with.part_sha256 != run.part_sha256:
+            self._counted_with = find_aspects(self._library.load(run.part))
+        return self._counted_with
+
     def _plan(self, goal: DropPart.Goal) -> tuple[DropJob, RunDescription, RunDescription]:
         """The job, the drops that the goal asks for, and the run that they are part of."""
-        check_precision(goal.precision)
         check_run_id(goal.run_id)
         part = self._library.load(goal.part)
         job, asked = plan_run(
             part,
             asked_conditions(self._surfaces, goal.surface, goal.conditions),
             seed=goal.seed,
-            drops=goal.drops,
+            drops=most_drops(goal.drops, goal.precision),
             first_drop=goal.first_drop,
+            precision=goal.precision,
             run_id=goal.run_id or uuid.uuid4().hex[:12],
             started=self.get_clock().now().nanoseconds,
         )

@@ -73,14 +73,6 @@ def asked_conditions(
     return surfaces.get(surface)
 
 
-def check_precision(precision: float) -> None:
-    """Raises NotAvailableError: this version stops at a number of drops only."""
-    if precision != 0:
-        raise NotAvailableError(
-            f'precision is {precision!r}, this version allows only 0: ask for a number of drops'
-        )
-
-
 def check_method(method: str) -> None:
     """Raises NotAvailableError for estimators: this version knows drops only."""
     if method not in ('', METHOD):

@@ -8,6 +8,7 @@ from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import Distribution, count_poses, no_drops
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.stopping import is_precise
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.run import RunDescription
 
@@ -37,7 +38,7 @@ class RunAccount:
 
     def count(self, aspects: AspectSet) -> None:
         """Count what waits."""
-        total = self.distribution or no_drops(aspects)
+        total = self.distribution or no_drops(aspects, by_precision=self.run.precision > 0)
         for batch in self.waiting:
             total += count_poses(aspects, batch)
         self.distribution, self.waiting = total, []
@@ -112,9 +113,14 @@ class KnownDistributions:
             self._known.pop(next(iter(self._known)))
 
     def find(
-        self, part_sha256: str, conditions: DropConditions, drops: int, seed: int | None
+        self,
+        part_sha256: str,
+        conditions: DropConditions,
+        drops: int,
+        precision: float,
+        seed: int | None,
     ) -> tuple[RunDescription, Distribution] | None:
-        """The one with most drops, if it has at least those asked for.
+        """The one with most drops, if it has at least those, or the precision, asked for.
 
         A seed stands for its drops from the first on.
         """
@@ -124,7 +130,10 @@ class KnownDistributions:
             if run.part_sha256 == part_sha256
             and run.conditions.values() == conditions.values()
             and (seed is None or (run.seed, run.first_drop) == (seed, 0))
-            and distribution.drops >= drops
+            and (
+                distribution.drops >= drops
+                or (precision and is_precise(distribution.counts, distribution.drops, precision))
+            )
         ]
         return max(fitting, key=lambda found: found[1].drops, default=None)
 

@@ -7,7 +7,7 @@ import pytest
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.cli import make_parser
-from resting_aspects_ros.commands import classify, demo, drop, nodes, request
+from resting_aspects_ros.commands import aspects, classify, demo, drop, nodes, request
 from resting_aspects_ros.core.clusters import (
     DEFAULT_TOLERANCE_DEGREES,
     MAX_TOLERANCE_DEGREES,
@@ -17,6 +17,7 @@ from resting_aspects_ros.drops.conditions import QUANTITIES
 
 COMMANDS = {
     'drop': drop,
+    'aspects': aspects,
     'classify': classify,
     'request': request,
     'nodes': nodes,
