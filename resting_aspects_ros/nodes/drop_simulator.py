@@ -4,9 +4,6 @@ import sys
 import time
 import uuid
 from collections import OrderedDict
-from collections.abc import AsyncGenerator
-from concurrent.futures import Future as PoolFuture
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import aclosing
 from pathlib import Path
 
@@ -14,7 +11,6 @@ from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
-from rclpy.task import Future
 from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 from resting_aspects_interfaces.msg import Status
@@ -23,14 +19,11 @@ from resting_aspects_ros.config_files import parts_folder, surfaces_file
 from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import count_poses, no_drops
-from resting_aspects_ros.core.errors import EngineError, InvalidValueError, RestingAspectsError
+from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.drops.campaign import (
     MOST_WORKERS,
     default_workers,
-    make_pool,
-    stop_pool,
-    submit_drops,
 )
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.part_library import PartLibrary
@@ -55,6 +48,7 @@ from resting_aspects_ros.nodes.requests import (
     error_status,
 )
 from resting_aspects_ros.nodes.spin import run_node
+from resting_aspects_ros.nodes.workers import Workers
 
 PARAMETERS = (
     Parameter('parts_folder', '', 'folder of meshes that can be asked for; empty: the examples'),
@@ -65,8 +59,6 @@ PARAMETERS = (
 MOST_GOALS = 16
 # Descriptions of so many runs are kept, to publish drops of them again.
 RUNS_KEPT = 10_000
-# Workers that die are replaced, until so many died without a drop between.
-MOST_DEATHS = 2
 # A result is kept so long for a client that asks late, s.
 RESULT_TIMEOUT = 300
 
@@ -79,8 +71,7 @@ class DropSimulator(Node):
         values = declare(self, PARAMETERS)
         self._library = PartLibrary(_folder(values['parts_folder'] or parts_folder()))
         self._surfaces = Surfaces.read(Path(values['surfaces_file'] or surfaces_file()))
-        self._workers: int = values['workers'] or default_workers()
-        self._pool = make_pool(self._workers)
+        self._workers = Workers(self, values['workers'] or default_workers())
         self._goals = 0
         self._runs: OrderedDict[str, RunDescription] = OrderedDict()
         self._published: dict[str, int] = {}  # run under way -> index after its last drop so far
@@ -97,11 +88,11 @@ class DropSimulator(Node):
             result_timeout=RESULT_TIMEOUT,
             **ACTION_SERVICES,
         )
-        self.get_logger().info(f'ready: {len(self._parts)} parts, {self._workers} workers')
+        self.get_logger().info(f'ready: {len(self._parts)} parts, {self._workers.count} workers')
 
     def destroy_node(self) -> None:
         """Also ends the workers; what they are dropping is given up."""
-        stop_pool(self._pool)
+        self._workers.stop()
         self._server.destroy()
         super().destroy_node()
 
@@ -142,7 +133,7 @@ class DropSimulator(Node):
         try:
             if new:
                 self._published[run.run_id] = run.first_drop
-            async with aclosing(self._chunks(job, asked)) as chunks:
+            async with aclosing(self._workers.chunks(job, asked)) as chunks:
                 async for chunk in chunks:
                     _count(result, chunk)
                     for batch in batches.add(chunk):
@@ -199,47 +190,6 @@ class DropSimulator(Node):
             self._runs.popitem(last=False)
         self._parts.offer(part)
         return job, asked, run
-
-    async def _chunks(
-        self, job: DropJob, asked: RunDescription
-    ) -> AsyncGenerator[RestingPoses, None]:
-        """Chunks of drops in their order, from new workers if one dies; EngineError if all do."""
-        first, deaths = asked.first_drop, 0
-        while first < asked.end:
-            pool = self._pool
-            futures = submit_drops(job, first, asked.end - first, pool, 2 * self._workers)
-            try:
-                for future in futures:
-                    chunk = await self._chunk(future)
-                    first, deaths = chunk.end, 0
-                    yield chunk
-            except BrokenProcessPool:
-                # All that was submitted fails; the first goal to see it makes the new pool.
-                if self._pool is pool:
-                    self._pool = make_pool(self._workers)
-                deaths += 1
-                self.get_logger().warning(f'a worker died near drop {first} of {asked.part}')
-                if deaths == MOST_DEATHS:
-                    raise EngineError(
-                        f'{deaths} worker processes died in a row near drop {first} of '
-                        f'{asked.part}; what was done until then is kept'
-                    ) from None
-            finally:
-                futures.close()
-
-    async def _chunk(self, future: 'PoolFuture[RestingPoses]') -> RestingPoses:
-        """Wait for a worker without holding up the node."""
-        done = Future(executor=self.executor)
-
-        def wake(_: object) -> None:
-            # From a thread of the pool; the node may be gone by then.
-            if (executor := self.executor) is not None:
-                done.set_result(None)
-                executor.wake()
-
-        future.add_done_callback(wake)
-        await done
-        return future.result()
 
     def _publish(self, batch: RestingPoses, run: RunDescription, last: bool) -> None:
         self._poses.publish(poses_msg(batch, run, self.get_clock().now().to_msg(), last))
