@@ -23,6 +23,8 @@ ORDER_STEP = 1e-3
 SAME_FACET = np.radians(1.0)
 # Directions on a circle are within this of its plane, as a share of the circle's radius.
 _PLANAR = 0.1
+# Directions all around a middle with some nearer to it than this share of the furthest fill a cap.
+_HOLLOW = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +67,17 @@ def _with_classes(aspects: AspectSet, symmetry: Symmetry) -> AspectSet:
             image = int(aspects.locate((rotation @ aspect.down_in_part)[None])[0][0]) - 1
             group[group == max(group[k], group[image])] = min(group[k], group[image])
     _, classes, sizes = np.unique(group, return_inverse=True, return_counts=True)
+    # A minimum that the mesh makes halfway between two is joined with one of them.
+    share = np.bincount(classes, weights=[a.basin_share for a in aspects.aspects]) / sizes
     return AspectSet(
         aspects.part_sha256,
         tuple(
-            dataclasses.replace(a, symmetry_class=int(c) + 1, multiplicity=int(sizes[c]))
+            dataclasses.replace(
+                a,
+                basin_share=float(share[c]),
+                symmetry_class=int(c) + 1,
+                multiplicity=int(sizes[c]),
+            )
             for a, c in zip(aspects.aspects, classes, strict=True)
         ),
         symmetry,
@@ -80,7 +89,8 @@ def _found(landscape: Landscape, part: Part, joined: Joined) -> _Found:
     directions = landscape.directions[minima]
     share = float(landscape.basin_shares[minima].sum())
     lowest = float(landscape.heights[minima[0]])
-    if not joined.curved:
+    # A flat side that takes in a flat of the fillet beside it is one that is much lower.
+    if joined.level == 1:
         return _Found(minima, lowest, lowest, share, Sweep.POINT, np.zeros(3), directions[0])
     level = directions[: joined.level]
     sweep, axis, middle = _sweep(level, joined.step, part.principal_axes)
@@ -95,8 +105,6 @@ def _sweep(directions: Array, step: float, frame: Array) -> tuple[Sweep, Array, 
     """What the directions of a curved aspect sweep, its axis, and their middle."""
     middle = directions.mean(axis=0)
     pole = middle / max(float(np.linalg.norm(middle)), 1e-300)
-    if len(directions) == 1:
-        return Sweep.DOME, pole, middle
     size, axes = np.linalg.svd(directions - middle)[1:]
     if len(directions) == 2:
         axis = np.cross(*directions)
@@ -110,6 +118,9 @@ def _sweep(directions: Array, step: float, frame: Array) -> tuple[Sweep, Array, 
     azimuth = np.sort(np.arctan2(around[:, 1], around[:, 0]))
     # A flat breaks a ring; a step of the mesh does not.
     round_ = np.diff(azimuth, append=azimuth[0] + 2 * np.pi).max() <= 1.5 * CURVED_STEP
+    radius = np.hypot(around[:, 0], around[:, 1])
+    if round_ and radius.min() < _HOLLOW * radius.max():
+        return Sweep.DOME, pole, middle
     flat = size[2] <= _PLANAR * size[1]
     if flat or (round_ and np.linalg.norm(middle) < _PLANAR):
         tilt = float(axes[2] @ middle)

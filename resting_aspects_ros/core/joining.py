@@ -6,6 +6,7 @@ they are told apart by shape first: neighbours on a curved side, and then what i
 """
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +25,13 @@ LIKE_STEPS = 1.5
 # The barrier between two minima on a curved side is the sagitta of the arc between them, up to
 # this factor for meshes whose flats are not alike.
 SAGITTA_SLACK = 1.3
+# On a dome a flat is further below the surface than between two edges: triangles that are alike by
+# this factor.
+DOME_DEPTH = 8 / 3
+# A minimum with nothing but the mesh's own steps around it is made by the mesh if it is this much
+# shallower than a flat there is deep: on a side of radius r, with the centre of mass h away, it is
+# r / h of that, and of a flat side it is more.
+RIM_DEPTH = 0.6
 # Minima on a curved side are neighbours within this many steps, and within one of the largest;
 # further apart, as the two flat sides beside a fillet, they are different.
 NEIGHBOUR_STEPS = 3.0
@@ -68,23 +76,29 @@ def join_minima(landscape: Landscape) -> list[Joined]:
     saddles = landscape.saddles
     heights = saddles.heights / landscape.radius
     curved_edges = is_curved(landscape.hull)
-    steps = _steps(landscape.hull, curved_edges)
+    steps = _largest(landscape.hull, curved_edges, landscape.hull.angles)
     step = steps[landscape.minima]
+    sagitta = _sagittas(landscape.hull, curved_edges)
+    depth = _largest(landscape.hull, curved_edges, sagitta)[landscape.minima]
     tessellation = _tessellation(landscape, curved_edges, steps)
-    for height, (a, b), meshed in zip(heights, saddles.between, tessellation, strict=True):
+    over = zip(heights, saddles.between, tessellation, sagitta[saddles.edges], strict=True)
+    for height, (a, b), meshed, own in over:
         one, other = group[a], group[b]
         if one == other:
             continue
         barrier = height - max(low[one], low[other])
         # Step by step, each as low as the mesh makes it, one could climb from one end of an
         # egg to the other.
-        on_curve = meshed and barrier <= height * (1 - np.cos(max(step[one], step[other])))
+        on_curve = meshed and barrier <= DOME_DEPTH * max(depth[one], depth[other])
+        # Where the side curves more sharply than a sphere would, only its mesh holds the part.
+        on_curve |= barrier <= RIM_DEPTH * own
         if not on_curve and barrier > NOISE_BARRIER:
             continue
         into, gone = (one, other) if low[one] <= low[other] else (other, one)
         group[group == gone] = into
         curved[into] |= curved[gone] | on_curve
         step[into] = max(step[into], step[gone])
+        depth[into] = max(depth[into], depth[gone])
     joined = []
     for k in np.unique(group):
         level = low[k] + (1 - np.cos(step[k])) * curved[k]
@@ -149,17 +163,45 @@ def _goes_round(hull: Polyhedron, small: npt.NDArray[np.bool_]) -> npt.NDArray[n
     closed: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
     for number in np.flatnonzero(np.bincount(side) >= np.pi / CURVED_STEP):
         normals = hull.normals[side == number]
-        normals = normals - normals.mean(axis=0)
-        axes = np.linalg.svd(normals, full_matrices=False)[2]
-        azimuth = np.sort(np.arctan2(normals @ axes[1], normals @ axes[0]))
+        middle = normals.mean(axis=0)
+        axes = np.linalg.svd(normals - middle, full_matrices=False)[2]
+        x, y = axes[:2] @ (normals - middle).T
+        azimuth = np.sort(np.arctan2(y, x))
         gaps = np.diff(azimuth, append=azimuth[0] + 2 * np.pi)
-        closed[number] = gaps.max() <= CURVED_STEP
+        # A flat with what is around it is no ring.
+        radius = np.hypot(x, y)
+        cap = np.linalg.norm(middle) > 0.5 and radius.min() < 0.5 * radius.max()
+        closed[number] = gaps.max() <= CURVED_STEP and not cap
     return closed[side[hull.sides[:, 0]]]
 
 
-def _steps(hull: Polyhedron, curved_edges: npt.NDArray[np.bool_]) -> Array:
-    """(f,) the largest step of a curved side at each facet, rad; 0 at none."""
-    found = np.zeros(len(hull.normals))
+def _sagittas(hull: Polyhedron, curved_edges: npt.NDArray[np.bool_]) -> Array:
+    """(e,) how far below the curved side the middle of a flat at each edge is, R; 0 at others.
+
+    Two chords of length w that meet at an angle a are below their circle by w / 2 tan(a / 4). The
+    narrower of the two facets is the one of the mesh; the other may be a flat side.
+    """
     edges = np.flatnonzero(curved_edges)
-    np.maximum.at(found, hull.sides[edges].ravel(), np.repeat(hull.angles[edges], 2))
+    first = hull.points[hull.ends[edges, 0]]
+    along = hull.points[hull.ends[edges, 1]] - first
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    width = np.full(len(edges), np.inf)
+    for facets in hull.sides[edges].T.tolist():
+        around = [hull.edges_of_facets[facet] for facet in facets]
+        owner = np.repeat(np.arange(len(edges)), [len(each) for each in around])
+        arms = hull.points[hull.ends[np.fromiter(chain(*around), int)]] - first[owner, None]
+        square = (arms * arms).sum(axis=2) - (arms * along[owner, None]).sum(axis=2) ** 2
+        furthest = np.zeros(len(edges))
+        np.maximum.at(furthest, owner, square.max(axis=1))
+        width = np.minimum(width, np.sqrt(furthest))
+    found = np.zeros(len(hull.angles))
+    found[edges] = width / 2 * np.tan(hull.angles[edges] / 4)
+    return found
+
+
+def _largest(hull: Polyhedron, edges: npt.NDArray[np.bool_], values: Array) -> Array:
+    """(f,) the largest of the values (e,) of those of its edges at each facet; 0 at none."""
+    found = np.zeros(len(hull.normals))
+    chosen = np.flatnonzero(edges)
+    np.maximum.at(found, hull.sides[chosen].ravel(), np.repeat(values[chosen], 2))
     return found

@@ -1,6 +1,5 @@
 """The convex hull of a part as flat facets, edges and corners, seen from the centre of mass."""
 
-from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -33,7 +32,8 @@ class Polyhedron:
     ends : (e, 2) int
         Corners at the ends of each edge.
     sides : (e, 2) int
-        Facets at its sides.
+        Facets at its sides: seen from outside, on the left and on the right of the way from the
+        first end to the second.
     """
 
     points: Array
@@ -101,7 +101,9 @@ def polyhedron(points: Array) -> Polyhedron:
     area = np.cross(b - a, c - a)
     inward = (area * a).sum(axis=1) < 0
     area[inward] *= -1
+    triangles[inward] = triangles[inward][:, ::-1]  # counter-clockwise from outside
     neighbors = hull.neighbors.astype(np.int64)
+    neighbors[inward] = neighbors[inward][:, ::-1]
     members = _facets(points, triangles, neighbors, area)
     sums = np.zeros((int(members.max()) + 1, 3))
     np.add.at(sums, members, area)
@@ -151,12 +153,12 @@ def _edges(triangles: Indices, neighbors: Indices, members: Indices) -> tuple[In
         for opposite, neighbor in enumerate(around):
             one, other = int(members[triangle]), int(members[neighbor])
             if one < other:
-                a, b = (int(p) for k, p in enumerate(triangles[triangle]) if k != opposite)
+                a, b = np.roll(triangles[triangle], -opposite - 1)[:2].tolist()
                 pieces.setdefault((one, other), []).append((a, b))
     ends, sides = [], []
     for pair, parts in pieces.items():
-        count = Counter(point for part in parts for point in part)
-        tips = [point for point, times in count.items() if times == 1]
+        starts, stops = map(set, zip(*parts, strict=True))
+        tips = [*(starts - stops), *(stops - starts)]
         for a, b in [tips] if len(tips) == 2 else parts:
             ends.append((a, b))
             sides.append(pair)
