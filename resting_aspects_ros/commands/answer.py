@@ -26,6 +26,14 @@ def make_console() -> Console:
     return console
 
 
+def print_table(distribution: Distribution, title: str) -> None:
+    """On standard output, with what is known of aspects that were never seen."""
+    console = make_console()
+    console.print(distribution_table(distribution, title))
+    if unseen := never_seen_text(distribution):
+        console.print(unseen, highlight=False)
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Answer:
     """A distribution with all that says what it is of."""
@@ -59,10 +67,7 @@ class Answer:
         if as_json:
             sys.stdout.write(self.json())
             return
-        console = make_console()
-        console.print(distribution_table(self.distribution, self.title))
-        if unseen := never_seen_text(self.distribution):
-            console.print(unseen, highlight=False)
+        print_table(self.distribution, self.title)
 
     def save_json(self, path: Path) -> None:
         """Write the document; raises OutputError."""

@@ -62,6 +62,13 @@ def last_message(path: Path, type_name: str) -> bytes | None:
     return None if last is None else last.data
 
 
+def messages(path: Path, type_name: str) -> Iterator[bytes]:
+    """All messages of a type, in CDR, in the order in which they were logged; as last_message."""
+    for file in _files(path):
+        for message in _messages(file, type_name):
+            yield message.data
+
+
 def _files(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]

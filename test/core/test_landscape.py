@@ -81,9 +81,7 @@ def test_descent_leads_where_tiny_steps_lead(solids, solid, name, arguments):
 
 
 @pytest.mark.parametrize(('name', 'arguments'), SHAPES)
-def test_a_part_that_is_let_go_ends_in_a_minimum_that_is_no_higher(
-    solids, solid, name, arguments
-):
+def test_a_part_that_is_let_go_ends_in_a_minimum_that_is_no_higher(solids, solid, name, arguments):
     landscape = Landscape(solid(getattr(solids, name)(*arguments)))
     down = directions(3, 100_000)
     found = landscape.descend(down)
