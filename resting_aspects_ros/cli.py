@@ -14,7 +14,16 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from resting_aspects_ros import __version__
-from resting_aspects_ros.commands import classify, demo, drop, nodes, request
+from resting_aspects_ros.commands import (
+    aspects,
+    classify,
+    compare,
+    demo,
+    drop,
+    merge,
+    nodes,
+    request,
+)
 from resting_aspects_ros.commands.interruption import catch
 from resting_aspects_ros.core.errors import (
     InvalidValueError,
@@ -55,7 +64,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
-    for command in (drop, classify, request, nodes, demo):
+    for command in (drop, aspects, classify, compare, merge, request, nodes, demo):
         command.add(subparsers)
     return parser
 

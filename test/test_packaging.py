@@ -39,6 +39,7 @@ DEPENDENCIES = {
     'std_msgs': (MESSAGES, 'std_msgs'),
     'trimesh': ('trimesh', 'python3-trimesh-pip'),
     'unique_identifier_msgs': ('ros-jazzy-rclpy', 'unique_identifier_msgs'),
+    'visualization_msgs': (MESSAGES, 'visualization_msgs'),
     'yaml': ('pyyaml', 'python3-yaml'),
 }
 # Used without an import: the time limit of tests in pyproject.toml.

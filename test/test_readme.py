@@ -1,5 +1,6 @@
 """What the README shows is run, and what it lists is what there is."""
 
+import json
 import os
 import re
 import shlex
@@ -55,20 +56,39 @@ def here(line):
 def test_every_command_is_known_to_the_tests_below():
     known = ['make demo', 'make test', '.venv/bin/resting_aspects ']
     assert all(line.startswith(tuple(known)) for line in commands())
-    assert {line.split()[1] for line in commands()} == {'demo', 'test', 'drop', 'nodes', 'request'}
+    assert {line.split()[1] for line in commands()} == {
+        'demo', 'test', 'drop', 'aspects', 'compare', 'nodes', 'request'
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize('line', [line for line in commands() if ' drop ' in line])
 def test_drop(line, tmp_path):
-    command = [*here(line), *FEW_DROPS]
+    command = here(line) if '--precision' in line else [*here(line), *FEW_DROPS]
     if '--out' in command:
         place = command.index('--out') + 1
         command[place] = str(tmp_path / command[place])
     printed = run(command, cwd=ROOT)
-    assert '50' in printed
+    assert '50' in printed or '--precision' in line
     if '--out' in command:
         files = [path.name for path in (tmp_path / 'out' / 'nut').iterdir()]
         assert sorted(files) == ['distribution.json', 'distribution.png', 'poses.csv']
+
+
+def test_aspects():
+    (line,) = [line for line in commands() if ' aspects ' in line]
+    assert 'Symmetry: 12 rotations' in run(here(line), cwd=ROOT)
+
+
+def test_compare(tmp_path):
+    (line,) = [line for line in commands() if ' compare ' in line]
+    (drop,) = [line for line in commands() if ' drop ' in line and '--out' in line]
+    mesh = str(ROOT / 'config' / 'parts' / 'hex_nut.stl')
+    words = [mesh if word.endswith('.stl') else word for word in here(drop)]
+    run([*words, *FEW_DROPS], cwd=tmp_path)
+    document = json.loads((tmp_path / here(line)[2]).read_text())
+    rows = [f'{aspect["id"]},{aspect["count"]}' for aspect in document['aspects']]
+    (tmp_path / here(line)[3]).write_text('\n'.join(['aspect,count', *rows]))
+    assert re.search(r'total variation +0 %', run(here(line), cwd=tmp_path))
 
 
 def test_nodes_request_and_the_python_client(tmp_path, environment):
@@ -127,11 +147,13 @@ def test_the_interface_is_listed():
     listed = re.findall(r'^\| `([\w/<>]+)` \| (?:service|topic|action)', README, re.MULTILINE)
     assert listed == [
         interface.GET_DISTRIBUTION,
+        interface.CLASSIFY_POSE,
         interface.LIST_PARTS,
         interface.DROP_PART,
         interface.RESTING_POSES,
         f'{interface.ASPECT_DISTRIBUTIONS}/<part>',
         f'{interface.PARTS}/<part>',
+        interface.MARKERS,
     ]
 
 

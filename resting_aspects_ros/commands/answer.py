@@ -11,7 +11,7 @@ from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.report.document import distribution_document, to_json
-from resting_aspects_ros.report.table import distribution_table
+from resting_aspects_ros.report.table import distribution_table, never_seen_text
 
 # Of a table that goes into a pipe or a file.
 PIPED_WIDTH = 80
@@ -24,6 +24,14 @@ def make_console() -> Console:
         # Not that of the terminal in which the command was typed.
         console.width = PIPED_WIDTH
     return console
+
+
+def print_table(distribution: Distribution, title: str) -> None:
+    """On standard output, with what is known of aspects that were never seen."""
+    console = make_console()
+    console.print(distribution_table(distribution, title))
+    if unseen := never_seen_text(distribution):
+        console.print(unseen, highlight=False)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -59,7 +67,7 @@ class Answer:
         if as_json:
             sys.stdout.write(self.json())
             return
-        make_console().print(distribution_table(self.distribution, self.title))
+        print_table(self.distribution, self.title)
 
     def save_json(self, path: Path) -> None:
         """Write the document; raises OutputError."""

@@ -78,7 +78,7 @@ def _ask(namespace: list[str], picture: Path, logs: Path, check: Any) -> Path:
     from resting_aspects_ros.nodes.client import distribution_request, suite_client
 
     check()
-    request = distribution_request(PART, Surfaces.read(surfaces_file()).get(), DROPS, SEED)
+    request = distribution_request(PART, Surfaces.read(surfaces_file()).get(), DROPS, 0.0, SEED)
     with suite_client(['--ros-args', *namespace]) as client:
         with DropProgress(PART, DROPS) as progress:
             message = client.get(request, progress.update, check)

@@ -5,14 +5,23 @@ from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.commands.interruption import Interruption
-from resting_aspects_ros.commands.options import add_conditions, add_run, conditions_of, whole
+from resting_aspects_ros.commands.options import (
+    add_conditions,
+    add_part,
+    add_run,
+    conditions_of,
+    drops_of,
+    whole,
+)
+from resting_aspects_ros.commands.quantities import parse_quantity
 from resting_aspects_ros.config_files import surfaces_file
-from resting_aspects_ros.drops.run import DEFAULT_SEED, check_drops, check_seed
+from resting_aspects_ros.drops.run import DEFAULT_SEED, check_seed
 from resting_aspects_ros.drops.surfaces import Surfaces
 
 EXAMPLES = """examples:
   resting_aspects drop l_bracket
   resting_aspects drop my_part.stl --unit mm --drops 5000 --out result
+  resting_aspects drop t_prism --precision 0.02
   resting_aspects drop hex_nut --height 100mm --friction 0.4 --json > nut.json
 """
 
@@ -27,17 +36,21 @@ def add(subparsers: Any) -> None:
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument('part', metavar='PART_OR_MESH', help='name of a part, or a mesh file')
+    add_part(parser)
     add_run(parser, DEFAULT_SEED)
+    parser.add_argument(
+        '--interval',
+        choices=('wilson', 'simultaneous'),
+        default='wilson',
+        help='of each aspect by itself, or such that all hold at once (wilson)',
+    )
+    parser.add_argument(
+        '--confidence',
+        metavar='C',
+        default='0.95',
+        help='of the intervals, 0.5 to 1 (0.95)',
+    )
     parser.add_argument('--workers', metavar='W', type=whole, help='processes (one per core)')
-    parser.add_argument(
-        '--unit',
-        metavar='UNIT',
-        help='of the mesh file: um, mm, cm, m, in or ft (that of its YAML, else mm)',
-    )
-    parser.add_argument(
-        '--parts', metavar='DIR', type=Path, help='folder of named parts (the examples)'
-    )
     parser.add_argument(
         '--out',
         metavar='DIR',
@@ -53,10 +66,11 @@ def add(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
     with Interruption() as stop:
-        check_drops(arguments.drops)
+        drops, precision = drops_of(arguments)
         check_seed(arguments.seed)
+        confidence = parse_quantity('--confidence', arguments.confidence, '')
         conditions = conditions_of(arguments, Surfaces.read(surfaces_file()))
         # The engine takes a second to import, which neither --help nor a typo needs.
         from resting_aspects_ros.commands.drop_here import drop_here
 
-        return drop_here(arguments, conditions, stop)
+        return drop_here(arguments, conditions, drops, precision, confidence, stop)

@@ -24,38 +24,55 @@ from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 from resting_aspects_ros.drops.campaign import default_workers, make_pool, stop_pool, submit_drops
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.job import DropJob
-from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.drops.plan import most_drops, plan_run
+from resting_aspects_ros.drops.run import RunDescription
 
 INTERRUPTED = 130
 POSES_HEADER = (
     'drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw', 'status', 'decided_by', 'time_to_rest'
 )  # fmt: skip
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
+# A fall from higher than this, hull radii, was probably meant in another unit.
+HIGH = 200
 # How often it is looked for Ctrl-C, s.
 LOOK_PERIOD = 0.1
 
 
 def drop_here(
-    arguments: argparse.Namespace, conditions: DropConditions, stop: Interruption
+    arguments: argparse.Namespace,
+    conditions: DropConditions,
+    drops: int,
+    precision: float,
+    confidence: float,
+    stop: Interruption,
 ) -> int:
     """Drop, count and show; returns the exit code.
+
+    ``drops`` and ``precision`` as most_drops has them.
 
     Raises RestingAspectsError: before the first drop for wrong input, and after what was done is
     saved, if not all could be done.
     """
     part = given_part(arguments.part, arguments.unit, arguments.parts)
+    empty = no_drops(
+        find_aspects(part),
+        interval=arguments.interval,
+        confidence=confidence,
+        by_precision=precision > 0,
+    )
     job, run = plan_run(
         part,
         conditions,
         seed=arguments.seed,
-        drops=arguments.drops,
+        drops=most_drops(drops, precision, len(empty.aspects), empty.interval, confidence),
+        precision=precision,
         run_id=uuid.uuid4().hex[:12],
         started=time.time_ns(),
     )
     workers = default_workers() if arguments.workers is None else arguments.workers
     out: Path | None = arguments.out
     failure: EngineError | None = None
-    tally = _Tally(no_drops(find_aspects(part)))
+    tally = _Tally(empty, run)
     with ExitStack() as stack:
         pool = make_pool(workers)
         stack.callback(stop_pool, pool)
@@ -63,13 +80,20 @@ def drop_here(
             tally.tables.append(stack.enter_context(_poses_file(flag, path)))
         for warning in part.warnings:
             print(f'warning: {warning}', file=sys.stderr)
+        if conditions.height > HIGH * part.hull_radius:
+            print(
+                f'warning: the height is {conditions.height:g} m, which is '
+                f'{conditions.height / part.hull_radius:.0f} times the radius of the part',
+                file=sys.stderr,
+            )
         with DropProgress(part.name, run.drops) as progress:
             try:
-                _drop(job, run.drops, pool, 2 * workers, tally, progress.update, stop)
+                _drop(job, pool, 2 * workers, tally, progress.update, stop)
+                progress.end(tally.distribution.drops)
             except EngineError as error:
                 failure = error
     done = tally.distribution.drops
-    answer = Answer(tally.distribution, run, part, METHOD, complete=done == run.drops)
+    answer = Answer(tally.distribution, run, part, METHOD, complete=tally.over)
     if out is not None:
         answer.save_json(out / DOCUMENT)
         answer.save_picture(out / PICTURE)
@@ -90,8 +114,9 @@ def drop_here(
 class _Tally:
     """What was done so far: counted, and written in rows."""
 
-    def __init__(self, distribution: Distribution) -> None:
+    def __init__(self, distribution: Distribution, run: RunDescription) -> None:
         self.distribution = distribution
+        self.run = run
         self.tables: list[TextIO] = []
 
     def add(self, poses: RestingPoses) -> None:
@@ -100,10 +125,14 @@ class _Tally:
             table.flush()
         self.distribution += count_poses(self.distribution.aspects, poses)
 
+    @property
+    def over(self) -> bool:
+        """All drops are made, or enough."""
+        return self.distribution.stops(self.run.precision, self.run.drops)
+
 
 def _drop(
     job: DropJob,
-    drops: int,
     pool: ProcessPoolExecutor,
     lookahead: int,
     tally: _Tally,
@@ -112,13 +141,15 @@ def _drop(
 ) -> None:
     """Make the drops, or those until somebody asks for an end; raises EngineError."""
     try:
-        for future in submit_drops(job, 0, drops, pool, lookahead):
+        for future in submit_drops(job, 0, tally.run.drops, pool, lookahead):
             while not stop.asked and not wait([future], LOOK_PERIOD).done:
                 progress(tally.distribution.drops)
             if stop.asked:
                 return
             tally.add(future.result())
             progress(tally.distribution.drops)
+            if tally.over:
+                return
     except BrokenProcessPool:
         raise EngineError('a worker process died') from None
     except Exception as error:

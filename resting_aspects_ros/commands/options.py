@@ -1,12 +1,27 @@
 """Options that several subcommands share."""
 
 import argparse
+from pathlib import Path
 
 from resting_aspects_ros.commands.quantities import parse_quantity
 from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions, HeightOf
+from resting_aspects_ros.drops.run import check_drops
 from resting_aspects_ros.drops.surfaces import DEFAULT_SURFACE, Surfaces
 
 DEFAULT_DROPS = 1000
+
+
+def add_part(parser: argparse.ArgumentParser) -> None:
+    """The part, by name or as a file; see given_part."""
+    parser.add_argument('part', metavar='PART_OR_MESH', help='name of a part, or a mesh file')
+    parser.add_argument(
+        '--unit',
+        metavar='UNIT',
+        help='of the mesh file: um, mm, cm, m, in or ft (that of its YAML, else mm)',
+    )
+    parser.add_argument(
+        '--parts', metavar='DIR', type=Path, help='folder of named parts (the examples)'
+    )
 
 
 def add_conditions(parser: argparse.ArgumentParser) -> None:
@@ -46,13 +61,19 @@ def conditions_of(arguments: argparse.Namespace, surfaces: Surfaces) -> DropCond
 
 
 def add_run(parser: argparse.ArgumentParser, seed: int | None) -> None:
-    """--drops and --seed."""
+    """--drops, --precision and --seed; see drops_of."""
     parser.add_argument(
         '--drops',
         metavar='N',
         type=whole,
-        default=DEFAULT_DROPS,
-        help=f'how many ({DEFAULT_DROPS}); 385 give intervals of about +-0.05, 10000 of +-0.01',
+        help=f'how many ({DEFAULT_DROPS}); 385 give intervals of about +-0.05, 10000 of +-0.01. '
+        'With --precision the most that are made (as many as it takes)',
+    )
+    parser.add_argument(
+        '--precision',
+        metavar='P',
+        help='stop as soon as every interval is at most +-P wide, such as 0.01: those of aspects '
+        'that were never seen, too',
     )
     shown = 'any known run will do, and a new one gets 1' if seed is None else str(seed)
     parser.add_argument(
@@ -62,6 +83,20 @@ def add_run(parser: argparse.ArgumentParser, seed: int | None) -> None:
         default=seed,
         help=f'the same seed gives the same drops ({shown})',
     )
+
+
+def drops_of(arguments: argparse.Namespace) -> tuple[int, float]:
+    """How many drops are asked for, and to which precision; 0 is not given."""
+    if arguments.precision is None:
+        return DEFAULT_DROPS if arguments.drops is None else arguments.drops, 0.0
+    # It takes a while to import, which --help does not need.
+    from resting_aspects_ros.core.stopping import check_precision
+
+    precision = parse_quantity('--precision', arguments.precision, '')
+    check_precision(precision)
+    if arguments.drops is not None:
+        check_drops(arguments.drops)
+    return arguments.drops or 0, precision
 
 
 def _flag(name: str) -> str:

@@ -4,24 +4,20 @@ It needs a line of names with those of the quaternion's four numbers, in any ord
 other columns. A `status` column, as `resting_aspects drop` writes it, is heeded.
 """
 
-import csv
 import re
 from array import array
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from resting_aspects_ros.commands.csv_file import CsvTable, open_text, short
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.rotations import canonical
+from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE, canonical
 
-# How far the length of a quaternion may be from 1: four decimals of its numbers leave 1e-4.
-LENGTH_TOLERANCE = 1e-3
 ALLOWED_NAMES = (
     'qx, qy, qz, qw (or q_x, quat_x, orientation.x, ...) or x, y, z, w, in any order, in columns '
     'parted by , or ;'
@@ -70,11 +66,12 @@ def read_poses_file(path: Path, at_least: int) -> PosesFile:
     InvalidValueError
         With file, line, column, value and what is allowed.
     """
-    with _rows(path) as rows:
-        table = _Table(path, *next(rows, (1, [])))
-        for line, row in rows:
-            table.add(line, row)
-    poses = table.poses()
+    with open_text(path) as file:
+        table = CsvTable(path, file)
+        found = _Poses(path, table)
+        for line, row in table.rows():
+            found.add(line, row)
+    poses = found.poses()
     if len(poses.index) < at_least:
         settled = ' settled' if poses.unsettled or poses.failed else ''
         raise InvalidValueError(
@@ -83,40 +80,18 @@ def read_poses_file(path: Path, at_least: int) -> PosesFile:
     return poses
 
 
-@contextmanager
-def _rows(path: Path) -> Iterator[Iterator[tuple[int, list[str]]]]:
-    """Lines that are not empty, with their numbers."""
-    try:
-        with path.open(newline='', encoding='utf-8-sig') as file:
-            header = file.readline()
-            lines = chain([header], file)  # a pipe cannot be read again
-            reader = csv.reader(lines, delimiter=';' if ';' in header else ',')
-            yield ((reader.line_num, row) for row in reader if any(cell.strip() for cell in row))
-    except OSError as error:
-        raise InvalidValueError(f'{str(path)!r} cannot be read: {error.strerror}') from None
-    except UnicodeDecodeError:
-        raise InvalidValueError(f'{str(path)!r} is no text in UTF-8, allowed is a CSV') from None
-    except csv.Error as error:
-        raise InvalidValueError(f'{str(path)!r} is no CSV: {error}') from None
-
-
-class _Table:
+class _Poses:
     """The poses of the lines that were read so far, in little memory."""
 
-    def __init__(self, path: Path, line: int, header: Sequence[str]) -> None:
+    def __init__(self, path: Path, table: CsvTable) -> None:
         self._path = path
-        self._header = [name.strip() for name in header]
-        self._columns = _quaternion_columns(f'{str(path)!r} line {line}', self._header)
-        self._status = _status_column(self._header)
+        self._table = table
+        self._columns = _quaternion_columns(table.where, table.header)
+        self._status = _status_column(table.header)
         self._numbers, self._index, self._line = array('d'), array('q'), array('q')
         self._count = dict.fromkeys(RestStatus, 0)
 
     def add(self, line: int, row: Sequence[str]) -> None:
-        if len(row) != len(self._header):
-            raise InvalidValueError(
-                f'{str(self._path)!r} line {line} has {len(row)} columns, allowed are '
-                f'{len(self._header)}, as many as in the line of names'
-            )
         status = self._status_of(line, row)
         if status is RestStatus.SETTLED:  # no others need to have an orientation
             self._index.append(sum(self._count.values()))
@@ -147,7 +122,7 @@ class _Table:
             return RestStatus[row[self._status].strip().upper()]
         except KeyError:
             names = ', '.join(status.name for status in RestStatus)
-            raise self._wrong(line, row, self._status, names) from None
+            raise self._table.wrong(line, row, self._status, names) from None
 
     def _number(self, line: int, row: Sequence[str], column: int) -> float:
         try:
@@ -155,19 +130,11 @@ class _Table:
         except ValueError:
             number = np.nan
         if not np.isfinite(number):
-            raise self._wrong(line, row, column, 'a finite number, such as -0.5')
+            raise self._table.wrong(line, row, column, 'a finite number, such as -0.5')
         return number
 
-    def _wrong(
-        self, line: int, row: Sequence[str], column: int, allowed: str
-    ) -> InvalidValueError:
-        return InvalidValueError(
-            f'{str(self._path)!r} line {line}, column {self._header[column]!r} is '
-            f'{_short(row[column])!r}, allowed is {allowed}'
-        )
-
     def _refuse(self, line: int, xyzw: npt.NDArray[np.float64], length: float) -> None:
-        names = ', '.join(self._header[k] for k in self._columns)
+        names = ', '.join(self._table.header[k] for k in self._columns)
         numbers = ', '.join(f'{number:.6g}' for number in xyzw)
         raise InvalidValueError(
             f'{str(self._path)!r} line {line}, columns {names} are {numbers}: a quaternion of '
@@ -192,7 +159,7 @@ def _quaternion_columns(where: str, header: Sequence[str]) -> list[int]:
             if missing
             else f'several columns are {" and ".join(twice)} of the quaternion'
         )
-        shown = _short(', '.join(header))
+        shown = short(', '.join(header))
         raise InvalidValueError(
             f'{where} should name the columns and is {shown!r}: {problem}, allowed are '
             f'{ALLOWED_NAMES}'
@@ -203,8 +170,3 @@ def _quaternion_columns(where: str, header: Sequence[str]) -> list[int]:
 def _status_column(header: Sequence[str]) -> int | None:
     names = [name.lower() for name in header]
     return names.index('status') if 'status' in names else None
-
-
-def _short(text: str) -> str:
-    longest = 100
-    return text if len(text) <= longest else text[:longest] + '...'

@@ -59,6 +59,13 @@ class DropProgress:
                 )
             self._over = done == self._total
 
+    def end(self, done: int) -> None:
+        """No more drops come: those that are done are all."""
+        self._total = done
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, total=done)
+        self.update(done)
+
     def __exit__(
         self,
         kind: type[BaseException] | None,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.commands.interruption import Interruption
-from resting_aspects_ros.commands.options import add_conditions, add_run, conditions_of
+from resting_aspects_ros.commands.options import add_conditions, add_run, conditions_of, drops_of
 from resting_aspects_ros.commands.outputs import check_output
 from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.core.errors import InvalidValueError
@@ -54,7 +54,11 @@ def run(arguments: argparse.Namespace) -> int:
         from resting_aspects_ros.nodes.client import distribution_request, suite_client
 
         request = distribution_request(
-            arguments.part, conditions, arguments.drops, arguments.seed, arguments.only_known
+            arguments.part,
+            conditions,
+            *drops_of(arguments),
+            arguments.seed,
+            only_known=arguments.only_known,
         )
         with ExitStack() as stack:
             try:
@@ -62,8 +66,9 @@ def run(arguments: argparse.Namespace) -> int:
             except RuntimeError as error:  # all that rclpy raises for arguments
                 words = ' '.join(arguments.ros_args)
                 raise InvalidValueError(f'--ros-args is {words!r}, ROS refuses: {error}') from None
-            with DropProgress(arguments.part, arguments.drops) as progress:
+            with DropProgress(arguments.part, request.drops) as progress:
                 message = client.get(request, progress.update, stop.check)
+                progress.end(message.drops)
             answer = answer_from(message, client.part(arguments.part))
         if arguments.picture is not None:
             answer.save_picture(arguments.picture)

@@ -4,9 +4,9 @@ Within the directions in which one corner touches, the cone of the corner, the d
 great circles away from it. So what leaves the cone through a piece of its border fills the
 spherical triangle between corner and piece, without what came in from other cones through the
 border on the way: the area of a basin is the sum of the triangles over the pieces that lead to it,
-those of entries negative, as is their sense of rotation. So the areas add up to 4 pi on hulls,
-too, whose facets fit each other up to noise only. Where a border leads into another cone its
-pieces follow from that one's, which is the cone of a corner nearer to the centre of mass.
+those of entries negative, as is their sense of rotation. So the areas add up to 4 pi also on hulls
+whose facets fit each other up to noise only. Where a border leads into another cone its pieces
+follow from that one's, which is the cone of a corner nearer to the centre of mass.
 """
 
 import math

@@ -16,6 +16,8 @@ from resting_aspects_ros.core.pearson import Source, p_of_one, p_of_two
 
 # Probabilities that were written down add up to 1 but for rounding.
 SUM_TOLERANCE = 1e-3
+# Where drops can end besides in an aspect.
+REST = ('unclassified', 'unsettled', 'failed')
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +32,11 @@ class Tally:
     unclassified: int = 0
     unsettled: int = 0
     failed: int = 0
+
+    @property
+    def drops(self) -> int:
+        """How many drops were counted."""
+        return int(self.counts.sum()) + self.unclassified + self.unsettled + self.failed
 
 
 @dataclass(frozen=True)
@@ -207,5 +214,5 @@ def _check_as_many(name: str, found: int, allowed: int) -> None:
 
 
 def _rest(given: Tally | Distribution) -> Rest:
-    drops = int(given.counts.sum()) + given.unclassified + given.unsettled + given.failed
+    drops = given.drops
     return Rest(given.unclassified / drops, given.unsettled / drops, given.failed / drops)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.intervals import CONFIDENCE, INTERVAL, Interval, intervals
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.core.stopping import stopping_confidence
+from resting_aspects_ros.core.stopping import stopping_confidence, stops
 
 __all__ = [
     'CONFIDENCE',
@@ -32,6 +32,10 @@ class Distribution:
         Drops at rest in each aspect, by id from 1.
     unclassified, unsettled, failed : int
         Drops at rest in no aspect, not at rest in the time allowed, and numerically wrong.
+    interval : str
+        Method of the intervals, one of core.intervals.METHODS.
+    confidence : float
+        Of the intervals.
     by_precision : bool
         Whether the run stopped when its intervals were narrow enough.
     """
@@ -41,6 +45,8 @@ class Distribution:
     unclassified: int
     unsettled: int
     failed: int
+    interval: str = INTERVAL
+    confidence: float = CONFIDENCE
     by_precision: bool = False
 
     @property
@@ -48,16 +54,19 @@ class Distribution:
         """How many drops were counted."""
         return int(self.counts.sum()) + self.unclassified + self.unsettled + self.failed
 
-    def intervals(self, method: str = INTERVAL, confidence: float = CONFIDENCE) -> list[Interval]:
+    def intervals(self) -> list[Interval]:
         """For each aspect count / drops with an interval, n = drops; as core.intervals has it.
 
         The interval of a count of zero begins at zero, and it is the bound on how probable an
         aspect can be that was never seen. Without drops: 0 to 1. After a stop by precision they
         are a little wider, so that they cover as often as they say: core.stopping.
         """
-        if self.by_precision:
-            confidence = stopping_confidence(confidence)
-        return intervals(self.counts, self.drops, method, confidence)
+        stopped = stopping_confidence(self.confidence) if self.by_precision else self.confidence
+        return intervals(self.counts, self.drops, self.interval, stopped)
+
+    def stops(self, precision: float, ceiling: int) -> bool:
+        """Whether a run is over with these counts; as core.stopping has it."""
+        return stops(self.counts, self.drops, precision, ceiling, self.interval, self.confidence)
 
     def by_class(self) -> 'Distribution':
         """The counts of the symmetry classes, in their order."""
@@ -69,19 +78,25 @@ class Distribution:
         """The distribution over the drops of both: different drops of the same part."""
         if self.aspects.part_sha256 != other.aspects.part_sha256:
             raise ValueError('distributions of different parts cannot be added')
-        return Distribution(
-            self.aspects,
-            self.counts + other.counts,
-            self.unclassified + other.unclassified,
-            self.unsettled + other.unsettled,
-            self.failed + other.failed,
-            self.by_precision,
+        return dataclasses.replace(
+            self,
+            counts=self.counts + other.counts,
+            unclassified=self.unclassified + other.unclassified,
+            unsettled=self.unsettled + other.unsettled,
+            failed=self.failed + other.failed,
         )
 
 
-def no_drops(aspects: AspectSet, *, by_precision: bool = False) -> Distribution:
+def no_drops(
+    aspects: AspectSet,
+    *,
+    interval: str = INTERVAL,
+    confidence: float = CONFIDENCE,
+    by_precision: bool = False,
+) -> Distribution:
     """The distribution before the first drop."""
-    return Distribution(aspects, np.zeros(len(aspects), dtype=np.int64), 0, 0, 0, by_precision)
+    none = np.zeros(len(aspects), dtype=np.int64)
+    return Distribution(aspects, none, 0, 0, 0, interval, confidence, by_precision)
 
 
 def count_poses(aspects: AspectSet, poses: RestingPoses) -> Distribution:

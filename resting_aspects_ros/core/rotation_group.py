@@ -30,9 +30,9 @@ def dihedral(axis: Array, order: int, flip: Array | None) -> Array:
     return cyclic if flip is None else np.concatenate([cyclic, cyclic @ flip])
 
 
-def contains(group: Array, rotation: Array) -> bool:
-    """Tell whether a rotation is in a group, but for errors."""
-    return bool(_angles(group, rotation).min() < SAME)
+def contains(group: Array, rotation: Array, within: float = SAME) -> bool:
+    """Tell whether a rotation is in a group, but for errors, rad."""
+    return bool(_angles(group, rotation).min() < within)
 
 
 def generated(generators: Array) -> Array | None:

@@ -9,6 +9,9 @@ from scipy.spatial.transform import Rotation
 
 Array = npt.NDArray[np.float64]
 
+# How far the length of a quaternion may be from 1: four decimals of its numbers leave 1e-4.
+LENGTH_TOLERANCE = 1e-3
+
 
 def wxyz_from_xyzw(xyzw: Array) -> Array:
     """Reorder quaternions (..., 4) from x, y, z, w to w, x, y, z."""

@@ -53,7 +53,7 @@ def facing(corners: Array, shell: Indices, mended: Flags) -> Facing:
     low = np.array([t.min(axis=(0, 1)) for t in triangles])
     high = np.array([t.max(axis=(0, 1)) for t in triangles])
     flip = np.zeros(len(volumes), dtype=bool)
-    doubled = 0
+    doubled = bodies = 0
     # A shell comes after all that can be around it, which are larger.
     largest_first = np.argsort(-np.abs(volumes), kind='stable')
     rank = np.argsort(largest_first)
@@ -65,15 +65,18 @@ def facing(corners: Array, shell: Indices, mended: Flags) -> Facing:
         turns = {o: _turns(point, triangles[o]) for o in np.flatnonzero(boxed).tolist()}
         depth = sum(-turn if flip[o] else turn for o, turn in turns.items())
         if depth <= 0:
+            bodies += 1
             flip[s] = volumes[s] < 0
         elif volumes[s] > 0:
             flip[s] = doubtful[s] or any(turn and flip[o] for o, turn in turns.items())
             doubled += not flip[s]
-    return Facing(flip[shell], _warnings(flip & ~doubtful, doubled))
+    return Facing(flip[shell], _warnings(flip & ~doubtful, doubled, bodies))
 
 
-def _warnings(flipped: Flags, doubled: int) -> list[str]:
+def _warnings(flipped: Flags, doubled: int, bodies: int) -> list[str]:
     found = []
+    if bodies > 1:
+        found.append(f'the mesh is of {bodies} bodies, which are taken as one rigid part')
     if flipped.all():
         found.append('the mesh was inside out and was turned')
     elif flipped.any():

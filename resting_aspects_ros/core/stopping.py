@@ -73,6 +73,29 @@ def stopping_confidence(confidence: float = CONFIDENCE) -> float:
     return 1 - LAST_LOOK * (1 - confidence)
 
 
+def drops_for(
+    precision: float,
+    ceiling: int,
+    aspects: int = 1,
+    method: str = INTERVAL,
+    confidence: float = CONFIDENCE,
+) -> int:
+    """The look, or the ceiling, by which a run stops whatever its counts are.
+
+    Intervals are widest at a share of 1/2.
+
+    Parameters
+    ----------
+    aspects : int
+        Of the part; of no matter to intervals of each by itself.
+    """
+    for look in looks(ceiling):
+        widest = [look // 2] + [0] * (aspects - 1)
+        if is_precise(widest, look, precision, method, confidence):
+            return look
+    return ceiling
+
+
 def is_precise(
     counts: npt.ArrayLike,
     drops: int,
@@ -99,3 +122,24 @@ def is_precise(
     check_precision(precision)
     lower, upper = bounds(counts, drops, method, stopping_confidence(confidence))
     return bool(np.all(upper - lower <= 2 * precision))
+
+
+def stops(
+    counts: npt.ArrayLike,
+    drops: int,
+    precision: float,
+    ceiling: int,
+    method: str = INTERVAL,
+    confidence: float = CONFIDENCE,
+) -> bool:
+    """Whether a run is over with these counts: at the ceiling, or at a look that is precise.
+
+    Parameters
+    ----------
+    precision : float
+        0: at the ceiling only.
+    """
+    if drops >= ceiling:
+        return True
+    at_look = precision > 0 and drops in looks(ceiling)
+    return at_look and is_precise(counts, drops, precision, method, confidence)

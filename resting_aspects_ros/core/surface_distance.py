@@ -10,7 +10,7 @@ Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 # Points that go down the tree together: what bounds the memory.
-TOGETHER = 4096
+TOGETHER = 1024
 # Triangles of a point that are looked at first; then so many times more, and so on.
 FEW = 4
 

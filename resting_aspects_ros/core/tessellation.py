@@ -18,7 +18,7 @@ CURVED_ANGLE = np.radians(25.0)
 FLAT_ANGLE = np.radians(0.1)
 # A flat bounded by curved strips, as a face with rounded edges, is no part of the curve. It is
 # told from a wide strip among narrow ones by being more than so many times as wide as they.
-WIDER = 2.0
+WIDER = 3.0
 # On top of what is derived for strips and for triangles of like sides.
 MARGIN = 1.25
 

@@ -130,6 +130,8 @@ class PartLibrary:
         names = self.names()
         close = difflib.get_close_matches(str(name).lower(), names, n=1)
         hint = f'; did you mean {close[0]!r}?' if close else ''
+        unfit = [sentence for sentence in self.problems() if str(name) in sentence]
+        hint += ''.join(f'; {sentence}' for sentence in unfit)
         registered = ', '.join(names) or f'none, in {str(self.folder)!r}'
         return f'no part {str(name)[:MAX_NAME]!r} is registered: there are {registered}{hint}'
 

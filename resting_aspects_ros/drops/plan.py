@@ -1,16 +1,46 @@
 """From a question to a run: the job for the workers, and the description for everybody else."""
 
 from resting_aspects_ros import __version__
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.intervals import CONFIDENCE, INTERVAL
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.stopping import check_precision, drops_for
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.engine import ENGINE, ENGINE_VERSION
 from resting_aspects_ros.drops.job import DropJob, make_job
 from resting_aspects_ros.drops.run import (
+    MOST_DROPS,
     RunDescription,
     check_drops,
     check_first_drop,
     check_seed,
 )
+
+
+def most_drops(
+    drops: int,
+    precision: float,
+    aspects: int = 1,
+    interval: str = INTERVAL,
+    confidence: float = CONFIDENCE,
+) -> int:
+    """How many drops a run has at most that is asked for with so many, and a precision.
+
+    Parameters
+    ----------
+    drops : int
+        0 with a precision: as many as it can take.
+    precision : float
+        0: the run makes all its drops.
+
+    Raises
+    ------
+    InvalidValueError
+        If the precision cannot be.
+    """
+    if precision == 0:
+        return drops
+    return drops_for(precision, drops or MOST_DROPS, aspects, interval, confidence)
 
 
 def plan_run(
@@ -22,9 +52,22 @@ def plan_run(
     run_id: str,
     started: int,
     first_drop: int = 0,
+    precision: float = 0.0,
 ) -> tuple[DropJob, RunDescription]:
-    """The job and the description of a run, checked; raises InvalidValueError."""
+    """The job and the description of a run, checked; raises InvalidValueError.
+
+    Parameters
+    ----------
+    precision : float
+        Half width of the intervals at which the run stops; 0: it makes all its drops.
+    """
     check_drops(drops)
+    if precision != 0:
+        check_precision(precision)
+        if first_drop != 0:
+            raise InvalidValueError(
+                f'first_drop is {first_drop}, allowed is 0 for a run that stops at a precision'
+            )
     check_seed(seed)
     check_first_drop(first_drop, drops)
     job = make_job(part, conditions, seed)
@@ -36,7 +79,7 @@ def plan_run(
         seed=seed,
         first_drop=first_drop,
         drops=drops,
-        precision=0.0,
+        precision=precision,
         engine=ENGINE,
         engine_version=ENGINE_VERSION,
         suite_version=__version__,

@@ -5,29 +5,23 @@ from pathlib import Path
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.task import Future
-from resting_aspects_interfaces.msg import (
-    AspectDistribution,
-    PartDescription,
-    PartSummary,
-    RestingPoses,
-    Status,
-)
-from resting_aspects_interfaces.srv import GetDistribution, ListParts
+from resting_aspects_interfaces.msg import PartDescription, PartSummary, RestingPoses, Status
+from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, ListParts
 
 from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.errors import RestingAspectsError, UnknownPartError
+from resting_aspects_ros.drops.plan import most_drops
 from resting_aspects_ros.drops.run import DEFAULT_SEED, RunDescription, check_drops
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.convert import part_from, poses_from, status
 from resting_aspects_ros.nodes.distribution_messages import distribution_msg
+from resting_aspects_ros.nodes.distribution_outputs import DistributionOutputs
 from resting_aspects_ros.nodes.drop_requests import DropRequests, DropSpec
 from resting_aspects_ros.nodes.interface import (
-    ASPECT_DISTRIBUTIONS,
+    CLASSIFY_POSE,
     GET_DISTRIBUTION,
-    LATCHED,
     LIST_PARTS,
     PARTS,
     POSES,
@@ -35,14 +29,19 @@ from resting_aspects_ros.nodes.interface import (
     SERVICES,
 )
 from resting_aspects_ros.nodes.parameters import Parameter, declare
+from resting_aspects_ros.nodes.pose_answers import answer_pose, asked_part
 from resting_aspects_ros.nodes.requests import (
     NotAvailableError,
+    answering,
     asked_conditions,
     check_method,
-    check_precision,
-    error_status,
 )
-from resting_aspects_ros.nodes.run_accounts import KnownDistributions, KnownParts, RunAccount
+from resting_aspects_ros.nodes.run_accounts import (
+    KnownDistributions,
+    KnownParts,
+    RunAccount,
+    newest_distribution,
+)
 from resting_aspects_ros.nodes.run_tracker import RunProgress, RunTracker
 from resting_aspects_ros.nodes.spin import run_node
 from resting_aspects_ros.nodes.topic_watch import TopicWatch
@@ -57,9 +56,9 @@ RUNS_KEPT = 10_000
 
 
 class AspectClassifier(Node):
-    """Subscribes to resting_poses and parts/*; publishes aspect_distributions/<part>.
+    """Subscribes to resting_poses and parts/*; publishes aspect_distributions/<part>, markers.
 
-    Serves get_distribution and list_parts.
+    Serves get_distribution, classify_pose and list_parts.
     """
 
     def __init__(self) -> None:
@@ -70,15 +69,14 @@ class AspectClassifier(Node):
         self._known = KnownDistributions()
         self._accounts: dict[str, RunAccount] = {}  # of runs that are not over
         self._over: dict[str, Future] = {}  # run id -> done when the run is over
-        self._changed: dict[str, RunAccount] = {}  # by part, to be published
-        self._outputs: dict[str, Publisher] = {}
+        self._outputs = DistributionOutputs(self, self._parts)
         self._tracker = RunTracker(self, self._run_over)
         self._requests = DropRequests(self, self._over_future)
         self._watch = TopicWatch(
             self, PARTS, PartDescription, self._part_described, gone=self._parts.remove
         )
         self.create_subscription(RestingPoses, RESTING_POSES, self._batch, POSES)
-        self.create_timer(PUBLISH_PERIOD, self._publish_changed)
+        self.create_timer(PUBLISH_PERIOD, self._outputs.publish)
         self.create_service(
             GetDistribution,
             GET_DISTRIBUTION,
@@ -87,6 +85,7 @@ class AspectClassifier(Node):
             # In the node's own group a request that waits would hold up everything it waits for.
             callback_group=ReentrantCallbackGroup(),
         )
+        self.create_service(ClassifyPose, CLASSIFY_POSE, self._classify_pose, qos_profile=SERVICES)
         self.create_service(ListParts, LIST_PARTS, self._list_parts, qos_profile=SERVICES)
         self.get_logger().info('ready')
 
@@ -105,7 +104,7 @@ class AspectClassifier(Node):
             self.get_logger().error(f'the description of {name} cannot be used: {error}')
             return
         self._parts.describe(part)
-        self._output(name)  # before the first run, so that who listens hears all of it
+        self._outputs.offer(name)  # before the first run, so that who listens hears all of it
         for account in list(self._accounts.values()):
             if account.run.part == name:
                 self._advance(account)
@@ -144,11 +143,11 @@ class AspectClassifier(Node):
                 self._end(account)
             return
         account.count(aspects)
-        self._changed[run.part] = account
+        self._outputs.change(account)
         if account.over:
             if not account.problem:
                 self._known.add(run, account.counted)
-            self._publish_changed()
+            self._outputs.publish()
             self._end(account)
 
     def _end(self, account: RunAccount) -> None:
@@ -157,23 +156,6 @@ class AspectClassifier(Node):
         if account.problem:
             self.get_logger().warning(account.problem)
         self._over_future(account.run.run_id).set_result(account)
-
-    def _publish_changed(self) -> None:
-        changed, self._changed = self._changed, {}
-        for part, account in changed.items():
-            message = self._message(account.run, account.counted, account.over)
-            self._output(part).publish(message)
-
-    def _output(self, part: str) -> Publisher:
-        if part not in self._outputs:
-            topic = f'{ASPECT_DISTRIBUTIONS}/{part}'
-            self._outputs[part] = self.create_publisher(AspectDistribution, topic, LATCHED)
-        return self._outputs[part]
-
-    def _message(
-        self, run: RunDescription, distribution: Distribution, complete: bool
-    ) -> AspectDistribution:
-        return distribution_msg(distribution, run, self.get_clock().now().to_msg(), complete)
 
     def _over_future(self, run_id: str) -> Future:
         while len(self._over) > RUNS_KEPT:
@@ -185,36 +167,34 @@ class AspectClassifier(Node):
     async def _get_distribution(
         self, request: GetDistribution.Request, response: GetDistribution.Response
     ) -> GetDistribution.Response:
-        try:
+        with answering(GET_DISTRIBUTION, response, self.get_logger().error):
             run, distribution = await self._find_or_drop(request)
-            response.distribution = self._message(run, distribution, True)
+            stamp = self.get_clock().now().to_msg()
+            response.distribution = distribution_msg(distribution, run, stamp, True)
             response.status = status(Status.OK)
-        except RestingAspectsError as error:
-            response.status = error_status(error)
-        except Exception as error:  # noqa: BLE001 - the edge: a defect must not stop the node
-            self.get_logger().error(f'get_distribution failed: {error!r}')
-            response.status = status(Status.FAILED, f'unexpected: {error!r}')
         return response
 
     async def _find_or_drop(
         self, request: GetDistribution.Request
     ) -> tuple[RunDescription, Distribution]:
         check_method(request.method)
-        check_precision(request.precision)
-        check_drops(request.drops)
+        drops = most_drops(request.drops, request.precision)
+        check_drops(drops)
         conditions = asked_conditions(self._surfaces, request.surface, request.conditions)
         seed = request.seed[0] if request.seed else None
-        # Without a simulator no part is offered; what is known of it is known still.
-        there = self._requests.simulator_is_there()
-        part = self._parts.get(request.part) if there else self._parts.last(request.part)
+        part = self._parts.usable(self._requests.simulator_is_there()).get(request.part)
         if part is not None:
-            known = self._known.find(part.part_sha256, conditions, request.drops, seed)
+            known = self._known.find(part.part_sha256, conditions, drops, request.precision, seed)
             if known is not None:
                 return known
         if request.only_known:
             raise self._nothing_known(request)
         spec = DropSpec(
-            request.part, conditions, request.drops, DEFAULT_SEED if seed is None else seed
+            request.part,
+            conditions,
+            drops,
+            request.precision,
+            DEFAULT_SEED if seed is None else seed,
         )
         account = await self._requests.drop(spec)
         return account.run, account.counted
@@ -229,6 +209,16 @@ class AspectClassifier(Node):
             f'no distribution of {request.part} under these conditions over at least '
             f'{request.drops} drops is known, and only_known was asked for'
         )
+
+    def _classify_pose(
+        self, request: ClassifyPose.Request, response: ClassifyPose.Response
+    ) -> ClassifyPose.Response:
+        with answering(CLASSIFY_POSE, response, self.get_logger().error):
+            parts = self._parts.usable(self._requests.simulator_is_there())
+            sha = asked_part(parts, request.part).part_sha256
+            newest = newest_distribution(self._known, self._accounts.values(), sha)
+            answer_pose(request, response, self._parts.version(sha)[1], newest)
+        return response
 
     def _list_parts(
         self, _: ListParts.Request, response: ListParts.Response

@@ -16,6 +16,7 @@ from resting_aspects_interfaces.srv import GetDistribution
 from resting_aspects_ros.core.errors import UnknownPartError
 from resting_aspects_ros.core.part import Part, is_valid_name
 from resting_aspects_ros.drops.conditions import DropConditions
+from resting_aspects_ros.drops.plan import most_drops
 from resting_aspects_ros.drops.run import check_drops, check_seed
 from resting_aspects_ros.nodes.convert import conditions_msg, part_from
 from resting_aspects_ros.nodes.interface import (
@@ -36,9 +37,19 @@ ASK_PERIOD = 5.0
 
 
 def distribution_request(
-    part: str, conditions: DropConditions, drops: int, seed: int | None, only_known: bool = False
+    part: str,
+    conditions: DropConditions,
+    drops: int,
+    precision: float,
+    seed: int | None,
+    *,
+    only_known: bool = False,
 ) -> GetDistribution.Request:
-    """The request for a distribution; without a seed any known run will do."""
+    """The request for a distribution; without a seed any known run will do.
+
+    ``drops`` and ``precision`` as most_drops has them.
+    """
+    drops = most_drops(drops, precision)
     check_drops(drops)
     if seed is not None:
         check_seed(seed)
@@ -47,6 +58,7 @@ def distribution_request(
         surface=conditions.surface,
         conditions=[conditions_msg(conditions)],
         drops=drops,
+        precision=precision,
         seed=[] if seed is None else [seed],
         only_known=only_known,
     )

@@ -3,6 +3,7 @@
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Quaternion
+from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import (
     DropConditions,
     PartDescription,
@@ -163,3 +164,14 @@ def part_from(msg: PartDescription) -> Part:
         centre_of_mass=(centre.x, centre.y, centre.z),
         inertia=np.asarray(msg.inertia, dtype=np.float64),
     )
+
+
+def serialized_poses(data: bytes) -> tuple[Run, RestingPoses]:
+    """The run and the poses of a batch as a log has it; RuntimeError if it cannot be read."""
+    msg = deserialize_message(data, RestingPosesMsg)
+    return run_from(msg.run), poses_from(msg)
+
+
+def serialized_part(data: bytes) -> Part:
+    """The part of a description as a log has it; RuntimeError if it cannot be read."""
+    return part_from(deserialize_message(data, PartDescription))

@@ -3,16 +3,17 @@
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point32, Polygon, Quaternion, Vector3
+from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import Aspect, AspectDistribution, SymmetryClass
 from std_msgs.msg import Header
 
 from resting_aspects_ros.core import aspect_set
 from resting_aspects_ros.core.aspect_set import AspectSet, Sweep
-from resting_aspects_ros.core.distribution import CONFIDENCE, INTERVAL, METHOD, Distribution
+from resting_aspects_ros.core.distribution import METHOD, Distribution
 from resting_aspects_ros.core.intervals import Interval
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.drops.run import RunDescription as Run
-from resting_aspects_ros.nodes.convert import run_msg
+from resting_aspects_ros.nodes.convert import run_from, run_msg
 from resting_aspects_ros.nodes.interface import FRAME
 
 # By their codes in the message Aspect.
@@ -33,8 +34,8 @@ def distribution_msg(
         header=Header(stamp=stamp, frame_id=FRAME),
         run=run_msg(run),
         method=METHOD,
-        confidence=CONFIDENCE,
-        interval=INTERVAL,
+        confidence=distribution.confidence,
+        interval=distribution.interval,
         drops=distribution.drops,
         unclassified=distribution.unclassified,
         unsettled=distribution.unsettled,
@@ -92,8 +93,16 @@ def distribution_from(msg: AspectDistribution) -> Distribution:
         unclassified=msg.unclassified,
         unsettled=msg.unsettled,
         failed=msg.failed,
+        interval=msg.interval,
+        confidence=msg.confidence,
         by_precision=msg.run.precision > 0,
     )
+
+
+def serialized_distribution(data: bytes) -> tuple[Distribution, Run, bool]:
+    """The distribution, its run and whether that was over, of a message as a log has it."""
+    msg = deserialize_message(data, AspectDistribution)
+    return distribution_from(msg), run_from(msg.run), msg.complete
 
 
 def _aspect_from(msg: Aspect) -> aspect_set.Aspect:

@@ -36,6 +36,7 @@ class DropSpec:
     part: str
     conditions: DropConditions
     drops: int
+    precision: float
     seed: int
 
 
@@ -88,6 +89,7 @@ class DropRequests:
             surface=spec.conditions.surface,
             conditions=[conditions_msg(spec.conditions)],
             drops=spec.drops,
+            precision=spec.precision,
             seed=spec.seed,
         )
         result = await drop_result(self._node, self._client, goal)

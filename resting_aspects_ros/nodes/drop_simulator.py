@@ -4,9 +4,6 @@ import sys
 import time
 import uuid
 from collections import OrderedDict
-from collections.abc import AsyncGenerator
-from concurrent.futures import Future as PoolFuture
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import aclosing
 from pathlib import Path
 
@@ -14,24 +11,23 @@ from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
-from rclpy.task import Future
 from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.config_files import parts_folder, surfaces_file
-from resting_aspects_ros.core.errors import EngineError, InvalidValueError, RestingAspectsError
+from resting_aspects_ros.core.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.distribution import count_poses, no_drops
+from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.drops.campaign import (
     MOST_WORKERS,
     default_workers,
-    make_pool,
-    stop_pool,
-    submit_drops,
 )
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.part_library import PartLibrary
-from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.drops.plan import most_drops, plan_run
 from resting_aspects_ros.drops.run import RunDescription, check_run_id
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.batches import Batches
@@ -49,10 +45,10 @@ from resting_aspects_ros.nodes.requests import (
     BusyError,
     CanceledError,
     asked_conditions,
-    check_precision,
     error_status,
 )
 from resting_aspects_ros.nodes.spin import run_node
+from resting_aspects_ros.nodes.workers import Workers
 
 PARAMETERS = (
     Parameter('parts_folder', '', 'folder of meshes that can be asked for; empty: the examples'),
@@ -63,8 +59,6 @@ PARAMETERS = (
 MOST_GOALS = 16
 # Descriptions of so many runs are kept, to publish drops of them again.
 RUNS_KEPT = 10_000
-# Workers that die are replaced, until so many died without a drop between.
-MOST_DEATHS = 2
 # A result is kept so long for a client that asks late, s.
 RESULT_TIMEOUT = 300
 
@@ -77,11 +71,11 @@ class DropSimulator(Node):
         values = declare(self, PARAMETERS)
         self._library = PartLibrary(_folder(values['parts_folder'] or parts_folder()))
         self._surfaces = Surfaces.read(Path(values['surfaces_file'] or surfaces_file()))
-        self._workers: int = values['workers'] or default_workers()
-        self._pool = make_pool(self._workers)
+        self._workers = Workers(self, values['workers'] or default_workers())
         self._goals = 0
         self._runs: OrderedDict[str, RunDescription] = OrderedDict()
         self._published: dict[str, int] = {}  # run under way -> index after its last drop so far
+        self._counted_with = AspectSet('', ())
         self._poses = self.create_publisher(RestingPosesMsg, RESTING_POSES, POSES)
         self._parts = PartOffers(self, self._library)
         self._server = ActionServer(
@@ -94,11 +88,11 @@ class DropSimulator(Node):
             result_timeout=RESULT_TIMEOUT,
             **ACTION_SERVICES,
         )
-        self.get_logger().info(f'ready: {len(self._parts)} parts, {self._workers} workers')
+        self.get_logger().info(f'ready: {len(self._parts)} parts, {self._workers.count} workers')
 
     def destroy_node(self) -> None:
         """Also ends the workers; what they are dropping is given up."""
-        stop_pool(self._pool)
+        self._workers.stop()
         self._server.destroy()
         super().destroy_node()
 
@@ -134,11 +128,12 @@ class DropSimulator(Node):
         result.run_id = run.run_id
         new = not goal.run_id
         batches = Batches(batch_size(asked.drops))
+        counted = no_drops(self._aspects(asked)) if asked.precision else None
         begun = time.monotonic()
         try:
             if new:
                 self._published[run.run_id] = run.first_drop
-            async with aclosing(self._chunks(job, asked)) as chunks:
+            async with aclosing(self._workers.chunks(job, asked)) as chunks:
                 async for chunk in chunks:
                     _count(result, chunk)
                     for batch in batches.add(chunk):
@@ -146,6 +141,10 @@ class DropSimulator(Node):
                         if new:
                             self._published[run.run_id] = batch.end
                     _feed_back(handle, result.drops, asked.drops, time.monotonic() - begun)
+                    if counted is not None:
+                        counted += count_poses(counted.aspects, chunk)
+                        if counted.stops(asked.precision, asked.drops):
+                            break
                     if handle.is_cancel_requested and result.drops < asked.drops:
                         raise CanceledError(
                             f'canceled after {result.drops} of {asked.drops} drops; those are kept'
@@ -156,17 +155,23 @@ class DropSimulator(Node):
             if new:
                 del self._published[run.run_id]
 
+    def _aspects(self, run: RunDescription) -> AspectSet:
+        """Those of the run's part; kept, since a large mesh takes seconds."""
+        if self._counted_with.part_sha256 != run.part_sha256:
+            self._counted_with = find_aspects(self._library.load(run.part))
+        return self._counted_with
+
     def _plan(self, goal: DropPart.Goal) -> tuple[DropJob, RunDescription, RunDescription]:
         """The job, the drops that the goal asks for, and the run that they are part of."""
-        check_precision(goal.precision)
         check_run_id(goal.run_id)
         part = self._library.load(goal.part)
         job, asked = plan_run(
             part,
             asked_conditions(self._surfaces, goal.surface, goal.conditions),
             seed=goal.seed,
-            drops=goal.drops,
+            drops=most_drops(goal.drops, goal.precision),
             first_drop=goal.first_drop,
+            precision=goal.precision,
             run_id=goal.run_id or uuid.uuid4().hex[:12],
             started=self.get_clock().now().nanoseconds,
         )
@@ -185,47 +190,6 @@ class DropSimulator(Node):
             self._runs.popitem(last=False)
         self._parts.offer(part)
         return job, asked, run
-
-    async def _chunks(
-        self, job: DropJob, asked: RunDescription
-    ) -> AsyncGenerator[RestingPoses, None]:
-        """Chunks of drops in their order, from new workers if one dies; EngineError if all do."""
-        first, deaths = asked.first_drop, 0
-        while first < asked.end:
-            pool = self._pool
-            futures = submit_drops(job, first, asked.end - first, pool, 2 * self._workers)
-            try:
-                for future in futures:
-                    chunk = await self._chunk(future)
-                    first, deaths = chunk.end, 0
-                    yield chunk
-            except BrokenProcessPool:
-                # All that was submitted fails; the first goal to see it makes the new pool.
-                if self._pool is pool:
-                    self._pool = make_pool(self._workers)
-                deaths += 1
-                self.get_logger().warning(f'a worker died near drop {first} of {asked.part}')
-                if deaths == MOST_DEATHS:
-                    raise EngineError(
-                        f'{deaths} worker processes died in a row near drop {first} of '
-                        f'{asked.part}; what was done until then is kept'
-                    ) from None
-            finally:
-                futures.close()
-
-    async def _chunk(self, future: 'PoolFuture[RestingPoses]') -> RestingPoses:
-        """Wait for a worker without holding up the node."""
-        done = Future(executor=self.executor)
-
-        def wake(_: object) -> None:
-            # From a thread of the pool; the node may be gone by then.
-            if (executor := self.executor) is not None:
-                done.set_result(None)
-                executor.wake()
-
-        future.add_done_callback(wake)
-        await done
-        return future.result()
 
     def _publish(self, batch: RestingPoses, run: RunDescription, last: bool) -> None:
         self._poses.publish(poses_msg(batch, run, self.get_clock().now().to_msg(), last))

@@ -4,10 +4,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 DROP_PART = 'drop_part'
 GET_DISTRIBUTION = 'get_distribution'
+CLASSIFY_POSE = 'classify_pose'
 LIST_PARTS = 'list_parts'
 PARTS = 'parts'  # + /<part>
 RESTING_POSES = 'resting_poses'
 ASPECT_DISTRIBUTIONS = 'aspect_distributions'  # + /<part>
+MARKERS = 'markers'
 
 FRAME = 'tray'
 

@@ -1,6 +1,8 @@
 """What services and actions share: what may be asked for, and how errors are answered."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
 
 from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
 from resting_aspects_interfaces.msg import Status
@@ -44,6 +46,18 @@ def error_status(error: RestingAspectsError) -> Status:
     return status(_CODES.get(type(error), Status.FAILED), str(error))
 
 
+@contextmanager
+def answering(service: str, response: Any, complain: Callable[[str], object]) -> Iterator[None]:
+    """The edge of a service: what goes wrong within becomes the response's status."""
+    try:
+        yield
+    except RestingAspectsError as error:
+        response.status = error_status(error)
+    except Exception as error:  # noqa: BLE001 - the edge: a defect must not stop the node
+        complain(f'{service} failed: {error!r}')
+        response.status = status(Status.FAILED, f'unexpected: {error!r}')
+
+
 def status_error(answer: Status) -> RestingAspectsError:
     """The error that a status tells of."""
     kinds = {code: kind for kind, code in _CODES.items() if kind is not PartError}
@@ -57,14 +71,6 @@ def asked_conditions(
     if given:
         return surfaces.named(conditions_from(given[0]))
     return surfaces.get(surface)
-
-
-def check_precision(precision: float) -> None:
-    """Raises NotAvailableError: this version stops at a number of drops only."""
-    if precision != 0:
-        raise NotAvailableError(
-            f'precision is {precision!r}, this version allows only 0: ask for a number of drops'
-        )
 
 
 def check_method(method: str) -> None:

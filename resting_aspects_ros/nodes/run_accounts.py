@@ -1,5 +1,6 @@
 """What the classifier knows: parts and their aspects, and the distribution of every run."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from resting_aspects_ros.core.aspect_set import AspectSet
@@ -7,6 +8,7 @@ from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import Distribution, count_poses, no_drops
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.stopping import is_precise
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.run import RunDescription
 
@@ -36,7 +38,7 @@ class RunAccount:
 
     def count(self, aspects: AspectSet) -> None:
         """Count what waits."""
-        total = self.distribution or no_drops(aspects)
+        total = self.distribution or no_drops(aspects, by_precision=self.run.precision > 0)
         for batch in self.waiting:
             total += count_poses(aspects, batch)
         self.distribution, self.waiting = total, []
@@ -68,9 +70,12 @@ class KnownParts:
         """The part as it is offered now."""
         return self._parts.get(name)
 
-    def last(self, name: str) -> Part | None:
-        """The part as it was offered last, also if it is not now."""
-        return self._last.get(name)
+    def usable(self, simulator_is_there: bool) -> dict[str, Part]:
+        """The parts that can be asked about, by name.
+
+        Without a simulator no part is offered; what is known of it is known still.
+        """
+        return dict(self._parts if simulator_is_there else self._last)
 
     def offered(self) -> list[tuple[str, str]]:
         """Name and part_sha256 of each, sorted."""
@@ -81,6 +86,12 @@ class KnownParts:
         if part_sha256 not in self._aspects and part_sha256 in self._by_sha:
             self._aspects[part_sha256] = find_aspects(self._by_sha[part_sha256])
         return self._aspects.get(part_sha256)
+
+    def version(self, part_sha256: str) -> tuple[Part, AspectSet]:
+        """A version of a part that was seen, and its aspects."""
+        aspects = self.aspects(part_sha256)
+        assert aspects is not None
+        return self._by_sha[part_sha256], aspects
 
 
 class KnownDistributions:
@@ -102,9 +113,14 @@ class KnownDistributions:
             self._known.pop(next(iter(self._known)))
 
     def find(
-        self, part_sha256: str, conditions: DropConditions, drops: int, seed: int | None
+        self,
+        part_sha256: str,
+        conditions: DropConditions,
+        drops: int,
+        precision: float,
+        seed: int | None,
     ) -> tuple[RunDescription, Distribution] | None:
-        """The one with most drops, if it has at least those asked for.
+        """The one with most drops, if it has at least those, or the precision, asked for.
 
         A seed stands for its drops from the first on.
         """
@@ -114,10 +130,32 @@ class KnownDistributions:
             if run.part_sha256 == part_sha256
             and run.conditions.values() == conditions.values()
             and (seed is None or (run.seed, run.first_drop) == (seed, 0))
-            and distribution.drops >= drops
+            and (
+                distribution.drops >= drops
+                or (precision and is_precise(distribution.counts, distribution.drops, precision))
+            )
         ]
         return max(fitting, key=lambda found: found[1].drops, default=None)
+
+    def newest(self, part_sha256: str) -> Distribution | None:
+        """The one of a part that came last, under whatever conditions."""
+        known = reversed(self._known.values())
+        return next((each for run, each in known if run.part_sha256 == part_sha256), None)
 
     def has(self, part_sha256: str) -> bool:
         """Whether any is known of a part."""
         return any(run.part_sha256 == part_sha256 for run, _ in self._known.values())
+
+
+def newest_distribution(
+    known: KnownDistributions, under_way: Iterable[RunAccount], part_sha256: str
+) -> Distribution | None:
+    """The newest of a part that is finished, else of its newest run that has counted a drop."""
+    counted = [
+        account.distribution
+        for account in under_way
+        if account.run.part_sha256 == part_sha256
+        and account.distribution is not None
+        and account.distribution.drops
+    ]
+    return known.newest(part_sha256) or next(reversed(counted), None)

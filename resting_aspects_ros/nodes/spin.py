@@ -3,6 +3,7 @@
 import signal
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from itertools import takewhile
 from pathlib import Path
 
 import rclpy
@@ -10,7 +11,6 @@ from rclpy.exceptions import InvalidHandle, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.utilities import remove_ros_args
 
 from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.nodes.parameters import Parameter, help_text, unknown_parameters
@@ -45,7 +45,7 @@ def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None =
 def run_node(factory: Callable[[], Node], parameters: Iterable[Parameter]) -> int:
     """The program of one node: what follows its name is for ROS, but for --help."""
     program = Path(sys.argv[0]).name
-    words = remove_ros_args(sys.argv)[1:]
+    words = list(takewhile(lambda word: word != '--ros-args', sys.argv[1:]))
     if '--help' in words or '-h' in words:
         print(help_text(program, parameters))
         return 0

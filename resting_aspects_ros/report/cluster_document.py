@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from resting_aspects_ros.core.agreement import Agreement, Differences
 from resting_aspects_ros.core.clusters import Clusters
-from resting_aspects_ros.core.distribution import CONFIDENCE, INTERVAL, Distribution
+from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.report.cluster_table import cluster_intervals
 from resting_aspects_ros.report.document import SCHEMA_VERSION
 
@@ -34,8 +34,8 @@ def cluster_document(
         'drops': distribution.drops,
         'unsettled': distribution.unsettled,
         'failed': distribution.failed,
-        'confidence': CONFIDENCE,
-        'interval': INTERVAL,
+        'confidence': distribution.confidence,
+        'interval': distribution.interval,
         'clusters': [
             {
                 'id': k + 1,

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.aspect_set import Aspect
-from resting_aspects_ros.core.distribution import CONFIDENCE, INTERVAL, Distribution, Interval
+from resting_aspects_ros.core.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.core.distribution import Distribution, Interval
+from resting_aspects_ros.core.part import Part
 
 SCHEMA_VERSION = 1
 
@@ -51,8 +52,8 @@ def distribution_document(
         'unclassified': int(distribution.unclassified),
         'unsettled': int(distribution.unsettled),
         'failed': int(distribution.failed),
-        'confidence': CONFIDENCE,
-        'interval': INTERVAL,
+        'confidence': distribution.confidence,
+        'interval': distribution.interval,
         'aspects': [
             aspect_fields(aspect) | _share(int(count), interval)
             for aspect, count, interval in rows
@@ -69,6 +70,24 @@ def distribution_document(
     }
     given = {str(name): _plain(value) for name, value in run.items() if name not in own}
     return {'schema_version': SCHEMA_VERSION} | given | own
+
+
+def aspects_document(part: Part, aspects: AspectSet) -> dict[str, object]:
+    """What a part's shape says, without a drop: its symmetry, and its aspects by id."""
+    document: dict[str, object] = {
+        'schema_version': SCHEMA_VERSION,
+        'part': part.name,
+        'mesh_sha256': part.mesh_sha256,
+        'part_sha256': part.part_sha256,
+        'hull_radius': part.hull_radius,
+    }
+    if aspects.symmetry is not None:
+        axis = aspects.symmetry.axis
+        document['symmetry'] = aspects.symmetry.kind
+        document['symmetry_order'] = aspects.symmetry.order
+        document['symmetry_axis'] = None if axis is None else _numbers(axis)
+    document['aspects'] = [aspect_fields(aspect) for aspect in aspects.aspects]
+    return document
 
 
 def to_json(document: Mapping[str, object]) -> str:

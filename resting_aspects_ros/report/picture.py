@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from resting_aspects_ros.core.aspect_set import Aspect
-from resting_aspects_ros.core.distribution import CONFIDENCE, INTERVAL, Distribution, Interval
+from resting_aspects_ros.core.distribution import Distribution, Interval
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.report.portrait import Image, portraits
 from resting_aspects_ros.report.rounding import (
@@ -118,7 +118,7 @@ def save_picture(
             room / height,
         )
     )
-    _draw_bars(axes, rows, [m - BOTTOM for m in middles], distribution.drops)
+    _draw_bars(axes, rows, [m - BOTTOM for m in middles], distribution)
     axes.set_ylim(0, room)
     figure.savefig(path, format='png', dpi=PIXELS_PER_INCH)
     return path
@@ -195,12 +195,14 @@ def _write_label(figure: 'Figure', row: _Row, left: int, middle: float, height: 
     )
 
 
-def _draw_bars(axes: 'Axes', rows: Sequence[_Row], middles: Sequence[float], drops: int) -> None:
+def _draw_bars(
+    axes: 'Axes', rows: Sequence[_Row], middles: Sequence[float], distribution: Distribution
+) -> None:
     """Bars at heights ``middles``, pixels, with whiskers and words; the axis is in percent."""
     from matplotlib.ticker import MaxNLocator
 
     for row, middle in zip(rows, middles, strict=True):
-        _draw_bar(axes, row, middle, drops)
+        _draw_bar(axes, row, middle, distribution.drops)
     longest = max((row.interval.upper for row in rows), default=1.0)
     room = axes.get_position().width * WIDTH
     axes.set_xlim(0, longest * room / (room - BESIDE_BAR))
@@ -214,8 +216,8 @@ def _draw_bars(axes: 'Axes', rows: Sequence[_Row], middles: Sequence[float], dro
     axes.spines[['top', 'right', 'bottom']].set_visible(False)
     axes.spines['left'].set_color(FAINT)
     axes.set_xlabel(
-        f'probability in {drops} drops, with its {100 * CONFIDENCE:g} % interval '
-        f'({INTERVAL.capitalize()})',
+        f'probability in {distribution.drops} drops, with its '
+        f'{100 * distribution.confidence:g} % interval ({distribution.interval.capitalize()})',
         size=8,
         color=FAINT,
         loc='left',

@@ -1,5 +1,6 @@
 """Numbers as a person reads them: no more digits than are known."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -14,7 +15,9 @@ def interval_of(distribution: Distribution, count: int) -> Interval:
     For outcomes that are no aspect: drops that are unclassified, or several aspects together.
     """
     rest = distribution.drops - count
-    counted = Distribution(distribution.aspects, np.array([count, rest]), 0, 0, 0)
+    counted = dataclasses.replace(
+        distribution, counts=np.array([count, rest]), unclassified=0, unsettled=0, failed=0
+    )
     return counted.intervals()[0]
 
 

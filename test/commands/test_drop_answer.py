@@ -217,3 +217,21 @@ def test_a_full_disk_behind_standard_output_is_a_line(run):
     assert ended.returncode == 1
     assert 'Traceback' not in ended.stderr
     assert ended.stderr.splitlines()[-1] == 'error: standard output: No space left on device'
+
+
+def test_a_precision_ends_the_run_at_the_same_drop_whatever_the_workers(run):
+    found = []
+    for workers in (1, 2):
+        ended = run('drop', 't_prism', '--precision', 0.03, '--workers', workers, '--json')
+        assert ended.returncode == 0, ended.stderr
+        found.append(json.loads(ended.stdout))
+    one, other = found
+    assert one['aspects'] == other['aspects']
+    assert one['complete']
+    assert one['drops'] == other['drops'] < one['drops_asked']
+    assert max(a['upper'] - a['lower'] for a in one['aspects']) <= 2 * 0.03
+
+
+@pytest.mark.parametrize('precision', ['0.9', '0', 'nan', 'fine'])
+def test_a_precision_that_cannot_be_is_refused(refused, precision):
+    assert precision in refused(*WORDS, '--precision', precision)

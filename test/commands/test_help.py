@@ -7,7 +7,16 @@ import pytest
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.cli import make_parser
-from resting_aspects_ros.commands import classify, demo, drop, nodes, request
+from resting_aspects_ros.commands import (
+    aspects,
+    classify,
+    compare,
+    demo,
+    drop,
+    merge,
+    nodes,
+    request,
+)
 from resting_aspects_ros.core.clusters import (
     DEFAULT_TOLERANCE_DEGREES,
     MAX_TOLERANCE_DEGREES,
@@ -17,7 +26,10 @@ from resting_aspects_ros.drops.conditions import QUANTITIES
 
 COMMANDS = {
     'drop': drop,
+    'aspects': aspects,
     'classify': classify,
+    'compare': compare,
+    'merge': merge,
     'request': request,
     'nodes': nodes,
     'demo': demo,

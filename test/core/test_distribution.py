@@ -1,5 +1,7 @@
 """Distributions: every drop counted once, and Wilson's interval as in his paper."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -75,7 +77,8 @@ def test_a_textbook_interval():
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('confidence', [0.9, 0.99])
 def test_intervals_of_another_method_or_confidence_have_all_drops_for_their_n(method, confidence):
-    found = distribution([30, 0, 50], (7, 8, 5)).intervals(method, confidence)
+    counted = distribution([30, 0, 50], (7, 8, 5))
+    found = dataclasses.replace(counted, interval=method, confidence=confidence).intervals()
     assert found == intervals([30, 0, 50], 100, method, confidence)
     assert [each.probability for each in found] == [0.3, 0.0, 0.5]
 

@@ -216,6 +216,13 @@ SPHERES = {
 }
 
 
+def uneven(radius, sides, centre=(0.0, 0.0), seed=0):
+    """A circle with vertices at uneven distances."""
+    shift = np.random.default_rng(seed).uniform(-0.3, 0.3, sides)
+    angle = 2 * np.pi * (np.arange(sides) + shift) / sides
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius + centre
+
+
 EXAMPLES = {
     'l_bracket': 1,  # its arms are 40 and 30 long; its mirror plane is no rotation
     'angle_45x30x8': 1,
@@ -351,6 +358,36 @@ def test_turning_shifting_and_dividing_a_mesh_changes_nothing(solid, name, turn,
         assert abs(symmetry.axis @ turn[:, 2]) == pytest.approx(1, abs=1e-6)
     elif kind == 'finite':
         assert_is_group(symmetry)
+
+
+@pytest.mark.parametrize(
+    ('make', 'expected'),
+    [
+        (lambda: plate(uneven(10, 48), 15), ('axial', 2)),
+        (lambda: plate(uneven(10, 48), 2, [uneven(5, 36, seed=1)]), ('axial', 2)),
+        (
+            lambda: plate(
+                uneven(10, 64),
+                3,
+                [uneven(2, 30, c, seed) for seed, c in enumerate(circle(5, 3))],
+            ),
+            ('finite', 6),
+        ),
+        (lambda: plate(circle(20, 90), 5, [gear(40, SPUR)]), ('finite', 80)),
+    ],
+    ids=['cylinder', 'washer', 'disc_with_three_holes', 'ring_gear'],
+)
+def test_the_vertices_of_round_faces_need_no_symmetry_of_their_own(solid, make, expected):
+    assert found(find_symmetry(solid(make()), NO_LANDMARKS)) == expected
+
+
+def test_a_hundred_thousand_triangles_are_as_good_as_a_few(solid):
+    mesh = FINITE['gear'][0]()
+    for _ in range(4):
+        mesh = mesh.subdivide()
+    part = solid(mesh)
+    assert len(part.faces) > 100_000
+    assert found(find_symmetry(part, NO_LANDMARKS)) == ('finite', 40)
 
 
 def test_a_rotation_of_an_n_gon_needs_n_times_to_come_round(solid):

@@ -39,7 +39,9 @@ def batches_of(suite, heard):
 @pytest.fixture(scope='module')
 def drop(suite, heard):
     """A goal that was worked off."""
-    return suite.client.drop('tetrahedron', DROPS, seed=11)
+    drop = suite.client.drop('tetrahedron', DROPS, seed=11)
+    suite.client.wait(lambda: drop.feedback[-1].done == DROPS, 'last feedback')
+    return drop
 
 
 @pytest.fixture(scope='module')

@@ -110,11 +110,16 @@ def test_a_surface_that_is_not_known(refused):
     )
 
 
-@pytest.mark.parametrize('precision', [0.01, -1.0, math.nan])
-def test_a_precision_which_this_version_has_not(refused, precision):
+@pytest.mark.parametrize('precision', [0.9, -1.0, 1e-4, math.nan, math.inf])
+def test_a_precision_that_cannot_be(refused, precision):
     kind, words = refused(precision=precision)
-    assert kind == 'NOT_AVAILABLE'
-    assert words.startswith(f'precision is {precision!r}, this version allows only 0')
+    assert (kind, words) == ('INVALID', f'precision is {precision!r}, allowed is 0.001 to 0.25')
+
+
+def test_a_run_that_stops_at_a_precision_begins_with_its_first_drop(suite):
+    result = suite.client.drop(drops=1000, first_drop=125, precision=0.05).result
+    assert result.status.code == Status.INVALID
+    assert result.status.message.startswith('first_drop is 125, allowed is 0 for a run that stops')
 
 
 def test_a_method_that_is_not_known(suite):

@@ -1,0 +1,73 @@
+"""Read counts over aspects from a log, a JSON document or a CSV."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+
+from resting_aspects_ros.commands.counts_csv import read_csv
+from resting_aspects_ros.commands.counts_document import read_document
+from resting_aspects_ros.commands.csv_file import open_text
+from resting_aspects_ros.commands.given_counts import GivenCounts, check_counts
+from resting_aspects_ros.core.comparison import Tally
+from resting_aspects_ros.core.errors import InvalidValueError, LogError
+from resting_aspects_ros.logs.log_reader import is_log, last_message
+
+ALLOWED = (
+    'a log (the folder of a run, or its .mcap file), a JSON document of drop or request, or a CSV '
+    'with columns aspect and count'
+)
+DISTRIBUTION = 'resting_aspects_interfaces/msg/AspectDistribution'
+
+
+def read_counts(path: Path) -> GivenCounts:
+    """What is in a file of any of these kinds; raises InvalidValueError."""
+    if is_log(path):
+        given = _read_log(path)
+    else:
+        with open_text(path, ALLOWED) as file:
+            text = file.read()
+            if path.suffix == '.json' or text.lstrip().startswith('{'):
+                given = read_document(path, text)
+            else:
+                given = read_csv(path, io.StringIO(text, newline=''), ALLOWED)
+    check_counts(given)
+    return given
+
+
+def _read_log(path: Path) -> GivenCounts:
+    """The last distribution in a log."""
+    try:
+        data = last_message(path, DISTRIBUTION)
+    except LogError as error:
+        raise InvalidValueError(str(error)) from None
+    if data is None:
+        raise InvalidValueError(
+            f'log {str(path)!r} holds no distribution, allowed is one with a message of type '
+            f'{DISTRIBUTION}'
+        )
+    # A second to import, which other files do not need.
+    from resting_aspects_ros.nodes.distribution_messages import serialized_distribution
+
+    try:
+        distribution, run, complete = serialized_distribution(data)
+    except (RuntimeError, InvalidValueError) as error:  # the first is all that rclpy raises
+        raise InvalidValueError(
+            f'log {str(path)!r} holds a distribution that cannot be read: {error}'
+        ) from None
+    aspects = distribution.aspects.aspects
+    return GivenCounts(
+        path,
+        tuple(aspect.id for aspect in aspects),
+        Tally(
+            distribution.counts,
+            distribution.unclassified,
+            distribution.unsettled,
+            distribution.failed,
+        ),
+        np.array([np.full(3, np.nan) if a.rolls else a.down_in_part for a in aspects]),
+        run.part,
+        run.part_sha256,
+        run,
+        complete,
+    )

@@ -1,0 +1,79 @@
+"""CSV files of any make: with a line of names, in UTF-8, parted by , or ;."""
+
+import csv
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import chain
+from pathlib import Path
+from typing import TextIO
+
+from resting_aspects_ros.core.errors import InvalidValueError
+
+
+@contextmanager
+def open_text(path: Path, allowed: str = 'a CSV') -> Iterator[TextIO]:
+    """A text file, or a pipe; what cannot be read in it becomes an InvalidValueError.
+
+    allowed : str
+        What the file may be, in words.
+    """
+    try:
+        with path.open(newline='', encoding='utf-8-sig') as file:
+            yield file
+    except OSError as error:
+        raise InvalidValueError(f'{str(path)!r} cannot be read: {error.strerror}') from None
+    except UnicodeDecodeError:
+        raise InvalidValueError(
+            f'{str(path)!r} is no text in UTF-8, allowed is {allowed}'
+        ) from None
+    except csv.Error as error:
+        raise InvalidValueError(f'{str(path)!r} is no CSV: {error}') from None
+
+
+class CsvTable:
+    """The line of names of a CSV, then its other lines.
+
+    header : list of str
+        Names of the columns, without space around them.
+    where : str
+        File and line of the names, for messages.
+    """
+
+    def __init__(self, path: Path, lines: Iterable[str]) -> None:
+        self._path = path
+        lines = iter(lines)
+        first = next(lines, '')
+        self._reader = csv.reader(chain([first], lines), delimiter=';' if ';' in first else ',')
+        line, names = next(self._filled(), (1, []))
+        self.header = [name.strip() for name in names]
+        self.where = f'{str(path)!r} line {line}'
+
+    def rows(self) -> Iterator[tuple[int, list[str]]]:
+        """Lines that are not empty, with their numbers; all as long as the line of names."""
+        for line, row in self._filled():
+            if len(row) != len(self.header):
+                raise InvalidValueError(
+                    f'{str(self._path)!r} line {line} has {len(row)} columns, allowed are '
+                    f'{len(self.header)}, as many as in the line of names'
+                )
+            yield line, row
+
+    def wrong(self, line: int, row: Sequence[str], column: int, allowed: str) -> InvalidValueError:
+        """What to raise for a cell."""
+        return InvalidValueError(
+            f'{str(self._path)!r} line {line}, column {self.header[column]!r} is '
+            f'{short(row[column])!r}, allowed is {allowed}'
+        )
+
+    def _filled(self) -> Iterator[tuple[int, list[str]]]:
+        return (
+            (self._reader.line_num, row)
+            for row in self._reader
+            if any(cell.strip() for cell in row)
+        )
+
+
+def short(text: str) -> str:
+    """The beginning of a text that may be long."""
+    longest = 100
+    return text if len(text) <= longest else text[:longest] + '...'

@@ -1,0 +1,68 @@
+"""Counts over aspects that a person gives, in whatever file."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.core.comparison import Tally
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.drops.run import RunDescription
+
+# More than a run can have; numpy draws tables of less than 1e9.
+MOST_COUNTED = 100_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class GivenCounts:
+    """Where drops ended, and all that the file says of them.
+
+    ids : tuple of int
+        Of the aspects, ascending; as many as `tally` has counts.
+    down : (k, 3) float
+        Unit vectors of gravity, part frame; NaN where the part rolls. None if the file does not
+        say.
+    part, part_sha256 : str
+        Empty if the file does not say.
+    run : RunDescription
+        None if the file does not say.
+    complete : bool
+        False if more drops were asked for than are counted.
+    """
+
+    path: Path
+    ids: tuple[int, ...]
+    tally: Tally
+    down: npt.NDArray[np.float64] | None = None
+    part: str = ''
+    part_sha256: str = ''
+    run: RunDescription | None = None
+    complete: bool = True
+
+    @property
+    def drops(self) -> int:
+        """All that were counted."""
+        return self.tally.drops
+
+    @property
+    def title(self) -> str:
+        """File, part, drops, surface and seed, as far as they are known."""
+        words = [str(self.path), *([self.part] if self.part else [])]
+        if self.run is None:
+            return ', '.join([*words, f'{self.drops} drops'])
+        surface = self.run.conditions.surface or 'own conditions'
+        return ', '.join([*words, f'{self.drops} drops on {surface}', f'seed {self.run.seed}'])
+
+
+def check_counts(given: GivenCounts) -> None:
+    """Raises InvalidValueError if there is nothing, or too much, to compare."""
+    if not given.tally.counts.any():
+        raise InvalidValueError(
+            f'{str(given.path)!r} has {given.drops} drops, none of them in an aspect, allowed are '
+            '1 or more'
+        )
+    if given.drops > MOST_COUNTED:
+        raise InvalidValueError(
+            f'{str(given.path)!r} has {given.drops} drops, allowed are up to {MOST_COUNTED}'
+        )

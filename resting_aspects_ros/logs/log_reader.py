@@ -1,0 +1,114 @@
+"""Read a log, whole or broken off: messages as the bytes that were on the wire."""
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+from mcap.exceptions import EndOfFile
+from mcap.records import Channel, Message, Schema
+from mcap.stream_reader import StreamReader
+
+from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.logs.schemas import load_schema
+
+_SUFFIX = '.mcap'
+_MAGIC = b'\x89MCAP'
+# Where a file is cut within a number mcap raises the second, within a letter the third.
+_CUT = (EndOfFile, struct.error, UnicodeDecodeError)
+
+
+def is_log(path: Path) -> bool:
+    """Whether it is meant to be a log: a folder, or an MCAP file by its name or first bytes."""
+    if path.is_dir() or path.suffix == _SUFFIX:
+        return True
+    if not path.is_file():
+        return False  # nothing, or a pipe, of which what is read is gone
+    try:
+        with path.open('rb') as file:
+            return file.read(len(_MAGIC)) == _MAGIC
+    except OSError:
+        return False
+
+
+def last_message(path: Path, type_name: str) -> bytes | None:
+    """The message of a type that was logged last.
+
+    The index at the end of a file is not needed: of a log that was broken off, or is still being
+    written, what is whole in it counts.
+
+    Parameters
+    ----------
+    path : Path
+        A folder with MCAP files, such as that of a run, or one such file.
+    type_name : str
+        `resting_aspects_interfaces/msg/AspectDistribution`.
+
+    Returns
+    -------
+    bytes or None
+        The message in CDR; None if there is none.
+
+    Raises
+    ------
+    LogError
+        If it is no log, cannot be read, is damaged before its end, or was written with another
+        definition of the type than the installed one.
+    """
+    last: Message | None = None
+    for file in _files(path):
+        for message in _messages(file, type_name):
+            if last is None or message.log_time >= last.log_time:
+                last = message
+    return None if last is None else last.data
+
+
+def messages(path: Path, type_name: str) -> Iterator[bytes]:
+    """All messages of a type, in CDR, in the order in which they were logged; as last_message."""
+    for file in _files(path):
+        for message in _messages(file, type_name):
+            yield message.data
+
+
+def _files(path: Path) -> list[Path]:
+    if not path.is_dir():
+        return [path]
+    found = sorted(path.glob(f'*{_SUFFIX}'))
+    if not found:
+        raise LogError(f'folder {str(path)!r} is no log: no {_SUFFIX} file is in it')
+    return found
+
+
+def _messages(path: Path, type_name: str) -> Iterator[Message]:
+    """Messages of a type in the order of the file, up to where the file is cut."""
+    schemas: dict[int, str] = {}
+    channels: set[int] = set()
+    try:
+        with path.open('rb') as file:
+            for record in StreamReader(file, validate_crcs=True).records:
+                if isinstance(record, Schema):
+                    schemas[record.id] = record.name
+                elif isinstance(record, Channel) and schemas.get(record.schema_id) == type_name:
+                    _check_definition(path, type_name, record)
+                    channels.add(record.id)
+                elif isinstance(record, Message) and record.channel_id in channels:
+                    yield record
+    except _CUT:
+        return
+    except LogError:
+        raise
+    except OSError as error:
+        raise LogError(f'log {str(path)!r} cannot be read: {error.strerror}') from None
+    except Exception as error:
+        # Whatever the parser or the decompressor makes of it.
+        raise LogError(f'log {str(path)!r} is damaged, or no MCAP file: {error}') from error
+
+
+def _check_definition(path: Path, type_name: str, channel: Channel) -> None:
+    """CDR does not say what is in it: read with another definition it would be nonsense."""
+    written = channel.metadata.get('topic_type_hash')
+    installed = load_schema(type_name).type_hash
+    if written not in (None, installed):
+        raise LogError(
+            f'log {str(path)!r} has {type_name} of type hash {written!r}, allowed is that of the '
+            f'installed definition: {installed!r}'
+        )

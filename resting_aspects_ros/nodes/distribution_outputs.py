@@ -1,0 +1,53 @@
+"""What the classifier publishes: the newest distribution of each part, and markers of one."""
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from resting_aspects_interfaces.msg import AspectDistribution
+from visualization_msgs.msg import MarkerArray
+
+from resting_aspects_ros.nodes.distribution_messages import distribution_msg
+from resting_aspects_ros.nodes.interface import ASPECT_DISTRIBUTIONS, LATCHED, MARKERS
+from resting_aspects_ros.nodes.markers import PartMarkers
+from resting_aspects_ros.nodes.run_accounts import KnownParts, RunAccount
+
+
+class DistributionOutputs:
+    """Publishes aspect_distributions/<part>, and markers of the part that changed last."""
+
+    def __init__(self, node: Node, parts: KnownParts) -> None:
+        self._node = node
+        self._parts = parts
+        self._outputs: dict[str, Publisher] = {}
+        self._changed: dict[str, RunAccount] = {}  # by part; what changed last is last
+        self._markers = node.create_publisher(MarkerArray, MARKERS, LATCHED)
+        self._shown: tuple[str, PartMarkers] | None = None  # part_sha256, its markers
+
+    def offer(self, part: str) -> Publisher:
+        """Make the topic of a part, if it is not there yet."""
+        if part not in self._outputs:
+            topic = f'{ASPECT_DISTRIBUTIONS}/{part}'
+            self._outputs[part] = self._node.create_publisher(AspectDistribution, topic, LATCHED)
+        return self._outputs[part]
+
+    def change(self, account: RunAccount) -> None:
+        """Take a distribution that is to be published next."""
+        self._changed.pop(account.run.part, None)
+        self._changed[account.run.part] = account
+
+    def publish(self) -> None:
+        """Publish what changed."""
+        changed, self._changed = self._changed, {}
+        for part, account in changed.items():
+            stamp = self._node.get_clock().now().to_msg()
+            message = distribution_msg(account.counted, account.run, stamp, account.over)
+            self.offer(part).publish(message)
+        if changed:
+            newest = next(reversed(changed.values()))
+            markers = self._markers_of(newest.run.part_sha256)
+            self._markers.publish(markers.message(newest.counted, stamp))
+
+    def _markers_of(self, part_sha256: str) -> PartMarkers:
+        if self._shown is None or self._shown[0] != part_sha256:
+            part, aspects = self._parts.version(part_sha256)
+            self._shown = (part_sha256, PartMarkers(part, aspects))
+        return self._shown[1]

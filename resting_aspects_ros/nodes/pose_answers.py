@@ -1,0 +1,67 @@
+"""Answers of classify_pose: which aspect a pose is in, and how probable that is."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from resting_aspects_interfaces.msg import Status
+from resting_aspects_interfaces.srv import ClassifyPose
+
+from resting_aspects_ros.core.aspect_set import POSE_ANGLE, AspectSet
+from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.errors import UnknownPartError
+from resting_aspects_ros.core.part import MAX_NAME, Part
+from resting_aspects_ros.core.pose_query import nearest_aspect, unit_orientation
+from resting_aspects_ros.nodes.convert import status
+from resting_aspects_ros.nodes.requests import NotAvailableError
+
+
+def asked_part(parts: Mapping[str, Part], name: str) -> Part:
+    """The part of a name; raises UnknownPartError, which lists the others."""
+    if name in parts:
+        return parts[name]
+    there = ', '.join(sorted(parts)) or 'none: no simulator has offered any yet'
+    raise UnknownPartError(f'part {name[:MAX_NAME]!r} is not known, known are {there}')
+
+
+def answer_pose(
+    request: ClassifyPose.Request,
+    response: ClassifyPose.Response,
+    aspects: AspectSet,
+    newest: Distribution | None,
+) -> None:
+    """Fill in the response.
+
+    Parameters
+    ----------
+    aspects : AspectSet
+        Of the part that is asked about.
+    newest : Distribution, optional
+        From which the probability is taken; it is NaN without.
+
+    Raises
+    ------
+    InvalidValueError
+        The orientation is no unit quaternion.
+    NotAvailableError
+        No aspect fits; the response has the angle to the nearest.
+    """
+    response.probability = math.nan
+    given = request.orientation
+    orientation = unit_orientation([given.x, given.y, given.z, given.w])
+    nearest = nearest_aspect(aspects, orientation)
+    if nearest is None:
+        response.angle = math.inf
+        raise NotAvailableError(f'part {request.part!r} has no aspect')
+    response.angle = nearest.angle
+    if not nearest.fits:
+        raise NotAvailableError(
+            f'orientation is in no aspect of {request.part}: the nearest is {nearest.aspect.id} '
+            f'at {np.degrees(nearest.angle):.6g} degrees, allowed is up to '
+            f'{np.degrees(POSE_ANGLE):g}'
+        )
+    response.aspect = nearest.aspect.id
+    response.symmetry_class = nearest.aspect.symmetry_class
+    if newest is not None:
+        response.probability = newest.intervals()[nearest.aspect.id - 1].probability
+    response.status = status(Status.OK)

@@ -1,0 +1,158 @@
+"""Two distributions side by side as a table in a terminal."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from rich.table import Table
+
+from resting_aspects_ros.core.comparison import REST, Comparison, Tally
+from resting_aspects_ros.core.intervals import Interval, intervals
+from resting_aspects_ros.core.pearson import TABLES
+from resting_aspects_ros.report.rounding import decimals_of, direction_text
+from resting_aspects_ros.report.table import NOTHING, plain_table
+
+# With more decimals, which a million drops allow, the table would not fit 80 columns.
+MOST_DECIMALS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """What was compared.
+
+    ids : tuple of int
+        Of the aspects.
+    down : (k, 3) float
+        Unit vectors of gravity, part frame; NaN where the part rolls. None if not known.
+    """
+
+    ids: tuple[int, ...]
+    down: npt.NDArray[np.float64] | None
+    a: Tally
+    b: Tally
+
+    @property
+    def tallies(self) -> tuple[Tally, Tally]:
+        """Both."""
+        return self.a, self.b
+
+    def shares(self, confidence: float) -> list[list[Interval]]:
+        """Of each, the share of each aspect in the drops that are in one."""
+        return [
+            intervals(tally.counts, int(tally.counts.sum()), confidence=confidence)
+            for tally in self.tallies
+        ]
+
+
+def comparison_table(comparison: Comparison, sides: Sides, title: str) -> Table:
+    """A row for each aspect, then for what is in none.
+
+    It fits 80 columns, and its cells are ASCII. Shares of aspects are of the drops that are in
+    one, other shares of all drops.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Of the two sides.
+    sides : Sides
+    title : str
+        Plain text, shown above.
+    """
+    table = _empty_table(title, comparison.confidence)
+    rows = zip(*sides.shares(comparison.confidence), strict=True)
+    for k, (a, b) in enumerate(rows):
+        deviation, low, high = (
+            float(x[k]) for x in (comparison.deviation, comparison.lower, comparison.upper)
+        )
+        table.add_row(
+            str(sides.ids[k]),
+            _down_text(sides, k),
+            *_share_texts(a),
+            _share_texts(b)[0],
+            *_deviation_texts(Interval(deviation, low, high)),
+        )
+    table.add_section()
+    for name in REST:
+        counts = [getattr(tally, name) for tally in sides.tallies]
+        if any(counts):
+            (share, interval), (other, _) = (
+                _share_texts(_of_all(count, tally, comparison.confidence))
+                for count, tally in zip(counts, sides.tallies, strict=True)
+            )
+            table.add_row('', name, share, interval, other)
+    return table
+
+
+def measures_text(comparison: Comparison, sides: Sides) -> str:
+    """How far they are apart in all, and whether chance explains it, in lines."""
+    aspect = sides.ids[comparison.largest_aspect - 1]
+    deviation = f'{100 * comparison.largest_deviation + 0.0:+.3g}'
+    _, bounds = _deviation_texts(
+        Interval(comparison.largest_deviation, *comparison.largest_bounds)
+    )
+    by = 'chi-square' if comparison.p_by == 'chi-square' else f'Monte Carlo, {TABLES} tables'
+    rows = {
+        'total variation': f'{100 * comparison.total_variation:.3g} %',
+        'largest deviation': f'{deviation} % in aspect {aspect} ({bounds} %)',
+        'mean absolute deviation': f'{100 * comparison.mean_deviation:.3g} % over aspects',
+        'p value': f'{_p_text(comparison.p_value)} by {by}',
+        '': 'how often chance alone makes a difference like this one',
+    }
+    counted = (f'{tally.counts.sum()} of {tally.drops}' for tally in sides.tallies)
+    rows['drops in aspects'] = 'A {}, B {}'.format(*counted)
+    if any(getattr(tally, name) for tally in sides.tallies for name in REST):
+        rows['shares'] = 'aspects: of drops in aspects; others: of all drops'
+    return '\n'.join(f'{name:<25}{text}' for name, text in rows.items())
+
+
+def _empty_table(title: str, confidence: float) -> Table:
+    percent = f'{100 * confidence:.10g} %'
+    table = plain_table(title)
+    table.add_column('aspect', justify='right', no_wrap=True)
+    table.add_column('down in part', no_wrap=True)
+    table.add_column('A\n(%)', justify='right', no_wrap=True)
+    table.add_column(f'{percent}\ninterval of A', justify='right', no_wrap=True)
+    table.add_column('B\n(%)', justify='right', no_wrap=True)
+    table.add_column('A - B\n(%)', justify='right', no_wrap=True)
+    table.add_column(f'{percent}\nall at once', justify='right', no_wrap=True)
+    return table
+
+
+def _down_text(sides: Sides, k: int) -> str:
+    if sides.down is None:
+        return NOTHING
+    return 'rolls' if np.isnan(sides.down[k]).any() else direction_text(sides.down[k])
+
+
+def _of_all(count: int, tally: Tally, confidence: float) -> Interval:
+    return intervals([count], tally.drops, confidence=confidence)[0]
+
+
+def _share_texts(interval: Interval) -> tuple[str, str]:
+    """Share and interval, in percent."""
+    decimals = min(decimals_of(interval), MOST_DECIMALS - (interval.upper > 0.99995))
+    share, low, high = (
+        f'{100 * x:.{decimals}f}' if x else '0'
+        for x in (interval.probability, interval.lower, interval.upper)
+    )
+    return share, f'{low} to {high}'
+
+
+def _deviation_texts(interval: Interval) -> tuple[str, str]:
+    """Deviation and bounds, in percent and with signs.
+
+    The deviation has a digit more: it is what was counted, and its bounds are of what is true.
+    """
+    most = MOST_DECIMALS if max(-interval.lower, interval.upper) < 0.1 else MOST_DECIMALS - 1
+    known = decimals_of(interval)
+    low, high = (_signed(x, min(known, most)) for x in (interval.lower, interval.upper))
+    return _signed(interval.probability, min(known + 1, most)), f'{low} to {high}'
+
+
+def _signed(share: float, decimals: int) -> str:
+    # Adding zero makes no -0.0.
+    return f'{round(100 * share, decimals) + 0.0:+.{decimals}f}'
+
+
+def _p_text(p_value: float) -> str:
+    return f'{p_value:.2g}' if p_value >= 1e-4 else 'less than 0.0001'

@@ -1,0 +1,295 @@
+"""classify_pose: first as it is answered, then asked over DDS."""
+
+import math
+import shutil
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Quaternion
+from resting_aspects_interfaces.msg import Status
+from resting_aspects_interfaces.srv import ClassifyPose
+from scipy.spatial.transform import Rotation
+
+from resting_aspects_ros.config_files import parts_folder
+from resting_aspects_ros.core.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError
+from resting_aspects_ros.core.poses import RestStatus
+from resting_aspects_ros.drops.run import RunDescription
+from resting_aspects_ros.nodes.convert import poses_from
+from resting_aspects_ros.nodes.pose_answers import answer_pose, asked_part
+from resting_aspects_ros.nodes.requests import NotAvailableError, answering
+from resting_aspects_ros.nodes.run_accounts import (
+    KnownDistributions,
+    RunAccount,
+    newest_distribution,
+)
+
+BOX = 'box_10x20x30'
+
+
+def quaternion(xyzw):
+    return Quaternion(**dict(zip('xyzw', map(float, xyzw), strict=True)))
+
+
+def tilted(aspect, degrees):
+    """The aspect's pose, turned at will about the vertical, then tilted."""
+    turn = Rotation.from_euler('zx', [77, degrees], degrees=True)
+    return (turn * Rotation.from_quat(aspect.orientation)).as_quat()
+
+
+@pytest.fixture(scope='module')
+def box(part):
+    return find_aspects(part(BOX))
+
+
+def counted(aspects, *counts, unclassified=0):
+    return Distribution(aspects, np.array(counts), unclassified, 0, 0)
+
+
+def answer(aspects, orientation, newest=None):
+    """The response, and the error if there is one."""
+    response = ClassifyPose.Response()
+    request = ClassifyPose.Request(part=BOX, orientation=quaternion(orientation))
+    try:
+        answer_pose(request, response, aspects, newest)
+    except (NotAvailableError, InvalidValueError) as error:
+        return response, error
+    return response, None
+
+
+# Without DDS
+
+
+def test_the_answer_names_aspect_class_angle_and_share_of_all_drops(box):
+    newest = counted(box, 1, 2, 3, 4, 5, 6, unclassified=9)
+    for aspect in box.aspects:
+        response, error = answer(box, tilted(aspect, 1.5), newest)
+        assert error is None
+        assert response.status == Status(code=Status.OK)
+        assert (response.aspect, response.symmetry_class) == (aspect.id, aspect.symmetry_class)
+        assert response.angle == pytest.approx(np.radians(1.5), abs=1e-12)
+        assert response.probability == aspect.id / 30
+
+
+def test_the_probability_is_not_a_number_while_none_is_known(box):
+    response, _ = answer(box, box.aspects[3].orientation)
+    assert response.aspect == 4
+    assert math.isnan(response.probability)
+
+
+def test_where_no_aspect_fits_the_nearest_is_told(box):
+    response, error = answer(box, tilted(box.aspects[4], -12.5), counted(box, 1, 1, 1, 1, 1, 1))
+    assert isinstance(error, NotAvailableError)
+    assert str(error) == (
+        f'orientation is in no aspect of {BOX}: the nearest is 5 at 12.5 degrees, allowed is up '
+        'to 3'
+    )
+    assert (response.aspect, response.symmetry_class) == (0, 0)
+    assert response.angle == pytest.approx(np.radians(12.5), abs=1e-12)
+    assert math.isnan(response.probability)
+
+
+def test_a_part_without_aspects():
+    response, error = answer(AspectSet('', ()), [0, 0, 0, 1])
+    assert str(error) == f'part {BOX!r} has no aspect'
+    assert response.angle == math.inf
+
+
+def test_a_part_that_is_not_known_lists_those_that_are(part):
+    box = part(BOX)
+    assert asked_part({BOX: box}, BOX) is box
+    with pytest.raises(UnknownPartError, match=r"^part 'gizmo' is not known, known are a, b$"):
+        asked_part({'b': box, 'a': box}, 'gizmo')
+    with pytest.raises(UnknownPartError, match=r"^part 'x{64}' is not known, known are none: "):
+        asked_part({}, 'x' * 300)
+
+
+def test_what_goes_wrong_in_a_service_becomes_its_status(box):
+    response, complaints = ClassifyPose.Response(), []
+    with answering('classify_pose', response, complaints.append):
+        raise UnknownPartError('no such part')
+    assert response.status == Status(code=Status.UNKNOWN_PART, message='no such part')
+    assert complaints == []
+    with answering('classify_pose', response, complaints.append):
+        raise ZeroDivisionError('a defect')
+    assert response.status.code == Status.FAILED
+    assert complaints == ["classify_pose failed: ZeroDivisionError('a defect')"]
+
+
+@pytest.fixture
+def run(box, surfaces):
+    """Make the description of a run of the box."""
+
+    def run(seed, sha=box.part_sha256):
+        return RunDescription(
+            run_id=f'run{seed}',
+            part=BOX,
+            part_sha256=sha,
+            conditions=surfaces.get(),
+            seed=seed,
+            first_drop=0,
+            drops=100,
+            precision=0.0,
+            engine='none',
+            engine_version='0',
+            suite_version='0',
+            time_step=1e-3,
+            started=seed,
+        )
+
+    return run
+
+
+def test_the_newest_that_is_complete_goes_before_those_under_way(box, run):
+    known, sha = KnownDistributions(), box.part_sha256
+    one, two, three = (counted(box, k, 0, 0, 0, 0, 0) for k in (1, 2, 3))
+    under_way = [
+        RunAccount(run(7), one),
+        RunAccount(run(8), two),
+        RunAccount(run(9, 'another'), three),
+        RunAccount(run(10), counted(box, 0, 0, 0, 0, 0, 0)),
+        RunAccount(run(11)),
+    ]
+    assert newest_distribution(known, [], sha) is None
+    assert newest_distribution(known, under_way, sha) is two
+    known.add(run(1), one)
+    known.add(run(2), three)
+    known.add(run(3, 'another'), two)
+    assert newest_distribution(known, under_way, sha) is three
+    assert newest_distribution(known, under_way, 'another') is two
+
+
+# Over DDS
+
+
+@pytest.fixture(scope='module')
+def asker():
+    """Make a function that asks a suite."""
+
+    def asker(suite):
+        client = suite.client.node.create_client(ClassifyPose, 'classify_pose')
+
+        def ask(name, orientation):
+            request = ClassifyPose.Request(part=name, orientation=quaternion(orientation))
+            return suite.client.call(client, request)
+
+        return ask
+
+    return asker
+
+
+@pytest.fixture(scope='module')
+def classify(asker, suite):
+    suite.client.wait(lambda: len(suite.client.parts()) == 9, 'descriptions of the parts')
+    return asker(suite)
+
+
+@pytest.mark.parametrize('name', ['l_bracket', 'cylinder_d20_h20'])
+def test_poses_of_real_drops_are_where_the_distribution_counted_them(
+    suite, classify, part, counts, name
+):
+    heard = suite.client.poses()
+    distribution = suite.client.ask(name, 150, seed=[3]).distribution
+    suite.client.wait(
+        lambda: any(b.last and b.run.run_id == distribution.run.run_id for b in heard), 'poses'
+    )
+    batches = [poses_from(b) for b in heard if b.run.run_id == distribution.run.run_id]
+    tally = np.zeros(len(distribution.aspects) + 1, dtype=int)
+    for poses in batches:
+        for orientation in poses.orientation[poses.status == RestStatus.SETTLED]:
+            found = classify(name, orientation)
+            tally[found.aspect] += 1
+            assert (found.status.code == Status.OK) == (found.aspect > 0)
+            if found.aspect:
+                aspect = distribution.aspects[found.aspect - 1]
+                assert found.symmetry_class == aspect.symmetry_class
+                assert found.probability == aspect.probability
+                assert found.angle <= np.radians(3)
+    assert (*tally[1:], tally[0]) == counts(distribution)[: len(tally)]
+
+
+def test_before_the_first_drop_the_aspect_is_known_and_its_probability_is_not(classify, part):
+    aspect = find_aspects(part('hex_nut')).aspects[2]
+    found = classify('hex_nut', aspect.orientation)
+    assert found.status.code == Status.OK
+    assert found.aspect == 3
+    assert math.isnan(found.probability)
+
+
+def test_a_pose_between_aspects(classify, box):
+    found = classify(BOX, tilted(box.aspects[0], 20))
+    assert found.status.code == Status.NOT_AVAILABLE
+    assert 'the nearest is 1 at 20 degrees, allowed is up to 3' in found.status.message
+    assert found.aspect == 0
+    assert found.angle == pytest.approx(np.radians(20), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        (0, 0, 0, 0),
+        (math.nan, 0, 0, 1),
+        (0, -math.inf, 0, 1),
+        (0, 0, 0, 1.002),
+        (0.5, 0.5, 0.5, 0.49),
+        (1e300, 0, 0, 1e300),
+    ],
+)
+def test_what_is_no_orientation_is_refused(suite, classify, wrong):
+    found = classify(BOX, wrong)
+    assert found.status.code == Status.INVALID
+    assert 'allowed is a norm of 1 within 0.001' in found.status.message
+    assert f'{wrong[0]:.6g}, {wrong[1]:.6g}, ' in found.status.message
+    assert found.aspect == 0
+    assert suite.alive
+
+
+def test_a_norm_that_rounding_left_is_none_of_the_client_s_concern(classify, box):
+    exact = classify(BOX, box.aspects[1].orientation)
+    rounded = classify(BOX, -1.0009 * box.aspects[1].orientation)
+    assert exact.status.code == rounded.status.code == Status.OK
+    assert exact.aspect == rounded.aspect == 2
+    assert rounded.angle == pytest.approx(exact.angle, abs=1e-12)
+
+
+@pytest.mark.parametrize('name', ['gizmo', '', '../box', 'x' * 300, 'Würfel ⬛'])
+def test_an_unknown_part_lists_those_that_are_known(classify, name):
+    found = classify(name, (0, 0, 0, 1))
+    assert found.status.code == Status.UNKNOWN_PART
+    assert found.status.message.startswith(f'part {name[:64]!r} is not known, known are angle_45')
+    assert found.status.message.endswith(', u_bracket, washer')
+
+
+def test_the_part_is_the_one_that_is_offered_now_or_was_last(
+    fresh_suite, asker, part, tmp_path_factory
+):
+    folder = tmp_path_factory.mktemp('parts')
+    shutil.copy(parts_folder() / f'{BOX}.stl', folder / 'thing.stl')
+    constants = {'drop_simulator': {'part_offers.SCAN_PERIOD': 0.2}}
+    suite = fresh_suite(constants, parts_folder=folder, workers=1)
+    classify = asker(suite)
+    before = suite.client.ask('thing', 20).distribution
+
+    def agrees(distribution):
+        aspect = max(distribution.aspects, key=lambda aspect: aspect.count)
+        found = classify('thing', [getattr(aspect.orientation, axis) for axis in 'xyzw'])
+        return (found.aspect, found.probability) == (aspect.id, aspect.probability)
+
+    assert agrees(before)
+    shutil.copy(parts_folder() / 'tetrahedron.stl', folder / 'thing.stl')
+    suite.client.wait(
+        lambda: suite.client.parts()['thing'].part_sha256 != before.run.part_sha256, 'new mesh'
+    )
+    face = find_aspects(part('tetrahedron')).aspects[2]
+    found = classify('thing', face.orientation)
+    assert found.aspect == 3
+    assert math.isnan(found.probability)  # nothing is known of the part as it is now
+    now = suite.client.ask('thing', 20).distribution
+    assert agrees(now)
+
+    suite.processes['drop_simulator'].end()
+    suite.client.wait(lambda: not suite.client.parts(), 'no part offered')
+    assert agrees(now)
+    assert 'known are thing' in classify('other', face.orientation).status.message

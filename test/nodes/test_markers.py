@@ -1,0 +1,201 @@
+"""The markers that RViz shows: their geometry and texts, first made here, then over DDS."""
+
+import copy
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from resting_aspects_interfaces.msg import AspectDistribution
+from scipy.spatial.transform import Rotation
+from visualization_msgs.msg import Marker, MarkerArray
+
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.distribution import Distribution, no_drops
+from resting_aspects_ros.nodes.interface import ALL_LATCHED, LATCHED
+from resting_aspects_ros.nodes.markers import MESHES, TEXTS, PartMarkers, labels
+
+STAMP = Time(sec=12, nanosec=34)
+
+
+def vector(message):
+    return np.array([message.x, message.y, message.z])
+
+
+def in_tray(marker, points):
+    orientation = marker.pose.orientation
+    turn = Rotation.from_quat([getattr(orientation, axis) for axis in 'xyzw'])
+    return turn.apply(np.array(points)) + vector(marker.pose.position)
+
+
+def corners(mesh):
+    """(m, 3, 3) m, tray frame."""
+    return in_tray(mesh, [vector(p) for p in mesh.points]).reshape(-1, 3, 3)
+
+
+def split(message):
+    """The meshes and the texts of a message, by aspect."""
+    first, *others = message.markers
+    assert first.action == Marker.DELETEALL
+    assert {marker.action for marker in others} == {Marker.ADD}
+    meshes = {m.id: m for m in others if m.ns == MESHES}
+    texts = {m.id: m for m in others if m.ns == TEXTS}
+    assert len(meshes) + len(texts) == len(others)
+    assert list(meshes) == list(texts) == list(range(1, len(meshes) + 1))
+    return meshes, texts
+
+
+def assert_stands(mesh, part, aspect):
+    """On z = 0, in the aspect: a bare Aspect and one of a message alike."""
+    triangles = corners(mesh)
+    radius = part.hull_radius
+    assert abs(triangles[..., 2].min()) < 1e-9 * radius
+    slack = 2e-3 if getattr(aspect.sweep, 'curved', aspect.sweep) else 1e-9
+    assert in_tray(mesh, part.centre_of_mass)[2] == pytest.approx(
+        aspect.com_height, abs=slack * radius
+    )
+    a, b, c = np.moveaxis(triangles - triangles.mean(axis=(0, 1)), 1, 0)
+    volume = np.einsum('ij,ij->i', a, np.cross(b, c)).sum() / 6
+    assert volume == pytest.approx(part.volume, rel=1e-6)  # whole, and outward
+
+
+def percent(text):
+    return float(text.split(': ')[1].removesuffix(' %'))
+
+
+# Without DDS
+
+
+@pytest.mark.parametrize('name', ['l_bracket', 'washer', 'hex_nut'])
+def test_the_part_stands_in_each_aspect(part, name):
+    part = part(name)
+    aspects = find_aspects(part)
+    message = PartMarkers(part, aspects).message(no_drops(aspects), STAMP)
+    meshes, texts = split(message)
+    for aspect in aspects.aspects:
+        mesh, text = meshes[aspect.id], texts[aspect.id]
+        assert_stands(mesh, part, aspect)
+        assert mesh.type == Marker.TRIANGLE_LIST
+        np.testing.assert_array_equal(vector(mesh.scale), 1)  # else RViz shows nothing
+        assert text.type == Marker.TEXT_VIEW_FACING
+        assert text.scale.z > 0.1 * part.hull_radius
+        where = in_tray(mesh, part.centre_of_mass)
+        np.testing.assert_allclose(vector(text.pose.position)[:2], where[:2], atol=1e-12)
+        top = corners(mesh)[..., 2].max()
+        assert text.pose.position.z - text.scale.z / 2 > top
+    for marker in message.markers:
+        assert (marker.header.frame_id, marker.header.stamp) == ('tray', STAMP)
+        assert marker.color.a == (0 if marker.action == Marker.DELETEALL else 1)
+        assert (marker.lifetime.sec, marker.lifetime.nanosec) == (0, 0)  # for ever
+
+
+def test_parts_side_by_side_do_not_touch_and_differ_in_colour(part):
+    part = part('hex_nut')
+    aspects = find_aspects(part)
+    meshes, _ = split(PartMarkers(part, aspects).message(no_drops(aspects), STAMP))
+    spans = [corners(mesh).reshape(-1, 3)[:, :2] for mesh in meshes.values()]
+    boxes = [(span.min(axis=0), span.max(axis=0)) for span in spans]
+    for k, (low, high) in enumerate(boxes):
+        for other_low, other_high in boxes[:k]:
+            assert (low > other_high).any() or (high < other_low).any()
+    colours = {(m.color.r, m.color.g, m.color.b) for m in meshes.values()}
+    assert len(colours) == len(meshes)
+
+
+def test_texts_have_as_many_digits_as_the_drops_allow(part):
+    aspects = find_aspects(part('l_bracket'))
+    few = Distribution(aspects, np.array([6, 3, 1, 0, 0]), 0, 0, 0)
+    many = Distribution(aspects, np.array([2711, 7000, 189, 60, 0]), 20, 10, 10)
+    assert labels(few) == ['1: 60 %', '2: 30 %', '3: 10 %', '4: 0 %', '5: 0 %']
+    assert labels(many) == ['1: 27.1 %', '2: 70.0 %', '3: 1.89 %', '4: 0.60 %', '5: 0 %']
+    assert labels(no_drops(aspects))[1] == '2: no drops'
+
+
+def test_a_new_distribution_changes_texts_and_stamps_only(part):
+    part = part('tetrahedron')
+    aspects = find_aspects(part)
+    markers = PartMarkers(part, aspects)
+    before = copy.deepcopy(markers.message(no_drops(aspects), Time()))
+    counted = Distribution(aspects, np.array([1, 2, 3, 4]), 0, 0, 0)
+    _, texts = split(markers.message(counted, STAMP))
+    assert [text.text for text in texts.values()] == labels(counted)
+    assert markers.message(no_drops(aspects), Time()) == before
+
+
+# Over DDS
+
+
+@pytest.fixture(scope='module')
+def newest(suite):
+    """Wait until the newest markers are those of a distribution."""
+    heard = suite.client.listen(MarkerArray, 'markers', LATCHED)
+
+    def newest(distribution):
+        expected = [f'{aspect.id}: ' for aspect in distribution.aspects]
+
+        def are_its():
+            if not heard:
+                return False
+            _, texts = split(heard[-1])
+            shown = [text.text for text in texts.values()]
+            return len(shown) == len(expected) and all(
+                abs(percent(text) / 100 - aspect.probability) < 0.0051
+                for text, aspect in zip(shown, distribution.aspects, strict=True)
+                if 'no drops' not in text
+            )
+
+        suite.client.wait(are_its, 'markers')
+        return heard[-1]
+
+    return newest
+
+
+@pytest.mark.parametrize('name', ['l_bracket', 'cylinder_d20_h20', 'tetrahedron'])
+def test_they_show_the_part_of_the_newest_distribution_and_no_other(suite, newest, part, name):
+    distribution = suite.client.ask(name, 120).distribution
+    meshes, texts = split(newest(distribution))
+    for aspect in distribution.aspects:
+        assert_stands(meshes[aspect.id], part(name), aspect)
+        number, share = texts[aspect.id].text.split(': ')
+        assert int(number) == aspect.id
+        assert share.endswith(' %')
+
+
+def test_a_known_distribution_that_is_asked_for_again_changes_nothing(suite, newest):
+    heard = suite.client.listen(MarkerArray, 'markers', ALL_LATCHED)
+    first = suite.client.ask('angle_45x30x8', 40).distribution
+    second = suite.client.ask('box_10x20x30', 40).distribution
+    shown = newest(second)
+    suite.client.wait(lambda: heard and heard[-1] == shown, 'the same markers')
+    assert suite.client.ask('angle_45x30x8', 40).distribution.run == first.run
+    third = newest(suite.client.ask('washer', 40).distribution)
+    suite.client.wait(lambda: heard[-1] == third, 'the next markers')
+    after = [len(split(message)[0]) for message in heard[heard.index(shown) + 1 :]]
+    assert set(after) == {len(split(third)[0])}
+
+
+def test_who_comes_late_gets_the_newest_once(suite, newest, connect):
+    distribution = suite.client.ask('t_prism', 60).distribution
+    message = newest(distribution)
+    late = connect(suite.namespace)
+    heard = late.listen(MarkerArray, 'markers', LATCHED)
+    late.wait(lambda: heard, 'markers')
+    late.spin(0.5)
+    assert heard == [message]
+
+
+def test_they_come_with_distributions_and_not_more_often(suite):
+    markers = suite.client.listen(MarkerArray, 'markers', ALL_LATCHED)
+    distributions = suite.client.listen(
+        AspectDistribution, 'aspect_distributions/u_bracket', ALL_LATCHED
+    )
+    answer = suite.client.ask('u_bracket', 1000, seed=[5])
+    suite.client.wait(lambda: distributions and distributions[-1].complete, 'the last')
+    last = distributions[-1]
+    assert last.run == answer.distribution.run
+    suite.client.wait(lambda: markers[-1].markers[0].header.stamp == last.header.stamp, 'markers')
+    stamps = [(s.sec, s.nanosec) for s in (m.markers[0].header.stamp for m in markers)]
+    published = [(d.header.stamp.sec, d.header.stamp.nanosec) for d in distributions]
+    assert stamps[-len(published) :] == published
+    assert len(published) > 1
+    assert all(one < other for one, other in pairwise(stamps))

@@ -1,0 +1,58 @@
+"""Runs that stop as soon as every interval is narrow enough."""
+
+import pytest
+from resting_aspects_interfaces.msg import Status
+
+from resting_aspects_ros.core.stopping import is_precise, looks
+from resting_aspects_ros.drops.run import MOST_DROPS
+
+PRECISION = 0.05
+
+
+@pytest.fixture(scope='module')
+def answer(suite):
+    """The answer to a request without a number of drops."""
+    return suite.client.ask('tetrahedron', 0, precision=PRECISION, seed=[3])
+
+
+def test_the_run_stops_at_the_first_look_that_is_precise(suite, answer, counts):
+    assert answer.status.code == Status.OK
+    distribution = answer.distribution
+    assert distribution.complete
+    assert distribution.run.precision == PRECISION
+    assert distribution.drops == sum(counts(distribution))
+    found = [aspect.count for aspect in distribution.aspects]
+    assert is_precise(found, distribution.drops, PRECISION)
+    assert distribution.drops in looks(MOST_DROPS)
+    # The run of one look less has the same first drops, and was not precise.
+    before = max(look for look in looks(MOST_DROPS) if look < distribution.drops)
+    shorter = suite.client.drop('tetrahedron', before, seed=3).result
+    assert shorter.drops == before
+    seen = suite.client.ask('tetrahedron', before, seed=[3], only_known=True).distribution
+    assert seen.drops >= before
+    for aspect in distribution.aspects:
+        assert (aspect.upper - aspect.lower) / 2 <= PRECISION
+
+
+def test_it_is_known_then_to_this_precision_and_to_less_but_not_to_more(suite, answer):
+    def known(**fields):
+        return suite.client.ask('tetrahedron', only_known=True, seed=[3], **fields)
+
+    for precision in (PRECISION, 0.1):
+        again = known(drops=0, precision=precision)
+        assert again.status.code == Status.OK
+        assert again.distribution.run == answer.distribution.run
+    assert known(drops=0, precision=0.01).status.code == Status.NOT_AVAILABLE
+    assert known(drops=answer.distribution.drops).status.code == Status.OK
+
+
+def test_the_drops_are_the_most_that_are_made(suite):
+    distribution = suite.client.ask('tetrahedron', 300, precision=0.01, seed=[4]).distribution
+    assert distribution.drops == 300
+    assert distribution.complete
+
+
+def test_an_action_goal_stops_as_well(suite, answer):
+    result = suite.client.drop('tetrahedron', 0, precision=PRECISION, seed=3).result
+    assert result.status.code == Status.OK
+    assert result.drops == answer.distribution.drops

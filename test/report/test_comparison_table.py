@@ -1,0 +1,145 @@
+"""Two distributions side by side, in 80 columns and in JSON, are what was compared."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from rich.console import Console
+from scipy.stats import binomtest, chi2_contingency
+
+from resting_aspects_ros.core.comparison import Tally, compare
+from resting_aspects_ros.report.comparison_document import comparison_document
+from resting_aspects_ros.report.comparison_table import Sides, comparison_table, measures_text
+from resting_aspects_ros.report.document import to_json
+
+# Shares .5 .3 .2 and .4 .2 .4, of the drops in an aspect.
+ONE = Tally(np.array([50, 30, 20]), 60, 30, 10)
+OTHER = Tally(np.array([80, 40, 80]), 0, 50, 0)
+DOWN = np.array([[0, 0, -1.0], [0.6, -0.8, -0.0], [np.nan] * 3])
+
+
+def compared(a, b, down=None, ids=None, confidence=0.95):
+    sides = Sides(ids or tuple(range(1, len(a.counts) + 1)), down, a, b)
+    return compare(a, b, np.random.default_rng(1), confidence), sides
+
+
+def lines(comparison, sides, title='title'):
+    console = Console(width=80, force_terminal=False)
+    with console.capture() as captured:
+        console.print(comparison_table(comparison, sides, title))
+    return captured.get().splitlines()
+
+
+def cells(shown):
+    return [re.split(r' {2,}', line.strip()) for line in shown]
+
+
+def test_a_row_for_each_aspect_and_for_all_that_is_in_none():
+    shown = cells(lines(*compared(ONE, OTHER, DOWN, ids=(1, 3, 7)), '[A]\n[B]'))
+    assert shown[:2] == [['[A]'], ['[B]']]
+    # Intervals of 50, 30 and 20 of 100 are Wilson's.
+    wilson = [binomtest(k, 100).proportion_ci(method='wilson') for k in (50, 30, 20)]
+    told = [f'{100 * each.low:.0f} to {100 * each.high:.0f}' for each in wilson]
+    assert [row[:5] for row in shown[5:8]] == [
+        ['1', '0.00', '0.00 -1.00', '50', told[0]],
+        ['3', '+0.60 -0.80', '0.00', '30', told[1]],
+        ['7', 'rolls', '20', told[2], '40'],
+    ]
+    assert [row[-2] for row in shown[5:8]] == ['+10.0', '+10.0', '-20.0']
+    assert [row[:2] for row in shown[9:12]] == [
+        ['unclassified', '30'],
+        ['unsettled', '15.0'],
+        ['failed', '5.0'],
+    ]
+    assert [row[-1] for row in shown[9:12]] == ['0', '20.0', '0']
+    assert len(shown) == 12
+
+
+def test_measures_by_hand():
+    comparison, sides = compared(ONE, OTHER, ids=(1, 3, 7))
+    text = measures_text(comparison, sides)
+    assert max(map(len, text.splitlines())) <= 80
+    assert re.search(r'^total variation +20 %$', text, re.MULTILINE)
+    assert re.search(
+        r'^largest deviation +-20 % in aspect 7 \(-\d+ to -\d %\)$', text, re.MULTILINE
+    )
+    assert re.search(r'^mean absolute deviation +13.3 % over aspects$', text, re.MULTILINE)
+    p = chi2_contingency([[50, 30, 20], [80, 40, 80]], correction=False).pvalue
+    assert re.search(rf'^p value +{p:.2g} by chi-square$', text, re.MULTILINE)
+    assert re.search(r'^drops in aspects +A 100 of 200, B 200 of 250$', text, re.MULTILINE)
+    assert 'others: of all drops' in text
+
+
+def test_how_p_was_had_is_said():
+    few = compared(Tally(np.array([3, 1, 0])), Tally(np.array([1, 2, 2])))
+    assert re.search(r'^p value +0\.\d+ by Monte Carlo, 9999 tables$', measures_text(*few), re.M)
+    assert 'of all drops' not in measures_text(*few)
+    far = compared(Tally(np.array([900, 100])), Tally(np.array([100, 900])))
+    assert re.search(r'^p value +less than 0.0001 by chi-square$', measures_text(*far), re.M)
+
+
+def test_equal_ones_are_not_apart():
+    comparison, sides = compared(ONE, ONE)
+    assert all(row[-2] == '+0.0' for row in cells(lines(comparison, sides))[4:7])
+    text = measures_text(comparison, sides)
+    assert re.search(r'total variation +0 %', text)
+    assert re.search(r'largest deviation +\+0 % in aspect 1 ', text)
+    assert re.search(r'p value +1 by chi-square', text)
+
+
+def test_without_directions_there_are_none():
+    assert [row[1] for row in cells(lines(*compared(ONE, OTHER)))[4:7]] == ['-'] * 3
+
+
+@pytest.mark.parametrize('factor', [1, 1000, 50_000])
+@pytest.mark.parametrize('confidence', [0.95, 0.9999])
+def test_it_fits_80_columns_whatever_the_drops(factor, confidence):
+    one = Tally(factor * np.array([900, 12, 3, *[1] * 17]), factor, factor, factor)
+    other = Tally(factor * np.array([300, 612, 4, *[1] * 17]), factor, factor, factor)
+    down = np.tile([-0.55, -0.83, -0.1], (20, 1))
+    comparison, sides = compared(one, other, down, confidence=confidence)
+    shown = lines(comparison, sides)
+    text = measures_text(comparison, sides).splitlines()
+    assert max(map(len, [*shown, *text])) <= 80
+    assert '…' not in ''.join(shown)
+    rows = [line for line in shown if re.match(r' *\d+  -0.55', line)]
+    assert len(rows) == 20
+    assert all(row.isascii() for row in rows)
+
+
+def test_one_aspect_of_which_all_is_known_fits_too():
+    one, other = Tally(np.array([2_000_000, 0])), Tally(np.array([1_000_000, 1_000_000]))
+    down = np.tile([-0.55, -0.83, -0.1], (2, 1))
+    shown = lines(*compared(one, other, down))
+    assert max(map(len, shown)) <= 80
+    assert '100.0  100.0 to 100.0  50.00  +50.0' in re.sub(r' {2,}', '  ', shown[4])
+
+
+def test_the_document_is_what_was_compared_and_not_rounded():
+    comparison, sides = compared(ONE, OTHER, DOWN, ids=(1, 3, 7))
+    document = comparison_document(comparison, sides, {'a': {'file': 'x'}, 'b': {'file': 'y'}})
+    assert json.loads(to_json(document)) == document
+    assert document['a'] == {'file': 'x', 'unclassified': 60, 'unsettled': 30, 'failed': 10}
+    assert document['b'] == {'file': 'y', 'unclassified': 0, 'unsettled': 50, 'failed': 0}
+    aspects = document['aspects']
+    assert [aspect['id'] for aspect in aspects] == [1, 3, 7]
+    assert [aspect['down_in_part'] for aspect in aspects] == [[0, 0, -1], [0.6, -0.8, 0], None]
+    assert [aspect['a']['count'] for aspect in aspects] == [50, 30, 20]
+    assert [aspect['b']['share'] for aspect in aspects] == [0.4, 0.2, 0.4]
+    for k, aspect in enumerate(aspects):
+        assert aspect['deviation'] == comparison.deviation[k]
+        assert aspect['deviation_lower'] == comparison.lower[k]
+        assert aspect['deviation_upper'] == comparison.upper[k]
+        ours = aspect['a']['lower'], aspect['a']['upper']
+        theirs = binomtest(int(ONE.counts[k]), 100).proportion_ci(method='wilson')
+        assert ours == pytest.approx((theirs.low, theirs.high))
+    assert document['largest_deviation'] == {
+        'aspect': 7,
+        'deviation': comparison.largest_deviation,
+        'lower': comparison.lower[2],
+        'upper': comparison.upper[2],
+    }
+    assert document['total_variation'] == pytest.approx(0.2)
+    assert document['mean_deviation'] == pytest.approx(0.4 / 3)
+    assert (document['p_value'], document['p_by']) == (comparison.p_value, 'chi-square')

@@ -1,0 +1,93 @@
+"""Parts side by side on the tray: on the surface, in order, and apart."""
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.distance import pdist
+from scipy.spatial.transform import Rotation
+
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.report.standing import (
+    MOST_TRIANGLES,
+    PITCH,
+    ROW,
+    shown_faces,
+    stand,
+)
+
+EXAMPLES = ('l_bracket', 'hex_nut', 'washer', 'tetrahedron', 'cylinder_d20_h20')
+
+
+def in_tray(standing, points):
+    return Rotation.from_quat(standing.orientation).apply(np.array(points)) + standing.position
+
+
+@pytest.mark.parametrize('name', EXAMPLES)
+def test_each_touches_the_surface_in_its_aspect(part, name):
+    part = part(name)
+    aspects = find_aspects(part).aspects
+    standing = stand(part, aspects)
+    assert [each.aspect_id for each in standing] == [aspect.id for aspect in aspects]
+    for each, aspect in zip(standing, aspects, strict=True):
+        height = in_tray(each, part.vertices)[:, 2]
+        assert abs(height.min()) < 1e-9 * part.hull_radius
+        assert height.max() == pytest.approx(each.top)
+        centre = in_tray(each, part.centre_of_mass)
+        np.testing.assert_allclose(centre, each.centre_of_mass, atol=1e-12)
+        # A flat of the mesh is closer to the axis than the curved side that it stands for.
+        slack = 2e-3 if aspect.sweep.curved else 1e-9
+        assert centre[2] == pytest.approx(aspect.com_height, abs=slack * part.hull_radius)
+
+
+def standing_of(part, count):
+    part = part('tetrahedron')
+    first = find_aspects(part).aspects[0]
+    aspects = [dataclasses.replace(first, id=k) for k in range(1, count + 1)]
+    return stand(part, aspects), PITCH * part.hull_radius
+
+
+@pytest.mark.parametrize('count', [1, 2, ROW, ROW + 1, 50, 101])
+def test_places_are_apart_in_order_and_around_the_origin(part, count):
+    standing, pitch = standing_of(part, count)
+    places = np.array([each.centre_of_mass[:2] for each in standing])
+    assert (pdist(places) > pitch * (1 - 1e-9)).all()
+    np.testing.assert_allclose(places.min(axis=0) + places.max(axis=0), 0, atol=1e-9)
+    width, depth = np.ptp(places, axis=0) / pitch
+    assert width + 1 <= max(ROW, np.ceil(np.sqrt(count))) + 1e-9
+    assert (depth < 1e-9) == (count <= ROW)
+    for (x, y), (next_x, next_y) in pairwise(places):
+        if abs(next_y - y) < 1e-9:
+            assert next_x == pytest.approx(x + pitch)
+        else:
+            assert next_y == pytest.approx(y - pitch)
+            assert next_x == pytest.approx(places[:, 0].min())
+
+
+def test_no_aspect_has_no_place(part):
+    assert stand(part('tetrahedron'), []) == []
+
+
+def test_a_small_mesh_is_shown_as_it_is(part):
+    part = part('l_bracket')
+    assert shown_faces(part, find_aspects(part).aspects) is part.faces
+
+
+def test_a_large_mesh_is_made_coarse_and_still_stands_on_the_surface(solid):
+    mesh = trimesh.creation.box((10, 20, 30))
+    for _ in range(6):  # to 49152 triangles
+        mesh = mesh.subdivide()
+    part = solid(mesh)
+    aspects = find_aspects(part).aspects
+    faces = shown_faces(part, aspects)
+    assert len(aspects) == 6
+    assert 1000 < len(faces) * 6 <= MOST_TRIANGLES
+    for each in stand(part, aspects):
+        corners = in_tray(each, part.vertices[np.unique(faces)])
+        assert abs(corners[:, 2].min()) < 1e-9 * part.hull_radius
+        assert corners[:, 2].max() == pytest.approx(each.top, rel=0.01)
+        on_surface = corners[corners[:, 2] < 1e-9][:, :2]
+        whole = in_tray(each, part.vertices)[:, :2]
+        np.testing.assert_allclose(np.ptp(on_surface, axis=0), np.ptp(whole, axis=0), rtol=0.05)
