@@ -38,6 +38,8 @@ ROUGH_ANYWHERE = 0.06
 SAMPLES = 300
 # A candidate closer than this, rad, to one that failed is not tried; nor are more than so many.
 TRIED, MOST_TRIED = 0.05, 100
+# So many of them tell whether nearly all rotations fit roughly.
+FEW_ANYWHERE = 60
 # Candidates that are polished at most, in a search.
 MOST_POLISHED = 20
 # Directions that are tried as the axis of a body of revolution.
@@ -188,7 +190,7 @@ def _flip(match: SurfaceMatch, axis: Array, n: int, hints: Array, order: Indices
     azimuths = np.pi / n * np.arange(count) / count
     axes = np.stack([np.cos(azimuths), np.sin(azimuths)], axis=1) @ across
     # An axis is off by half a step at most, and a half turn about it by twice that.
-    rough = axes[match.fits(half_turns(axes), order, np.pi / n / count)]
+    rough = axes[match.fits(half_turns(axes), order[:SAMPLES], np.pi / n / count)]
     rough = rough[:: int(np.ceil(len(rough) / MOST_POLISHED)) or 1]
     for candidate in (*hints, *rough):
         polished = match.polished(half_turns(candidate[None])[0], order)
@@ -206,4 +208,9 @@ def _polyhedral(match: SurfaceMatch, axes: Array, landmarks: Array) -> Array:
     pairs = pair_rotations(landmarks)
     if len(pairs):
         return _from(match, np.concatenate([half_turns(axes), pairs]), ROUGH)
-    return _from(match, everywhere(), ROUGH_ANYWHERE)
+    candidates = everywhere()
+    some = candidates[:: len(candidates) // FEW_ANYWHERE]
+    if match.fits(some, match.order[:SAMPLES], ROUGH_ANYWHERE).mean() > 0.5:
+        # Nearly a ball: all fits roughly, and to tell them apart would take minutes.
+        return np.eye(3)[None]
+    return _from(match, candidates, ROUGH_ANYWHERE)
