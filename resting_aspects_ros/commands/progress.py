@@ -23,7 +23,7 @@ class DropProgress:
         self._what = what
         self._total = total
         self._begun = self._shown = time.monotonic()
-        self._over = False
+        self._over = self._waited = False
         self._bar: Progress | None = None
         self._task: TaskID | None = None
         if sys.stderr.isatty():
@@ -43,6 +43,7 @@ class DropProgress:
 
     def update(self, done: int) -> None:
         """So many drops are done. To be called often."""
+        self._waited = True
         now = time.monotonic()
         seconds = max(now - self._begun, 1e-9)
         rate = f'{done / seconds:.0f} drops/s' if done else ''
@@ -60,7 +61,9 @@ class DropProgress:
             self._over = done == self._total
 
     def end(self, done: int) -> None:
-        """No more drops come: those that are done are all."""
+        """No more drops come: those that are done are all. Nothing, if none were waited for."""
+        if not self._waited:
+            return
         self._total = done
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, total=done)

@@ -18,6 +18,9 @@ from resting_aspects_ros.core.symmetry import Symmetry, find_symmetry
 
 # Ids are ordered by centre of mass height in steps of this, R, and by share in steps of this.
 ORDER_STEP = 1e-3
+# Aspects of a part with an axis are alike if height, R, and cosine to the axis agree within this:
+# what tessellation leaves.
+ALIKE = 0.02
 # Facets within this of the one on which the part rests are one with it for the support polygon:
 # far below the angles that a part is built with.
 SAME_FACET = np.radians(1.0)
@@ -56,16 +59,25 @@ def find_aspects(part: Part) -> AspectSet:
     )
     flat = [a.down_in_part for a in aspects if a.sweep is Sweep.POINT]
     symmetry = find_symmetry(part, np.array(flat).reshape(-1, 3))
-    return _with_classes(AspectSet(part.part_sha256, aspects, symmetry), symmetry)
+    return _with_classes(
+        AspectSet(part.part_sha256, aspects, symmetry), symmetry, part.hull_radius
+    )
 
 
-def _with_classes(aspects: AspectSet, symmetry: Symmetry) -> AspectSet:
+def _with_classes(aspects: AspectSet, symmetry: Symmetry, reach: float) -> AspectSet:
     """The aspects with their symmetry classes: those that a rotation maps onto each other."""
     group = np.arange(len(aspects))
     for rotation in symmetry.rotations:
         for k, aspect in enumerate(aspects.aspects):
             image = int(aspects.locate((rotation @ aspect.down_in_part)[None])[0][0]) - 1
             group[group == max(group[k], group[image])] = min(group[k], group[image])
+    if symmetry.axis is not None:
+        # Any turn about the axis: those that stand to it alike, as the sides of a fine prism.
+        lean = [(a.com_height / reach, a.down_in_part @ symmetry.axis) for a in aspects.aspects]
+        for k, one in enumerate(lean):
+            alike = np.abs(np.array(lean) - one).max(axis=1) < ALIKE
+            first = group[alike].min()
+            group[np.isin(group, group[alike])] = min(first, group[k])
     _, classes, sizes = np.unique(group, return_inverse=True, return_counts=True)
     # A minimum that the mesh makes halfway between two is joined with one of them.
     share = np.bincount(classes, weights=[a.basin_share for a in aspects.aspects]) / sizes
@@ -105,7 +117,7 @@ def _sweep(directions: Array, step: float, frame: Array) -> tuple[Sweep, Array, 
     """What the directions of a curved aspect sweep, its axis, and their middle."""
     middle = directions.mean(axis=0)
     pole = middle / max(float(np.linalg.norm(middle)), 1e-300)
-    size, axes = np.linalg.svd(directions - middle)[1:]
+    size, axes = np.linalg.svd(directions - middle, full_matrices=False)[1:]
     if len(directions) == 2:
         axis = np.cross(*directions)
         return Sweep.ARC, _signed(axis / np.linalg.norm(axis), frame), middle

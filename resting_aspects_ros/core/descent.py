@@ -25,6 +25,8 @@ _AT_ONCE = 4_000_000
 class Descent:
     """The descent on one polyhedron.
 
+    onto : (f,) int
+        For each facet the one to which a part rolls on from it; itself if it is stable.
     rest : (f,) int
         For each facet the stable one to which a part rolls that is let go on it.
     """
@@ -37,6 +39,7 @@ class Descent:
         self._edges = np.full((len(around), self._width), -1)
         for point, edges in enumerate(around):
             self._edges[point, : len(edges)] = edges
+        self.onto = self._without_circles(self._onto())
         self.rest = self._settle()
 
     def facets_from(self, directions: Array) -> Indices:
@@ -101,7 +104,7 @@ class Descent:
 
     def _settle(self) -> Indices:
         """Follow the facets on which the part cannot stay."""
-        onto = self._without_circles(self._onto())
+        onto = self.onto
         while (onto[onto] != onto).any():
             onto = onto[onto]
         return onto

@@ -12,8 +12,10 @@ Faces = npt.NDArray[np.int64]
 # What float32 leaves between a plane and a vertex on it, as a share of the largest coordinate:
 # both are off by up to 6e-8 in each of three directions.
 NOISE = 2e-7
-# The thickness up to which a mesh is flat, as a share of the largest coordinate.
+# The thickness up to which a mesh is flat, as a share of the largest coordinate; and, wherever it
+# lies, of its longest side: less cannot be told from the noise that facets are merged within.
 FLAT = 1e-6
+THIN = 2e-5
 
 
 def convex_hull(vertices: Array, label: str) -> Array:
@@ -38,12 +40,13 @@ def convex_hull(vertices: Array, label: str) -> Array:
     spread = np.linalg.eigh(np.cov(scaled.T))[1]
     extents = np.ptp(scaled @ spread, axis=0)
     reach = float(np.abs(vertices).max() / size)
-    thick = np.count_nonzero(extents > FLAT * reach)
+    least = max(FLAT * reach, THIN)
+    thick = np.count_nonzero(extents > least)
     hull = _qhull(scaled, NOISE * reach) if thick == 3 else None
     if hull is None:
         raise PartError(
             f'{label} has no volume: all its {len(vertices)} vertices lie '
-            f'{"on a line" if thick < 2 else "in a plane"}, within {FLAT:.0e} of its coordinates'
+            f'{"on a line" if thick < 2 else "in a plane"}, within {least:.1g} of its longest side'
         )
     return vertices[np.sort(hull.vertices)]
 

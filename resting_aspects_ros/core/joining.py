@@ -82,6 +82,7 @@ def join_minima(landscape: Landscape) -> list[Joined]:
     depth = _largest(landscape.hull, curved_edges, sagitta)[landscape.minima]
     tessellation = _tessellation(landscape, curved_edges, steps)
     over = zip(heights, saddles.between, tessellation, sagitta[saddles.edges], strict=True)
+    drained = np.zeros(len(group), dtype=bool)  # down a side, to where it is no neighbour
     for height, (a, b), meshed, own in over:
         one, other = group[a], group[b]
         if one == other:
@@ -89,12 +90,16 @@ def join_minima(landscape: Landscape) -> list[Joined]:
         barrier = height - max(low[one], low[other])
         # Step by step, each as low as the mesh makes it, one could climb from one end of an
         # egg to the other.
-        on_curve = meshed and barrier <= DOME_DEPTH * max(depth[one], depth[other])
+        # What has drained off the curved side is no way along it, but for what the mesh makes.
+        slack = 1.0 if drained[a] or drained[b] else DOME_DEPTH
+        by_mesh = meshed and barrier <= slack * max(depth[one], depth[other])
         # Where the side curves more sharply than a sphere would, only its mesh holds the part.
-        on_curve |= barrier <= RIM_DEPTH * own
+        on_curve = by_mesh or barrier <= RIM_DEPTH * own
         if not on_curve and barrier > NOISE_BARRIER:
             continue
         into, gone = (one, other) if low[one] <= low[other] else (other, one)
+        if not by_mesh:
+            drained[group == gone] = True
         group[group == gone] = into
         curved[into] |= curved[gone] | on_curve
         step[into] = max(step[into], step[gone])

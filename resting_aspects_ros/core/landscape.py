@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.basins import basin_areas
-from resting_aspects_ros.core.descent import STABLE_MARGIN, Descent
+from resting_aspects_ros.core.descent import Descent
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.polyhedron import Indices, Polyhedron, polyhedron
 from resting_aspects_ros.core.rotations import Array
@@ -86,7 +86,11 @@ class Landscape:
         """
         hull = self.hull
         inside = (hull.feet > 0) & (hull.feet < 1)
-        edges = np.flatnonzero(inside & (hull.margins > STABLE_MARGIN).all(axis=1))
+        one, other = hull.sides.T
+        onto = self._descent.onto
+        # A facet that is unstable by the margin alone rolls over what would be its saddle.
+        rolled = (onto[one] == other) | (onto[other] == one)
+        edges = np.flatnonzero(inside & (hull.margins > 0).all(axis=1) & ~rolled)
         first, second = np.moveaxis(hull.points[hull.ends[edges]], 1, 0)
         foot = first + hull.feet[edges][:, None] * (second - first)
         heights = np.linalg.norm(foot, axis=1)

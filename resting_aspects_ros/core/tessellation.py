@@ -16,6 +16,8 @@ Flags = npt.NDArray[np.bool_]
 CURVED_ANGLE = np.radians(25.0)
 # Triangles that meet at less are in one plane, but for the noise of float32.
 FLAT_ANGLE = np.radians(0.1)
+# A facet whose triangles are further apart than this, rad, is none.
+BENT = 5 * FLAT_ANGLE
 # A flat bounded by curved strips, as a face with rounded edges, is no part of the curve. It is
 # told from a wide strip among narrow ones by being more than so many times as wide as they.
 WIDER = 3.0
@@ -67,7 +69,7 @@ def sagittas(vertices: Array, faces: Indices) -> tuple[Array, Flags]:
     corners = np.zeros(len(vertices), dtype=bool)
     corners[edges.ends[~blunt]] = True
 
-    facet = _facets(len(faces), edges.sides[edges.angle < FLAT_ANGLE])
+    facet = _facets(normals, area, edges.sides[edges.angle < FLAT_ANGLE])
     size, covariance = _spread(triangles, area, facet)
     curved = blunt & (edges.angle >= FLAT_ANGLE)
     ends, sides = vertices[edges.ends[curved]], edges.sides[curved]
@@ -101,10 +103,22 @@ def _edges(faces: Indices, normals: Array) -> _Edges:
     return _Edges(ends[order[first]], sides, np.where(count == 2, angle, np.pi))
 
 
-def _facets(count: int, pairs: Indices) -> Indices:
+def _facets(normals: Array, area: Array, pairs: Indices) -> Indices:
+    """Return the facet of each triangle: those that flat edges join, if they are in one plane.
+
+    On a mesh so fine that its steps are flat they are not: there each triangle is its own.
+    """
+    count = len(normals)
     links = (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1]))
     graph = coo_array(links, shape=(count, count))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+    facet = connected_components(graph, directed=False)[1].astype(np.int64)
+    mean = np.stack([np.bincount(facet, weights=area * side) for side in normals.T], axis=1)
+    mean = mean / np.maximum(np.linalg.norm(mean, axis=1), np.finfo(float).tiny)[:, None]
+    apart = np.linalg.norm(normals - mean[facet], axis=1) * (area > 0)
+    bent = np.bincount(facet, weights=apart > BENT) > 0
+    own = bent[facet]
+    facet[own] = len(mean) + np.flatnonzero(own)
+    return np.unique(facet, return_inverse=True)[1].astype(np.int64)
 
 
 def _spread(triangles: Array, area: Array, facet: Indices) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from resting_aspects_ros.core.aspect_set import POSE_ANGLE, AspectSet, Sweep
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.descent import STABLE_MARGIN
+from resting_aspects_ros.core.errors import PartError
 from resting_aspects_ros.core.landscape import Landscape
 from resting_aspects_ros.core.rotations import (
     down_in_part,
@@ -345,3 +346,51 @@ def test_the_flats_of_a_curved_side_are_linked_all_around(solids, solid):
     a, b = np.moveaxis(ring.directions[ring.links], 1, 0)
     np.testing.assert_allclose((a * b).sum(axis=1), np.cos(2 * np.pi / 16), atol=1e-6)
     assert np.abs(ring.axis) == pytest.approx([0, 0, 1], abs=1e-9)
+
+
+def revolved(profile, steps):
+    """The hull of a profile of radii and heights, turned about z."""
+    turn = np.arange(steps) * 2 * np.pi / steps
+    corners = [(r * np.cos(a), r * np.sin(a), z) for r, z in profile for a in turn]
+    return trimesh.convex.convex_hull(np.array(corners))
+
+
+@pytest.mark.parametrize(('steps', 'rings'), [(48, 8), (64, 10), (128, 20), (200, 20)])
+def test_a_lens_rests_on_its_two_sides_whatever_its_mesh(solid, steps, rings):
+    # Slivers at the pole have the centre of mass over their rim but for less than the margin.
+    slope = np.linspace(0, np.arcsin(10 / 60), rings + 1)
+    top = [(60 * np.sin(a), 60 * (np.cos(a) - np.cos(slope[-1]))) for a in slope]
+    lens = revolved([*top, *((r, -z) for r, z in top)], steps)
+    assert len(find_aspects(solid(lens))) == 2
+
+
+@pytest.mark.parametrize('steps', range(4, 9))
+def test_a_disc_with_rounded_edges_keeps_its_rim_whatever_the_mesh_of_the_rounding(solid, steps):
+    # Diameter 20, height 6, radius 2: from the rim it rises by 0.005 R to fall over.
+    a = np.linspace(0, np.pi / 2, steps + 1)
+    side = [(8 + 2 * np.cos(x), 1 + 2 * np.sin(x)) for x in a]
+    found = find_aspects(solid(revolved([*side, *((r, -z) for r, z in side)], 48)))
+    assert [x.sweep.name for x in found.aspects] == ['POINT', 'POINT', 'RING']
+
+
+def test_a_part_that_is_too_thin_is_refused_in_words(solid):
+    with pytest.raises(PartError, match='has no volume: all its 8 vertices lie in a plane'):
+        solid(trimesh.creation.box((100, 100, 0.0005)))
+
+
+def test_a_very_thin_part_knows_how_it_is_turned_over(solid):
+    found = find_aspects(solid(trimesh.creation.box((100, 100, 0.01))))
+    assert [(a.multiplicity, a.neighbour) for a in found.aspects] == [(2, 2), (2, 1)]
+    assert found.aspects[0].least_barrier == pytest.approx(0.05, rel=1e-3)
+
+
+def test_the_sides_of_a_bar_with_an_axis_are_one_class(solid):
+    found = find_aspects(solid(trimesh.creation.box((100, 0.5, 0.5))))
+    assert [(a.symmetry_class, a.multiplicity) for a in found.aspects] == [(1, 4)] * 4
+
+
+def test_a_mesh_finer_than_what_is_flat_is_no_sphere(solid):
+    torus = trimesh.creation.torus(10, 3, major_sections=200, minor_sections=100)
+    found = find_aspects(solid(torus))
+    assert (found.symmetry.kind, found.symmetry.order) == ('axial', 2)
+    assert [a.multiplicity for a in found.aspects] == [2, 2]

@@ -406,7 +406,7 @@ def test_a_usual_size_is_not_told(size):
 def test_nothing_is_said_but_by_errors_and_warnings_of_the_part(capfd):
     with warnings.catch_warnings():
         warnings.simplefilter('error')
-        part_from_bytes(stl(box(1e-1, 1e4, 1)), 'stl', 'box')
+        part_from_bytes(stl(box(1, 1e4, 1)), 'stl', 'box')
         with pytest.raises(PartError):
             part_from_bytes(b'ply\nformat ascii 1.0\nend_header\n', 'ply', 'box')
     assert capfd.readouterr() == ('', '')

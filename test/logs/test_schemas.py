@@ -73,6 +73,7 @@ def test_every_dependency_is_there_once_under_its_short_name():
         'resting_aspects_interfaces/Aspect',
         'resting_aspects_interfaces/DropConditions',
         'resting_aspects_interfaces/RunDescription',
+        'resting_aspects_interfaces/SymmetryClass',
         'std_msgs/Header',
     ]
 
