@@ -3,10 +3,10 @@
 import numpy as np
 from rich.table import Table
 
-from resting_aspects_ros.core.aspect_set import Aspect, AspectSet, Sweep
+from resting_aspects_ros.core.aspect_set import AspectSet, Sweep
 from resting_aspects_ros.core.symmetry import Symmetry
-from resting_aspects_ros.report.rounding import direction_text, millimetre_texts
-from resting_aspects_ros.report.table import plain_table
+from resting_aspects_ros.report.rounding import millimetre_texts
+from resting_aspects_ros.report.table import down_text, plain_table
 
 _WORDS = {
     Sweep.POINT: 'flat',
@@ -40,7 +40,7 @@ def aspect_table(aspects: AspectSet, title: str) -> Table:
         table.add_row(
             str(aspect.id),
             str(aspect.symmetry_class),
-            _direction(aspect),
+            down_text(aspect),
             _WORDS[aspect.sweep],
             height,
             f'{100 * aspect.basin_share:.1f} %',
@@ -48,13 +48,6 @@ def aspect_table(aspects: AspectSet, title: str) -> Table:
             str(aspect.neighbour or '-'),
         )
     return table
-
-
-def _direction(aspect: Aspect) -> str:
-    """The down direction, or the axis of those between which it rolls."""
-    if aspect.rolls and aspect.axis.any():
-        return f'axis {direction_text(aspect.axis)}'
-    return direction_text(aspect.down_in_part)
 
 
 def symmetry_text(symmetry: Symmetry) -> str:

@@ -68,7 +68,7 @@ def never_seen_text(distribution: Distribution) -> str:
 def down_text(aspect: Aspect) -> str:
     """Its down direction, or the axis about which it rolls."""
     if aspect.rolls and aspect.axis.any():
-        return f'rolls about {direction_text(aspect.axis)}'
+        return f'axis {direction_text(aspect.axis)}'
     return direction_text(aspect.down_in_part)
 
 
