@@ -9,12 +9,13 @@ import numpy.typing as npt
 from scipy.spatial import ConvexHull
 
 from resting_aspects_ros.core.aspect_set import Aspect, AspectSet, Sweep
-from resting_aspects_ros.core.joining import CURVED_STEP, Joined, join_minima
+from resting_aspects_ros.core.joining import Joined, join_minima
 from resting_aspects_ros.core.landscape import Landscape
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.polyhedron import Indices, Polyhedron
 from resting_aspects_ros.core.rotations import Array, angle_between, orientation_with_down, rotate
 from resting_aspects_ros.core.symmetry import Symmetry, find_symmetry
+from resting_aspects_ros.core.tessellation import CURVED_STEP
 
 # Ids are ordered by centre of mass height in steps of this, R, and by share in steps of this.
 ORDER_STEP = 1e-3

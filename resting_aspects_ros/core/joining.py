@@ -16,10 +16,8 @@ from scipy.sparse.csgraph import connected_components
 from resting_aspects_ros.core.landscape import Landscape
 from resting_aspects_ros.core.polyhedron import Polyhedron
 from resting_aspects_ros.core.rotations import Array, angle_between
+from resting_aspects_ros.core.tessellation import CURVED_STEP
 
-# A curved side is meshed in steps of at most this: a circle of 15 sides or more (24 degrees); a
-# circle of fewer is a prism with flat sides.
-CURVED_STEP = np.radians(25.0)
 # Steps along a curved side are alike up to this factor; a chamfer beside a flat is not.
 LIKE_STEPS = 1.5
 # The barrier between two minima on a curved side is the sagitta of the arc between them, up to

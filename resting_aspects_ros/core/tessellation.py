@@ -11,9 +11,9 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-# Triangles that meet at up to this angle stand for a curved surface: a prism with 16 sides has
-# 22.5 degrees and is a cylinder, one with 12 has 30 and keeps its sides.
-CURVED_ANGLE = np.radians(25.0)
+# A curved side is meshed in steps of at most this: a circle of 15 sides or more (24 degrees); a
+# circle of fewer is a prism with flat sides.
+CURVED_STEP = np.radians(25.0)
 # Triangles that meet at less are in one plane, but for the noise of float32.
 FLAT_ANGLE = np.radians(0.1)
 # A facet whose triangles are further apart than this, rad, is none.
@@ -65,7 +65,7 @@ def sagittas(vertices: Array, faces: Indices) -> tuple[Array, Flags]:
     area = np.linalg.norm(twice, axis=1) / 2
     normals = twice / np.maximum(2 * area, np.finfo(float).tiny)[:, None]
     edges = _edges(faces, normals)
-    blunt = edges.angle <= CURVED_ANGLE
+    blunt = edges.angle <= CURVED_STEP
     corners = np.zeros(len(vertices), dtype=bool)
     corners[edges.ends[~blunt]] = True
 
