@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from resting_aspects_ros.commands.options import add_part_place
 from resting_aspects_ros.commands.quantities import parse_quantity
 
 EXAMPLES = """examples:
@@ -34,14 +35,7 @@ def add(subparsers: Any) -> None:
         'status only SETTLED is sorted',
     )
     parser.add_argument('--part', metavar='PART_OR_MESH', help='name of a part, or a mesh file')
-    parser.add_argument(
-        '--unit',
-        metavar='UNIT',
-        help='of the mesh file: um, mm, cm, m, in or ft (that of its YAML, else mm)',
-    )
-    parser.add_argument(
-        '--parts', metavar='DIR', type=Path, help='folder of named parts (the examples)'
-    )
+    add_part_place(parser)
     parser.add_argument(
         '--tolerance',
         metavar='DEG',

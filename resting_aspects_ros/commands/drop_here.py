@@ -6,7 +6,7 @@ import sys
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, wait
+from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -146,14 +146,22 @@ def _drop(
                 progress(tally.distribution.drops)
             if stop.asked:
                 return
-            tally.add(future.result())
+            tally.add(_dropped(future))
             progress(tally.distribution.drops)
             if tally.over:
                 return
     except BrokenProcessPool:
         raise EngineError('a worker process died') from None
+
+
+def _dropped(future: 'Future[RestingPoses]') -> RestingPoses:
+    """What a worker dropped; EngineError if it failed, so that what others did is kept."""
+    try:
+        return future.result()
+    except BrokenProcessPool:
+        raise
     except Exception as error:
-        # Whatever a worker raises: what was dropped until then is kept.
+        # Whatever a worker raises, but nothing that is raised here.
         raise EngineError(f'a worker failed: {error!r}') from error
 
 

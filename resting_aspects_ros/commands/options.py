@@ -14,6 +14,11 @@ DEFAULT_DROPS = 1000
 def add_part(parser: argparse.ArgumentParser) -> None:
     """The part, by name or as a file; see given_part."""
     parser.add_argument('part', metavar='PART_OR_MESH', help='name of a part, or a mesh file')
+    add_part_place(parser)
+
+
+def add_part_place(parser: argparse.ArgumentParser) -> None:
+    """--unit and --parts, which say more of a part."""
     parser.add_argument(
         '--unit',
         metavar='UNIT',
