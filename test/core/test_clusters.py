@@ -154,7 +154,7 @@ def test_the_directions_are_left_alone():
 
 
 @pytest.mark.parametrize('kind', ['equal', 'nearly equal', 'apart', 'uniform'])
-def test_a_million_directions_take_seconds(kind):
+def test_a_million_directions_are_clustered_however_they_lie(kind):
     generator, n = np.random.default_rng(1), 1_000_000
     noise = generator.standard_normal((n, 3))
     down = {
