@@ -276,6 +276,10 @@ class Client:
         self.wait(answered, f'first answer of {name}')
         self._met.add(name)
 
+    def forget(self):
+        """Meet all servers again: a node was started again."""
+        self._met.clear()
+
     def meet_service(self, client):
         nothing = client.srv_type.Request()  # of no part and no drops: refused
         self.meet(client.srv_name, client.service_is_ready, lambda: client.call_async(nothing))
@@ -341,22 +345,26 @@ class Suite:
         self.namespace, self.logs = namespace, logs
         self.client = connect(namespace)
         parameters = {'drop_simulator': simulator, 'drop_recorder': {'log_folder': logs}}
-        # Side by side: each takes seconds to import.
-        self.processes = {
-            node: start(
-                node,
-                namespace,
-                parameters.get(node, {}),
-                dict(constants).get(node, {}),
-                ready='',
+
+        def start_node(node, **wait):
+            return start(
+                node, namespace, parameters.get(node, {}), dict(constants).get(node, {}), **wait
             )
-            for node in SUITE
-        }
+
+        self._start = start_node
+        # Side by side: each takes seconds to import.
+        self.processes = {node: start_node(node, ready='') for node in SUITE}
         for node, process in self.processes.items():
             self.client.wait(
                 lambda process=process: 'ready' in process.said or not process.running, node
             )
             assert process.running, process.said
+
+    def start_again(self, node):
+        """Start a node that ended, as it was started."""
+        assert not self.processes[node].running
+        self.processes[node] = self._start(node)
+        self.client.forget()
 
     @property
     def alive(self):

@@ -59,9 +59,7 @@ def test_who_starts_late_has_all_of_the_run(suite, start, recorded, tmp_path, co
     expected = asked.result().distribution
     suite.processes['aspect_classifier'].end()
     after = start('drop_recorder', suite.namespace, {'log_folder': tmp_path / 'after'}, ready='')
-    suite.processes['aspect_classifier'] = start(
-        'aspect_classifier', suite.namespace, constants=QUICK['aspect_classifier']
-    )
+    suite.start_again('aspect_classifier')
     for name, recorder in (('middle', middle), ('after', after)):
         pattern = f'{name}/*_{expected.run.run_id}/metadata.yaml'
         suite.client.wait(lambda pattern=pattern: list(tmp_path.glob(pattern)), f'log {name}')
@@ -98,7 +96,7 @@ def test_who_is_held_up_during_a_run_loses_nothing(suite, recorded):
     assert recorded(suite.log_of(drop.result.run_id)) == list(range(drops))
 
 
-def test_without_a_simulator_the_answer_is_that_there_is_none(suite, start):
+def test_without_a_simulator_the_answer_is_that_there_is_none(suite):
     known = suite.client.ask(drops=5, seed=[44])
     heard = suite.client.poses()
     asked = suite.client.asking('tetrahedron', 100_000, seed=[45])
@@ -119,7 +117,7 @@ def test_without_a_simulator_the_answer_is_that_there_is_none(suite, start):
     # The log of the run that nobody can end is closed.
     run_id = next(batch.run.run_id for batch in heard if batch.run.seed == 45)
     suite.log_of(run_id)
-    suite.processes['drop_simulator'] = start('drop_simulator', suite.namespace)
+    suite.start_again('drop_simulator')
     # The classifier finds it again, which may take longer than it waits for it here.
     suite.client.wait(
         lambda: suite.client.ask(drops=5, seed=[46]).status.code == Status.OK, 'good answer'
@@ -127,12 +125,12 @@ def test_without_a_simulator_the_answer_is_that_there_is_none(suite, start):
 
 
 # Last: for 20 s a node that was killed is taken for present.
-def test_a_simulator_that_is_killed_and_started_again_ends_no_other_node(suite, start, counts):
+def test_a_simulator_that_is_killed_and_started_again_ends_no_other_node(suite, counts):
     heard = suite.client.poses()
     asked = suite.client.asking('tetrahedron', 2000, seed=[43])
     suite.client.wait(lambda: any(batch.run.seed == 43 for batch in heard), 'first batch')
     suite.processes['drop_simulator'].end(signal.SIGKILL)
-    suite.processes['drop_simulator'] = start('drop_simulator', suite.namespace)
+    suite.start_again('drop_simulator')
     suite.client.wait(asked.done, 'answer in words')
     answer = asked.result()
     assert answer.status.code == Status.NOT_AVAILABLE
