@@ -29,7 +29,8 @@ from resting_aspects_ros.drops.run import RunDescription
 
 INTERRUPTED = 130
 POSES_HEADER = (
-    'drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw', 'status', 'decided_by', 'time_to_rest'
+    'drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw',
+    'status', 'decided_by', 'time_to_rest', 'energy_growth',
 )  # fmt: skip
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
 # A fall from higher than this, hull radii, was probably meant in another unit.
@@ -205,4 +206,5 @@ def _rows(poses: RestingPoses) -> Iterator[tuple[Any, ...]]:
             RestStatus(poses.status[k]).name,
             DecidedBy(poses.decided_by[k]).name,
             float(poses.time_to_rest[k]),
+            float(poses.energy_growth[k]),
         )

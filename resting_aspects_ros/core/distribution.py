@@ -38,6 +38,8 @@ class Distribution:
         Of the intervals.
     by_precision : bool
         Whether the run stopped when its intervals were narrow enough.
+    energy_growth : float
+        Largest of any drop, m g R; as RestingPoses has it.
     """
 
     aspects: AspectSet
@@ -48,6 +50,7 @@ class Distribution:
     interval: str = INTERVAL
     confidence: float = CONFIDENCE
     by_precision: bool = False
+    energy_growth: float = 0.0
 
     @property
     def drops(self) -> int:
@@ -84,6 +87,7 @@ class Distribution:
             unclassified=self.unclassified + other.unclassified,
             unsettled=self.unsettled + other.unsettled,
             failed=self.failed + other.failed,
+            energy_growth=max(self.energy_growth, other.energy_growth),
         )
 
 
@@ -110,4 +114,5 @@ def count_poses(aspects: AspectSet, poses: RestingPoses) -> Distribution:
         unclassified=int(by_id[0]),
         unsettled=int((poses.status == RestStatus.UNSETTLED).sum()),
         failed=int((poses.status == RestStatus.FAILED).sum()),
+        energy_growth=float(poses.energy_growth.max(initial=0.0)),
     )

@@ -1,7 +1,7 @@
 """Resting poses of many drops, as arrays."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from itertools import pairwise
 
@@ -35,7 +35,10 @@ class RestingPoses:
     status, decided_by : (n,) uint8
         Codes of RestStatus and DecidedBy.
     time_to_rest : (n,) float
-        From release to rest, s; of an unsettled drop the time it was given, NaN if it failed.
+        From release until it was decided, s; of an unsettled drop the time it was given, NaN if it
+        failed.
+    energy_growth : (n,) float
+        Largest growth of the energy between two looks, m g R: what the engine added at impacts.
     """
 
     first_drop: int
@@ -44,6 +47,7 @@ class RestingPoses:
     status: npt.NDArray[np.uint8]
     decided_by: npt.NDArray[np.uint8]
     time_to_rest: npt.NDArray[np.float64]
+    energy_growth: npt.NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.status)
@@ -57,14 +61,9 @@ class RestingPoses:
         """Those of the drops ``first`` to ``end - 1`` that are here."""
         low = min(max(first - self.first_drop, 0), len(self))
         high = min(max(end - self.first_drop, low), len(self))
-        return RestingPoses(
-            self.first_drop + low,
-            self.position[low:high],
-            self.orientation[low:high],
-            self.status[low:high],
-            self.decided_by[low:high],
-            self.time_to_rest[low:high],
-        )
+        names = [field.name for field in fields(self)[1:]]
+        arrays = {name: getattr(self, name)[low:high] for name in names}
+        return RestingPoses(self.first_drop + low, **arrays)
 
     @classmethod
     def join(cls, parts: Sequence['RestingPoses']) -> 'RestingPoses':
@@ -72,18 +71,13 @@ class RestingPoses:
         for before, after in pairwise(parts):
             if before.end != after.first_drop:
                 raise ValueError(f'drops {before.end} to {after.first_drop - 1} are missing')
-        return cls(
-            parts[0].first_drop,
-            np.concatenate([p.position for p in parts]),
-            np.concatenate([p.orientation for p in parts]),
-            np.concatenate([p.status for p in parts]),
-            np.concatenate([p.decided_by for p in parts]),
-            np.concatenate([p.time_to_rest for p in parts]),
-        )
+        names = [field.name for field in fields(cls)[1:]]
+        arrays = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
+        return cls(parts[0].first_drop, **arrays)
 
     @classmethod
     def none(cls, first_drop: int) -> 'RestingPoses':
         """No drops, where the drop ``first_drop`` would be next."""
         codes = np.zeros(0, dtype=np.uint8)
         empty = np.zeros(0)
-        return cls(first_drop, np.zeros((0, 3)), np.zeros((0, 4)), codes, codes, empty)
+        return cls(first_drop, np.zeros((0, 3)), np.zeros((0, 4)), codes, codes, empty, empty)

@@ -81,3 +81,21 @@ def rotate(xyzw: Array, points: Array) -> Array:
     axis, w = xyzw[..., :3], xyzw[..., 3:]
     turn = 2 * np.cross(axis, points)
     return np.asarray(points + w * turn + np.cross(axis, turn))
+
+
+def turned_down(xyzw: Array, down: Array) -> Array:
+    """(n, 4) orientations turned by as little as makes the given directions point down.
+
+    Parameters
+    ----------
+    xyzw : (n, 4) float
+        Unit quaternions, tray from part.
+    down : (n, 3) float
+        Unit vectors, part frame; none of them points up now.
+    """
+    now = rotate(xyzw, down)
+    # From u to -z: the axis is u x -z, and the quaternion (axis, 1 + u . -z) of twice its length.
+    x, y, w = -now[:, 1], now[:, 0], 1 - now[:, 2]
+    a, b, c, d = xyzw.T
+    turned = (w * a + x * d + y * c, w * b - x * c + y * d, w * c + x * b - y * a)
+    return canonical(np.stack([*turned, w * d - x * a - y * b], axis=-1))

@@ -10,18 +10,18 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from importlib.metadata import version
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.errors import EngineError
-from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
-from resting_aspects_ros.core.rotations import Array, canonical, rotate
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.drops.end_poses import resting_poses
 from resting_aspects_ros.drops.job import DropJob
-from resting_aspects_ros.drops.release import CHUNK, Release, depth_of, releases
+from resting_aspects_ros.drops.release import CHUNK, Release, releases
+from resting_aspects_ros.drops.settling import LOOK, Settling, States
 
 
 @contextmanager
@@ -54,15 +54,6 @@ SOLVER_ITERATIONS = 20
 OVERLAP_TIME = 0.25
 # Impacts slower than this, R / T, do not bounce; it ends the endless small bounces.
 RESTITUTION_THRESHOLD = 0.05
-# At rest: for REST_WINDOW T no coordinate and no quaternion component changes by more than
-# REST_MOTION between looks that are LOOK T apart. A part about to topple from an edge grows its
-# tilt e-fold in about T, so that only a tilt below 1e-4 could be taken for rest. Windows of 0.5 to
-# 60 T gave the same aspects (L bracket, T prism, hex nut; 500 drops of each).
-LOOK = 0.25
-REST_WINDOW = 2.0
-REST_MOTION = 1e-4
-# A drop that still moves after so many T is unsettled.
-TIME_LIMIT = 500.0
 
 _SURFACE_GROUP, _PART_GROUP = 1, 2
 
@@ -79,17 +70,7 @@ def drop_chunk(job: DropJob, first_drop: int, end: int) -> RestingPoses:
     slots = np.arange(first_drop - chunk * CHUNK, end - chunk * CHUNK)
     release = releases(job, chunk)
     with _world(job) as world:
-        return _poses(job, first_drop, release, slots, world.drop(release, slots))
-
-
-@dataclass(frozen=True, eq=False)
-class _Ends:
-    """Where bodies came to rest, in R and T, in the order of the slots asked for."""
-
-    position: Array  # (n, 3) centre of mass
-    orientation: Array  # (n, 4) body frame
-    status: npt.NDArray[np.uint8]
-    time: Array  # (n,)
+        return resting_poses(job, first_drop, world.drop(release, slots))
 
 
 class _World:
@@ -162,45 +143,29 @@ class _World:
         )
         return body
 
-    def drop(self, release: Release, slots: npt.NDArray[np.int64]) -> _Ends:
+    def drop(self, release: Release, slots: npt.NDArray[np.int64]) -> Settling:
         """Release a body in each slot and step until all rest, failed, or the time is up."""
-        n, client = len(slots), self._client
         bodies = [self._add(release, int(slot)) for slot in slots]
-        pose = np.zeros((n, 7))
-        status = np.full(n, RestStatus.UNSETTLED, dtype=np.uint8)
-        time = np.full(n, math.inf)
-        still = np.zeros(n, dtype=np.int64)  # looks in a row without motion
-        moving = np.arange(n)
+        origins = np.array([_slot_origin(int(slot)) for slot in slots])
+        settling = Settling(self._job, release, slots)
         steps = round(LOOK * self._job.steps_per_t)
-        now, limit = 0.0, TIME_LIMIT + release.flight
-        while len(moving) and now < limit:
+        looks = 0
+        while len(settling.moving):
             for _ in range(steps):
-                pybullet.stepSimulation(physicsClientId=client)
-            now += steps * self._step
-            seen = np.array(
-                [
-                    (*position, *orientation)
-                    for position, orientation in (
-                        pybullet.getBasePositionAndOrientation(bodies[i], physicsClientId=client)
-                        for i in moving
-                    )
-                ]
-            )
-            motion = np.abs(seen - pose[moving]).max(axis=1)
-            broken = ~np.isfinite(motion) | (seen[:, 2] < 0)  # the centre of mass never gets below
-            pose[moving] = np.where(broken[:, None], pose[moving], seen)
-            still[moving] = np.where(motion < REST_MOTION, still[moving] + 1, 0)
-            rest = still[moving] * LOOK >= REST_WINDOW
-            status[moving[rest]] = RestStatus.SETTLED
-            time[moving[rest]] = now - REST_WINDOW
-            status[moving[broken]] = RestStatus.FAILED
-            time[moving[broken]] = math.nan
-            for i in moving[rest | broken]:
-                pybullet.removeBody(bodies[i], physicsClientId=client)
-            moving = moving[~(rest | broken)]
-        time[np.isinf(time)] = now
-        pose[:, :3] -= np.array([_slot_origin(int(slot)) for slot in slots])
-        return _Ends(pose[:, :3], pose[:, 3:], status, time)
+                pybullet.stepSimulation(physicsClientId=self._client)
+            looks += 1
+            states = self._states(bodies, origins, settling.moving)
+            for i in settling.look(looks * steps * self._step, states):
+                pybullet.removeBody(bodies[i], physicsClientId=self._client)
+        return settling
+
+    def _states(self, bodies: list[int], origins: Array, which: npt.NDArray[np.int64]) -> States:
+        ids, client = [bodies[i] for i in which], self._client
+        poses = [pybullet.getBasePositionAndOrientation(i, physicsClientId=client) for i in ids]
+        speeds = [pybullet.getBaseVelocity(i, physicsClientId=client) for i in ids]
+        position, orientation = map(np.array, zip(*poses, strict=True))
+        velocity, spin = map(np.array, zip(*speeds, strict=True))
+        return States(position - origins[which], orientation, velocity, spin)
 
 
 @contextmanager
@@ -217,36 +182,3 @@ def _world(job: DropJob) -> Iterator[_World]:
 def _slot_origin(slot: int) -> Array:
     side = math.ceil(math.sqrt(CHUNK))
     return np.array([slot % side, slot // side, 0.0]) * SLOT_SPACING
-
-
-def _poses(
-    job: DropJob,
-    first_drop: int,
-    release: Release,
-    slots: npt.NDArray[np.int64],
-    ends: _Ends,
-) -> RestingPoses:
-    """From bodies in R and T to parts in m and s."""
-    failed = ends.status == RestStatus.FAILED
-    body = np.where(failed[:, None], [0.0, 0.0, 0.0, 1.0], ends.orientation)
-    orientation = canonical(_part_from_body(body, job.axes))
-    centre = ends.position * job.radius
-    # A hull rests a margin (0.001 R) above Bullet's plane; a part rests on the surface.
-    settled = ends.status == RestStatus.SETTLED
-    depth = depth_of(body, job.hull) * job.radius
-    centre[:, 2] = np.where(settled, depth, centre[:, 2])
-    position = centre - rotate(orientation, job.centre_of_mass)
-    elapsed = ends.time + release.elapsed[slots]
-    return RestingPoses(
-        first_drop=first_drop,
-        position=np.where(failed[:, None], 0.0, position),
-        orientation=orientation,
-        status=ends.status,
-        decided_by=np.full(len(slots), DecidedBy.STILLNESS, dtype=np.uint8),
-        time_to_rest=elapsed * job.time_unit,
-    )
-
-
-def _part_from_body(of_body: Array, axes: Array) -> Array:
-    """Tray from part, given tray from body."""
-    return np.asarray((Rotation.from_quat(of_body) * Rotation.from_matrix(axes).inv()).as_quat())

@@ -8,7 +8,10 @@ import math
 from dataclasses import dataclass
 
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.joining import join_minima
+from resting_aspects_ros.core.landscape import Landscape
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.rest import RestRule
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.drops.conditions import DropConditions, HeightOf
 
@@ -35,6 +38,13 @@ class DropJob:
         Part frame, m.
     radius : float
         R, the hull radius, m.
+    rest : RestRule
+        Of the part, part axes.
+    until_still : bool
+        Run on where the energy has decided the aspect, until the part is still: what checks the
+        decision, and shows what it saves.
+    refinement : int
+        Time steps for each one that would be made.
     """
 
     hull: Array
@@ -44,6 +54,9 @@ class DropJob:
     radius: float
     conditions: DropConditions
     seed: int
+    rest: RestRule
+    until_still: bool = False
+    refinement: int = 1
 
     @property
     def time_unit(self) -> float:
@@ -66,7 +79,7 @@ class DropJob:
     def steps_per_t(self) -> int:
         """Time steps in T."""
         impact = self.impact * self.time_unit / self.radius
-        return max(STEPS_PER_T, math.ceil(impact / TRAVEL_PER_STEP))
+        return max(STEPS_PER_T, math.ceil(impact / TRAVEL_PER_STEP)) * self.refinement
 
     @property
     def time_step(self) -> float:
@@ -74,14 +87,25 @@ class DropJob:
         return self.time_unit / self.steps_per_t
 
 
-def make_job(part: Part, conditions: DropConditions, seed: int) -> DropJob:
-    """The job of dropping a part; InvalidValueError if it cannot be dropped in that way."""
+def make_job(
+    part: Part,
+    conditions: DropConditions,
+    seed: int,
+    *,
+    until_still: bool = False,
+    refinement: int = 1,
+) -> DropJob:
+    """The job of dropping a part; InvalidValueError if it cannot be dropped in that way.
+
+    ``until_still`` and ``refinement`` as DropJob has them.
+    """
     radius = part.hull_radius
     if conditions.height_of is HeightOf.CENTRE_OF_MASS and conditions.height <= radius:
         raise InvalidValueError(
             f'height of the centre of mass is {conditions.height:g} m, allowed for {part.name} is '
             f'more than {radius:.4g} m: lower, the part could touch the surface when released'
         )
+    landscape = Landscape(part)
     job = DropJob(
         hull=(part.hull_vertices - part.centre_of_mass) @ part.principal_axes / radius,
         moments=part.principal_moments / (part.mass * radius**2),
@@ -90,6 +114,9 @@ def make_job(part: Part, conditions: DropConditions, seed: int) -> DropJob:
         radius=radius,
         conditions=conditions,
         seed=seed,
+        rest=RestRule(landscape, join_minima(landscape)),
+        until_still=until_still,
+        refinement=refinement,
     )
     fastest = FASTEST_IMPACT * job.radius / job.time_unit
     if job.impact > fastest:

@@ -142,6 +142,7 @@ def _differ(a: RestingPoses, b: RestingPoses) -> npt.NDArray[np.bool_]:
         | _bits_differ(a.position, b.position).any(axis=1)
         | _bits_differ(a.orientation, b.orientation).any(axis=1)
         | _bits_differ(a.time_to_rest, b.time_to_rest)
+        | _bits_differ(a.energy_growth, b.energy_growth)
     )
 
 

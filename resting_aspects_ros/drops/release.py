@@ -67,6 +67,11 @@ def body_from_part(of_part: Array, axes: Array) -> Array:
     return np.asarray((Rotation.from_quat(of_part) * Rotation.from_matrix(axes)).as_quat())
 
 
+def part_from_body(of_body: Array, axes: Array) -> Array:
+    """Tray from part, given tray from body."""
+    return np.asarray((Rotation.from_quat(of_body) * Rotation.from_matrix(axes).inv()).as_quat())
+
+
 def depth_of(xyzw: Array, hull: Array) -> Array:
     """(n,) heights of the centre of mass above the lowest point of the hull (k, 3)."""
     # Not as a matrix product: its rounding depends on how many rows it has, so that a drop's

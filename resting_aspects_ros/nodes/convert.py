@@ -98,6 +98,7 @@ def poses_msg(poses: RestingPoses, run: Run, stamp: Time, last: bool) -> Resting
         poses.status.tolist(),
         poses.decided_by.tolist(),
         poses.time_to_rest.tolist(),
+        poses.energy_growth.tolist(),
         strict=True,
     )
     return RestingPosesMsg(
@@ -110,7 +111,12 @@ def poses_msg(poses: RestingPoses, run: Run, stamp: Time, last: bool) -> Resting
 
 
 def _pose_msg(
-    position: list[float], orientation: list[float], code: int, decided_by: int, rest: float
+    position: list[float],
+    orientation: list[float],
+    code: int,
+    decided_by: int,
+    rest: float,
+    growth: float,
 ) -> RestingPose:
     x, y, z = position
     qx, qy, qz, qw = orientation
@@ -119,6 +125,7 @@ def _pose_msg(
         status=code,
         decided_by=decided_by,
         time_to_rest=rest,
+        energy_growth=growth,
     )
 
 
@@ -133,6 +140,7 @@ def poses_from(msg: RestingPosesMsg) -> RestingPoses:
         status=np.array([p.status for p in msg.poses], dtype=np.uint8),
         decided_by=np.array([p.decided_by for p in msg.poses], dtype=np.uint8),
         time_to_rest=np.array([p.time_to_rest for p in msg.poses], dtype=np.float64),
+        energy_growth=np.array([p.energy_growth for p in msg.poses], dtype=np.float64),
     )
 
 

@@ -40,6 +40,7 @@ def distribution_msg(
         unclassified=distribution.unclassified,
         unsettled=distribution.unsettled,
         failed=distribution.failed,
+        energy_growth=distribution.energy_growth,
         complete=complete,
         aspects=[
             Aspect(**_aspect_fields(aspect), **_share_fields(count, interval))
@@ -93,6 +94,7 @@ def distribution_from(msg: AspectDistribution) -> Distribution:
         unclassified=msg.unclassified,
         unsettled=msg.unsettled,
         failed=msg.failed,
+        energy_growth=msg.energy_growth,
         interval=msg.interval,
         confidence=msg.confidence,
         by_precision=msg.run.precision > 0,

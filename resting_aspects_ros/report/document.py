@@ -52,6 +52,7 @@ def distribution_document(
         'unclassified': int(distribution.unclassified),
         'unsettled': int(distribution.unsettled),
         'failed': int(distribution.failed),
+        'energy_growth': distribution.energy_growth,
         'confidence': distribution.confidence,
         'interval': distribution.interval,
         'aspects': [

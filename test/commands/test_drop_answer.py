@@ -112,7 +112,8 @@ def test_a_changed_condition_is_no_surface_and_a_unit_is_converted(run):
 def test_poses_are_those_of_the_engine_bit_for_bit(rows, part, surfaces):
     job = make_job(part('box_10x20x30'), surfaces.get(), 7)
     header, *rows = rows
-    assert ','.join(header) == 'drop,x,y,z,qx,qy,qz,qw,status,decided_by,time_to_rest'
+    names = 'drop,x,y,z,qx,qy,qz,qw,status,decided_by,time_to_rest,energy_growth'
+    assert ','.join(header) == names
     assert [int(row[0]) for row in rows] == list(range(DROPS))
     for poses in (drop_chunk(job, 0, 125), drop_chunk(job, 125, DROPS)):
         for k in range(len(poses)):
@@ -124,6 +125,7 @@ def test_poses_are_those_of_the_engine_bit_for_bit(rows, part, surfaces):
                 DecidedBy(poses.decided_by[k]).name,
             ]
             assert float(row[10]) == poses.time_to_rest[k]
+            assert float(row[11]) == poses.energy_growth[k]
 
 
 def test_counts_are_those_of_the_poses(rows, document, part):
@@ -136,12 +138,14 @@ def test_counts_are_those_of_the_poses(rows, document, part):
         status=np.array([RestStatus[name] for name in fields['status']], dtype=np.uint8),
         decided_by=np.array([DecidedBy[name] for name in fields['decided_by']], dtype=np.uint8),
         time_to_rest=np.array(fields['time_to_rest'], dtype=float),
+        energy_growth=np.array(fields['energy_growth'], dtype=float),
     )
     aspects = find_aspects(part('box_10x20x30'))
     counted = no_drops(aspects) + count_poses(aspects, poses)
     assert [aspect['count'] for aspect in document['aspects']] == counted.counts.tolist()
     assert document['unclassified'] == counted.unclassified
     assert document['unsettled'] == counted.unsettled
+    assert document['energy_growth'] == poses.energy_growth.max()
 
 
 def test_the_first_drops_of_a_run_are_the_shorter_run(rows, run, tmp_path):

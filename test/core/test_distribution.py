@@ -42,6 +42,7 @@ def poses(orientation, status):
         status=np.asarray(status, dtype=np.uint8),
         decided_by=np.zeros(n, dtype=np.uint8),
         time_to_rest=np.ones(n),
+        energy_growth=np.arange(n) / 100,
     )
 
 
@@ -155,6 +156,7 @@ def test_distributions_over_different_drops_add_up(aspects):
         whole.unsettled,
         whole.failed,
     )
+    assert total.energy_growth == whole.energy_growth == 4.99
 
 
 def test_distributions_of_different_parts_are_not_added(aspects):

@@ -20,6 +20,7 @@ def numbered(first, n):
         status=(index % 3).astype(np.uint8),
         decided_by=(index % 2).astype(np.uint8),
         time_to_rest=index + 0.7,
+        energy_growth=index + 0.8,
     )
 
 

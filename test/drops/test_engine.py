@@ -18,7 +18,7 @@ from resting_aspects_ros.core.distribution import count_poses
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import down_in_part, random_orientations, rotate
-from resting_aspects_ros.drops import engine, release
+from resting_aspects_ros.drops import engine, release, settling
 from resting_aspects_ros.drops import job as drop_job
 from resting_aspects_ros.drops.conditions import HeightOf
 from resting_aspects_ros.drops.engine import drop_chunk
@@ -91,7 +91,6 @@ def test_a_part_at_rest_lies_on_the_surface_at_the_height_of_its_aspect(drop, pa
     shape = part('l_bracket')
     poses = drop(shape, 2 * CHUNK)
     assert (poses.status == RestStatus.SETTLED).all()
-    assert (poses.decided_by == DecidedBy.STILLNESS).all()
     np.testing.assert_allclose(hull_in_tray(shape, poses)[..., 2].min(axis=1), 0, atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(poses.orientation, axis=1), 1, atol=1e-12)
     assert (poses.orientation[:, 3] >= 0).all()
@@ -101,7 +100,7 @@ def test_a_part_at_rest_lies_on_the_surface_at_the_height_of_its_aspect(drop, pa
     np.testing.assert_allclose(
         centre[:, 2],
         heights[aspects.classify(poses.orientation) - 1],
-        atol=1e-3 * shape.hull_radius,
+        atol=1e-6 * shape.hull_radius,
     )
 
 
@@ -145,19 +144,41 @@ def test_gravity_changes_the_time_and_nothing_else(part, mat):
     np.testing.assert_array_equal(b.time_to_rest, a.time_to_rest * 2)
 
 
-def test_a_part_that_was_called_at_rest_would_have_stayed_in_its_aspect(
-    drop, part, mat, monkeypatch
-):
+def test_a_part_that_was_called_still_would_have_stayed_in_its_aspect(part, mat, monkeypatch):
     shape, n = part('t_prism'), 30
     aspects = find_aspects(shape)
-    called = drop(shape, n)
-    monkeypatch.setattr(engine, 'REST_WINDOW', 25.0)
-    stayed = drop_chunk(make_job(shape, mat, 1), 0, n)
+    job = make_job(shape, mat, 1, until_still=True)
+    called = drop_chunk(job, 0, n)
+    monkeypatch.setattr(settling, 'REST_WINDOW', 25.0)
+    stayed = drop_chunk(job, 0, n)
     assert (stayed.status == RestStatus.SETTLED).all()
     np.testing.assert_array_equal(
         aspects.classify(stayed.orientation), aspects.classify(called.orientation)
     )
-    np.testing.assert_array_equal(stayed.time_to_rest, called.time_to_rest)
+    np.testing.assert_allclose(stayed.time_to_rest, called.time_to_rest, rtol=1e-12)
+
+
+@pytest.mark.parametrize('name', ['l_bracket', 'cylinder_d20_h20'])
+def test_the_aspect_that_the_energy_decides_is_the_one_in_which_the_part_comes_to_rest(
+    drop, part, mat, name
+):
+    # The same drops, bit for bit, run on. A rule that is wrong once in 100 drops would pass once
+    # in 12 times; `make validate` makes 3000 of each part.
+    shape = part(name)
+    decided = drop(shape, 2 * CHUNK)
+    job = make_job(shape, mat, 1, until_still=True)
+    still = RestingPoses.join([drop_chunk(job, k * CHUNK, (k + 1) * CHUNK) for k in range(2)])
+    by_energy = decided.decided_by == DecidedBy.ENERGY
+    assert by_energy.mean() > 0.9
+    assert (still.decided_by == DecidedBy.STILLNESS).all()
+    assert (still.status == RestStatus.SETTLED).all()
+    assert (decided.time_to_rest <= still.time_to_rest + settling.LOOK * job.time_unit).all()
+    aspects = find_aspects(shape)
+    np.testing.assert_array_equal(
+        aspects.classify(decided.orientation), aspects.classify(still.orientation)
+    )
+    # It turns towards its side and no further than it has to.
+    assert len(np.unique(decided.orientation, axis=0)) == 2 * CHUNK
 
 
 # -- Rule 1: the same drops, bit for bit ----------------------------------------------------------
@@ -374,7 +395,7 @@ def test_parts_that_lose_no_energy_are_unsettled_and_the_run_ends(part, mat):
     poses = drop_chunk(job, 0, 2)
     assert (poses.status == RestStatus.UNSETTLED).all()
     # The time they were given, which goes on from the end of the first fall.
-    given = engine.TIME_LIMIT * job.time_unit
+    given = settling.TIME_LIMIT * job.time_unit
     assert (poses.time_to_rest >= given).all()
     assert (poses.time_to_rest < 1.05 * given).all()
     assert np.isfinite(poses.position).all()

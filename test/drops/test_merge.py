@@ -59,6 +59,7 @@ def poses(first, end, seed=1):
         status=status,
         decided_by=status % 2,
         time_to_rest=np.where(status == 2, math.nan, index),
+        energy_growth=index / 100,
     )
 
 
@@ -205,6 +206,7 @@ def changed(piece, drop, name, change):
         ('decided_by', lambda v: 1 - v),
         ('time_to_rest', lambda v: math.nan),
         ('time_to_rest', lambda v: np.nextafter(v, 9.0)),
+        ('energy_growth', lambda v: np.nextafter(v, 9.0)),
     ],
 )
 @pytest.mark.parametrize('span', [(4, 12), (6, 8), (7, 8), (0, 40)])

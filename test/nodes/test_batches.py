@@ -14,7 +14,7 @@ def drops(first, end):
     index = np.arange(first, end, dtype=float)
     codes = np.zeros(end - first, dtype=np.uint8)
     return RestingPoses(
-        first, np.tile(index, (3, 1)).T, np.tile(index, (4, 1)).T, codes, codes, index
+        first, np.tile(index, (3, 1)).T, np.tile(index, (4, 1)).T, codes, codes, index, index
     )
 
 

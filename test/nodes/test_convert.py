@@ -56,6 +56,7 @@ POSES = Poses(
     status=np.array(list(RestStatus), dtype=np.uint8),
     decided_by=np.array([DecidedBy.ENERGY, DecidedBy.STILLNESS, DecidedBy.ENERGY], dtype=np.uint8),
     time_to_rest=np.array([0.7, 1.9, math.nan]),
+    energy_growth=np.array([0.0, 0.02, 0.4]),
 )
 
 
@@ -108,17 +109,18 @@ def test_a_batch_without_poses_makes_the_round_trip():
 
 
 @given(
-    st.lists(st.tuples(*[st.floats(allow_nan=False)] * 8, st.sampled_from(RestStatus)), max_size=4)
+    st.lists(st.tuples(*[st.floats(allow_nan=False)] * 9, st.sampled_from(RestStatus)), max_size=4)
 )
 def test_any_poses_keep_every_bit(rows):
-    table = np.array([row[:8] for row in rows]).reshape(-1, 8)
+    table = np.array([row[:9] for row in rows]).reshape(-1, 9)
     poses = Poses(
         5,
         table[:, :3],
         table[:, 3:7],
-        np.array([row[8] for row in rows], dtype=np.uint8),
+        np.array([row[9] for row in rows], dtype=np.uint8),
         np.zeros(len(rows), dtype=np.uint8),
         table[:, 7],
+        table[:, 8],
     )
     message = over_the_wire(convert.poses_msg(poses, RUN, convert.time_msg(0), last=False))
     assert_same_fields(convert.poses_from(message), poses)

@@ -1,0 +1,141 @@
+"""Watching drops until they are over: energies, rest, and what goes wrong."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.core.poses import DecidedBy, RestStatus
+from resting_aspects_ros.core.rotations import Array, down_in_part, rotate
+from resting_aspects_ros.drops.job import DropJob
+from resting_aspects_ros.drops.release import Release, depth_of, part_from_body
+
+# Time between looks, T.
+LOOK = 0.5
+# At rest: for REST_WINDOW T no coordinate and no quaternion component changes by more than
+# REST_MOTION between looks. A part about to topple from an edge grows its tilt e-fold in about T,
+# so that only a tilt below 1e-4 could be taken for rest. Windows of 0.5 to 60 T gave the same
+# aspects (L bracket, T prism, hex nut; 500 drops of each).
+REST_WINDOW = 2.0
+REST_MOTION = 1e-4
+# A drop that still moves after so many T is unsettled.
+TIME_LIMIT = 500.0
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """Of n bodies, in R and T, tray axes.
+
+    position, velocity : (n, 3) of the centre of mass, from the slot's origin; orientation : (n, 4)
+    tray from body; spin : (n, 3).
+    """
+
+    position: Array
+    orientation: Array
+    velocity: Array
+    spin: Array
+
+    def of(self, which: npt.NDArray[Any]) -> 'States':
+        """Of some of them."""
+        return States(
+            self.position[which], self.orientation[which], self.velocity[which], self.spin[which]
+        )
+
+
+class Settling:
+    """The drops of one world, from release until each is over.
+
+    The attributes have a row for each drop, in the order of the slots asked for.
+
+    moving : (m,) int
+        The drops that are not over.
+    position, orientation
+        As last seen; as States has them.
+    status : (n,) uint8
+        Codes of RestStatus.
+    minimum : (n,) int
+        The minimum of the landscape to which a drop rolls that was decided by its energy; else -1.
+    time : (n,) float
+        From release to the end, T.
+    growth : (n,) float
+        Largest growth of the energy from one look to the next, m g R.
+    """
+
+    def __init__(self, job: DropJob, release: Release, slots: npt.NDArray[np.int64]) -> None:
+        n = len(slots)
+        self._job = job
+        self.moving = np.arange(n)
+        self.position = release.position[slots]
+        self.orientation = release.orientation[slots]
+        self.status = np.full(n, RestStatus.UNSETTLED, dtype=np.uint8)
+        self.minimum = np.full(n, -1)
+        self.time = np.zeros(n)
+        self.growth = np.zeros(n)
+        self._elapsed = release.elapsed[slots]
+        self._limit = TIME_LIMIT + release.flight
+        self._still = np.zeros(n, dtype=np.int64)  # looks in a row without motion
+        start = States(release.position, release.orientation, release.velocity, release.spin)
+        self._energy = self._energies(start.of(slots))
+
+    @property
+    def decided_by(self) -> npt.NDArray[np.uint8]:
+        """(n,) codes of DecidedBy."""
+        by_energy = self.minimum >= 0
+        return np.where(by_energy, DecidedBy.ENERGY, DecidedBy.STILLNESS).astype(np.uint8)
+
+    def look(self, now: float, states: States) -> npt.NDArray[np.int64]:
+        """Look at the bodies that move, ``now`` T from the start; returns those that are over."""
+        moving = self.moving
+        failed = self._failed(states)
+        self.status[moving[failed]] = RestStatus.FAILED
+        self.time[moving[failed]] = math.nan
+        sound = moving[~failed]
+        still = self._note(sound, states.of(~failed))
+        decided = self.minimum[sound] >= 0
+        self.status[sound[still | decided]] = RestStatus.SETTLED
+        self.time[sound] = now + self._elapsed[sound]
+        self.time[sound[still & ~decided]] -= REST_WINDOW
+        goes_on = ~still & ~decided & (now < self._limit)
+        self.moving = sound[goes_on]
+        return np.concatenate([moving[failed], sound[~goes_on]])
+
+    def _failed(self, states: States) -> npt.NDArray[np.bool_]:
+        numbers = (states.position, states.orientation, states.velocity, states.spin)
+        lost = ~np.isfinite(np.hstack(numbers)).all(axis=1)
+        # The centre of mass never gets below the surface.
+        return np.asarray(lost | (states.position[:, 2] < 0))
+
+    def _note(self, which: npt.NDArray[np.int64], states: States) -> npt.NDArray[np.bool_]:
+        """Keep what is seen of drops, and decide; returns which of them are still."""
+        motion = np.maximum(
+            np.abs(states.position - self.position[which]).max(axis=1),
+            np.abs(states.orientation - self.orientation[which]).max(axis=1),
+        )
+        energy = self._energies(states)
+        growth = energy - self._energy[which]
+        self.position[which] = states.position
+        self.orientation[which] = states.orientation
+        self._energy[which] = energy
+        self.growth[which] = np.maximum(self.growth[which], growth)
+        if not self._job.until_still:
+            rest = self._job.rest
+            low = energy < rest.highest
+            if low.any():
+                down = down_in_part(part_from_body(states.orientation[low], self._job.axes))
+                self.minimum[which[low]] = rest.decided(down, energy[low])
+        self._still[which] = np.where(motion < REST_MOTION, self._still[which] + 1, 0)
+        return np.asarray(self._still[which] * LOOK >= REST_WINDOW)
+
+    def _energies(self, states: States) -> Array:
+        """(n,) kinetic energy and height above the surface, m g R."""
+        job = self._job
+        v, height = states.velocity, states.position[:, 2]
+        spin = rotate(states.orientation * [-1, -1, -1, 1], states.spin)
+        moments = job.moments
+        kinetic = v[:, 0] ** 2 + v[:, 1] ** 2 + v[:, 2] ** 2
+        for axis in range(3):
+            kinetic += moments[axis] * spin[:, axis] ** 2
+        # An impact overlaps, and the hull gets out of it again.
+        return np.asarray(kinetic / 2 + np.maximum(height, depth_of(states.orientation, job.hull)))
