@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from resting_aspects_ros.commands.convergence import Convergence
 from resting_aspects_ros.commands.outputs import whole_file
 from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.part import Part
@@ -43,6 +44,7 @@ class Answer:
     part: Part
     method: str
     complete: bool
+    convergence: Convergence | None = None
 
     @property
     def title(self) -> str:
@@ -53,13 +55,15 @@ class Answer:
 
     def json(self) -> str:
         """The document."""
-        fields = {
+        fields: dict[str, object] = {
             **dataclasses.asdict(self.run),
             'mesh_sha256': self.part.mesh_sha256,
             'method': self.method,
             'complete': self.complete,
             'drops_asked': self.run.drops,
         }
+        if self.convergence is not None:
+            fields['convergence'] = self.convergence
         return to_json(distribution_document(self.distribution, fields))
 
     def print(self, *, as_json: bool) -> None:
@@ -68,6 +72,8 @@ class Answer:
             sys.stdout.write(self.json())
             return
         print_table(self.distribution, self.title)
+        if self.convergence is not None:
+            print(self.convergence.text())
 
     def save_json(self, path: Path) -> None:
         """Write the document; raises OutputError."""

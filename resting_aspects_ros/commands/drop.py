@@ -22,6 +22,7 @@ EXAMPLES = """examples:
   resting_aspects drop l_bracket
   resting_aspects drop my_part.stl --unit mm --drops 5000 --out result
   resting_aspects drop t_prism --precision 0.02
+  resting_aspects drop washer --drops 5000 --check-convergence
   resting_aspects drop hex_nut --height 100mm --friction 0.4 --json > nut.json
 """
 
@@ -58,6 +59,11 @@ def add(subparsers: Any) -> None:
         help='write distribution.json, distribution.png and poses.csv here',
     )
     parser.add_argument('--poses', metavar='FILE.csv', type=Path, help='write the resting poses')
+    parser.add_argument(
+        '--check-convergence',
+        action='store_true',
+        help='make the same drops again in half the time step, and say how far the answer moves',
+    )
     parser.add_argument('--json', action='store_true', help='print one JSON document instead')
     add_conditions(parser)
     parser.set_defaults(run=run)

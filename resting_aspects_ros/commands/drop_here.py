@@ -2,6 +2,7 @@
 
 import argparse
 import csv
+import dataclasses
 import sys
 import time
 import uuid
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from resting_aspects_ros.commands.answer import Answer
+from resting_aspects_ros.commands.convergence import REFINEMENT, Convergence, check_convergence
 from resting_aspects_ros.commands.given_part import given_part
 from resting_aspects_ros.commands.interruption import Interruption
 from resting_aspects_ros.commands.outputs import check_output, make_folder, whole_file
@@ -73,28 +75,22 @@ def drop_here(
     workers = default_workers() if arguments.workers is None else arguments.workers
     out: Path | None = arguments.out
     failure: EngineError | None = None
+    convergence: Convergence | None = None
     tally = _Tally(empty, run)
     with ExitStack() as stack:
         pool = make_pool(workers)
         stack.callback(stop_pool, pool)
         for flag, path in _poses_paths(arguments.poses, out):
             tally.tables.append(stack.enter_context(_poses_file(flag, path)))
-        for warning in part.warnings:
+        for warning in (*part.warnings, *_of_height(conditions.height, part.hull_radius)):
             print(f'warning: {warning}', file=sys.stderr)
-        if conditions.height > HIGH * part.hull_radius:
-            print(
-                f'warning: the height is {conditions.height:g} m, which is '
-                f'{conditions.height / part.hull_radius:.0f} times the radius of the part',
-                file=sys.stderr,
-            )
-        with DropProgress(part.name, run.drops) as progress:
-            try:
-                _drop(job, pool, 2 * workers, tally, progress.update, stop)
-                progress.end(tally.distribution.drops)
-            except EngineError as error:
-                failure = error
-    done = tally.distribution.drops
-    answer = Answer(tally.distribution, run, part, METHOD, complete=tally.over)
+        try:
+            _drop_all(part.name, job, pool, 2 * workers, tally, stop)
+            if arguments.check_convergence and not stop.asked:
+                convergence = _check(job, pool, 2 * workers, tally, stop)
+        except EngineError as error:
+            failure = error
+    answer = Answer(tally.distribution, run, part, METHOD, tally.over, convergence)
     if out is not None:
         answer.save_json(out / DOCUMENT)
         answer.save_picture(out / PICTURE)
@@ -102,14 +98,30 @@ def drop_here(
     if out is not None and not arguments.json:
         print(f'Written: {", ".join(str(out / name) for name in (DOCUMENT, PICTURE, POSES))}')
     if failure is not None:
+        done = tally.distribution.drops
         raise EngineError(f'{failure} after {done} of {run.drops} drops, which are in the answer')
+    missing = _missing(answer, check=arguments.check_convergence)
+    if missing:
+        print(missing, file=sys.stderr)
+    return INTERRUPTED if missing else 0
+
+
+def _missing(answer: Answer, *, check: bool) -> str:
+    """What an interruption left out, in words."""
+    done = answer.distribution.drops
     if not answer.complete:
-        print(
-            f'interrupted after {done} of {run.drops} drops, which are in the answer',
-            file=sys.stderr,
+        return f'interrupted after {done} of {answer.run.drops} drops, which are in the answer'
+    if check and answer.convergence is None:
+        return 'interrupted before the convergence was checked'
+    return ''
+
+
+def _of_height(height: float, radius: float) -> Iterator[str]:
+    if height > HIGH * radius:
+        yield (
+            f'the height is {height:g} m, which is {height / radius:.0f} times the radius of the '
+            'part'
         )
-        return INTERRUPTED
-    return 0
 
 
 class _Tally:
@@ -130,6 +142,35 @@ class _Tally:
     def over(self) -> bool:
         """All drops are made, or enough."""
         return self.distribution.stops(self.run.precision, self.run.drops)
+
+
+def _drop_all(
+    label: str,
+    job: DropJob,
+    pool: ProcessPoolExecutor,
+    lookahead: int,
+    tally: _Tally,
+    stop: Interruption,
+) -> None:
+    with DropProgress(label, tally.run.drops) as progress:
+        _drop(job, pool, lookahead, tally, progress.update, stop)
+        progress.end(tally.distribution.drops)
+
+
+def _check(
+    job: DropJob, pool: ProcessPoolExecutor, lookahead: int, tally: _Tally, stop: Interruption
+) -> Convergence | None:
+    """Make the same drops in finer steps; None if somebody asks for an end."""
+    coarse = tally.distribution
+    fine = dataclasses.replace(job, refinement=REFINEMENT * job.refinement)
+    run = dataclasses.replace(
+        tally.run, drops=coarse.drops, precision=0.0, time_step=fine.time_step
+    )
+    again = _Tally(no_drops(coarse.aspects, confidence=coarse.confidence), run)
+    _drop_all(f'{run.part} in finer steps', fine, pool, lookahead, again, stop)
+    if not again.over:
+        return None
+    return check_convergence(coarse, again.distribution, run.time_step, run.seed)
 
 
 def _drop(

@@ -1,0 +1,77 @@
+"""What `resting_aspects drop --check-convergence` says: whether the time step shows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from resting_aspects_ros.core.comparison import compare
+from resting_aspects_ros.core.distribution import Distribution
+
+# Time steps of the check for each of the run's.
+REFINEMENT = 2
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """How far a distribution moves when the same drops are made in finer steps.
+
+    time_step : float
+        The finer one, s.
+    drops : int
+        Made with each step.
+    aspect : int
+        Id of the one that moves most.
+    shift : float
+        Of its share of the drops that are in an aspect: with the finer step less without.
+    lower, upper : float
+        Bounds of the true shift; those of all aspects hold together with ``confidence``.
+    p_value : float
+        How often chance alone moves the shares at least so far.
+    """
+
+    time_step: float
+    drops: int
+    aspect: int
+    shift: float
+    lower: float
+    upper: float
+    confidence: float
+    p_value: float
+
+    def text(self) -> str:
+        """In two lines of up to 80 columns."""
+        chance = self.lower <= 0 <= self.upper
+        verdict = 'as chance explains' if chance else 'more than chance explains'
+        return (
+            f'In {REFINEMENT} times finer steps ({self.time_step * 1e6:.3g} us) aspect '
+            f'{self.aspect} moves most: {100 * self.shift:+.2g} %,\n'
+            f'{verdict} ({100 * self.confidence:g} % interval {100 * self.lower:+.2g} to '
+            f'{100 * self.upper:+.2g} %, {self.drops} drops each).'
+        )
+
+
+def check_convergence(
+    coarse: Distribution, fine: Distribution, time_step: float, seed: int
+) -> Convergence:
+    """Compare the distribution of a run with that of the same drops in finer steps.
+
+    The intervals are those of independent drops; these start alike, which makes them narrower if
+    anything.
+
+    Raises
+    ------
+    InvalidValueError
+        If no drop of one of them is in an aspect.
+    """
+    found = compare(fine, coarse, np.random.default_rng(seed), coarse.confidence)
+    lower, upper = found.largest_bounds
+    return Convergence(
+        time_step=time_step,
+        drops=fine.drops,
+        aspect=found.largest_aspect,
+        shift=found.largest_deviation,
+        lower=lower,
+        upper=upper,
+        confidence=found.confidence,
+        p_value=found.p_value,
+    )

@@ -1,0 +1,75 @@
+"""`drop --check-convergence`: the same drops in finer steps, and how far the answer moves."""
+
+import json
+import signal
+
+import numpy as np
+import pytest
+
+from resting_aspects_ros.commands.convergence import check_convergence
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.distribution import Distribution, count_poses, no_drops
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.drops.engine import drop_chunk
+from resting_aspects_ros.drops.job import make_job
+
+DROPS = 120
+
+
+def test_the_shift_is_that_of_the_same_drops_in_half_the_step(run, part, surfaces):
+    ended = run('drop', 'l_bracket', '--drops', DROPS, '--check-convergence', '--json')
+    assert ended.returncode == 0, ended.stderr
+    document = json.loads(ended.stdout)
+    found = document['convergence']
+    assert found['time_step'] == pytest.approx(document['time_step'] / 2, rel=1e-12)
+    aspects = find_aspects(part('l_bracket'))
+    fine = count_poses(
+        aspects,
+        drop_chunk(make_job(part('l_bracket'), surfaces.get(), 1, refinement=2), 0, DROPS),
+    )
+    before = np.array([aspect['count'] for aspect in document['aspects']])
+    shift = fine.counts / fine.counts.sum() - before / before.sum()
+    moved = int(np.abs(shift).argmax())
+    assert (found['aspect'], found['drops']) == (moved + 1, DROPS)
+    assert found['shift'] == pytest.approx(shift[moved], abs=1e-12)
+    assert found['lower'] <= found['shift'] <= found['upper']
+    assert 'in finer steps' in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ('counts', 'words'),
+    [
+        ([390, 300, 110, 100, 100], 'as chance explains'),
+        ([300, 350, 150, 100, 100], 'more than chance explains'),
+    ],
+)
+def test_it_is_told_whether_chance_explains_the_shift(part, counts, words):
+    aspects = find_aspects(part('l_bracket'))
+    coarse = Distribution(aspects, np.array([410, 290, 100, 100, 100]), 0, 0, 0)
+    fine = Distribution(aspects, np.array(counts), 0, 0, 0)
+    found = check_convergence(coarse, fine, 1.5e-4, seed=1)
+    lines = found.text().splitlines()
+    assert lines[0].startswith('In 2 times finer steps (150 us) aspect 1 moves most: -')
+    assert lines[1].startswith(f'{words} (95 % interval ')
+    assert lines[1].endswith('1000 drops each).')
+    assert max(map(len, lines)) <= 80
+
+
+def test_what_was_dropped_is_answered_when_the_check_is_broken_off(begin):
+    process = begin('drop', 'washer', '--drops', 2000, '--check-convergence', '--json')
+    for line in process.stderr:
+        if 'in finer steps' in line:
+            break
+    process.send_signal(signal.SIGINT)
+    answer, rest = process.communicate(timeout=60)
+    assert process.returncode == 130
+    document = json.loads(answer)
+    assert (document['drops'], document['complete']) == (2000, True)
+    assert 'convergence' not in document
+    assert rest.splitlines()[-1] == 'interrupted before the convergence was checked'
+
+
+def test_without_a_drop_in_an_aspect_nothing_is_compared(part):
+    nothing = no_drops(find_aspects(part('l_bracket')))
+    with pytest.raises(InvalidValueError):
+        check_convergence(nothing, nothing, 1e-4, seed=1)
