@@ -19,7 +19,7 @@ from resting_aspects_ros.drops.conditions import DropConditions, HeightOf
 STEPS_PER_T = 160
 # A step moves no point of the part by more than this, R, at the speed of impact, however high it
 # fell; thrown, up to 3 standard deviations of its speed and spin.
-TRAVEL_PER_STEP = 0.02
+TRAVEL_PER_STEP = 0.05
 # Faster impacts, R / T, are refused: their many small steps would hold a worker for hours.
 FASTEST_IMPACT = 100.0
 
