@@ -4,7 +4,7 @@
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PATH PKG_CONFIG_PATH AMENT_PREFIX_PATH \
          CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help setup dev demo test lint bench parts requirements clean
+.PHONY: help setup dev demo test lint bench validate parts requirements clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 20
@@ -28,6 +28,9 @@ lint: dev  ## set up and run ruff and mypy
 
 bench: setup  ## time what has to be fast, and write out/bench.json
 	.venv/bin/python tools/bench.py
+
+validate: setup  ## hold the drops to themselves and to measurements, and write docs/validation.md
+	.venv/bin/python tools/validate.py
 
 parts: setup  ## make the example parts in config/parts again
 	.venv/bin/python tools/make_parts.py

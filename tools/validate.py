@@ -1,0 +1,60 @@
+"""Hold the drops to themselves and to the world; prints tables and writes docs/validation.md.
+
+Takes about an hour on two cores. `tools/validate.py world` prints one section alone.
+"""
+
+import datetime as dt
+import platform
+import sys
+from collections.abc import Callable, Iterator
+from importlib.metadata import version
+
+from dropper import ROOT, SEED, Dropper
+from rich.console import Console
+from validate_engine import decision, time_step
+from validate_world import world
+
+from resting_aspects_ros.drops.campaign import default_workers, make_pool, stop_pool
+from resting_aspects_ros.drops.engine import ENGINE, ENGINE_VERSION
+
+RESULT = ROOT / 'docs' / 'validation.md'
+SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
+    'time_step': time_step,
+    'decision': decision,
+    'world': world,
+}
+
+
+def _heading(workers: int) -> Iterator[str]:
+    today = dt.datetime.now(tz=dt.timezone.utc).date()
+    yield '# Validation'
+    yield ''
+    yield (
+        f'Written by `make validate` on {today}: {ENGINE} {ENGINE_VERSION}, NumPy '
+        f'{version("numpy")}, Python {platform.python_version()}, {platform.machine()}, '
+        f'{workers} workers, seed {SEED}.'
+    )
+    yield ''
+
+
+def main() -> None:
+    """Run all of it, or the sections that are named."""
+    workers = default_workers()
+    pool = make_pool(workers)
+    console = Console()
+    lines = list(_heading(workers))
+    try:
+        dropper = Dropper(pool, workers)
+        for name in sys.argv[1:] or SECTIONS:
+            for line in SECTIONS[name](dropper):
+                console.print(line, highlight=False, soft_wrap=True)
+                lines.append(line)
+    finally:
+        stop_pool(pool)
+    if not sys.argv[1:]:
+        RESULT.write_text('\n'.join(lines), encoding='utf-8')
+        print(f'Written: {RESULT}')
+
+
+if __name__ == '__main__':
+    main()
