@@ -1,6 +1,6 @@
 """Dice, coins and blocks whose resting aspects were counted by hand or by a machine.
 
-Only their proportions are published; the sizes are assumed, and said in each case. Sources:
+Only their proportions are published; all are taken to be about 20 mm in size. Sources:
 
 * Steel square cuboids: The Mathematical Gazette, note 97.16, 2013; students' rolls by hand.
 * Thick coin: 1000 flips by hand.
@@ -20,10 +20,10 @@ from resting_aspects_ros.core.part import Part, part_from_bytes
 
 Array = npt.NDArray[np.float64]
 
-CUBOID_SIDE = 15.0  # mm, of the square faces
-COIN_DIAMETER = 25.0  # mm
-CUBE_SIDE = 16.0  # mm
-DIE_UNIT = 12.0  # mm, of the numbers below
+# mm: of the square faces of the cuboids and of the cubes, and of the coin's diameter; and of the
+# unit of the numbers that the die is published with, which makes it as large.
+SIZE = 20.0
+DIE_UNIT = 14.0
 # A pose is on a face if that points down within this.
 FACE_ANGLE = np.radians(5.0)
 # Besides sampling: neighbouring cuboids scatter by so much more than it explains.
@@ -93,12 +93,12 @@ def cases() -> list[Case]:
     ends = np.array([[0, 0, 1.0], [0, 0, -1.0]])
     found = []
     for thickness, share, rolls in CUBOIDS:
-        box = trimesh.creation.box((CUBOID_SIDE, CUBOID_SIDE, CUBOID_SIDE * thickness))
+        box = trimesh.creation.box((SIZE, SIZE, SIZE * thickness))
         found.append(Case(f'cuboid {thickness:.2f}', _part(box), ends, share, rolls))
-    coin = trimesh.creation.cylinder(COIN_DIAMETER / 2, 0.577 * COIN_DIAMETER, sections=64)
+    coin = trimesh.creation.cylinder(SIZE / 2, 0.577 * SIZE, sections=64)
     found.append(Case('coin 0.577, on its side', _part(coin), np.zeros((0, 3)), 0.410, 1000))
     for short in SHORT:
-        cube = trimesh.creation.box((CUBE_SIDE, CUBE_SIDE, CUBE_SIDE * (1 - short)))
+        cube = trimesh.creation.box((SIZE, SIZE, SIZE * (1 - short)))
         share = (1 + 2 * short) / 3
         found.append(Case(f'cube, {100 * short:.0f} % short', _part(cube), ends, share, 0))
     die = trimesh.convex.convex_hull(BINOM3 * DIE_UNIT)

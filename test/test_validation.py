@@ -1,0 +1,57 @@
+"""What `make validate` computes besides the drops: the fit, and the bodies it compares with."""
+
+import numpy as np
+import pytest
+from measured import cases
+from sensitivity import fit
+
+from resting_aspects_ros.core.aspects import find_aspects
+
+
+@pytest.fixture(scope='module')
+def problem():
+    generator = np.random.default_rng(1)
+    slopes = generator.standard_normal((12, 4))
+    return generator.standard_normal(12) / 20, slopes, generator.uniform(0.01, 0.05, 12)
+
+
+def best_step(residuals, slopes, deviations):
+    rows = slopes / deviations[:, None]
+    return np.linalg.lstsq(rows, -residuals / deviations, rcond=None)[0]
+
+
+def test_the_step_is_that_of_weighted_least_squares(problem):
+    np.testing.assert_allclose(fit(*problem).step, best_step(*problem), atol=1e-12)
+
+
+def test_left_out_is_what_a_fit_of_all_other_cases_leaves(problem):
+    residuals, slopes, deviations = problem
+    found = fit(*problem).left_out
+    for k in range(len(residuals)):
+        others = np.arange(len(residuals)) != k
+        step = best_step(residuals[others], slopes[others], deviations[others])
+        assert found[k] == pytest.approx(residuals[k] + slopes[k] @ step, abs=1e-10)
+
+
+def test_the_spread_is_that_of_fits_to_measurements_with_their_deviations(problem):
+    residuals, slopes, deviations = problem
+    generator = np.random.default_rng(2)
+    n = 4000
+    noise = generator.standard_normal((n, len(residuals))) * deviations
+    steps = np.array([fit(residuals + each, slopes, deviations).step for each in noise])
+    # The standard error of a standard deviation is 1 / sqrt(2 n), of itself.
+    np.testing.assert_allclose(steps.std(axis=0), fit(*problem).spread, rtol=4 / np.sqrt(2 * n))
+
+
+def test_measured_faces_are_aspects_of_the_bodies():
+    for case in cases():
+        aspects = find_aspects(case.part)
+        down = np.array([a.down_in_part for a in aspects.aspects])
+        kinds = {a.id: case.hits(a.down_in_part[None]) for a in aspects.aspects}
+        on = [a for a in aspects.aspects if kinds[a.id]]
+        assert 0 < len(on) < len(aspects), case.name
+        # All faces that were counted, and the shares of all faces that were not are the rest.
+        assert case.hits(down) == sum(kinds.values())
+        assert 0 < case.share < 1
+    side = next(case for case in cases() if case.name.startswith('coin'))
+    assert [a.rolls for a in find_aspects(side.part).aspects if side.hits(a.down_in_part[None])]
