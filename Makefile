@@ -18,8 +18,9 @@ dev: ## the same, and what tests and checks need
 demo: setup  ## set up and run the main job: drop a part and ask for its aspects over ROS
 	@.venv/bin/resting_aspects demo
 
+# On all cores; tests of a file share nodes that are started once.
 test: dev  ## set up and run all tests
-	@.venv/bin/python -m pytest
+	@.venv/bin/python -m pytest --numprocesses=auto --dist=loadfile
 
 lint: dev  ## set up and run ruff and mypy
 	.venv/bin/ruff check

@@ -55,7 +55,13 @@ def third_party_imports(folder):
                 names.update(alias.name.split('.')[0] for alias in node.names)
             elif isinstance(node, ast.ImportFrom) and not node.level:
                 names.add(node.module.split('.')[0])
-    return names - sys.stdlib_module_names - {'resting_aspects_ros', 'test', 'conftest'}
+    own = {
+        'resting_aspects_ros',
+        'test',
+        'conftest',
+        *(p.stem for p in (ROOT / 'tools').glob('*.py')),
+    }
+    return names - sys.stdlib_module_names - own
 
 
 def needed(folder):
