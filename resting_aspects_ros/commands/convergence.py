@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from resting_aspects_ros.core.comparison import compare
 from resting_aspects_ros.core.distribution import Distribution
 
 # Time steps of the check for each of the run's.
@@ -63,6 +62,9 @@ def check_convergence(
     InvalidValueError
         If no drop of one of them is in an aspect.
     """
+    # It takes a while to import, which a run without the check does not need.
+    from resting_aspects_ros.core.comparison import compare
+
     found = compare(fine, coarse, np.random.default_rng(seed), coarse.confidence)
     lower, upper = found.largest_bounds
     return Convergence(
