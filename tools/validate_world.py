@@ -16,8 +16,8 @@ from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.job import make_job
 
 # Of each case; and, of each, for each of the steps up and down of a value.
-CASE_DROPS = 10_000
-SLOPE_DROPS = 5000
+CASE_DROPS = 6000
+SLOPE_DROPS = 2500
 # The values of `thrown` that are fitted, and by how much each is varied for the slopes, as a
 # factor: enough to see it in so many drops.
 FITTED = {'restitution': 1.1, 'friction': 1.5, 'spin': 1.3, 'speed_horizontal': 1.5}
