@@ -106,7 +106,7 @@ def test_a_centre_of_mass_so_low_that_the_part_could_touch(refused, surfaces):
 def test_a_surface_that_is_not_known(refused):
     assert refused(surface='ice') == (
         'INVALID',
-        "surface 'ice' is not known, allowed is rubber_mat",
+        "surface 'ice' is not known, allowed is rubber_mat, steel, thrown",
     )
 
 
