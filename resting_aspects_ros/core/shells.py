@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -19,6 +21,10 @@ DEEPEST = 100
 # How far behind a triangle is the point that stands for the inside of its shell, as a share of
 # the triangle's size: more than the noise of float32, less than any wall.
 BEHIND = 1e-3
+
+# Turns the z axis, along which rays are sent, so that none passes along a side that a part is
+# likely to have.
+ASKEW = Rotation.from_rotvec((0.7, 1.1, 0.3)).as_matrix()
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,19 +56,21 @@ def facing(corners: Array, shell: Indices, mended: Flags) -> Facing:
     doubtful = np.bincount(shell, weights=mended) > 0
     order = np.argsort(shell, kind='stable')
     triangles = np.split(corners[order], np.cumsum(np.bincount(shell))[:-1])
-    low = np.array([t.min(axis=(0, 1)) for t in triangles])
-    high = np.array([t.max(axis=(0, 1)) for t in triangles])
-    flip = np.zeros(len(volumes), dtype=bool)
-    doubled = bodies = 0
     # A shell comes after all that can be around it, which are larger.
     largest_first = np.argsort(-np.abs(volumes), kind='stable')
-    rank = np.argsort(largest_first)
-    for s in largest_first.tolist():
-        boxed = (low <= low[s]).all(axis=1) & (high >= high[s]).all(axis=1) & (rank < rank[s])
-        if np.count_nonzero(boxed) > DEEPEST:
-            return Facing(flip[shell], [], f'has more than {DEEPEST} bodies inside each other')
-        point = _inner_point(triangles[s], volumes[s])
-        turns = {o: _turns(point, triangles[o]) for o in np.flatnonzero(boxed).tolist()}
+    boxed = _boxed(triangles, largest_first)
+    if boxed is None:
+        none = np.zeros(len(shell), dtype=bool)
+        return Facing(none, [], f'has more than {DEEPEST} bodies inside each other')
+    around: dict[int, dict[int, int]] = {}
+    for o, inner in boxed.items():
+        points = np.array([_inner_point(triangles[s], volumes[s]) for s in inner])
+        for s, turn in zip(inner, _turns(points, triangles[o]).tolist(), strict=True):
+            around.setdefault(s, {})[o] = turn
+    flip = volumes < 0
+    bodies, doubled = len(volumes) - len(around), 0
+    for s in filter(around.__contains__, largest_first.tolist()):
+        turns, flip[s] = around[s], False
         depth = sum(-turn if flip[o] else turn for o, turn in turns.items())
         if depth <= 0:
             bodies += 1
@@ -71,6 +79,27 @@ def facing(corners: Array, shell: Indices, mended: Flags) -> Facing:
             flip[s] = doubtful[s] or any(turn and flip[o] for o, turn in turns.items())
             doubled += not flip[s]
     return Facing(flip[shell], _warnings(flip & ~doubtful, doubled, bodies))
+
+
+def _boxed(triangles: list[Array], largest_first: Indices) -> dict[int, list[int]] | None:
+    """The shells in the box of each shell that is no smaller, if any; None if too many are."""
+    low = np.array([t.min(axis=(0, 1)) for t in triangles])
+    high = np.array([t.max(axis=(0, 1)) for t in triangles])
+    middle, half = (low + high) / 2, (high - low).max(axis=1) / 2
+    near = KDTree(middle)
+    rank = np.argsort(largest_first)
+    count = np.zeros(len(rank), dtype=np.int64)
+    found = {}
+    for o in largest_first.tolist():
+        inner = np.array(near.query_ball_point(middle[o], 1.01 * half[o], p=np.inf))
+        inner = inner[(low[inner] >= low[o]).all(axis=1) & (high[inner] <= high[o]).all(axis=1)]
+        inner = inner[rank[inner] > rank[o]]
+        count[inner] += 1
+        if count[inner].max(initial=0) > DEEPEST:
+            return None
+        if len(inner):
+            found[o] = inner.tolist()
+    return found
 
 
 def _warnings(flipped: Flags, doubled: int, bodies: int) -> list[str]:
@@ -105,14 +134,25 @@ def _inner_point(triangles: Array, volume: float) -> Array:
     return np.asarray(triangles[largest].mean(axis=0) - BEHIND / size * normal)
 
 
-def _turns(point: Array, shell: Array) -> int:
-    """Return how often a shell, (m, 3, 3), winds round a point: 1 or -1 inside of it, else 0.
+def _turns(points: Array, shell: Array) -> Indices:
+    """Return how often a shell, (m, 3, 3), winds round points (n, 3): 1 or -1 inside, else 0.
 
-    The sum of the solid angles of its triangles (Van Oosterom and Strackee 1983).
+    What a ray from the point passes through from inside, less what it does from outside. Two
+    triangles agree to the last bit on which side of their common edge it passes.
     """
-    a, b, c = np.moveaxis(shell - point, 1, 0)
-    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    up = np.einsum('ij,ij->i', a, np.cross(b, c))
-    ab, bc, ca = (np.einsum('ij,ij->i', u, v) for u, v in ((a, b), (b, c), (c, a)))
-    half_angles = np.arctan2(up, la * lb * lc + ab * lc + bc * la + ca * lb)
-    return round(float(half_angles.sum() / (2 * np.pi)))
+    shell, points = shell @ ASKEW, points @ ASKEW
+    low, high = shell.min(axis=1), shell.max(axis=1)
+    turns = np.zeros(len(points), dtype=np.int64)
+    for k, (x, y, _) in enumerate(points):
+        ahead = np.flatnonzero((low[:, 0] <= x) & (high[:, 0] >= x))
+        ahead = ahead[(low[ahead, 1] <= y) & (high[ahead, 1] >= y)]
+        arms = shell[ahead] - points[k]
+        u, v = arms[:, :, 0], arms[:, :, 1]
+        # Twice the areas that the ray makes with the three edges, seen along it.
+        areas = np.roll(u, -1, 1) * np.roll(v, -2, 1) - np.roll(u, -2, 1) * np.roll(v, -1, 1)
+        sense = np.sign(areas)
+        met = (sense == sense[:, :1]).all(axis=1) & (
+            (areas * arms[:, :, 2]).sum(axis=1) * sense[:, 0] > 0
+        )
+        turns[k] = sense[met, 0].sum()
+    return turns

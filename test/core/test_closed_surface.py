@@ -241,6 +241,37 @@ def test_a_mesh_made_to_keep_the_computer_busy_is_refused():
         part_of(both(*dolls))
 
 
+@pytest.mark.parametrize('seed', range(3))
+def test_fragments_in_the_box_of_a_body_are_inside_or_beside_it(seed):
+    """Round a ring: where they are follows from how far they are from its circle."""
+    generator = np.random.default_rng(seed)
+    places = generator.uniform(-1, 1, (60, 3)) * [13, 13, 3]
+    from_circle = np.hypot(np.hypot(places[:, 0], places[:, 1]) - 10, places[:, 2])
+    clear = np.abs(from_circle - 3) > 0.3
+    ring = trimesh.creation.torus(10, 3, major_sections=64, minor_sections=32)
+    fragments = [trimesh.creation.icosphere(0, radius=0.1) for _ in places[clear]]
+    for fragment, place in zip(fragments, places[clear], strict=True):
+        fragment.apply_translation(place)
+    mesh = both(ring, *fragments)
+    mesh.apply_transform(trimesh.transformations.random_rotation_matrix(generator.random(3)))
+    inside = np.count_nonzero(from_circle[clear] < 3)
+    beside = np.count_nonzero(clear) - inside
+    several, doubled = part_of(mesh).warnings
+    assert f'is of {1 + beside} bodies' in several
+    assert f'count twice: {inside};' in doubled
+
+
+def test_a_mesh_of_thousands_of_bodies_is_read():
+    """Each is in no other's box, so none is compared with all others."""
+    boxes = np.stack(np.meshgrid(*[np.arange(17)] * 3), axis=-1).reshape(-1, 3) * 3
+    one = box(2, 2, 2)
+    vertices = (boxes[:, None] + one.vertices).reshape(-1, 3)
+    faces = (len(one.vertices) * np.arange(len(boxes))[:, None, None] + one.faces).reshape(-1, 3)
+    part = part_of(Mesh(vertices, faces, process=False))
+    assert cubic_mm(part) == pytest.approx(8 * 17**3)
+    assert 'is of 4913 bodies' in part.warnings[0]
+
+
 def test_peg_in_a_hole_is_beside_not_inside():
     """The hole of a tube lies in the tube's box, but not in the tube."""
     tube = trimesh.creation.annulus(r_min=10, r_max=20, height=30, sections=32)
