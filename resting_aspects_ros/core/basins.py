@@ -50,7 +50,14 @@ def basin_areas(body: Polyhedron, rest: Indices) -> Array:
             if foot < 1:
                 pieces[edge] = list(_rolled_over(body, edge, rest))
             exits += pieces[edge]
-        if entries:
+        if entries and not exits:
+            # On a side that is flat but for noise a corner can be left without a way down.
+            around = np.unique(body.sides[entries])
+            lowest = int(rest[around[body.heights[around].argmin()]])
+            for edge in entries:
+                begin, end = body.normals[body.sides[edge]]
+                pieces[edge] = [Piece(begin, end, lowest)]
+        elif entries:
             _lead_on(body, point, entries, exits, pieces)
         for edge in body.edges_of_points[corner]:
             # The cone is on the left of the way from the right side of an outgoing edge to its

@@ -81,3 +81,10 @@ def test_shares_are_positive_and_add_up_to_one(solids, solid, name, arguments):
     assert landscape.basin_shares.sum() == pytest.approx(1, abs=1e-5)  # COPLANAR
     groups = np.concatenate([group.minima for group in join_minima(landscape)])
     np.testing.assert_array_equal(np.sort(groups), np.arange(len(landscape.minima)))
+
+
+def test_a_lens_as_thin_as_the_noise_of_its_facets_has_basins(solids, solid):
+    """Facets are merged that fit each other up to COPLANAR: some corners have no way down."""
+    landscape = Landscape(solid(solids.ellipsoid(30, 20, 0.01, 4)))
+    assert landscape.heights[0] / landscape.radius == pytest.approx(0.01 / 30, abs=1e-5)
+    assert landscape.basin_shares.sum() == pytest.approx(1, abs=1e-3)
