@@ -21,6 +21,8 @@ BENT = 5 * FLAT_ANGLE
 # A flat bounded by curved strips, as a face with rounded edges, is no part of the curve. It is
 # told from a wide strip among narrow ones by being more than so many times as wide as they.
 WIDER = 3.0
+# A triangle fills its extent least of all convex facets; a little less, for rounding.
+CONVEX = 10.0
 # On top of what is derived for strips and for triangles of like sides.
 MARGIN = 1.25
 
@@ -77,10 +79,24 @@ def sagittas(vertices: Array, faces: Indices) -> tuple[Array, Flags]:
     length = np.linalg.norm(along, axis=1)
     across = np.cross((along / length[:, None])[:, None], normals[sides])
     width = np.einsum('esi,esij,esj->es', across, covariance[facet[sides]], across)
+    width *= _fullness(size, covariance)[facet[sides]] ** 2
     width = np.minimum(width, WIDER**2 * width[:, ::-1])
     rise = (edges.angle[curved] * length)[:, None] * width / size[facet[sides]]
     depth = np.bincount(facet[sides].ravel(), weights=rise.ravel(), minlength=len(size))
     return np.asarray(MARGIN * depth[facet]), corners
+
+
+def _fullness(size: Array, covariance: Array) -> Array:
+    """Return how much of its extent each facet fills: 1 if it is convex, about w / r for a ring.
+
+    The area of a convex facet is at least 6 sqrt(3) times the root of the determinant of its
+    covariance, which is that of a triangle. A ring around the top of a torus is not as wide as
+    its covariance says.
+    """
+    trace = np.einsum('kii->k', covariance)
+    square = np.einsum('kij,kij->k', covariance, covariance)
+    root = np.sqrt(np.maximum((trace**2 - square) / 2, np.finfo(float).tiny))
+    return np.asarray(np.minimum(size / (CONVEX * root), 1.0))
 
 
 def _edges(faces: Indices, normals: Array) -> _Edges:

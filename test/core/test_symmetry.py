@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay, KDTree
 from scipy.spatial.transform import Rotation
-from trimesh.creation import box, capsule, cone, cylinder, icosahedron, icosphere, uv_sphere
+from trimesh.creation import box, capsule, cone, cylinder, icosahedron, icosphere, torus, uv_sphere
 
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.symmetry import find_symmetry
@@ -202,6 +202,8 @@ AXIAL = {
     'frustum_64': (lambda: frustum(64), 1),
     'washer_48_30': (lambda: plate(circle(10, 48), 2, [circle(5, 30)]), 2),
     'washer_16_20': (lambda: plate(circle(10, 16), 2, [circle(5, 20)]), 2),
+    # So fine that the strips beside its top and bottom are rings, flat but for noise.
+    'ring_60_400': (lambda: torus(10, 3, major_sections=60, minor_sections=400), 2),
     'cup': (lambda: plate(circle(10, 48), 12, [circle(7, 40)], 6), 1),
     'capsule': (lambda: capsule(20, 8, count=(32, 32)), 2),
     'long_ellipsoid': (lambda: scaled(icosphere(3), (10, 10, 18)), 2),
