@@ -1,6 +1,6 @@
 """Which points lie near a surface of triangles: a tree of boxes, asked for many points at once."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -8,9 +8,14 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
+Found = Callable[[Indices, Indices], Flags]
 
 # Points that go down the tree together: what bounds the memory.
 TOGETHER = 1024
+# Boxes for each of those points from which on one triangle of each box is looked at.
+CROWDED = 32
+# Pairs of points and boxes that are kept, if they are of more than one point.
+MOST_PAIRS = 500_000
 # Triangles of a point that are looked at first; then so many times more, and so on.
 FEW = 4
 
@@ -59,17 +64,21 @@ class TriangleTree:
             Of the points, m.
         """
         near = np.zeros(len(points), dtype=bool)
-        for point, triangle in self._pairs(points, reach + skins):
+
+        def found(at: Indices, piece: Indices) -> Flags:
+            apart = _ways_to(self._corners[piece], points[at])
+            allowed = reach + np.maximum(skins[at], self._skins[piece])
+            near[at[np.einsum('ij,ij->i', apart, apart) <= allowed**2]] = True
+            return near[at]
+
+        for point, triangle in self._pairs(points, reach + skins, found):
             # A few triangles of each point at a time: most points need no more.
             rank = np.arange(len(point)) - np.searchsorted(point, point)
             left = np.arange(len(point))
             few = FEW
             while len(left):
                 now = left[rank[left] < few]
-                at, piece = point[now], triangle[now]
-                apart = _ways_to(self._corners[piece], points[at])
-                allowed = reach + np.maximum(skins[at], self._skins[piece])
-                near[at[np.einsum('ij,ij->i', apart, apart) <= allowed**2]] = True
+                found(point[now], triangle[now])
                 left = left[(rank[left] >= few) & ~near[point[left]]]
                 few *= FEW
         return near
@@ -90,20 +99,42 @@ class TriangleTree:
         point, triangle, apart = (np.concatenate(parts) for parts in zip(*found, strict=True))
         return point, triangle, apart
 
-    def _pairs(self, points: Array, reach: Array) -> Iterator[tuple[Indices, Indices]]:
-        """Give the points, ascending, with the triangles whose box is within reach of them."""
+    def _pairs(
+        self, points: Array, reach: Array, found: Found | None = None
+    ) -> Iterator[tuple[Indices, Indices]]:
+        """Give points with the triangles whose box is within reach, ascending each time.
+
+        found : callable, optional
+            Tells of pairs of a point and a triangle whether the point can be left out. It is asked
+            where boxes lie over each other, as those of the needles of a fan, on the way down.
+        """
         for start in range(0, len(points), TOGETHER):
             point = np.arange(start, min(start + TOGETHER, len(points)))
-            node = np.zeros(len(point), dtype=np.int64)
-            for low, high in self._levels[1:]:
+            groups = [(1, point, np.zeros(len(point), dtype=np.int64), CROWDED * TOGETHER)]
+            while groups:
+                level, point, node, crowd = groups.pop()
+                if found and len(point) > crowd:
+                    crowd = 4 * len(point)
+                    one = self._triangle[node << (len(self._levels) - level)]
+                    left = ~found(point, one)
+                    point, node = point[left], node[left]
+                if not len(point):
+                    continue
+                if level == len(self._levels):
+                    yield point, self._triangle[node]
+                    continue
+                low, high = self._levels[level]
                 point, node = np.repeat(point, 2), np.repeat(2 * node, 2)
                 node[1::2] += 1
                 at = points[point]
                 outside = np.maximum(np.maximum(low[node] - at, at - high[node]), 0.0)
                 inside = np.einsum('ij,ij->i', outside, outside) <= reach[point] ** 2
                 point, node = point[inside], node[inside]
-            if len(point):
-                yield point, self._triangle[node]
+                half = int(np.searchsorted(point, point[len(point) // 2])) if len(point) else 0
+                parts = [slice(half, None), slice(0, half)]
+                if not half or len(point) <= MOST_PAIRS:
+                    parts = [slice(None)]
+                groups += [(level + 1, point[part], node[part], crowd) for part in parts]
 
 
 def _ways_to(corners: Array, points: Array) -> Array:
