@@ -18,8 +18,8 @@ FLAT = 1e-6
 THIN = 2e-5
 
 
-def convex_hull(vertices: Array, label: str) -> Array:
-    """Return the vertices of the convex hull.
+def convex_hull(vertices: Array, label: str) -> tuple[Array, Faces, Array]:
+    """Return the corners of the convex hull, its triangles, and their normals.
 
     Vertices that only noise of float32 lifts out of a facet or an edge are left out, so that a
     part has the same corners in every orientation; all lie inside the hull but for that noise.
@@ -27,7 +27,16 @@ def convex_hull(vertices: Array, label: str) -> Array:
     Parameters
     ----------
     vertices : (n, 3) float64
-        m, in lexicographic order, as the result is; so it does not depend on the order of a file.
+        m, in lexicographic order.
+
+    Returns
+    -------
+    corners : (k, 3) float64
+        m, in lexicographic order; so they do not depend on the order of a file.
+    triangles : (f, 3) int64
+        Rows of ``corners``, in no order.
+    normals : (f, 3) float64
+        Of the triangles, outward unit vectors.
 
     Raises
     ------
@@ -48,7 +57,9 @@ def convex_hull(vertices: Array, label: str) -> Array:
             f'{label} has no volume: all its {len(vertices)} vertices lie '
             f'{"on a line" if thick < 2 else "in a plane"}, within {least:.1g} of its longest side'
         )
-    return vertices[np.sort(hull.vertices)]
+    corners = np.sort(hull.vertices)
+    triangles = np.searchsorted(corners, hull.simplices)
+    return vertices[corners], triangles, hull.equations[:, :3]
 
 
 def _qhull(points: Array, noise: float) -> ConvexHull | None:

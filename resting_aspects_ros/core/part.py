@@ -21,6 +21,7 @@ from resting_aspects_ros.core.intrinsic_frame import (
 )
 from resting_aspects_ros.core.mass_properties import Given, mass_properties
 from resting_aspects_ros.core.mesh_file import FORMATS, read_triangles
+from resting_aspects_ros.core.simplified_hull import simplified
 from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS, check_size, size_warnings
 
 Array = npt.NDArray[np.float64]
@@ -66,7 +67,10 @@ class Part:
     faces : (m, 3) int64
         Outward.
     hull_vertices : (k, 3) float64
-        m, in lexicographic order; does not depend on the order in the file.
+        m, in lexicographic order; does not depend on the order in the file. Of more than
+        MOST_CORNERS some are left out.
+    hull_error : float
+        m; corners that were left out are outside the hull by this at most; 0 if none were.
     volume : float
         m^3; nan if the mesh is not a closed solid.
     warnings : tuple of str
@@ -83,6 +87,7 @@ class Part:
     vertices: Array = field(repr=False)
     faces: npt.NDArray[np.int64] = field(repr=False)
     hull_vertices: Array = field(repr=False)
+    hull_error: float
     volume: float
     warnings: tuple[str, ...]
 
@@ -265,13 +270,21 @@ def _part(
             f'{label} has no volume: none of its {len(raw_faces)} triangles has an area'
         )
     vertices = surface.vertices * UNITS[unit]
-    hull_vertices = convex_hull(vertices, label)
+    corners, triangles, normals = convex_hull(vertices, label)
+    hull_vertices, hull_error = simplified(corners, triangles, normals)
     found, defect = mass_properties(
         label, vertices, surface.faces, hull_vertices, surface.defect, given
     )
     warnings = [*surface.warnings, *size_warnings(raw_vertices, unit)]
     if defect:
         warnings.append(f'the mesh {defect}; the given mass properties are used')
+    if len(hull_vertices) < len(corners):
+        radius = np.linalg.norm(hull_vertices - found.centre_of_mass, axis=1).max()
+        warnings.append(
+            f'its convex hull was simplified from {len(corners)} to {len(hull_vertices)} corners; '
+            f'the others are outside of it by at most {1e3 * hull_error:.2g} mm '
+            f'({hull_error / radius:.1g} R)'
+        )
     return Part(
         name,
         data,
@@ -283,6 +296,7 @@ def _part(
         vertices,
         surface.faces,
         hull_vertices,
+        hull_error,
         found.volume,
         tuple(f'{label}: {warning}' for warning in warnings),
     )

@@ -81,6 +81,7 @@ def aspects_document(part: Part, aspects: AspectSet) -> dict[str, object]:
         'mesh_sha256': part.mesh_sha256,
         'part_sha256': part.part_sha256,
         'hull_radius': part.hull_radius,
+        'hull_error': part.hull_error,
     }
     if aspects.symmetry is not None:
         axis = aspects.symmetry.axis
