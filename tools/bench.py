@@ -21,6 +21,7 @@ from resting_aspects_ros.core.rotations import down_in_part, random_orientations
 RESULT = Path('out/bench.json')
 REPEATS = 3
 POSES = 1_000_000
+DIVISIONS = 8  # of a ball: 1.3 million triangles
 CORNERS = 2000
 
 
@@ -48,6 +49,16 @@ def main() -> None:
     seconds = _best(lambda: cluster_directions(down, np.radians(DEFAULT_TOLERANCE_DEGREES)))
     found['classify']['clusters_without_a_part_s'] = seconds
     table.add_row(f'cluster {POSES} poses without a part', f'{seconds:.2f}')
+    scan = _scan().export(file_type='stl')
+    assert isinstance(scan, bytes)
+    begun = time.perf_counter()
+    part = part_from_bytes(scan, 'stl', 'scan')
+    loaded = time.perf_counter()
+    find_aspects(part)
+    found['scan'] = {'load_s': loaded - begun, 'aspects_s': time.perf_counter() - loaded}
+    what = f'a scan of {len(part.faces)} triangles, once:'
+    table.add_row(f'{what} load', f'{found["scan"]["load_s"]:.2f}')
+    table.add_row(f'{what} aspects', f'{found["scan"]["aspects_s"]:.2f}')
     Console().print(table)
     RESULT.parent.mkdir(parents=True, exist_ok=True)
     RESULT.write_text(json.dumps(found, indent=2) + '\n', encoding='utf-8')
@@ -72,6 +83,13 @@ def _best(work: Callable[[], object]) -> float:
 def _ellipsoid(corners: int) -> np.ndarray:
     directions = np.random.default_rng(1).standard_normal((corners, 3))
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def _scan() -> trimesh.Trimesh:
+    """An ellipsoid with the noise of a scanner."""
+    ball = trimesh.creation.icosphere(DIVISIONS)
+    noise = 1 + 3e-4 * np.random.default_rng(1).standard_normal((len(ball.vertices), 1))
+    return trimesh.Trimesh(ball.vertices * noise * [30, 20, 10], ball.faces, process=False)
 
 
 def _solid(points: np.ndarray) -> Part:
