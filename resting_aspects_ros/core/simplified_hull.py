@@ -19,8 +19,9 @@ from resting_aspects_ros.core.surface_distance import TriangleTree
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-# Up to here a hull is left as it is. Bullet looks at every corner in every step: with so many a
-# step takes twice as long as that of a box (3.3 us and 1.1 ns for each corner).
+# Up to here a hull is left as it is. Bullet looks at every corner in every step: a drop of an egg
+# with 1000, 2000 or 3000 corners takes 9, 14 or 21 ms, that of a box 2 ms. A ball is off by 3e-3
+# with 2000 corners and by 1.7e-3 with 3000, and heights are told apart from 1e-3 R on.
 MOST_CORNERS = 3000
 # Lengths are in units of the furthest corner's distance from the mean of all corners, about R.
 # Corners are added until the others are outside by this: the landscape sees no finer (COPLANAR).
