@@ -32,6 +32,7 @@ setup(
     ],
     # pip installs what requirements.txt pins and rosdep what package.xml names.
     install_requires=['setuptools'],
+    extras_require={'dask': ['distributed']},
     zip_safe=True,
     entry_points={
         'console_scripts': [

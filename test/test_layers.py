@@ -21,6 +21,8 @@ CORE_KNOWS = {'numpy', 'scipy', 'trimesh'} | set(sys.stdlib_module_names)
 CORE_NEVER = {'random', 'time', 'datetime', 'os', 'subprocess', 'socket', 'threading'}
 ONLY_IN = {
     'pybullet': ('drops/engine.py',),
+    'distributed': ('drops/cluster.py',),
+    'dask': (),
     'mcap': ('logs/',),
     'rclpy': ('nodes/',),
     'launch': (),
@@ -111,6 +113,7 @@ def test_all_layers_were_read():
         ('drops/run.py', 'from resting_aspects_ros.logs.run_log import RunLog'),
         ('drops/run.py', 'from resting_aspects_ros import report'),
         ('drops/run.py', 'import pybullet'),
+        ('drops/campaign.py', 'def late():\n    from distributed import Client'),
         ('drops/run.py', 'import numpy\nx = numpy.random.normal()'),
         ('logs/run_log.py', 'import resting_aspects_ros.report.table'),
         ('logs/run_log.py', 'from resting_aspects_ros.cli import main'),
@@ -133,6 +136,7 @@ def test_a_breach_is_found(file, line):
         ('core/part.py', 'import numpy as np\nnp.random.default_rng(1)'),
         ('drops/run.py', 'from resting_aspects_ros import __version__'),
         ('drops/engine.py', 'import pybullet'),
+        ('drops/cluster.py', 'from distributed import Client'),
         ('logs/run_log.py', 'from mcap.writer import Writer'),
         ('nodes/convert.py', 'from resting_aspects_interfaces.msg import Aspect'),
         ('cli.py', 'from resting_aspects_ros.nodes.client import ask'),

@@ -1,14 +1,13 @@
 """What the validation drops: parts under conditions, by the workers of this machine."""
 
 from collections.abc import Iterator
-from concurrent.futures import Executor
 from pathlib import Path
 
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import Distribution, count_poses, no_drops
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.drops.campaign import submit_drops
+from resting_aspects_ros.drops.campaign import Workers, submit_drops
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.part_library import PartLibrary
 from resting_aspects_ros.drops.surfaces import Surfaces
@@ -20,8 +19,7 @@ SEED = 1
 class Dropper:
     """The example parts, the shipped conditions, and workers."""
 
-    def __init__(self, executor: Executor, workers: int) -> None:
-        self._executor = executor
+    def __init__(self, workers: Workers) -> None:
         self._workers = workers
         self.surfaces = Surfaces.read(ROOT / 'config' / 'surfaces.yaml')
         library = PartLibrary(ROOT / 'config' / 'parts')
@@ -29,7 +27,8 @@ class Dropper:
 
     def poses(self, job: DropJob, drops: int) -> Iterator[RestingPoses]:
         """The first drops of a job, in pieces."""
-        for future in submit_drops(job, 0, drops, self._executor, 2 * self._workers):
+        workers = self._workers
+        for future in submit_drops(job, 0, drops, workers.executor, workers.lookahead):
             yield future.result()
 
     def distribution(self, part: Part, job: DropJob, drops: int) -> Distribution:

@@ -14,8 +14,8 @@ from rich.console import Console
 from validate_engine import decision, time_step
 from validate_world import world
 
-from resting_aspects_ros.drops.campaign import default_workers, make_pool, stop_pool
 from resting_aspects_ros.drops.engine import ENGINE, ENGINE_VERSION
+from resting_aspects_ros.drops.worker_pool import ProcessWorkers, default_workers
 
 RESULT = ROOT / 'docs' / 'validation.md'
 SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
@@ -39,18 +39,17 @@ def _heading(workers: int) -> Iterator[str]:
 
 def main() -> None:
     """Run all of it, or the sections that are named."""
-    workers = default_workers()
-    pool = make_pool(workers)
+    workers = ProcessWorkers(default_workers())
     console = Console()
-    lines = list(_heading(workers))
+    lines = list(_heading(workers.count))
     try:
-        dropper = Dropper(pool, workers)
+        dropper = Dropper(workers)
         for name in sys.argv[1:] or SECTIONS:
             for line in SECTIONS[name](dropper):
                 console.print(line, highlight=False, soft_wrap=True)
                 lines.append(line)
     finally:
-        stop_pool(pool)
+        workers.stop()
     if not sys.argv[1:]:
         RESULT.write_text('\n'.join(lines), encoding='utf-8')
         print(f'Written: {RESULT}')

@@ -51,7 +51,14 @@ def add(subparsers: Any) -> None:
         default='0.95',
         help='of the intervals, 0.5 to 1 (0.95)',
     )
-    parser.add_argument('--workers', metavar='W', type=whole, help='processes (one per core)')
+    who = parser.add_mutually_exclusive_group()
+    who.add_argument('--workers', metavar='W', type=whole, help='processes (one per core)')
+    who.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='drop on a Dask cluster instead: that of its scheduler, such as '
+        'tcp://10.0.0.5:8786. Needs the package distributed; the poses are the same',
+    )
     parser.add_argument(
         '--out',
         metavar='DIR',

@@ -1,39 +1,36 @@
 """What `resting_aspects drop` does: drop a part here and now, without ROS."""
 
 import argparse
-import csv
 import dataclasses
 import sys
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
+from concurrent.futures import Future, wait
+from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 from resting_aspects_ros.commands.answer import Answer
 from resting_aspects_ros.commands.convergence import REFINEMENT, Convergence, check_convergence
 from resting_aspects_ros.commands.given_part import given_part
 from resting_aspects_ros.commands.interruption import Interruption
-from resting_aspects_ros.commands.outputs import check_output, make_folder, whole_file
+from resting_aspects_ros.commands.outputs import check_output, make_folder
+from resting_aspects_ros.commands.poses_csv import poses_file, write_poses
 from resting_aspects_ros.commands.progress import DropProgress
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import METHOD, Distribution, count_poses, no_drops
-from resting_aspects_ros.core.errors import EngineError, InvalidValueError
-from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
-from resting_aspects_ros.drops.campaign import default_workers, make_pool, stop_pool, submit_drops
+from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.drops.campaign import Workers, drop_chunks
+from resting_aspects_ros.drops.cluster import ClusterWorkers
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.plan import most_drops, plan_run
 from resting_aspects_ros.drops.run import RunDescription
+from resting_aspects_ros.drops.worker_pool import ProcessWorkers, default_workers
 
 INTERRUPTED = 130
-POSES_HEADER = (
-    'drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw',
-    'status', 'decided_by', 'time_to_rest', 'energy_growth',
-)  # fmt: skip
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
 # A fall from higher than this, hull radii, was probably meant in another unit.
 HIGH = 200
@@ -72,22 +69,21 @@ def drop_here(
         run_id=uuid.uuid4().hex[:12],
         started=time.time_ns(),
     )
-    workers = default_workers() if arguments.workers is None else arguments.workers
     out: Path | None = arguments.out
     failure: EngineError | None = None
     convergence: Convergence | None = None
     tally = _Tally(empty, run)
     with ExitStack() as stack:
-        pool = make_pool(workers)
-        stack.callback(stop_pool, pool)
+        workers = _workers(arguments)
+        stack.callback(workers.stop)
         for flag, path in _poses_paths(arguments.poses, out):
-            tally.tables.append(stack.enter_context(_poses_file(flag, path)))
+            tally.tables.append(stack.enter_context(poses_file(flag, path)))
         for warning in (*part.warnings, *_of_height(conditions.height, part.hull_radius)):
-            print(f'warning: {warning}', file=sys.stderr)
+            _warn(warning)
         try:
-            _drop_all(part.name, job, pool, 2 * workers, tally, stop)
+            _drop_all(part.name, job, workers, tally, stop)
             if arguments.check_convergence and not stop.asked:
-                convergence = _check(job, pool, 2 * workers, tally, stop)
+                convergence = _check(job, workers, tally, stop)
         except EngineError as error:
             failure = error
     answer = Answer(tally.distribution, run, part, METHOD, tally.over, convergence)
@@ -99,11 +95,17 @@ def drop_here(
         print(f'Written: {", ".join(str(out / name) for name in (DOCUMENT, PICTURE, POSES))}')
     if failure is not None:
         done = tally.distribution.drops
-        raise EngineError(f'{failure} after {done} of {run.drops} drops, which are in the answer')
+        raise EngineError(f'{failure}, after {done} of {run.drops} drops, which are in the answer')
     missing = _missing(answer, check=arguments.check_convergence)
     if missing:
         print(missing, file=sys.stderr)
     return INTERRUPTED if missing else 0
+
+
+def _workers(arguments: argparse.Namespace) -> ProcessWorkers | ClusterWorkers:
+    if arguments.scheduler is not None:
+        return ClusterWorkers(arguments.scheduler)
+    return ProcessWorkers(default_workers() if arguments.workers is None else arguments.workers)
 
 
 def _missing(answer: Answer, *, check: bool) -> str:
@@ -134,8 +136,7 @@ class _Tally:
 
     def add(self, poses: RestingPoses) -> None:
         for table in self.tables:
-            csv.writer(table).writerows(_rows(poses))
-            table.flush()
+            write_poses(table, poses)
         self.distribution += count_poses(self.distribution.aspects, poses)
 
     @property
@@ -145,20 +146,15 @@ class _Tally:
 
 
 def _drop_all(
-    label: str,
-    job: DropJob,
-    pool: ProcessPoolExecutor,
-    lookahead: int,
-    tally: _Tally,
-    stop: Interruption,
+    label: str, job: DropJob, workers: Workers, tally: _Tally, stop: Interruption
 ) -> None:
     with DropProgress(label, tally.run.drops) as progress:
-        _drop(job, pool, lookahead, tally, progress.update, stop)
+        _drop(job, workers, tally, progress.update, stop)
         progress.end(tally.distribution.drops)
 
 
 def _check(
-    job: DropJob, pool: ProcessPoolExecutor, lookahead: int, tally: _Tally, stop: Interruption
+    job: DropJob, workers: Workers, tally: _Tally, stop: Interruption
 ) -> Convergence | None:
     """Make the same drops in finer steps; None if somebody asks for an end."""
     coarse = tally.distribution
@@ -167,7 +163,7 @@ def _check(
         tally.run, drops=coarse.drops, precision=0.0, time_step=fine.time_step
     )
     again = _Tally(no_drops(coarse.aspects, confidence=coarse.confidence), run)
-    _drop_all(f'{run.part} in finer steps', fine, pool, lookahead, again, stop)
+    _drop_all(f'{run.part} in finer steps', fine, workers, again, stop)
     if not again.over:
         return None
     return check_convergence(coarse, again.distribution, run.time_step, run.seed)
@@ -175,36 +171,26 @@ def _check(
 
 def _drop(
     job: DropJob,
-    pool: ProcessPoolExecutor,
-    lookahead: int,
+    workers: Workers,
     tally: _Tally,
     progress: Callable[[int], None],
     stop: Interruption,
 ) -> None:
     """Make the drops, or those until somebody asks for an end; raises EngineError."""
-    try:
-        for future in submit_drops(job, 0, tally.run.drops, pool, lookahead):
-            while not stop.asked and not wait([future], LOOK_PERIOD).done:
+    with closing(drop_chunks(job, tally.run, workers, _warn)) as steps:
+        for step in steps:
+            if isinstance(step, Future):
+                while not stop.asked and not wait([step], LOOK_PERIOD).done:
+                    progress(tally.distribution.drops)
+            else:
+                tally.add(step)
                 progress(tally.distribution.drops)
-            if stop.asked:
+            if stop.asked or tally.over:
                 return
-            tally.add(_dropped(future))
-            progress(tally.distribution.drops)
-            if tally.over:
-                return
-    except BrokenProcessPool:
-        raise EngineError('a worker process died') from None
 
 
-def _dropped(future: 'Future[RestingPoses]') -> RestingPoses:
-    """What a worker dropped; EngineError if it failed, so that what others did is kept."""
-    try:
-        return future.result()
-    except BrokenProcessPool:
-        raise
-    except Exception as error:
-        # Whatever a worker raises, but nothing that is raised here.
-        raise EngineError(f'a worker failed: {error!r}') from error
+def _warn(text: str) -> None:
+    print(f'warning: {text}', file=sys.stderr)
 
 
 def _poses_paths(poses: Path | None, out: Path | None) -> Iterator[tuple[str, Path]]:
@@ -221,31 +207,3 @@ def _poses_paths(poses: Path | None, out: Path | None) -> Iterator[tuple[str, Pa
 
 def _same(one: Path, other: Path) -> bool:
     return one.resolve() == other.resolve()
-
-
-@contextmanager
-def _poses_file(flag: str, path: Path) -> Iterator[TextIO]:
-    with whole_file(path) as part:
-        try:
-            file = part.open('w', newline='', encoding='utf-8')
-        except OSError as error:
-            raise InvalidValueError(
-                f'{flag} is {str(path)!r}, allowed is a file that can be written: {error.strerror}'
-            ) from None
-        with file:
-            csv.writer(file).writerow(POSES_HEADER)
-            yield file
-
-
-def _rows(poses: RestingPoses) -> Iterator[tuple[Any, ...]]:
-    """In full precision: Python prints the shortest text that reads back as the same number."""
-    for k in range(len(poses)):
-        yield (
-            poses.first_drop + k,
-            *poses.position[k].tolist(),
-            *poses.orientation[k].tolist(),
-            RestStatus(poses.status[k]).name,
-            DecidedBy(poses.decided_by[k]).name,
-            float(poses.time_to_rest[k]),
-            float(poses.energy_growth[k]),
-        )

@@ -1,47 +1,57 @@
 """A run's drops, made in chunks by any executor and handed over in their order."""
 
-import os
-import signal
-import sys
-import threading
 from collections import deque
 from collections.abc import Callable, Generator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from multiprocessing import get_context, parent_process
-from typing import ParamSpec, TypeVar
+from concurrent.futures import CancelledError, Executor, Future
+from typing import Protocol
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.drops.engine import drop_chunk
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.release import CHUNK
+from resting_aspects_ros.drops.run import RunDescription
 
-MOST_WORKERS = 1024
-
-P = ParamSpec('P')
-T = TypeVar('T')
+# Workers that die are replaced, until so many died without a chunk handed over between.
+MOST_DEATHS = 3
 
 
-def default_workers() -> int:
-    """Cores this process may use."""
-    return len(os.sched_getaffinity(0))
+class Workers(Protocol):
+    """Who makes drops: an executor, and another one when it breaks."""
+
+    @property
+    def executor(self) -> Executor:
+        """The one that takes chunks now."""
+
+    def lookahead(self) -> int:
+        """Chunks to have under way now, so that nobody waits for work."""
+
+    def deaths(self, error: Exception) -> int:
+        """How many workers died, if the error says that; else 0."""
+
+    def replace(self, broken: Executor) -> None:
+        """See to it that there are workers again; who comes second finds them there."""
 
 
 def submit_drops(
-    job: DropJob, first_drop: int, drops: int, executor: Executor, lookahead: int
+    job: DropJob, first_drop: int, drops: int, executor: Executor, lookahead: Callable[[], int]
 ) -> Generator['Future[RestingPoses]', None, None]:
-    """Futures of consecutive chunks of drops, in order, ``lookahead`` of them under way.
+    """Futures of consecutive chunks of drops, in order, ``lookahead()`` of them under way.
+
+    Any executor of concurrent.futures will do. Threads give the same poses as processes, but no
+    speed: Bullet's binding never lets go of Python's lock, so one of them drops at a time.
 
     Memory does not grow with the number of drops: a chunk is submitted only when an earlier one
     is taken. Closing the iterator cancels what has not begun.
     """
-    if lookahead < 1:
-        raise ValueError(f'lookahead is {lookahead}, allowed is 1 or more')
     pending: deque[Future[RestingPoses]] = deque()
     first, end = first_drop, first_drop + drops
     try:
         while first < end or pending:
-            while first < end and len(pending) < lookahead:
+            most = lookahead()
+            if most < 1:
+                raise ValueError(f'lookahead is {most}, allowed is 1 or more')
+            while first < end and len(pending) < most:
                 stop = min(end, (first // CHUNK + 1) * CHUNK)
                 pending.append(executor.submit(drop_chunk, job, first, stop))
                 first = stop
@@ -51,57 +61,50 @@ def submit_drops(
             future.cancel()
 
 
-def make_pool(workers: int) -> ProcessPoolExecutor:
-    """Worker processes for drops. Spawned: a fork of a process with threads is unsafe."""
-    if not 1 <= workers <= MOST_WORKERS:
-        raise InvalidValueError(f'workers is {workers}, allowed is 1 to {MOST_WORKERS}')
-    pool = _Pool(workers, get_context('spawn'), initializer=_start_worker)
-    # Workers begin with the first work that they get, and take a second to read their modules:
-    # with this they do it now, and not while somebody waits for the first drops.
-    for _ in range(workers):
-        pool.submit(os.getpid)
-    return pool
+def drop_chunks(
+    job: DropJob, asked: RunDescription, workers: Workers, warn: Callable[[str], None]
+) -> Generator['Future[RestingPoses] | RestingPoses', None, None]:
+    """The chunks of a run in their order, each after its future, which is there to be waited for.
 
+    How to wait is left to who iterates, a command or a node in its loop; who does not wait is
+    held up until the chunk is there. When workers die, the chunks that were not handed over are
+    dropped again, by others: since the poses depend on the job and the index alone, nothing tells
+    such a run from an undisturbed one, but what is told to ``warn``.
 
-class _Pool(ProcessPoolExecutor):
-    """Begins its workers, which submit does when they are needed, with Ctrl-C held off.
-
-    It reaches every process of the terminal, and a worker can ignore it only when it has read its
-    modules, after about a second; until then it would end in a traceback, and the pool with it.
+    Raises
+    ------
+    EngineError
+        If a worker fails, or so many die one after the other that it must be due to the drops or
+        the machine. The chunks before are good.
     """
-
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> 'Future[T]':
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # processes inherit it
+    first, deaths = asked.first_drop, 0
+    while first < asked.end:
+        executor = workers.executor
+        futures = submit_drops(job, first, asked.end - first, executor, workers.lookahead)
         try:
-            return super().submit(fn, *args, **kwargs)
+            for future in futures:
+                yield future
+                chunk = future.result()
+                first, deaths = chunk.end, 0
+                yield chunk
+        except EngineError:
+            raise
+        except CancelledError:
+            raise EngineError(f'the workers went away {_near(first, asked)}') from None
+        except Exception as error:
+            died = workers.deaths(error)
+            if died == 0:
+                raise EngineError(f'a worker failed {_near(first, asked)}: {error!r}') from error
+            deaths += died
+            if deaths >= MOST_DEATHS:
+                raise EngineError(
+                    f'{deaths} worker processes died in a row {_near(first, asked)}'
+                ) from None
+            warn(f'a worker died {_near(first, asked)}')
+            workers.replace(executor)
         finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            futures.close()
 
 
-def stop_pool(pool: ProcessPoolExecutor) -> None:
-    """End a pool now: what has not begun is cancelled, what is being dropped is given up."""
-    # As kill_workers of Python 3.14 does; other pools of this process live on. Without it the
-    # interpreter would wait for chunks that nobody wants any more.
-    for worker in list((pool._processes or {}).values()):  # noqa: SLF001
-        worker.kill()
-    # Waits for the pool's thread: a pool that is collected while its thread closes their pipe
-    # leaves a traceback.
-    pool.shutdown(cancel_futures=True)
-
-
-def _start_worker() -> None:
-    # The parent decides what Ctrl-C means.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    # Bullet prints to standard output, where the parent's answer goes.
-    sys.stdout.flush()
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    # A pool's workers wait for ever for a parent that was killed; these end with it.
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+def _near(drop: int, asked: RunDescription) -> str:
+    return f'near drop {drop} of {asked.part}'

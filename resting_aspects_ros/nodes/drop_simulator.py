@@ -21,15 +21,12 @@ from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import count_poses, no_drops
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.drops.campaign import (
-    MOST_WORKERS,
-    default_workers,
-)
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.part_library import PartLibrary
 from resting_aspects_ros.drops.plan import most_drops, plan_run
 from resting_aspects_ros.drops.run import RunDescription, check_run_id
 from resting_aspects_ros.drops.surfaces import Surfaces
+from resting_aspects_ros.drops.worker_pool import MOST_WORKERS, default_workers
 from resting_aspects_ros.nodes.batches import Batches
 from resting_aspects_ros.nodes.convert import poses_msg, status
 from resting_aspects_ros.nodes.interface import (

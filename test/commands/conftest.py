@@ -1,5 +1,7 @@
 """The command as a person runs it: a process of its own, in an empty folder."""
 
+import csv
+import json
 import os
 import signal
 import subprocess
@@ -128,6 +130,31 @@ def read_until():
         raise AssertionError('it ended before')
 
     return read
+
+
+@pytest.fixture
+def ended(session, wait_until, tmp_path):
+    """Wait until the command ends; check what it leaves, and give its document and its words."""
+
+    def check(process, code):
+        printed, errors = process.communicate(timeout=DEADLINE)
+        assert process.returncode == code, errors
+        assert 'Traceback' not in errors
+        # One of multiprocessing's ends as it sees that the others have.
+        wait_until(lambda: session(process.pid) == {}, 5)
+        document = json.loads(printed)
+        assert document['complete'] is False
+        assert (tmp_path / 'o' / 'distribution.json').read_text(encoding='utf-8') == printed
+        with (tmp_path / 'p.csv').open(newline='', encoding='utf-8') as file:
+            rows = list(csv.reader(file))
+        assert [row[0] for row in rows] == ['drop', *map(str, range(document['drops']))]
+        outside = sum(document[name] for name in ('unclassified', 'unsettled', 'failed'))
+        assert sum(a['count'] for a in document['aspects']) + outside == document['drops']
+        names = sorted(path.name for path in tmp_path.rglob('*'))
+        assert names == ['distribution.json', 'distribution.png', 'o', 'p.csv', 'poses.csv']
+        return document, errors.splitlines()
+
+    return check
 
 
 @pytest.fixture

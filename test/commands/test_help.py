@@ -34,7 +34,9 @@ COMMANDS = {
     'nodes': nodes,
     'demo': demo,
 }
-HEAVY = ('numpy', 'scipy', 'trimesh', 'pybullet', 'rclpy', 'matplotlib', 'mcap', 'rich')
+HEAVY = (
+    'numpy', 'scipy', 'trimesh', 'pybullet', 'rclpy', 'matplotlib', 'mcap', 'rich', 'distributed'
+)  # fmt: skip
 
 
 @pytest.fixture

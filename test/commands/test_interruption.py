@@ -1,48 +1,25 @@
 """Ctrl-C, and workers that die: what was done is saved, and nothing is left running."""
 
-import csv
-import json
 import os
 import re
 import signal
 import subprocess
+import time
+from contextlib import suppress
 
 import pytest
+
+from resting_aspects_ros.drops.campaign import MOST_DEATHS
 
 # Falls from far above need fine time steps: the first chunk takes a while.
 SLOW = ('drop', 'l_bracket', '--drops', 100_000, '--workers', 2, '--height', '3m')
 QUICK = ('drop', 'tetrahedron', '--drops', 200_000, '--workers', 2)
 OUTPUTS = ('--json', '--poses', 'p.csv', '--out', 'o')
-ENOUGH = 60.0
+ENOUGH = 60.0  # s
 
 
 def some_done(line):
     return re.match(r'tetrahedron: [1-9]\d* of 200000 drops  \d+ drops/s$', line)
-
-
-@pytest.fixture
-def ended(session, wait_until, tmp_path):
-    """Wait until the command ends; check what it leaves, and give its document and its words."""
-
-    def check(process, code):
-        printed, errors = process.communicate(timeout=ENOUGH)
-        assert process.returncode == code, errors
-        assert 'Traceback' not in errors
-        # One of multiprocessing's ends as it sees that the others have.
-        wait_until(lambda: session(process.pid) == {}, 5)
-        document = json.loads(printed)
-        assert document['complete'] is False
-        assert (tmp_path / 'o' / 'distribution.json').read_text(encoding='utf-8') == printed
-        with (tmp_path / 'p.csv').open(newline='', encoding='utf-8') as file:
-            rows = list(csv.reader(file))
-        assert [row[0] for row in rows] == ['drop', *map(str, range(document['drops']))]
-        outside = sum(document[name] for name in ('unclassified', 'unsettled', 'failed'))
-        assert sum(a['count'] for a in document['aspects']) + outside == document['drops']
-        names = sorted(path.name for path in tmp_path.rglob('*'))
-        assert names == ['distribution.json', 'distribution.png', 'o', 'p.csv', 'poses.csv']
-        return document, errors.splitlines()
-
-    return check
 
 
 def test_ctrl_c_in_the_middle(begin, ended, read_until):
@@ -118,18 +95,44 @@ def test_a_terminal_that_closes_does_not_end_what_nohup_began(begin, ended, read
     ended(process, 130)
 
 
-def test_a_worker_that_is_killed(begin, ended, read_until, session):
-    process = begin(*QUICK, *OUTPUTS)
-    read_until(process.stderr, some_done)
-    workers = [
-        pid for pid, words in session(process.pid).items() if '--multiprocessing-fork' in words
-    ]
+def workers_of(process, session):
+    processes = session(process.pid).items()
+    return [pid for pid, words in processes if '--multiprocessing-fork' in words]
+
+
+def test_a_worker_that_is_killed_in_the_middle_costs_no_drop(
+    begin, run, read_until, session, tmp_path
+):
+    words = ('drop', 'tetrahedron', '--drops', 2500, '--workers', 2, '--poses')
+    assert run(*words, 'undisturbed.csv').returncode == 0
+    process = begin(*words, 'p.csv')
+    read_until(process.stderr, lambda line: re.match(r'tetrahedron: [1-9]\d* of 2500 ', line))
+    workers = workers_of(process, session)
     assert len(workers) == 2
     os.kill(workers[0], signal.SIGKILL)
+    printed, errors = process.communicate(timeout=ENOUGH)
+    assert process.returncode == 0, errors
+    assert re.search(r'^warning: a worker died near drop \d+ of tetrahedron$', errors, re.M)
+    assert 'Traceback' not in errors
+    assert printed.startswith('tetrahedron, 2500 drops on rubber_mat, seed 1')
+    assert (tmp_path / 'p.csv').read_bytes() == (tmp_path / 'undisturbed.csv').read_bytes()
+
+
+def test_workers_that_die_again_and_again(begin, ended, read_until, session):
+    process = begin(*QUICK, *OUTPUTS)
+    read_until(process.stderr, some_done)
+    while process.poll() is None:
+        for pid in workers_of(process, session):
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        time.sleep(0.02)
     document, lines = ended(process, 1)
     assert document['drops'] > 0
-    words = f'after {document["drops"]} of 200000 drops, which are in the answer'
-    assert lines[-1] == f'error: a worker process died {words}'
+    done = document['drops']
+    assert lines[-1] == (
+        f'error: {MOST_DEATHS} worker processes died in a row near drop {done} of tetrahedron, '
+        f'after {done} of 200000 drops, which are in the answer'
+    )
 
 
 def test_workers_end_with_a_command_that_is_killed(begin, read_until, session, wait_until):

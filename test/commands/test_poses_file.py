@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from resting_aspects_ros.commands.drop_here import POSES_HEADER
+from resting_aspects_ros.commands.poses_csv import POSES_HEADER
 from resting_aspects_ros.commands.poses_file import read_poses_file
 from resting_aspects_ros.core.errors import InvalidValueError
 

@@ -1,31 +1,26 @@
-"""Campaigns: order and bounds of what is under way, and real worker processes."""
+"""Campaigns: order and bounds of what is under way, and workers that die."""
 
 import dataclasses
-import os
-import re
-import select
-import signal
-import subprocess
-import sys
-from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import active_children
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+)
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.drops.campaign import (
-    MOST_WORKERS,
-    default_workers,
-    make_pool,
-    stop_pool,
-    submit_drops,
-)
+from resting_aspects_ros.drops.campaign import MOST_DEATHS, drop_chunks, submit_drops
 from resting_aspects_ros.drops.engine import drop_chunk
 from resting_aspects_ros.drops.job import make_job
+from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.release import CHUNK
+from resting_aspects_ros.drops.worker_pool import make_pool
 
 
 class Recorder(Executor):
@@ -40,6 +35,101 @@ class Recorder(Executor):
         self.asked.append(args)
         self.futures.append(Future())
         return self.futures[-1]
+
+
+class InPlace(Executor):
+    """Does what is submitted here and now."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        future.set_result(fn(*args, **kwargs))
+        return future
+
+
+class Mortal(Executor):
+    """Workers of a campaign, and their executor, whose chunks end as they are told beforehand.
+
+    ends : list
+        Of each chunk that is taken in turn: None, or what is raised; all others are dropped.
+    """
+
+    def __init__(self, *ends):
+        self.ends = list(ends)
+        self.asked = []
+        self.executor = self
+        self.replaced = 0
+
+    def submit(self, fn, /, job, first, stop):
+        end = self.ends.pop(0) if self.ends else None
+        if isinstance(end, BrokenOnSubmit):
+            raise end
+        self.asked.append(first)
+        future = Future()
+        if end is None:
+            future.set_result(some_poses(first, stop))
+        elif isinstance(end, CancelledError):
+            future.cancel()
+        else:
+            future.set_exception(end)
+        return future
+
+    def lookahead(self):
+        return 1
+
+    def deaths(self, error):
+        return getattr(error, 'deaths', int(isinstance(error, BrokenExecutor)))
+
+    def replace(self, broken):
+        assert broken is self
+        self.replaced += 1
+
+
+class BrokenOnSubmit(BrokenExecutor):
+    """As a pool does, whose worker died while it had nothing to do."""
+
+
+class ManyDeathsError(Exception):
+    deaths = MOST_DEATHS + 1
+
+
+DEATH = BrokenExecutor('a child process terminated abruptly')
+
+
+def some_poses(first, stop):
+    empty = RestingPoses.none(first)
+    arrays = [getattr(empty, field.name) for field in dataclasses.fields(RestingPoses)[1:]]
+    return RestingPoses(first, *(np.zeros((stop - first, *a.shape[1:]), a.dtype) for a in arrays))
+
+
+@pytest.fixture
+def campaign(part, surfaces):
+    """Drop three chunks and a bit with workers; gives the chunks and what was warned of."""
+    _, asked = plan_run(
+        part('tetrahedron'),
+        surfaces.get(),
+        seed=5,
+        drops=3 * CHUNK,
+        first_drop=10,
+        run_id='',
+        started=0,
+    )
+
+    def drop(workers):
+        warnings = []
+        steps = drop_chunks('job', asked, workers, warnings.append)
+        chunks = []
+        try:
+            for step in steps:
+                if isinstance(step, Future):
+                    assert step.done()
+                else:
+                    chunks.append(step)
+        except EngineError as error:
+            return chunks, warnings, str(error)
+        assert RestingPoses.join(chunks).end == asked.end
+        return chunks, warnings, None
+
+    return drop
 
 
 @pytest.fixture(scope='module')
@@ -76,7 +166,7 @@ def assert_same(a, b):
 )
 def test_drops_are_cut_at_the_chunks_of_the_engine(first, drops, chunks):
     executor = Recorder()
-    futures = list(submit_drops('job', first, drops, executor, 2))
+    futures = list(submit_drops('job', first, drops, executor, lambda: 2))
     assert executor.asked == [('job', low, high) for low, high in chunks]
     assert futures == executor.futures
 
@@ -84,7 +174,7 @@ def test_drops_are_cut_at_the_chunks_of_the_engine(first, drops, chunks):
 @pytest.mark.parametrize('lookahead', [1, 2, 5])
 def test_no_more_than_the_lookahead_are_under_way(lookahead):
     executor = Recorder()
-    chunks = submit_drops('job', 0, 10 * CHUNK, executor, lookahead)
+    chunks = submit_drops('job', 0, 10 * CHUNK, executor, lambda: lookahead)
     assert executor.asked == []  # nothing before the first is asked for
     for taken, future in enumerate(chunks, start=1):
         # Handed over in order, not by which is done first.
@@ -95,12 +185,12 @@ def test_no_more_than_the_lookahead_are_under_way(lookahead):
 
 def test_without_a_lookahead_nothing_could_be_done():
     with pytest.raises(ValueError, match=r'^lookahead is 0, allowed is 1 or more$'):
-        next(submit_drops('job', 0, 1, Recorder(), 0))
+        next(submit_drops('job', 0, 1, Recorder(), lambda: 0))
 
 
 def test_closing_cancels_what_has_not_begun_and_nothing_else():
     executor = Recorder()
-    chunks = submit_drops('job', 0, 10 * CHUNK, executor, 4)
+    chunks = submit_drops('job', 0, 10 * CHUNK, executor, lambda: 4)
     next(chunks)
     executor.futures[1].set_running_or_notify_cancel()
     chunks.close()
@@ -108,10 +198,13 @@ def test_closing_cancels_what_has_not_begun_and_nothing_else():
     assert len(executor.asked) == 4
 
 
-def test_a_mistake_in_a_worker_reaches_the_one_who_waits(pool):
-    # Not of one chunk: the engine refuses it, in the worker.
-    with pytest.raises(ValueError, match=rf'^drops 0 to {CHUNK} are not of one chunk of {CHUNK}$'):
-        pool.submit(drop_chunk, None, 0, CHUNK + 1).result()
+def test_the_lookahead_may_grow_and_shrink():
+    executor, lookahead = Recorder(), iter([1, 3, 2, 2, 2, 2])
+    under_way = []
+    chunks = submit_drops('job', 0, 6 * CHUNK, executor, lambda: next(lookahead))
+    for taken, _ in enumerate(chunks):
+        under_way.append(len(executor.futures) - taken)
+    assert under_way == [1, 3, 2, 2, 2, 1]
 
 
 def test_poses_are_the_same_bit_for_bit_whatever_makes_them(job, pool):
@@ -122,122 +215,84 @@ def test_poses_are_the_same_bit_for_bit_whatever_makes_them(job, pool):
     )
     assert (here.first_drop, len(here)) == (first, drops)
     with make_pool(1) as one, ThreadPoolExecutor(2) as threads:
-        for executor in (pool, one, threads):
-            chunks = submit_drops(job, first, drops, executor, 3)
+        for executor in (pool, one, threads, InPlace()):
+            chunks = submit_drops(job, first, drops, executor, lambda: 3)
             assert_same(RestingPoses.join([f.result() for f in chunks]), here)
 
 
-@pytest.mark.parametrize('workers', [0, -1, MOST_WORKERS + 1])
-def test_a_number_of_workers_out_of_bounds_is_refused_in_words(workers):
-    words = f'workers is {workers}, allowed is 1 to {MOST_WORKERS}'
-    with pytest.raises(InvalidValueError, match=f'^{re.escape(words)}$'):
-        make_pool(workers)
+def test_chunks_come_in_their_order_each_after_its_future(campaign):
+    workers = Mortal()
+    chunks, warnings, error = campaign(workers)
+    assert [chunk.first_drop for chunk in chunks] == [10, CHUNK, 2 * CHUNK, 3 * CHUNK]
+    assert workers.asked == [10, CHUNK, 2 * CHUNK, 3 * CHUNK]
+    assert (warnings, error, workers.replaced) == ([], None, 0)
 
 
-def test_by_default_there_is_a_worker_for_each_core_that_may_be_used():
-    allowed = os.sched_getaffinity(0)
-    assert default_workers() <= os.cpu_count()
-    try:
-        os.sched_setaffinity(0, {min(allowed)})
-        assert default_workers() == 1
-    finally:
-        os.sched_setaffinity(0, allowed)
+@pytest.mark.parametrize('death', [DEATH, BrokenOnSubmit()], ids=['result', 'submit'])
+def test_what_was_not_handed_over_is_dropped_again_when_workers_die(campaign, death):
+    workers = Mortal(None, death)
+    chunks, warnings, error = campaign(workers)
+    assert [chunk.first_drop for chunk in chunks] == [10, CHUNK, 2 * CHUNK, 3 * CHUNK]
+    assert warnings == [f'a worker died near drop {CHUNK} of tetrahedron']
+    assert (error, workers.replaced) == (None, 1)
 
 
-def test_ctrl_c_does_not_end_a_worker_while_it_starts_nor_while_it_drops(job):
-    mine = {child.pid for child in active_children()}
-    with make_pool(1) as pool:
-        starting = pool.submit(drop_chunk, job, 0, 3)
-        (worker,) = [child for child in active_children() if child.pid not in mine]
-        os.kill(worker.pid, signal.SIGINT)
-        first = starting.result()
-        running = pool.submit(drop_chunk, job, 0, 3)
-        os.kill(worker.pid, signal.SIGINT)
-        assert_same(running.result(), first)
-        assert worker.is_alive()
+def test_the_new_workers_are_asked_and_the_old_ones_no_more(campaign):
+    old, new = Mortal(None, DEATH), Mortal()
+
+    def replace(broken):
+        assert broken is old
+        old.executor = new
+
+    old.replace = replace
+    assert campaign(old)[2] is None
+    assert old.asked == [10, CHUNK]
+    assert new.asked == [CHUNK, 2 * CHUNK, 3 * CHUNK]
 
 
-def test_ctrl_c_reaches_the_one_who_submits(job):
-    # It is held off while a worker is begun, and not lost.
-    with ThreadPoolExecutor(1) as threads, make_pool(1) as pool:
-        assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
-        pool.submit(os.getpid).result()
-        assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
-        # The same from another thread, as a node does it.
-        assert threads.submit(lambda: pool.submit(os.getpid).result() > 0).result()
+def test_workers_that_die_again_and_again_end_it_in_words(campaign):
+    workers = Mortal(None, *[DEATH] * MOST_DEATHS)
+    chunks, warnings, error = campaign(workers)
+    assert [chunk.first_drop for chunk in chunks] == [10]
+    near = f'near drop {CHUNK} of tetrahedron'
+    assert warnings == [f'a worker died {near}'] * (MOST_DEATHS - 1)
+    assert error == f'{MOST_DEATHS} worker processes died in a row {near}'
 
 
-def test_a_pool_can_be_stopped_while_it_works_and_others_go_on(pool):
-    assert pool.submit(os.getpid).result()
-    mine = {child.pid for child in active_children()}
-    stopped = make_pool(1)
-    endless = [stopped.submit(signal.pause) for _ in range(5)]
-    (worker,) = [child for child in active_children() if child.pid not in mine]
-    end = os.pidfd_open(worker.pid)
-    try:
-        stop_pool(stopped)
-        assert select.select([end], [], [], 60)[0] == [end]
-    finally:
-        os.close(end)
-    with pytest.raises((CancelledError, BrokenProcessPool)):
-        endless[-1].result(timeout=60)  # who waits for it hears of it
-    assert pool.submit(os.getpid).result() in mine
-    stop_pool(stopped)  # nothing is left to stop
+def test_only_deaths_without_a_chunk_between_are_in_a_row(campaign):
+    deaths = [DEATH] * (MOST_DEATHS - 1)
+    workers = Mortal(*deaths, None, *deaths, None, *deaths)
+    assert campaign(workers)[2] is None
+    assert workers.replaced == 3 * len(deaths)
 
 
-def parent(*, then):
-    """Start a process that drops with two workers, tells their ids, and goes on as it is told."""
-    script = f"""
-import sys
-from multiprocessing import active_children
-from pathlib import Path
-from resting_aspects_ros.drops.campaign import make_pool, submit_drops
-from resting_aspects_ros.drops.job import make_job
-from resting_aspects_ros.drops.part_library import PartLibrary
-from resting_aspects_ros.drops.surfaces import Surfaces
-
-def main():
-    config = Path(sys.argv[1])
-    part = PartLibrary(config / 'parts').load('tetrahedron')
-    job = make_job(part, Surfaces.read(config / 'surfaces.yaml').get(), 1)
-    with make_pool(2) as pool:
-        futures = list(submit_drops(job, 120, 10, pool, 2))
-        drops = sum(len(f.result()) for f in futures)
-        print(drops, *(child.pid for child in active_children()), flush=True)
-        {then}
-
-if __name__ == '__main__':
-    main()
-"""
-    config = os.fspath(__file__).rsplit('/test/', 1)[0] + '/config'
-    return subprocess.Popen(
-        [sys.executable, '-c', script, config],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+def test_one_error_may_tell_of_many_deaths(campaign):
+    _, warnings, error = campaign(Mortal(ManyDeathsError()))
+    assert error == f'{MOST_DEATHS + 1} worker processes died in a row near drop 10 of tetrahedron'
+    assert warnings == []
 
 
-def test_workers_write_nothing_to_the_standard_output_of_their_parent():
-    with parent(then='pass') as process:
-        out, _ = process.communicate()
-    assert process.returncode == 0
-    assert re.fullmatch(r'10 \d+ \d+\n', out)
+@pytest.mark.parametrize(
+    ('end', 'words'),
+    [
+        (KeyError('hull'), "a worker failed near drop 125 of tetrahedron: KeyError('hull')"),
+        (EngineError('Bullet has no room'), 'Bullet has no room'),
+        (CancelledError(), 'the workers went away near drop 125 of tetrahedron'),
+    ],
+)
+def test_a_worker_that_fails_is_not_asked_again(campaign, end, words):
+    workers = Mortal(None, end)
+    chunks, _, error = campaign(workers)
+    assert error == words
+    assert len(chunks) == 1
+    assert workers.asked == [10, CHUNK]
 
 
-def test_workers_end_when_their_parent_is_killed():
-    with parent(then='sys.stdin.read()') as process:
-        drops, *workers = process.stdout.readline().split()
-        assert drops == '10'
-        assert len(workers) == 2
-        ends = [os.pidfd_open(int(pid)) for pid in workers]
-        try:
-            process.kill()
-            process.wait()
-            for end in ends:
-                # A pidfd can be read when its process has ended.
-                assert select.select([end], [], [], 60)[0] == [end]
-        finally:
-            for end in ends:
-                os.close(end)
+def test_who_has_enough_cancels_what_has_not_begun():
+    executor = Recorder()
+    executor.executor, executor.lookahead = executor, lambda: 3
+    asked = SimpleNamespace(first_drop=0, end=10 * CHUNK)
+    steps = drop_chunks('job', asked, executor, pytest.fail)
+    assert next(steps) is executor.futures[0]
+    steps.close()
+    assert [future.cancelled() for future in executor.futures] == [False, True, True]

@@ -1,0 +1,51 @@
+"""The resting poses of drops as a CSV, written while they come."""
+
+import csv
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TextIO
+
+from resting_aspects_ros.commands.outputs import whole_file
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
+
+POSES_HEADER = (
+    'drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw',
+    'status', 'decided_by', 'time_to_rest', 'energy_growth',
+)  # fmt: skip
+
+
+@contextmanager
+def poses_file(flag: str, path: Path) -> Iterator[TextIO]:
+    """A file for poses with its header, in its place when it is whole; ``flag`` named it."""
+    with whole_file(path) as part:
+        try:
+            file = part.open('w', newline='', encoding='utf-8')
+        except OSError as error:
+            raise InvalidValueError(
+                f'{flag} is {str(path)!r}, allowed is a file that can be written: {error.strerror}'
+            ) from None
+        with file:
+            csv.writer(file).writerow(POSES_HEADER)
+            yield file
+
+
+def write_poses(file: TextIO, poses: RestingPoses) -> None:
+    """Add a line for each drop."""
+    csv.writer(file).writerows(_rows(poses))
+    file.flush()
+
+
+def _rows(poses: RestingPoses) -> Iterator[tuple[Any, ...]]:
+    """In full precision: Python prints the shortest text that reads back as the same number."""
+    for k in range(len(poses)):
+        yield (
+            poses.first_drop + k,
+            *poses.position[k].tolist(),
+            *poses.orientation[k].tolist(),
+            RestStatus(poses.status[k]).name,
+            DecidedBy(poses.decided_by[k]).name,
+            float(poses.time_to_rest[k]),
+            float(poses.energy_growth[k]),
+        )
