@@ -1,8 +1,8 @@
 """The command `resting_aspects`.
 
-Exit codes: 0 done; 2 wrong input, nothing was done; 1 something failed on the way (a worker or a
-node died, the disk is full, no suite answers); 130 interrupted. After 1 and 130 what was done is
-saved. An error is one line on standard error.
+Exit codes: 0 done; 2 wrong input, nothing was done; 1 something failed on the way (workers died
+again and again, a node died, the disk is full, no suite answers); 130 interrupted. After 1 and 130
+what was done is saved. An error is one line on standard error.
 """
 
 import argparse

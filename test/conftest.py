@@ -1,5 +1,6 @@
 """What several tests need: the example parts, parts made of a mesh, and the shipped surfaces."""
 
+import logging
 from pathlib import Path
 
 import pytest
@@ -33,3 +34,22 @@ def solid():
 def surfaces():
     """Give the shipped sets of conditions."""
     return Surfaces.read(ROOT / 'config' / 'surfaces.yaml')
+
+
+@pytest.fixture(scope='session')
+def make_cluster():
+    """Begin a Dask cluster of processes on this machine; a context manager."""
+    distributed = pytest.importorskip('distributed', reason='distributed is not installed')
+    return lambda workers: distributed.LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        dashboard_address=':0',
+        silence_logs=logging.CRITICAL,
+    )
+
+
+@pytest.fixture(scope='module')
+def cluster(make_cluster):
+    """A Dask cluster of two workers."""
+    with make_cluster(2) as cluster:
+        yield cluster

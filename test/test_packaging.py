@@ -42,6 +42,9 @@ DEPENDENCIES = {
     'visualization_msgs': (MESSAGES, 'visualization_msgs'),
     'yaml': ('pyyaml', 'python3-yaml'),
 }
+# What the suite can do without, by the extra of setup.py that asks for it; package.xml has no such
+# thing.
+OPTIONAL = {'dask': {'distributed'}}
 # Used without an import: the time limit of tests in pyproject.toml.
 NEVER_IMPORTED = {'python3-pytest-timeout'}
 
@@ -66,7 +69,7 @@ def third_party_imports(folder):
 
 def needed(folder):
     """Return what the imports of a folder need: names in requirements*.in, and in package.xml."""
-    imported = third_party_imports(folder)
+    imported = third_party_imports(folder) - set().union(*OPTIONAL.values())
     assert imported <= DEPENDENCIES.keys(), 'add these to DEPENDENCIES here'
     pairs = [DEPENDENCIES[name] for name in imported]
     return {name for name, _ in pairs} - {None}, {key for _, key in pairs}
@@ -99,6 +102,21 @@ def test_every_import_of_the_suite_is_in_package_xml_and_in_requirements():
     assert {'numpy', 'ros-jazzy-rclpy'} <= pinned
     assert keys - names(parse_package(SUITE).exec_depends) == set()
     assert pinned - requirements('requirements.in') == set()
+
+
+def test_what_the_suite_can_do_without_is_an_extra_and_tested():
+    optional = set().union(*OPTIONAL.values())
+    assert optional <= third_party_imports('resting_aspects_ros')
+    assert optional <= requirements('requirements-dev.in') - requirements('requirements.in')
+    script = "import setuptools; setuptools.setup = lambda **given: print(given['extras_require'])"
+    printed = subprocess.run(
+        [sys.executable, '-c', f'{script}\nimport runpy\nrunpy.run_path("setup.py")'],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    assert ast.literal_eval(printed) == {name: sorted(of) for name, of in OPTIONAL.items()}
 
 
 def test_every_import_of_the_tests_is_in_package_xml_and_in_requirements():

@@ -23,6 +23,7 @@ EXAMPLES = """examples:
   resting_aspects drop my_part.stl --unit mm --drops 5000 --out result
   resting_aspects drop t_prism --precision 0.02
   resting_aspects drop washer --drops 5000 --check-convergence
+  resting_aspects drop l_bracket --drops 1000000 --scheduler tcp://10.0.0.5:8786
   resting_aspects drop hex_nut --height 100mm --friction 0.4 --json > nut.json
 """
 

@@ -133,6 +133,17 @@ def read_until():
 
 
 @pytest.fixture
+def wait_for_poses(wait_until, tmp_path):
+    """Wait until a command has written the first poses to a file that is not whole yet."""
+
+    def written(name):
+        files = [*tmp_path.glob(f'{name}.*.part.csv')]
+        return any(len(path.read_bytes().splitlines()) > 1 for path in files)
+
+    return lambda name: wait_until(lambda: written(name))
+
+
+@pytest.fixture
 def ended(session, wait_until, tmp_path):
     """Wait until the command ends; check what it leaves, and give its document and its words."""
 

@@ -101,12 +101,12 @@ def workers_of(process, session):
 
 
 def test_a_worker_that_is_killed_in_the_middle_costs_no_drop(
-    begin, run, read_until, session, tmp_path
+    begin, run, wait_for_poses, session, tmp_path
 ):
-    words = ('drop', 'tetrahedron', '--drops', 2500, '--workers', 2, '--poses')
+    words = ('drop', 'tetrahedron', '--drops', 1500, '--workers', 2, '--poses')
     assert run(*words, 'undisturbed.csv').returncode == 0
     process = begin(*words, 'p.csv')
-    read_until(process.stderr, lambda line: re.match(r'tetrahedron: [1-9]\d* of 2500 ', line))
+    wait_for_poses('p')
     workers = workers_of(process, session)
     assert len(workers) == 2
     os.kill(workers[0], signal.SIGKILL)
@@ -114,7 +114,7 @@ def test_a_worker_that_is_killed_in_the_middle_costs_no_drop(
     assert process.returncode == 0, errors
     assert re.search(r'^warning: a worker died near drop \d+ of tetrahedron$', errors, re.M)
     assert 'Traceback' not in errors
-    assert printed.startswith('tetrahedron, 2500 drops on rubber_mat, seed 1')
+    assert printed.startswith('tetrahedron, 1500 drops on rubber_mat, seed 1')
     assert (tmp_path / 'p.csv').read_bytes() == (tmp_path / 'undisturbed.csv').read_bytes()
 
 
