@@ -1,0 +1,152 @@
+"""What the ways of dropping are compared on, and how one body after another is dropped."""
+
+import time
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from dropper import ROOT, SEED
+
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestStatus
+from resting_aspects_ros.core.rotations import Array, down_in_part
+from resting_aspects_ros.drops.conditions import HeightOf
+from resting_aspects_ros.drops.job import DropJob, make_job
+from resting_aspects_ros.drops.part_library import PartLibrary
+from resting_aspects_ros.drops.release import CHUNK, Release, depth_of, part_from_body, releases
+from resting_aspects_ros.drops.settling import (
+    LOOK,
+    REST_MOTION,
+    REST_WINDOW,
+    TIME_LIMIT,
+    Settling,
+    States,
+)
+from resting_aspects_ros.drops.surfaces import Surfaces
+
+EXAMPLE = 'l_bracket'
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Some drops, timed.
+
+    steps : float
+        Time steps of all bodies together.
+    down : (m, 3) float
+        Down directions, part axes, of the drops that came to rest.
+    """
+
+    drops: int
+    seconds: float
+    steps: float
+    down: Array
+
+
+class Body(Protocol):
+    """One body in a world of some engine, in R and T, tray axes."""
+
+    def place(self, position: Array, orientation: Array) -> None:
+        """Put it there, xyzw, without motion."""
+
+    def step(self, steps: int) -> None:
+        """Let time pass."""
+
+    def pose(self) -> list[float]:
+        """Return x y z of the centre of mass, then the orientation xyzw, tray from body."""
+
+    def states(self) -> States:
+        """Return pose and motion, as arrays with one row."""
+
+
+def example_part() -> Part:
+    """The part."""
+    return PartLibrary(ROOT / 'config' / 'parts').load(EXAMPLE)
+
+
+def job_of(part: Part) -> DropJob:
+    """A part on the default surface."""
+    return make_job(part, Surfaces.read(ROOT / 'config' / 'surfaces.yaml').get(), SEED)
+
+
+def example_job() -> DropJob:
+    """The example part on the default surface."""
+    return job_of(example_part())
+
+
+def full_starts(job: DropJob, chunks: range) -> list[Release]:
+    """The orientations that the suite's drops have, each at its full height, not yet falling."""
+    c = job.conditions
+    if c.height_of is not HeightOf.LOWEST_POINT or c.speed_horizontal or c.speed_vertical:
+        raise ValueError('only a fall from rest, from a clearance, is compared')
+    found = []
+    for chunk in chunks:
+        orientation = releases(job, chunk).orientation
+        none = np.zeros((CHUNK, 3))
+        position = none.copy()
+        position[:, 2] = c.height / job.radius + depth_of(orientation, job.hull)
+        found.append(Release(position, orientation, none, none, np.zeros(CHUNK)))
+    return found
+
+
+def drop_until_still(
+    body: Body, job: DropJob, chunks: range, motion: float = REST_MOTION
+) -> Trial:
+    """One drop after another, looked at every LOOK, until nothing moved for REST_WINDOW."""
+    look, window = steps_in(job, LOOK), round(REST_WINDOW / LOOK)
+    starts = full_starts(job, chunks)
+    ends, looks = [], 0
+    begun = time.perf_counter()
+    for start in starts:
+        for slot in range(CHUNK):
+            body.place(start.position[slot], start.orientation[slot])
+            before, still = body.pose(), 0
+            for _ in range(round(TIME_LIMIT / LOOK)):
+                body.step(look)
+                looks += 1
+                now = body.pose()
+                moved = max(abs(a - b) for a, b in zip(now, before, strict=True))
+                before, still = now, still + 1 if moved < motion else 0
+                if still == window:
+                    ends.append(now)
+                    break
+    return still_trial(job, len(starts) * CHUNK, time.perf_counter() - begun, looks * look, ends)
+
+
+def drop_until_decided(body: Body, job: DropJob, chunks: range) -> Trial:
+    """The same, until the suite's own rule says where it ends: by energy, else by stillness."""
+    look = steps_in(job, LOOK)
+    starts = full_starts(job, chunks)
+    ends, looks = [], 0
+    begun = time.perf_counter()
+    for start in starts:
+        for slot in range(CHUNK):
+            body.place(start.position[slot], start.orientation[slot])
+            settling = Settling(job, start, np.array([slot]))
+            drop_looks = 0
+            while len(settling.moving):
+                body.step(look)
+                drop_looks += 1
+                settling.look(drop_looks * LOOK, body.states())
+            looks += drop_looks
+            ends.append(settling)
+    seconds = time.perf_counter() - begun
+    settled = [end for end in ends if end.status[0] == RestStatus.SETTLED]
+    down = down_in_part(part_from_body(np.vstack([s.orientation for s in settled]), job.axes))
+    minima = np.concatenate([end.minimum for end in settled])
+    down[minima >= 0] = job.rest.directions[minima[minima >= 0]]
+    return Trial(len(ends), seconds, looks * look, down)
+
+
+def still_trial(
+    job: DropJob, drops: int, seconds: float, steps: int, ends: list[list[float]]
+) -> Trial:
+    """The trial of drops whose last poses are ``ends``."""
+    orientation = np.array(ends).reshape(-1, 7)[:, 3:]
+    down = down_in_part(part_from_body(orientation, job.axes))
+    return Trial(drops, seconds, steps, down)
+
+
+def steps_in(job: DropJob, duration: float) -> int:
+    """How many time steps are in a duration, T."""
+    return round(duration * job.steps_per_t)

@@ -1,0 +1,100 @@
+"""What the geometry costs: landscapes of many corners, and poses by the million."""
+
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+import trimesh
+from bench_report import Section, Table
+from rich.progress import track
+
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.clusters import DEFAULT_TOLERANCE_DEGREES, cluster_directions
+from resting_aspects_ros.core.joining import join_minima
+from resting_aspects_ros.core.landscape import Landscape
+from resting_aspects_ros.core.part import Part, part_from_bytes
+from resting_aspects_ros.core.rotations import Array, down_in_part, random_orientations
+
+REPEATS = 3
+POSES = 1_000_000
+CORNERS = 2000
+EGG = np.array([10.0, 8.0, 5.0])  # half axes, mm
+BALL = 10.0
+DIVISIONS = 8  # of the scanned ball: 1.3 million triangles
+
+
+def geometry() -> Section:
+    """Time all of it."""
+    table = Table(['what', 'seconds'])
+    found: dict[str, dict[str, float]] = {'landscape': {}, 'classify': {}}
+    for group, key, title, work in track(list(_works()), 'geometry', transient=True):
+        seconds = _best(work)
+        found[group][f'{key}_s'] = seconds
+        table.rows.append([title, f'{seconds:.2f}'])
+    scan = _scan()
+    begun = time.perf_counter()
+    part = part_from_bytes(scan, 'stl', 'scan')
+    loaded = time.perf_counter()
+    find_aspects(part)
+    found['scan'] = {'load_s': loaded - begun, 'aspects_s': time.perf_counter() - loaded}
+    for step, seconds in zip(('load', 'aspects of'), found['scan'].values(), strict=True):
+        title = f'{step} a scan of {len(part.faces)} triangles, once'
+        table.rows.append([title, f'{seconds:.2f}'])
+    return Section('Geometry', f'Best of {REPEATS}.', [table], found)
+
+
+def egg(corners: int, axes: Array = EGG) -> Part:
+    """A part whose corners are random points of an ellipsoid, all of them on its hull."""
+    directions = np.random.default_rng(1).standard_normal((corners, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return _part(trimesh.convex.convex_hull(directions * axes))
+
+
+def _scan() -> bytes:
+    """An ellipsoid with the noise of a scanner, as STL."""
+    ball = trimesh.creation.icosphere(DIVISIONS)
+    noise = 1 + 3e-4 * np.random.default_rng(1).standard_normal((len(ball.vertices), 1))
+    mesh = trimesh.Trimesh(ball.vertices * noise * [30, 20, 10], ball.faces, process=False)
+    data = mesh.export(file_type='stl')
+    assert isinstance(data, bytes)
+    return data
+
+
+def _works() -> Iterator[tuple[str, str, str, Callable[[], object]]]:
+    for name, part in (('egg', egg(CORNERS)), ('ball', egg(CORNERS, np.full(3, BALL)))):
+        corners = len(part.hull_vertices)
+        title = f'landscape of {name}, {corners} corners'
+        yield 'landscape', f'{name}_{corners}_corners', title, partial(_landscape, part)
+    poses = random_orientations(np.random.default_rng(1), POSES)
+    for name, mesh in (
+        ('box', trimesh.creation.box((10, 20, 30))),
+        ('cylinder of 256 sides', trimesh.creation.cylinder(10, 20, sections=256)),
+        ('ball of 1280 sides', trimesh.creation.icosphere(3, radius=10)),
+    ):
+        classify = partial(find_aspects(_part(mesh)).classify, poses)
+        yield 'classify', name.replace(' ', '_'), f'classify {POSES} poses of {name}', classify
+    tolerance = np.radians(DEFAULT_TOLERANCE_DEGREES)
+    cluster = partial(cluster_directions, down_in_part(poses), tolerance)
+    yield 'classify', 'clusters_without_a_part', f'cluster {POSES} poses without a part', cluster
+
+
+def _landscape(part: Part) -> None:
+    landscape = Landscape(part)
+    join_minima(landscape)
+    landscape.basin_shares.sum()
+
+
+def _best(work: Callable[[], object]) -> float:
+    times = []
+    for _ in range(REPEATS):
+        begun = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - begun)
+    return min(times)
+
+
+def _part(mesh: trimesh.Trimesh) -> Part:
+    data = mesh.export(file_type='stl')
+    assert isinstance(data, bytes)
+    return part_from_bytes(data, 'stl', 'bench')

@@ -1,0 +1,97 @@
+"""How the cost of drops grows with the corners of the hull and with their number."""
+
+import time
+from concurrent.futures import Executor
+
+from bench_case import example_job, example_part, job_of
+from bench_geometry import EGG, egg
+from bench_report import Section, Table
+from bench_suite import simulated
+from rich.progress import track
+
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.distribution import count_poses, no_drops
+from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.drops.campaign import submit_drops
+from resting_aspects_ros.drops.release import CHUNK
+
+CORNERS = (8, 20, 50, 100, 200, 500, 1000, 2000)
+EGG_CHUNKS = 2  # for each worker
+NUMBERS = (100, 1000, 10_000, 100_000, 1_000_000)
+# What would take longer, s, is told from the last so many drops of it.
+LONGEST = 60.0
+SLICE = 10_000
+
+
+def scaling(executor: Executor, workers: int) -> Section:
+    """Both, with workers that have begun."""
+    by_corners, eggs = _corners(executor, workers)
+    by_number, numbers = _numbers(executor, workers)
+    text = (
+        f'{workers} workers that have begun. First hulls of random points on an ellipsoid with '
+        f'half axes {":".join(f"{a:g}" for a in EGG)} mm, on `rubber_mat`, '
+        f'{EGG_CHUNKS * workers * CHUNK} drops of each: the more corners, the rounder, and the '
+        'longer it rolls; *µs a step* is the cost of one step of one body, on all cores '
+        'together. *Prepare*: landscape and rest rule, once for a part. Then the example part: '
+        'drops made, classified and counted, of which the parent keeps nothing. What would take '
+        f'more than {LONGEST:g} s is told from its last {SLICE} drops, and marked.'
+    )
+    return Section(
+        'How cost grows', text, [by_corners, by_number], {'corners': eggs, 'numbers': numbers}
+    )
+
+
+def _corners(executor: Executor, workers: int) -> tuple[Table, dict[str, dict[str, float]]]:
+    table = Table(
+        ['corners', 'aspects', 'prepare (s)', 'drops/s', 'T simulated', 'µs a step', 'unsettled']
+    )
+    found = {}
+    for corners in track(CORNERS, 'corners', transient=True):
+        part = egg(corners)
+        begun = time.perf_counter()
+        job = job_of(part)
+        prepared = time.perf_counter() - begun
+        drops = EGG_CHUNKS * workers * CHUNK
+        begun = time.perf_counter()
+        futures = submit_drops(job, 0, drops, executor, lambda: 2 * workers)
+        poses = RestingPoses.join([future.result() for future in futures])
+        seconds = time.perf_counter() - begun
+        mean = float(simulated(job, poses).mean())
+        step = 1e6 * seconds / (mean * drops * job.steps_per_t)
+        unsettled = (poses.status == RestStatus.UNSETTLED).mean()
+        found[str(corners)] = {
+            'prepare_s': prepared,
+            'drops_per_s': drops / seconds,
+            'us_per_step': step,
+        }
+        table.rows.append(
+            [
+                f'{len(part.hull_vertices)}',
+                f'{len(find_aspects(part))}',
+                f'{prepared:.3f}',
+                f'{drops / seconds:.0f}',
+                f'{mean:.1f}',
+                f'{step:.2f}',
+                f'{100 * unsettled:.1f} %',
+            ]
+        )
+    return table, found
+
+
+def _numbers(executor: Executor, workers: int) -> tuple[Table, dict[str, dict[str, object]]]:
+    aspects, job = find_aspects(example_part()), example_job()
+    table = Table(['drops', 'seconds', 'drops/s', ''])
+    found: dict[str, dict[str, object]] = {}
+    seconds, before = 0.0, 1
+    for drops in track(NUMBERS, 'numbers', transient=True):
+        measured = seconds * drops / before < LONGEST
+        made = drops if measured else SLICE
+        distribution = no_drops(aspects)
+        begun = time.perf_counter()
+        for future in submit_drops(job, drops - made, made, executor, lambda: 2 * workers):
+            distribution += count_poses(aspects, future.result())
+        seconds, before = (time.perf_counter() - begun) * drops / made, drops
+        note = '' if measured else f'extrapolated from {made}'
+        table.rows.append([f'{drops}', f'{seconds:.2f}', f'{drops / seconds:.0f}', note])
+        found[str(drops)] = {'seconds': seconds, 'measured_drops': distribution.drops}
+    return table, found
