@@ -27,7 +27,7 @@ lint: dev  ## set up and run ruff and mypy
 	.venv/bin/ruff format --check
 	.venv/bin/mypy
 
-bench: setup  ## time what has to be fast; writes out/bench.json and docs/bench.md
+bench: dev  ## time what has to be fast; writes out/bench.json and docs/bench.md
 	.venv/bin/python tools/bench.py
 
 validate: setup  ## hold the drops to themselves and to measurements, and write docs/validation.md
