@@ -77,10 +77,18 @@ def rotate(xyzw: Array, points: Array) -> Array:
     """(n, 3) points turned by unit quaternions (4,) or (n, 4)."""
     # Number by number: SciPy's apply rounds by the number of points, so that a drop's position
     # would depend on how many others are asked for (rule 1).
-    xyzw = np.asarray(xyzw)
-    axis, w = xyzw[..., :3], xyzw[..., 3:]
-    turn = 2 * np.cross(axis, points)
-    return np.asarray(points + w * turn + np.cross(axis, turn))
+    x, y, z, w = np.asarray(xyzw).T
+    a, b, c = np.asarray(points).T
+    # A turn by twice axis x point; np.cross takes longer than all the rest.
+    u, v, n = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
+    return np.stack(
+        [
+            a + w * u + (y * n - z * v),
+            b + w * v + (z * u - x * n),
+            c + w * n + (x * v - y * u),
+        ],
+        axis=-1,
+    )
 
 
 def turned_down(xyzw: Array, down: Array) -> Array:
