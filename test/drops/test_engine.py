@@ -527,11 +527,11 @@ def test_very_small_and_very_large_parts_come_to_rest_on_an_aspect(
 
 def test_a_hull_of_many_vertices_can_be_dropped(solid, mat):
     ball = solid(trimesh.creation.icosphere(5, 10.0))
-    assert len(ball.hull_vertices) == 10242
+    assert len(ball.hull_vertices) == 3000  # of 10242
     poses = drop_chunk(make_job(ball, mat.changed(rolling_friction=0.05), 1), 0, 1)
     assert poses.status.tolist() == [RestStatus.SETTLED]
     height = poses.position[0, 2] + rotate(poses.orientation[0], ball.centre_of_mass)[2]
-    assert height == pytest.approx(0.01, rel=1e-3)
+    assert height == pytest.approx(0.01, rel=2e-3)  # corners were left out
 
 
 # -- Mechanics of the world, which no resting pose shows alone ------------------------------------
@@ -540,11 +540,13 @@ def test_a_hull_of_many_vertices_can_be_dropped(solid, mat):
 class Flight:
     """One body in the engine's world from a given state, in R and T, looked at as it moves."""
 
-    def __init__(self, world, job, position, orientation, velocity, spin):
+    def __init__(self, job, position, orientation, velocity, spin):
+        world = engine._World(job)
         self.job, self.client = job, world._client
         state = (position, orientation, velocity, spin)
         rows = [np.array([row], dtype=np.float64) for row in state]
-        self.body = world._add(release.Release(*rows, elapsed=np.zeros(1)), 0)
+        start = release.Release(*rows, elapsed=np.zeros(1))
+        (self.body,) = world._add(start, np.array([0]), np.zeros((1, 3)))
 
     def step(self, time):
         for _ in range(round(time * self.job.steps_per_t)):
@@ -577,21 +579,18 @@ def test_a_tumbling_part_in_flight_keeps_its_angular_momentum_and_energy(part, m
     job = make_job(part('u_bracket'), mat.changed(spin=15.0), 1)
     a, b, c = job.moments
     assert a < 0.9 * b < 0.8 * c
-    with engine._world(job) as world:
-        flight = Flight(
-            world, job, [0, 0, 50], [0.1, 0.5, -0.7, 0.5], [0.2, 0, 1], [0.05, 0.8, 0.05]
-        )
-        momentum, energy = flight.momentum_and_energy()
-        flight.step(3)
-        after, energy_after = flight.momentum_and_energy()
-        # No damping: Bullet's default would take 1 - exp(-2 0.04 3) = 21 % of the energy. The
-        # engine's implicit step takes some 0.1 %.
-        assert energy_after == pytest.approx(energy, rel=5e-3)
-        assert np.linalg.norm(after - momentum) < 5e-3 * np.linalg.norm(momentum)
-        np.testing.assert_allclose(flight.velocity, [0.2, 0, 1 - 3], atol=1e-9)
-        # The semi-implicit step falls g t dt / 2 further than the parabola.
-        fallen = 50 + 3 - 9 / 2 - flight.height
-        assert abs(fallen) < 1.01 * 3 / 2 / job.steps_per_t
+    flight = Flight(job, [0, 0, 50], [0.1, 0.5, -0.7, 0.5], [0.2, 0, 1], [0.05, 0.8, 0.05])
+    momentum, energy = flight.momentum_and_energy()
+    flight.step(3)
+    after, energy_after = flight.momentum_and_energy()
+    # No damping: Bullet's default would take 1 - exp(-2 0.04 3) = 21 % of the energy. The
+    # engine's implicit step takes some 0.1 %.
+    assert energy_after == pytest.approx(energy, rel=5e-3)
+    assert np.linalg.norm(after - momentum) < 5e-3 * np.linalg.norm(momentum)
+    np.testing.assert_allclose(flight.velocity, [0.2, 0, 1 - 3], atol=1e-9)
+    # The semi-implicit step falls g t dt / 2 further than the parabola.
+    fallen = 50 + 3 - 9 / 2 - flight.height
+    assert abs(fallen) < 1.01 * 3 / 2 / job.steps_per_t
 
 
 @pytest.fixture(scope='module')
@@ -602,19 +601,18 @@ def octahedron(solid):
 
 def rebound(job, height):
     """How high a body whose corner points down bounces, as a share of the fall: all in R."""
-    with engine._world(job) as world:
-        flight = Flight(world, job, [0, 0, 1 + height], [0, 0, 0, 1], [0, 0, 0], [0, 0, 0])
-        fall = math.sqrt(2 * height)
-        flight.step(fall - 0.1)
-        assert flight.velocity[2] < 0
-        highest, before = 0.0, -1.0
-        for _ in range(round((2 * fall + 0.1) * job.steps_per_t)):
-            flight.step(1 / job.steps_per_t)
-            after = flight.velocity[2]
-            if before < 0 < after or highest:
-                highest = max(highest, flight.height - 1)
-            before = after
-        return highest / height
+    flight = Flight(job, [0, 0, 1 + height], [0, 0, 0, 1], [0, 0, 0], [0, 0, 0])
+    fall = math.sqrt(2 * height)
+    flight.step(fall - 0.1)
+    assert flight.velocity[2] < 0
+    highest, before = 0.0, -1.0
+    for _ in range(round((2 * fall + 0.1) * job.steps_per_t)):
+        flight.step(1 / job.steps_per_t)
+        after = flight.velocity[2]
+        if before < 0 < after or highest:
+            highest = max(highest, flight.height - 1)
+        before = after
+    return highest / height
 
 
 @pytest.mark.parametrize('restitution', [0.3, 0.64, 0.9])
@@ -648,13 +646,12 @@ def test_friction_is_that_of_the_pair(part, mat):
     lying = np.ptp(job.hull, axis=0) / 2
     flat = int(lying.argmin())
     orientation = Rotation.align_vectors([[0, 0, 1.0]], [np.eye(3)[flat]])[0].as_quat()
-    with engine._world(job) as world:
-        start = [0, 0, lying[flat] + 1e-3]
-        flight = Flight(world, job, start, orientation, [1, 0, 0], [0, 0, 0])
-        flight.step(0.5)  # to lie
-        before = flight.velocity[0]
-        flight.step(1)
-        assert before - flight.velocity[0] == pytest.approx(0.3, rel=0.02)
+    start = [0, 0, lying[flat] + 1e-3]
+    flight = Flight(job, start, orientation, [1, 0, 0], [0, 0, 0])
+    flight.step(0.5)  # to lie
+    before = flight.velocity[0]
+    flight.step(1)
+    assert before - flight.velocity[0] == pytest.approx(0.3, rel=0.02)
 
 
 @pytest.mark.parametrize('tangent', [0.27, 0.33])
@@ -670,10 +667,9 @@ def test_a_box_on_an_incline_slides_if_it_is_steeper_than_the_friction(part, mat
     flat = int(lying.argmin())
     orientation = Rotation.align_vectors([[0, 0, 1.0]], [np.eye(3)[flat]])[0].as_quat()
     angle = math.atan(tangent)
-    with engine._world(job) as world:
-        flight = Flight(world, job, [0, 0, lying[flat] + 1e-3], orientation, [0] * 3, [0] * 3)
-        flight.step(0.5)  # to lie
-        pybullet.setGravity(math.sin(angle), 0, -math.cos(angle), physicsClientId=flight.client)
-        flight.step(2)
-        slides = max(0.0, math.sin(angle) - friction * math.cos(angle))
-        assert flight.velocity[0] == pytest.approx(2 * slides, abs=0.004)
+    flight = Flight(job, [0, 0, lying[flat] + 1e-3], orientation, [0] * 3, [0] * 3)
+    flight.step(0.5)  # to lie
+    pybullet.setGravity(math.sin(angle), 0, -math.cos(angle), physicsClientId=flight.client)
+    flight.step(2)
+    slides = max(0.0, math.sin(angle) - friction * math.cos(angle))
+    assert flight.velocity[0] == pytest.approx(2 * slides, abs=0.004)
