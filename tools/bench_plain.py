@@ -38,8 +38,8 @@ class PlainBody:
         pybullet.setPhysicsEngineParameter(
             fixedTimeStep=step,
             numSubSteps=0,
-            numSolverIterations=engine.SOLVER_ITERATIONS,
-            solverResidualThreshold=0,
+            numSolverIterations=engine.MOST_SOLVER_ITERATIONS,
+            solverResidualThreshold=engine.SOLVER_RESIDUAL,
             restitutionVelocityThreshold=engine.RESTITUTION_THRESHOLD,
             erp=step / engine.OVERLAP_TIME,
             contactERP=step / engine.OVERLAP_TIME,
