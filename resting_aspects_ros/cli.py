@@ -24,7 +24,7 @@ from resting_aspects_ros.commands import (
     nodes,
     request,
 )
-from resting_aspects_ros.commands.interruption import catch
+from resting_aspects_ros.commands.interruption import SIGNALS, catch
 from resting_aspects_ros.core.errors import (
     InvalidValueError,
     PartError,
@@ -91,6 +91,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         where = repr(error.filename) if error.filename else 'standard output'
         return _end(FAILED, f'error: {where}: {error.strerror or error}')
     except KeyboardInterrupt:
+        # From here on another one is held back: the interpreter gives up its handlers as it ends,
+        # and the exit code would be the signal's.
+        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
         return _end(INTERRUPTED, 'interrupted')
     return code
 

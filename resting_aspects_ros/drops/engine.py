@@ -96,8 +96,9 @@ class _World:
             numSubSteps=0,
             numSolverIterations=MOST_SOLVER_ITERATIONS,
             solverResidualThreshold=SOLVER_RESIDUAL,
-            # Each body by itself: together they would stop iterating together.
-            minimumSolverIslandSize=1,
+            # Islands are solved together until there are more than so many. Each body is one, and
+            # stops iterating by itself.
+            minimumSolverIslandSize=0,
             restitutionVelocityThreshold=RESTITUTION_THRESHOLD,
             erp=self._step / OVERLAP_TIME,
             contactERP=self._step / OVERLAP_TIME,

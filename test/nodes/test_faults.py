@@ -49,7 +49,7 @@ def recorded():
 
 def test_who_starts_late_has_all_of_the_run(suite, start, recorded, tmp_path, counts):
     """A recorder and a classifier, started in the middle of a run, and others after it."""
-    drops = 2 * LEAST_BATCH + 50
+    drops = 40 * LEAST_BATCH + 50  # longer than a node takes to start
     heard = suite.client.poses()
     asked = suite.client.asking('tetrahedron', drops, seed=[41])
     suite.client.wait(lambda: any(batch.run.seed == 41 for batch in heard), 'first batch')
