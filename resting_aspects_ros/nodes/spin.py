@@ -7,13 +7,16 @@ from itertools import takewhile
 from pathlib import Path
 
 import rclpy
-from rclpy.exceptions import InvalidHandle, ParameterException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.exceptions import ParameterException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.nodes.parameters import Parameter, help_text, unknown_parameters
+
+# s; Python's handlers do not run while rclpy waits.
+LOOK_FOR_SIGNALS = 0.1
 
 
 def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
@@ -22,24 +25,20 @@ def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None =
     Ctrl-C and SIGTERM end it in order, with exit code 0: that is how a node is stopped. A node
     that cannot start (a parameter that is not allowed, no such folder) ends it with 2.
     """
-    told: list[int] = []  # to stop, before rclpy listens
+    told: list[int] = []
 
     def note(number: int, _: object) -> None:
         told.append(number)
 
     for number in (signal.SIGINT, signal.SIGTERM):
-        # rclpy shuts its context down between two callbacks, and then calls the handler that was
-        # there before. Python's own would raise in the middle of one, where rclpy's C++ makes a
-        # TypeError or a RuntimeError of it.
         signal.signal(number, note)
     try:
-        rclpy.init(args=args)
+        # rclpy's own handlers shut its context down at once, in the middle of a callback that
+        # publishes; Python's would raise there, where rclpy's C++ makes a TypeError of it.
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # all that rclpy raises for arguments
         return _refuse(error)
-    if told:
-        rclpy.try_shutdown()
-        return 0
-    return _spin(factories)
+    return _spin(factories, told)
 
 
 def run_node(factory: Callable[[], Node], parameters: Iterable[Parameter]) -> int:
@@ -55,7 +54,7 @@ def run_node(factory: Callable[[], Node], parameters: Iterable[Parameter]) -> in
     return spin_nodes([factory])
 
 
-def _spin(factories: Sequence[Callable[[], Node]]) -> int:
+def _spin(factories: Sequence[Callable[[], Node]], told: Sequence[int]) -> int:
     nodes: list[Node] = []
     executor = SingleThreadedExecutor()
     try:
@@ -65,15 +64,10 @@ def _spin(factories: Sequence[Callable[[], Node]]) -> int:
             executor.add_node(node)
         for name in unknown_parameters(nodes):
             nodes[0].get_logger().warning(f'parameter {name!r} is not known and not used')
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        while not told:
+            executor.spin_once(timeout_sec=LOOK_FOR_SIGNALS)
     except (RestingAspectsError, ParameterException) as error:
         return _refuse(error)
-    except (InvalidHandle, rclpy_implementation.RCLError):
-        if rclpy.ok():
-            raise
-        # A callback wanted to publish after the context was shut down.
     finally:
         for node in nodes:
             node.destroy_node()
