@@ -48,10 +48,11 @@ def main() -> None:
             for line in SECTIONS[name](dropper):
                 console.print(line, highlight=False, soft_wrap=True)
                 lines.append(line)
+            if not sys.argv[1:]:  # section by section: each takes long
+                RESULT.write_text('\n'.join(lines), encoding='utf-8')
     finally:
         workers.stop()
     if not sys.argv[1:]:
-        RESULT.write_text('\n'.join(lines), encoding='utf-8')
         print(f'Written: {RESULT}')
 
 

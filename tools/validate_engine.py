@@ -56,10 +56,10 @@ def decision(dropper: Dropper) -> Iterator[str]:
     )
     yield ''
     yield (
-        '| part | decided | agree | by stillness | unsettled | failed '
-        '| time decided (T) | time still (T) |'
+        '| part | decided | agree | by stillness | unsettled | failed | unsettled, run on '
+        '| failed, run on | time decided (T) | time still (T) |'
     )
-    yield '|---|---|---|---|---|---|---|---|'
+    yield '|---|---|---|---|---|---|---|---|---|---|'
     for part in track(dropper.parts, 'decision'):
         aspects = find_aspects(part)
         jobs = [
@@ -76,6 +76,8 @@ def decision(dropper: Dropper) -> Iterator[str]:
             f'| {(~energy & (first.status == RestStatus.SETTLED)).sum()} '
             f'| {(first.status == RestStatus.UNSETTLED).sum()} '
             f'| {(first.status == RestStatus.FAILED).sum()} '
+            f'| {(still.status == RestStatus.UNSETTLED).sum()} '
+            f'| {(still.status == RestStatus.FAILED).sum()} '
             f'| {times[0]:.1f} | {times[1]:.1f} |'
         )
     yield ''

@@ -8,6 +8,8 @@ from resting_aspects_ros.core.distribution import Distribution
 
 # Time steps of the check for each of the run's.
 REFINEMENT = 2
+# What the check is there to find, as a share of the drops.
+TELLING = 0.01
 
 
 @dataclass(frozen=True)
@@ -39,29 +41,30 @@ class Convergence:
 
     def text(self) -> str:
         """In two lines of up to 80 columns."""
-        chance = self.lower <= 0 <= self.upper
-        verdict = 'as chance explains' if chance else 'more than chance explains'
+        if not self.lower <= 0 <= self.upper:
+            verdict = 'more than chance explains'
+        elif self.upper - self.lower > 2 * TELLING:
+            verdict = f'too few drops to see {100 * TELLING:g} %'
+        else:
+            verdict = 'as chance explains'
         return (
             f'In {REFINEMENT} times finer steps ({self.time_step * 1e6:.3g} us) aspect '
-            f'{self.aspect} moves most: {100 * self.shift:+.2g} %,\n'
+            f'{self.aspect} moves most: {100 * self.shift:+.2g} percentage points,\n'
             f'{verdict} ({100 * self.confidence:g} % interval {100 * self.lower:+.2g} to '
-            f'{100 * self.upper:+.2g} %, {self.drops} drops each).'
+            f'{100 * self.upper:+.2g}, {self.drops} drops each).'
         )
 
 
 def check_convergence(
     coarse: Distribution, fine: Distribution, time_step: float, seed: int
-) -> Convergence:
+) -> Convergence | None:
     """Compare the distribution of a run with that of the same drops in finer steps.
 
     The intervals are those of independent drops; these start alike, which makes them narrower if
-    anything.
-
-    Raises
-    ------
-    InvalidValueError
-        If no drop of one of them is in an aspect.
+    anything. None if no drop of one of them is in an aspect: there is nothing to compare.
     """
+    if not (coarse.counts.any() and fine.counts.any()):
+        return None
     # It takes a while to import, which a run without the check does not need.
     from resting_aspects_ros.core.comparison import compare
 

@@ -72,6 +72,7 @@ def drop_here(
     out: Path | None = arguments.out
     failure: EngineError | None = None
     convergence: Convergence | None = None
+    checked = not arguments.check_convergence
     tally = _Tally(empty, run)
     with ExitStack() as stack:
         workers = _workers(arguments)
@@ -83,7 +84,7 @@ def drop_here(
         try:
             _drop_all(part.name, job, workers, tally, stop)
             if arguments.check_convergence and not stop.asked:
-                convergence = _check(job, workers, tally, stop)
+                checked, convergence = _check(job, workers, tally, stop)
         except EngineError as error:
             failure = error
     answer = Answer(tally.distribution, run, part, METHOD, tally.over, convergence)
@@ -96,7 +97,9 @@ def drop_here(
     if failure is not None:
         done = tally.distribution.drops
         raise EngineError(f'{failure}, after {done} of {run.drops} drops, which are in the answer')
-    missing = _missing(answer, check=arguments.check_convergence)
+    if answer.complete:
+        _say_how_precise(answer.distribution, precision)
+    missing = _missing(answer, checked=checked)
     if missing:
         print(missing, file=sys.stderr)
     return INTERRUPTED if missing else 0
@@ -108,14 +111,24 @@ def _workers(arguments: argparse.Namespace) -> ProcessWorkers | ClusterWorkers:
     return ProcessWorkers(default_workers() if arguments.workers is None else arguments.workers)
 
 
-def _missing(answer: Answer, *, check: bool) -> str:
+def _missing(answer: Answer, *, checked: bool) -> str:
     """What an interruption left out, in words."""
     done = answer.distribution.drops
     if not answer.complete:
         return f'interrupted after {done} of {answer.run.drops} drops, which are in the answer'
-    if check and answer.convergence is None:
+    if not checked:
         return 'interrupted before the convergence was checked'
     return ''
+
+
+def _say_how_precise(distribution: Distribution, precision: float) -> None:
+    """Warn if all drops that were allowed were made, and that was not enough."""
+    half = max((each.upper - each.lower) / 2 for each in distribution.intervals())
+    if 0 < precision < half:
+        _warn(
+            f'precision {precision:g} was not reached in {distribution.drops} drops, the most '
+            f'that were asked for: the widest interval is +-{half:.2g}'
+        )
 
 
 def _of_height(height: float, radius: float) -> Iterator[str]:
@@ -155,8 +168,8 @@ def _drop_all(
 
 def _check(
     job: DropJob, workers: Workers, tally: _Tally, stop: Interruption
-) -> Convergence | None:
-    """Make the same drops in finer steps; None if somebody asks for an end."""
+) -> tuple[bool, Convergence | None]:
+    """Make the same drops in finer steps: whether all were made, and what they show."""
     coarse = tally.distribution
     fine = dataclasses.replace(job, refinement=REFINEMENT * job.refinement)
     run = dataclasses.replace(
@@ -165,8 +178,11 @@ def _check(
     again = _Tally(no_drops(coarse.aspects, confidence=coarse.confidence), run)
     _drop_all(f'{run.part} in finer steps', fine, workers, again, stop)
     if not again.over:
-        return None
-    return check_convergence(coarse, again.distribution, run.time_step, run.seed)
+        return False, None
+    found = check_convergence(coarse, again.distribution, run.time_step, run.seed)
+    if found is None:
+        _warn('the convergence cannot be told: no drop came to rest in an aspect')
+    return True, found
 
 
 def _drop(

@@ -46,7 +46,10 @@ class Descent:
         """(n,) stable facets to which a part rolls from directions (n, 3), unit vectors."""
         found = np.empty(len(directions), dtype=np.int64)
         for chunk in _slices(len(directions), len(self._body.points)):
-            found[chunk] = (directions[chunk] @ self._body.points.T).argmax(axis=1)
+            # Not as a matrix product: its rounding depends on how many rows it has.
+            x, y, z = directions[chunk].T[:, :, None]
+            px, py, pz = self._body.points.T
+            found[chunk] = (x * px + y * py + z * pz).argmax(axis=1)
         for chunk in _slices(len(directions), 9 * self._width):
             found[chunk] = self.rest[self._first_facets(directions[chunk], found[chunk])]
         return found

@@ -63,14 +63,15 @@ class DropConditions:
     height: float = _quantity('m', 'height of release', high=100.0, above=True)
     restitution: float = _quantity('', 'restitution of part on surface', high=1.0)
     friction: float = _quantity('', 'Coulomb friction of part on surface', high=10.0)
-    # More would let a part rest tilted on an edge or a corner.
+    # More would let a part rest tilted on an edge or a corner. Of slender parts the length is less
+    # than the hull radius; see drops.job.rolling_length.
     rolling_friction: float = _quantity(
         '', 'rolling friction: torque limit / (hull radius x normal force)', high=0.1
     )
     spinning_friction: float = _quantity(
         '', 'friction against spin about the contact normal, like rolling friction', high=1.0
     )
-    gravity: float = _quantity('m/s2', 'gravity', high=1000.0, above=True)
+    gravity: float = _quantity('m/s2', 'gravity', low=1e-6, high=1000.0)
     speed_horizontal: float = _quantity(
         'm/s',
         'standard deviation of each horizontal component of the speed at release',

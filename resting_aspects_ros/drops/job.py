@@ -7,8 +7,11 @@ g is 1.
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from resting_aspects_ros.core.aspects import SAME_FACET
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.joining import join_minima
+from resting_aspects_ros.core.joining import Joined, join_minima
 from resting_aspects_ros.core.landscape import Landscape
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rest import RestRule
@@ -20,6 +23,8 @@ STEPS_PER_T = 160
 # A step moves no point of the part by more than this, R, at the speed of impact, however high it
 # fell; thrown, up to 3 standard deviations of its speed and spin.
 TRAVEL_PER_STEP = 0.05
+# A flat side is narrow if it reaches less than this, R, from below the centre of mass to an edge.
+NARROW = 0.15
 # Faster impacts, R / T, are refused: their many small steps would hold a worker for hours.
 FASTEST_IMPACT = 100.0
 
@@ -40,6 +45,10 @@ class DropJob:
         R, the hull radius, m.
     rest : RestRule
         Of the part, part axes.
+    lowest : float
+        Least height of the centre of mass at rest, R.
+    rolling_length : float
+        The length by which the rolling friction is meant, R; see `rolling_length`.
     until_still : bool
         Run on where the energy has decided the aspect, until the part is still: what checks the
         decision, and shows what it saves.
@@ -55,6 +64,8 @@ class DropJob:
     conditions: DropConditions
     seed: int
     rest: RestRule
+    lowest: float
+    rolling_length: float
     until_still: bool = False
     refinement: int = 1
 
@@ -106,6 +117,7 @@ def make_job(
             f'more than {radius:.4g} m: lower, the part could touch the surface when released'
         )
     landscape = Landscape(part)
+    aspects = join_minima(landscape)
     job = DropJob(
         hull=(part.hull_vertices - part.centre_of_mass) @ part.principal_axes / radius,
         moments=part.principal_moments / (part.mass * radius**2),
@@ -114,7 +126,9 @@ def make_job(
         radius=radius,
         conditions=conditions,
         seed=seed,
-        rest=RestRule(landscape, join_minima(landscape)),
+        rest=RestRule(landscape, aspects),
+        lowest=float(landscape.heights.min()) / radius,
+        rolling_length=rolling_length(landscape, aspects),
         until_still=until_still,
         refinement=refinement,
     )
@@ -125,3 +139,18 @@ def make_job(
             f'{job.impact:.4g} m/s, allowed for its size and gravity is up to {fastest:.4g} m/s'
         )
     return job
+
+
+def rolling_length(landscape: Landscape, aspects: list[Joined]) -> float:
+    """The length that rolling friction is a share of, R: 1 but for slender parts.
+
+    Rolling friction is there to stop what rolls. Of a slender part a share of R is a lever that
+    could hold it tilted on an edge, so its length is in proportion to the narrowest of its flat
+    sides instead; though not below its lowest height, the radius on which a slender roller rolls.
+    """
+    hull = landscape.hull
+    flat = landscape.minima[[a.minima[0] for a in aspects if not a.curved]]
+    at_edges = np.isin(hull.sides, flat) & (hull.angles > SAME_FACET)[:, None]
+    narrowest = hull.margins[at_edges].min() if at_edges.any() else 0.0
+    lowest = landscape.heights.min() / landscape.radius
+    return float(min(1.0, max(narrowest / NARROW, lowest)))

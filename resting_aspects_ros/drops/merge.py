@@ -167,7 +167,7 @@ def _check_starts(merged: Sequence[MergedDrops]) -> None:
     for (seed, _, end, one), (next_seed, first, _, other) in pairwise(ranges):
         if seed == next_seed and first < end:
             raise InvalidValueError(
-                f'drop {first} of seed {seed} is in run {one} and, of another engine, in run '
-                f'{other}, allowed are other seeds or drops: those that start alike are not '
+                f'drop {first} of seed {seed} is in run {one} and, of another engine or suite, in '
+                f'run {other}, allowed are other seeds or drops: those that start alike are not '
                 'independent'
             )

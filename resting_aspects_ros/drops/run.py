@@ -49,6 +49,7 @@ class RunDescription:
             self.seed,
             self.engine,
             self.engine_version,
+            self.suite_version,
             self.time_step,
         )
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import subprocess
 from pathlib import Path
 
@@ -239,3 +240,15 @@ def test_a_precision_ends_the_run_at_the_same_drop_whatever_the_workers(run):
 @pytest.mark.parametrize('precision', ['0.9', '0', 'nan', 'fine'])
 def test_a_precision_that_cannot_be_is_refused(refused, precision):
     assert precision in refused(*WORDS, '--precision', precision)
+
+
+def test_a_precision_that_the_most_drops_do_not_reach_is_told(run):
+    ended = run('drop', 'tetrahedron', '--precision', 0.05, '--drops', 50)
+    assert ended.returncode == 0
+    # Wilson, 96 %, of about a quarter of 50: +-0.12.
+    assert re.search(
+        r'warning: precision 0.05 was not reached in 50 drops, .* widest interval is \+-0.1[0-9]',
+        ended.stderr,
+    )
+    reached = run('drop', 'tetrahedron', '--precision', 0.1)
+    assert 'warning' not in reached.stderr

@@ -115,7 +115,7 @@ def test_nothing_merged_is_nothing():
 
 def test_runs_of_one_sequence_are_merged_and_all_are_named():
     surface = dataclasses.replace(CONDITIONS, surface='')
-    other = run(run_id='b', started=9, drops=7, part='screw', suite_version='2')
+    other = run(run_id='b', started=9, drops=7, part='screw')
     same = run(run_id='c', conditions=surface)
     pieces = [(r, poses(*s)) for r, s in ((other, (0, 5)), (RUN, (3, 9)), (same, (0, 9)))]
     (merged,) = merge_drops([*pieces, (other, poses(5, 6))])
@@ -176,8 +176,8 @@ def test_another_engine_is_refused_in_words_unless_asked_for(changes, words):
 def test_drops_that_start_alike_are_not_counted_for_two_engines():
     other = run(run_id='b', engine_version='3.2.8')
     assert refusal([(RUN, poses(0, 5)), (other, poses(3, 9))], any_engine=True) == (
-        'drop 3 of seed 1 is in run a and, of another engine, in run b, allowed are other seeds '
-        'or drops: those that start alike are not independent'
+        'drop 3 of seed 1 is in run a and, of another engine or suite, in run b, allowed are '
+        'other seeds or drops: those that start alike are not independent'
     )
     after = merge_drops([(RUN, poses(0, 5)), (other, poses(5, 9))], any_engine=True)
     assert [len(each) for each in after] == [5, 4]

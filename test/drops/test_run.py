@@ -99,3 +99,9 @@ def test_runs_that_have_the_same_drops_are_known_as_such(plan, surfaces):
 
 def test_the_engine_is_named_with_its_version():
     assert (engine.ENGINE, engine.ENGINE_VERSION) == ('bullet', '3.2.7')
+
+
+def test_drops_of_another_engine_suite_or_time_step_are_others(plan):
+    _, run = plan()
+    for changes in ({'engine_version': '9'}, {'suite_version': '9'}, {'time_step': 1.0}):
+        assert dataclasses.replace(run, **changes).sequence() != run.sequence()

@@ -79,7 +79,7 @@ def test_a_file_reads_back_what_was_written(file):
         ({'height': -1}, 'rubber_mat: height is -1, allowed is more than 0 to 100 m'),
         ({'friction': 'low'}, "rubber_mat: friction is 'low', allowed is 0 to 10"),
         ({'spin': float('nan')}, 'rubber_mat: spin is nan, allowed is 0 to 10000 rad/s'),
-        ({'gravity': True}, 'rubber_mat: gravity is True, allowed is more than 0 to 1000 m/s2'),
+        ({'gravity': True}, 'rubber_mat: gravity is True, allowed is 1e-06 to 1000 m/s2'),
         (
             {'height_of': 'TOP'},
             "rubber_mat: height_of is 'TOP', allowed is LOWEST_POINT, CENTRE_OF_MASS",
