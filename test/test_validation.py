@@ -1,11 +1,18 @@
 """What `make validate` computes besides the drops: the fit, and the bodies it compares with."""
 
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+import validate_engine
+from dropper import Dropper
 from measured import cases
 from sensitivity import fit
 
 from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.comparison import compare
+from resting_aspects_ros.drops.job import make_job
 
 
 @pytest.fixture(scope='module')
@@ -55,3 +62,39 @@ def test_measured_faces_are_aspects_of_the_bodies():
         assert 0 < case.share < 1
     side = next(case for case in cases() if case.name.startswith('coin'))
     assert [a.rolls for a in find_aspects(side.part).aspects if side.hits(a.down_in_part[None])]
+
+
+def test_the_tables_say_what_the_drops_say(part, monkeypatch):
+    with ThreadPoolExecutor(1) as pool:
+        dropper = Dropper(SimpleNamespace(executor=pool, lookahead=lambda: 2))
+        dropper.parts = [part('l_bracket')]
+        monkeypatch.setattr(validate_engine, 'STEP_DROPS', 250)
+        monkeypatch.setattr(validate_engine, 'DECISION_DROPS', 250)
+        (step,) = rows(validate_engine.time_step(dropper))
+        (decided,) = rows(validate_engine.decision(dropper))
+        mat = dropper.surfaces.get()
+        coarse, fine = (
+            dropper.distribution(
+                part('l_bracket'), make_job(part('l_bracket'), mat, 1, **how), 250
+            )
+            for how in ({}, {'refinement': 2})
+        )
+    found = compare(fine, coarse, np.random.default_rng(1))
+    assert step[:3] == ['l_bracket', '160', f'{found.largest_deviation:+.4f}']
+    name, energy, agree, stillness, *none = decided[:8]
+    assert name == 'l_bracket'
+    assert int(energy) + int(stillness) == 250
+    assert int(energy) > 240
+    assert agree == energy
+    assert none == ['0', '0', '0', '0']
+    # What runs on takes longer.
+    assert float(decided[9]) > float(decided[8])
+
+
+def rows(lines):
+    """The cells of the tables' rows that begin with the name of a part."""
+    return [
+        [cell.strip() for cell in line.split('|')[1:-1]]
+        for line in lines
+        if line.startswith('| l_bracket')
+    ]
