@@ -22,7 +22,8 @@ def add(subparsers: Any) -> None:
         'chance explains it. Each of A and B is a log (the folder of a run, or its\n'
         '.mcap file), a JSON document of drop or request, or a CSV of counts: a line\n'
         'of names with aspect and count among them, then a line for each aspect, also\n'
-        'with count 0, and if there are for unclassified, unsettled and failed drops.\n'
+        'with count 0, and if there are for unclassified, unsettled and failed drops;\n'
+        'with class instead of aspect, a line for each class of aspects that look alike.\n'
         'Shares are of the drops that are in an aspect.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,

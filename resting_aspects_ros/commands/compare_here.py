@@ -7,7 +7,7 @@ import numpy as np
 
 from resting_aspects_ros.commands.answer import make_console
 from resting_aspects_ros.commands.counts_files import read_counts
-from resting_aspects_ros.commands.given_counts import GivenCounts
+from resting_aspects_ros.commands.given_counts import GivenCounts, counted_by_class
 from resting_aspects_ros.core.comparison import compare
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.intervals import check_confidence
@@ -26,12 +26,15 @@ def compare_here(arguments: argparse.Namespace, confidence: float) -> int:
     """
     check_confidence(confidence)
     a, b = read_counts(arguments.a), read_counts(arguments.b)
+    if a.by_class or b.by_class:
+        a, b = counted_by_class(a), counted_by_class(b)
     _check_same_aspects(a, b)
     for given in (a, b):
         _warn_if_incomplete(given)
     _warn_if_dependent(a, b)
     comparison = compare(a.tally, b.tally, np.random.default_rng(SEED), confidence)
-    sides = Sides(a.ids, a.down if a.down is not None else b.down, a.tally, b.tally)
+    down = a.down if a.down is not None else b.down
+    sides = Sides(a.ids, down, a.tally, b.tally, 'class' if a.by_class else 'aspect')
     if arguments.json:
         said = {'a': _fields(a), 'b': _fields(b)}
         sys.stdout.write(to_json(comparison_document(comparison, sides, said)))
@@ -52,14 +55,26 @@ def _check_same_aspects(a: GivenCounts, b: GivenCounts) -> None:
         )
     if a.ids == b.ids:
         return
-    for one, other in ((a, b), (b, a)):
-        missing = sorted(set(other.ids) - set(one.ids))
-        if missing:
-            raise InvalidValueError(
-                f'aspects in {str(one.path)!r} are {_listed(one.ids)}, allowed are those in '
-                f'{str(other.path)!r}: {_listed(other.ids)}; missing: {_listed(missing)} (an '
-                'aspect that was never seen has count 0)'
-            )
+    # What comes from the suite has all that the part has.
+    one, other = (b, a) if a.down is not None or set(a.ids) > set(b.ids) else (a, b)
+    many = 'classes' if a.by_class else 'aspects'
+    raise InvalidValueError(
+        f'{many} in {str(one.path)!r} are {_listed(one.ids)}, allowed are those in '
+        f'{str(other.path)!r}: {_listed(other.ids)}; {_differences(one, other)}'
+    )
+
+
+def _differences(one: GivenCounts, other: GivenCounts) -> str:
+    """Which ids make the difference, and what can be done."""
+    words = []
+    if unknown := set(one.ids) - set(other.ids):
+        words.append(f'not among them: {_listed(sorted(unknown))}')
+    if missing := set(other.ids) - set(one.ids):
+        words.append(
+            f'missing: {_listed(sorted(missing))} (what was never seen has count 0; what cannot '
+            'be told apart is counted by class, in a column class instead of aspect)'
+        )
+    return '; '.join(words)
 
 
 def _warn_if_incomplete(given: GivenCounts) -> None:

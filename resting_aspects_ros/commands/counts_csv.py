@@ -1,4 +1,7 @@
-"""A CSV of counts, as a person keeps it who drops a part by hand: a line for each aspect."""
+"""A CSV of counts, as a person keeps it who drops a part by hand.
+
+It has a line for each aspect; or for each symmetry class, as aspects that are alike look the same.
+"""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -10,11 +13,11 @@ from resting_aspects_ros.commands.given_counts import MOST_COUNTED, GivenCounts
 from resting_aspects_ros.core.comparison import REST, Tally
 from resting_aspects_ros.core.errors import InvalidValueError
 
-_COLUMNS = ('aspect', 'count')
+ASPECT, CLASS, COUNT = 'aspect', 'class', 'count'
 
 
 def read_csv(path: Path, lines: Iterable[str], otherwise: str) -> GivenCounts:
-    """Read the columns ``aspect`` and ``count``, wherever they are.
+    """Read the columns ``aspect`` or ``class``, and ``count``, wherever they are.
 
     Parameters
     ----------
@@ -31,21 +34,25 @@ def read_csv(path: Path, lines: Iterable[str], otherwise: str) -> GivenCounts:
     """
     table = CsvTable(path, lines)
     names = [name.lower() for name in table.header]
-    if [names.count(column) for column in _COLUMNS] != [1, 1]:
+    by_class = CLASS in names and ASPECT not in names
+    what = CLASS if by_class else ASPECT
+    if [names.count(column) for column in (what, COUNT)] != [1, 1]:
         shown = short(', '.join(table.header))
         raise InvalidValueError(
-            f'{table.where} should name the columns and is {shown!r}, allowed are one aspect and '
-            f'one count, in columns parted by , or ;. A file may be {otherwise}'
+            f'{table.where} should name the columns and is {shown!r}, allowed are one aspect '
+            f'or class and one count, in columns parted by , or ;. A file may be {otherwise}'
         )
-    aspect, count = (names.index(column) for column in _COLUMNS)
+    aspect, count = names.index(what), names.index(COUNT)
     found: dict[int | str, int] = {}
     for line, row in table.rows():
         key = _key(row[aspect])
         if key is None:
-            allowed = f'the number of an aspect or {", ".join(REST)}'
+            allowed = (
+                f'the number of {"a class" if by_class else "an aspect"} or {", ".join(REST)}'
+            )
             raise table.wrong(line, row, aspect, allowed)
         if key in found:
-            raise table.wrong(line, row, aspect, 'each aspect once')
+            raise table.wrong(line, row, aspect, f'each {what} once')
         number = _whole(row[count])
         if number is None:
             allowed = f'a whole number from 0 to {MOST_COUNTED}'
@@ -53,9 +60,8 @@ def read_csv(path: Path, lines: Iterable[str], otherwise: str) -> GivenCounts:
         found[key] = number
     rest = [found.pop(name, 0) for name in REST]
     ids = sorted(key for key in found if isinstance(key, int))
-    return GivenCounts(
-        path, tuple(ids), Tally(np.array([found[k] for k in ids], dtype=np.int64), *rest)
-    )
+    tally = Tally(np.array([found[k] for k in ids], dtype=np.int64), *rest)
+    return GivenCounts(path, tuple(ids), tally, by_class=by_class)
 
 
 def _key(text: str) -> int | str | None:

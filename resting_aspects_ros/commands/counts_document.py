@@ -40,6 +40,9 @@ def read_document(path: Path, text: str) -> GivenCounts:
         _run(fields),
         # A document that does not say was made of all that there was.
         document.get('complete') is not False,
+        tuple(aspect.whole('symmetry_class', low=1) for aspect in aspects)
+        if all('symmetry_class' in aspect.values for aspect in aspects)
+        else None,
     )
     if fields.whole('drops') != given.drops:
         raise InvalidValueError(

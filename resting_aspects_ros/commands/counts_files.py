@@ -15,7 +15,7 @@ from resting_aspects_ros.logs.log_reader import is_log, last_message
 
 ALLOWED = (
     'a log (the folder of a run, or its .mcap file), a JSON document of drop or request, or a CSV '
-    'with columns aspect and count'
+    'with columns aspect (or class) and count'
 )
 DISTRIBUTION = 'resting_aspects_interfaces/msg/AspectDistribution'
 
@@ -70,4 +70,5 @@ def _read_log(path: Path) -> GivenCounts:
         run.part_sha256,
         run,
         complete,
+        tuple(aspect.symmetry_class for aspect in aspects),
     )

@@ -1,5 +1,6 @@
 """Counts over aspects that a person gives, in whatever file."""
 
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +20,8 @@ class GivenCounts:
     """Where drops ended, and all that the file says of them.
 
     ids : tuple of int
-        Of the aspects, ascending; as many as `tally` has counts.
+        Of the aspects, ascending; as many as `tally` has counts. If ``by_class``, the numbers of
+        symmetry classes.
     down : (k, 3) float
         Unit vectors of gravity, part frame; NaN where the part rolls. None if the file does not
         say.
@@ -27,6 +29,8 @@ class GivenCounts:
         Empty if the file does not say.
     run : RunDescription
         None if the file does not say.
+    classes : tuple of int
+        The symmetry class of each aspect; None if the file does not say.
     complete : bool
         False if more drops were asked for than are counted.
     """
@@ -39,6 +43,8 @@ class GivenCounts:
     part_sha256: str = ''
     run: RunDescription | None = None
     complete: bool = True
+    classes: tuple[int, ...] | None = None
+    by_class: bool = False
 
     @property
     def drops(self) -> int:
@@ -53,6 +59,30 @@ class GivenCounts:
             return ', '.join([*words, f'{self.drops} drops'])
         surface = self.run.conditions.surface or 'own conditions'
         return ', '.join([*words, f'{self.drops} drops on {surface}', f'seed {self.run.seed}'])
+
+
+def counted_by_class(given: GivenCounts) -> GivenCounts:
+    """The same drops counted by symmetry class; each class shows the first of its aspects.
+
+    Raises InvalidValueError if the file does not say which aspects are alike.
+    """
+    if given.by_class:
+        return given
+    if given.classes is None:
+        raise InvalidValueError(
+            f'{str(given.path)!r} counts by aspect and does not say which of them are alike, '
+            'allowed is a log or a JSON document, or a CSV with the column class'
+        )
+    numbers, first = np.unique(given.classes, return_index=True)
+    of_class = np.bincount(given.classes, weights=given.tally.counts)[numbers].astype(np.int64)
+    return dataclasses.replace(
+        given,
+        ids=tuple(numbers.tolist()),
+        tally=dataclasses.replace(given.tally, counts=of_class),
+        down=None if given.down is None else given.down[first],
+        classes=None,
+        by_class=True,
+    )
 
 
 def check_counts(given: GivenCounts) -> None:

@@ -39,6 +39,7 @@ def comparison_document(
         },
         'confidence': comparison.confidence,
         'interval': INTERVAL,
+        'by': sides.what,
         'aspects': [
             {
                 'id': sides.ids[k],

@@ -1,6 +1,7 @@
 """Two distributions side by side as a table in a terminal."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,8 @@ class Sides:
 
     ids : tuple of int
         Of the aspects.
+    what : str
+        Whether the ids are those of aspects or of symmetry classes.
     down : (k, 3) float
         Unit vectors of gravity, part frame; NaN where the part rolls. None if not known.
     """
@@ -30,6 +33,7 @@ class Sides:
     down: npt.NDArray[np.float64] | None
     a: Tally
     b: Tally
+    what: Literal['aspect', 'class'] = 'aspect'
 
     @property
     def tallies(self) -> tuple[Tally, Tally]:
@@ -58,7 +62,7 @@ def comparison_table(comparison: Comparison, sides: Sides, title: str) -> Table:
     title : str
         Plain text, shown above.
     """
-    table = _empty_table(title, comparison.confidence)
+    table = _empty_table(title, sides.what, comparison.confidence)
     rows = zip(*sides.shares(comparison.confidence), strict=True)
     for k, (a, b) in enumerate(rows):
         deviation, low, high = (
@@ -93,8 +97,8 @@ def measures_text(comparison: Comparison, sides: Sides) -> str:
     by = 'chi-square' if comparison.p_by == 'chi-square' else f'Monte Carlo, {TABLES} tables'
     rows = {
         'total variation': f'{100 * comparison.total_variation:.3g} %',
-        'largest deviation': f'{deviation} % in aspect {aspect} ({bounds} %)',
-        'mean absolute deviation': f'{100 * comparison.mean_deviation:.3g} % over aspects',
+        'largest deviation': f'{deviation} % in {sides.what} {aspect} ({bounds} %)',
+        'mean absolute deviation': f'{100 * comparison.mean_deviation:.3g} % over {_many(sides)}',
         'p value': f'{_p_text(comparison.p_value)} by {by}',
         '': 'how often chance alone makes a difference like this one',
     }
@@ -105,10 +109,14 @@ def measures_text(comparison: Comparison, sides: Sides) -> str:
     return '\n'.join(f'{name:<25}{text}' for name, text in rows.items())
 
 
-def _empty_table(title: str, confidence: float) -> Table:
+def _many(sides: Sides) -> str:
+    return 'aspects' if sides.what == 'aspect' else 'classes'
+
+
+def _empty_table(title: str, what: str, confidence: float) -> Table:
     percent = f'{100 * confidence:.10g} %'
     table = plain_table(title)
-    table.add_column('aspect', justify='right', no_wrap=True)
+    table.add_column(what, justify='right', no_wrap=True)
     table.add_column('down in part', no_wrap=True)
     table.add_column('A\n(%)', justify='right', no_wrap=True)
     table.add_column(f'{percent}\ninterval of A', justify='right', no_wrap=True)

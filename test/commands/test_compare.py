@@ -276,11 +276,44 @@ def test_an_aspect_that_one_has_not_is_refused(refused, write_json, tmp_path):
     write_csv(tmp_path, 'aspect,count\n1,2\n2,3\n4,4\n')
     assert refused('compare', 'a.json', 'm.csv') == (
         "error: aspects in 'm.csv' are 1, 2, 4, allowed are those in 'a.json': 1, 2, 3, 4, 5; "
-        'missing: 3, 5 (an aspect that was never seen has count 0)'
+        'missing: 3, 5 (what was never seen has count 0; what cannot be told apart is counted by '
+        'class, in a column class instead of aspect)'
     )
+    write_csv(tmp_path, 'aspect,count\n1,2\n9,3\n')
+    assert refused('compare', 'a.json', 'm.csv').startswith(
+        "error: aspects in 'm.csv' are 1, 9, allowed are those in 'a.json': 1, 2, 3, 4, 5; "
+        'not among them: 9; missing: 2, 3, 4, 5 ('
+    )
+    write_csv(tmp_path, 'aspect,count\n1,2\n2,3\n4,4\n')
     write_csv(tmp_path, 'aspect,count\n1,2\n2,3\n4,4\n9,1\n', 'n.csv')
     assert "aspects in 'm.csv' are 1, 2, 4, allowed are those in 'n.csv': 1, 2, 4, 9" in refused(
         'compare', 'n.csv', 'm.csv'
+    )
+
+
+def test_a_count_by_hand_of_what_looks_alike(run, compared, tmp_path):
+    """Of a hexagonal nut a person sees that it lies, or stands on one of six sides."""
+    ended = run('drop', 'hex_nut', '--drops', 250, '--json')
+    (tmp_path / 'nut.json').write_text(ended.stdout)
+    document = json.loads(ended.stdout)
+    write_csv(tmp_path, 'class,count\n1,350\n2,150\n')
+    found, said = compared('nut.json', 'm.csv')
+    assert said == ''
+    assert found['by'] == 'class'
+    assert [c['count'] for c in document['classes']] == [a['a']['count'] for a in found['aspects']]
+    assert [a['b']['share'] for a in found['aspects']] == [0.7, 0.3]
+    lying = document['classes'][0]['probability']
+    assert found['total_variation'] == pytest.approx(abs(lying - 0.7))
+    table = run('compare', tmp_path / 'nut.json', tmp_path / 'm.csv').stdout
+    assert 'in class ' in table
+    assert 'aspect ' not in table
+
+
+def test_a_count_by_aspect_alone_has_no_classes(refused, tmp_path):
+    write_csv(tmp_path, 'aspect,count\n1,2\n2,3\n', 'a.csv')
+    write_csv(tmp_path, 'class,count\n1,2\n2,3\n', 'b.csv')
+    assert "'a.csv' counts by aspect and does not say which of them are alike" in refused(
+        'compare', 'a.csv', 'b.csv'
     )
 
 
@@ -372,7 +405,10 @@ def test_a_line_that_is_wrong_is_named(refusal, row, says):
 @pytest.mark.parametrize(
     ('text', 'says'),
     [
-        ('', "f line 1 should name the columns and is '', allowed are one aspect and one count"),
+        (
+            '',
+            "f line 1 should name the columns and is '', allowed are one aspect or class and one count",
+        ),
         ('1,5\n', "is '1,5'".replace(',', ', ')),
         ('aspect,counts\n1,5\n', "is 'aspect, counts'"),
         ('aspect,count,Count\n1,5,5\n', "is 'aspect, count, Count'"),
