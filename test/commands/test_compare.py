@@ -407,7 +407,7 @@ def test_a_line_that_is_wrong_is_named(refusal, row, says):
     [
         (
             '',
-            "f line 1 should name the columns and is '', allowed are one aspect or class and one count",
+            "line 1 should name the columns and is '', allowed are one aspect or class and one",
         ),
         ('1,5\n', "is '1,5'".replace(',', ', ')),
         ('aspect,counts\n1,5\n', "is 'aspect, counts'"),
