@@ -4,7 +4,7 @@
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PATH PKG_CONFIG_PATH AMENT_PREFIX_PATH \
          CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help setup dev demo test lint bench validate parts requirements clean
+.PHONY: help setup dev demo test lint bench validate estimators parts requirements clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 20
@@ -32,6 +32,9 @@ bench: dev  ## time what has to be fast; writes out/bench.json and docs/bench.md
 
 validate: setup  ## hold the drops to themselves and to measurements, and write docs/validation.md
 	.venv/bin/python tools/validate.py
+
+estimators: setup  ## hold the analytic methods to measurements and drops, and write docs/estimators.md
+	.venv/bin/python tools/estimators.py
 
 parts: setup  ## make the example parts in config/parts again
 	.venv/bin/python tools/make_parts.py

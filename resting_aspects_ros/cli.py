@@ -20,6 +20,7 @@ from resting_aspects_ros.commands import (
     compare,
     demo,
     drop,
+    estimate,
     merge,
     nodes,
     request,
@@ -64,7 +65,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
-    for command in (drop, aspects, classify, compare, merge, request, nodes, demo):
+    for command in (drop, estimate, aspects, classify, compare, merge, request, nodes, demo):
         command.add(subparsers)
     return parser
 

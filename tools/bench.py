@@ -7,6 +7,7 @@ import json
 import os
 
 from bench_command import command
+from bench_estimators import estimators
 from bench_geometry import geometry
 from bench_report import Section, machine, markdown, show
 from bench_scaling import scaling
@@ -32,6 +33,7 @@ def main() -> None:
         command,
         lambda: _scaling(workers),
         geometry,
+        estimators,
     ):
         section = measure()
         show(console, section)

@@ -45,9 +45,12 @@ class _Found:
     rolls: bool = False
 
 
-def find_aspects(part: Part) -> AspectSet:
-    """The aspects of a part in the order of DESIGN's rule 4, with their symmetry classes."""
-    landscape = Landscape(part)
+def find_aspects(part: Part, landscape: Landscape | None = None) -> AspectSet:
+    """The aspects of a part in the order of DESIGN's rule 4, with their symmetry classes.
+
+    ``landscape`` is the part's, if somebody has it already: it takes a quarter of the time.
+    """
+    landscape = Landscape(part) if landscape is None else landscape
     joined = join_minima(landscape)
     found = _in_order([_found(landscape, part, group) for group in joined], part)
     owner = np.empty(len(landscape.minima), dtype=np.int64)
@@ -102,8 +105,9 @@ def _found(landscape: Landscape, part: Part, joined: Joined) -> _Found:
     directions = landscape.directions[minima]
     share = float(landscape.basin_shares[minima].sum())
     lowest = float(landscape.heights[minima[0]])
-    # A flat side that takes in a flat of the fillet beside it is one that is much lower.
-    if joined.level == 1:
+    # A flat side that takes in a flat of the fillet beside it is one that is much lower; and flats
+    # that only noise parts are no curve.
+    if joined.level == 1 or not joined.curved:
         return _Found(minima, lowest, lowest, share, Sweep.POINT, np.zeros(3), directions[0])
     level = directions[: joined.level]
     sweep, axis, middle = _sweep(level, joined.step, part.principal_axes)
@@ -243,6 +247,12 @@ def _links(
 
 def _polygon(hull: Polyhedron, facet: int) -> Array:
     """(k, 3) corners of a facet and of those that are one with it, in units of R."""
+    corners = np.unique(np.concatenate([hull.corners(each) for each in facets_at(hull, facet)]))
+    return np.asarray(hull.points[corners])
+
+
+def facets_at(hull: Polyhedron, facet: int) -> list[int]:
+    """A facet and those that are one with it: within SAME_FACET of it, and joined to it."""
     normal = hull.normals[facet]
     one = [facet]
     for each in one:
@@ -251,5 +261,4 @@ def _polygon(hull: Polyhedron, facet: int) -> Array:
             near = angle_between(hull.normals[other], normal) <= SAME_FACET
             if near and other not in one:
                 one.append(other)
-    corners = np.unique(np.concatenate([hull.corners(each) for each in one]))
-    return np.asarray(hull.points[corners])
+    return one

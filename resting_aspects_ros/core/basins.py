@@ -18,6 +18,7 @@ import numpy as np
 
 from resting_aspects_ros.core.polyhedron import Indices, Polyhedron
 from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.core.solid_angle import triangle_angles
 
 
 class Piece(NamedTuple):
@@ -71,7 +72,7 @@ def basin_areas(body: Polyhedron, rest: Indices) -> Array:
                 triangles.append((point, *arc))
                 onto.append(piece.onto)
     area = np.zeros(len(rest))
-    np.add.at(area, np.array(onto), _areas(np.array(triangles)))
+    np.add.at(area, np.array(onto), triangle_angles(*np.moveaxis(np.array(triangles), 1, 0)))
     return area
 
 
@@ -135,14 +136,3 @@ def _cross(a: Array, b: Array) -> Array:
     """Of two vectors (3,): numpy's takes ten times as long for so little."""
     (x, y, z), (u, v, w) = a.tolist(), b.tolist()
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
-
-
-def _areas(triangles: Array) -> Array:
-    """(n,) areas of spherical triangles (n, 3, 3), clockwise ones negative.
-
-    Van Oosterom and Strackee 1983.
-    """
-    a, b, c = np.moveaxis(triangles, 1, 0)
-    triple = (a * np.cross(b, c)).sum(axis=1)
-    spread = 1 + (a * b).sum(axis=1) + (b * c).sum(axis=1) + (c * a).sum(axis=1)
-    return np.asarray(2 * np.arctan2(triple, spread))

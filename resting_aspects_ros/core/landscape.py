@@ -72,6 +72,11 @@ class Landscape:
         """(k,) heights of the centre of mass in each minimum, m."""
         return np.asarray(self.hull.heights[self.minima] * self.radius)
 
+    @property
+    def minima_of_facets(self) -> Indices:
+        """(f,) the minimum, as its place in ``minima``, to which a part rolls from each facet."""
+        return self._place[self._rest]
+
     @cached_property
     def basin_shares(self) -> Array:
         """(k,) shares of all directions that roll to each minimum; they add up to 1."""

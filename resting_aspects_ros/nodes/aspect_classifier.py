@@ -12,11 +12,14 @@ from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, ListPa
 from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.errors import RestingAspectsError, UnknownPartError
+from resting_aspects_ros.core.estimators.estimate import Estimate, estimate
+from resting_aspects_ros.core.estimators.resting_shape import RestingShape
+from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.plan import most_drops
 from resting_aspects_ros.drops.run import DEFAULT_SEED, RunDescription, check_drops
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.convert import part_from, poses_from, status
-from resting_aspects_ros.nodes.distribution_messages import distribution_msg
+from resting_aspects_ros.nodes.distribution_messages import distribution_msg, estimate_msg
 from resting_aspects_ros.nodes.distribution_outputs import DistributionOutputs
 from resting_aspects_ros.nodes.drop_requests import DropRequests, DropSpec
 from resting_aspects_ros.nodes.interface import (
@@ -34,7 +37,7 @@ from resting_aspects_ros.nodes.requests import (
     NotAvailableError,
     answering,
     asked_conditions,
-    check_method,
+    asked_estimator,
 )
 from resting_aspects_ros.nodes.run_accounts import (
     KnownDistributions,
@@ -168,16 +171,21 @@ class AspectClassifier(Node):
         self, request: GetDistribution.Request, response: GetDistribution.Response
     ) -> GetDistribution.Response:
         with answering(GET_DISTRIBUTION, response, self.get_logger().error):
-            run, distribution = await self._find_or_drop(request)
-            stamp = self.get_clock().now().to_msg()
-            response.distribution = distribution_msg(distribution, run, stamp, True)
+            method = asked_estimator(request.method)
+            if method is None:
+                run, distribution = await self._find_or_drop(request)
+                stamp = self.get_clock().now().to_msg()
+                response.distribution = distribution_msg(distribution, run, stamp, True)
+            else:
+                part, found = self._estimate(request.part, method)
+                stamp = self.get_clock().now().to_msg()
+                response.distribution = estimate_msg(found, part, stamp)
             response.status = status(Status.OK)
         return response
 
     async def _find_or_drop(
         self, request: GetDistribution.Request
     ) -> tuple[RunDescription, Distribution]:
-        check_method(request.method)
         drops = most_drops(request.drops, request.precision)
         check_drops(drops)
         conditions = asked_conditions(self._surfaces, request.surface, request.conditions)
@@ -198,6 +206,11 @@ class AspectClassifier(Node):
         )
         account = await self._requests.drop(spec)
         return account.run, account.counted
+
+    def _estimate(self, name: str, method: str) -> tuple[Part, Estimate]:
+        parts = self._parts.usable(self._requests.simulator_is_there())
+        part, aspects = self._parts.version(asked_part(parts, name).part_sha256)
+        return part, estimate(RestingShape(part, aspects), method)
 
     def _nothing_known(self, request: GetDistribution.Request) -> RestingAspectsError:
         names = self._parts.names()

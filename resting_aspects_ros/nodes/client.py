@@ -13,7 +13,7 @@ from rclpy.task import Future
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, Status
 from resting_aspects_interfaces.srv import GetDistribution
 
-from resting_aspects_ros.core.errors import UnknownPartError
+from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError
 from resting_aspects_ros.core.part import Part, is_valid_name
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.plan import most_drops
@@ -62,6 +62,13 @@ def distribution_request(
         seed=[] if seed is None else [seed],
         only_known=only_known,
     )
+
+
+def estimate_request(part: str, method: str) -> GetDistribution.Request:
+    """The request for what an estimator predicts; it looks at nothing else."""
+    if not method:
+        raise InvalidValueError("method is '', allowed is drops or the name of an estimator")
+    return GetDistribution.Request(part=part, method=method)
 
 
 @contextmanager

@@ -1,16 +1,25 @@
 """Between distributions over aspects and ROS messages."""
 
+import math
+
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point32, Polygon, Quaternion, Vector3
 from rclpy.serialization import deserialize_message
-from resting_aspects_interfaces.msg import Aspect, AspectDistribution, SymmetryClass
+from resting_aspects_interfaces.msg import (
+    Aspect,
+    AspectDistribution,
+    RunDescription,
+    SymmetryClass,
+)
 from std_msgs.msg import Header
 
 from resting_aspects_ros.core import aspect_set
 from resting_aspects_ros.core.aspect_set import AspectSet, Sweep
 from resting_aspects_ros.core.distribution import METHOD, Distribution
+from resting_aspects_ros.core.estimators.estimate import Estimate
 from resting_aspects_ros.core.intervals import Interval
+from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.drops.run import RunDescription as Run
 from resting_aspects_ros.nodes.convert import run_from, run_msg
@@ -57,6 +66,41 @@ def distribution_msg(
     )
 
 
+def estimate_msg(found: Estimate, part: Part, stamp: Time) -> AspectDistribution:
+    """What an estimator predicts: without drops, so without counts and bounds (NaN)."""
+    aspects = found.aspects
+    probabilities = found.probabilities.tolist()
+    return AspectDistribution(
+        header=Header(stamp=stamp, frame_id=FRAME),
+        run=RunDescription(part=part.name, part_sha256=part.part_sha256),
+        method=found.method,
+        complete=True,
+        aspects=[
+            Aspect(**_aspect_fields(aspect), **_predicted_fields(probability))
+            for aspect, probability in zip(aspects.aspects, probabilities, strict=True)
+        ],
+        classes=[
+            SymmetryClass(
+                symmetry_class=members[0].symmetry_class,
+                aspects=[aspect.id for aspect in members],
+                **_predicted_fields(sum(probabilities[aspect.id - 1] for aspect in members)),
+            )
+            for members in aspects.classes()
+        ],
+    )
+
+
+def estimate_from(msg: AspectDistribution) -> Estimate:
+    """What an estimator predicted, of a message with its name as the method."""
+    return Estimate(
+        _aspects_from(msg), msg.method, np.array([aspect.probability for aspect in msg.aspects])
+    )
+
+
+def _predicted_fields(probability: float) -> dict[str, object]:
+    return {'count': 0, 'probability': probability, 'lower': math.nan, 'upper': math.nan}
+
+
 def _share_fields(count: int, interval: Interval) -> dict[str, object]:
     return {
         'count': count,
@@ -89,7 +133,7 @@ def _aspect_fields(aspect: aspect_set.Aspect) -> dict[str, object]:
 def distribution_from(msg: AspectDistribution) -> Distribution:
     """The counts and aspects of a message; its probabilities follow from them."""
     return Distribution(
-        AspectSet(msg.run.part_sha256, tuple(_aspect_from(a) for a in msg.aspects)),
+        _aspects_from(msg),
         np.array([a.count for a in msg.aspects], dtype=np.int64),
         unclassified=msg.unclassified,
         unsettled=msg.unsettled,
@@ -105,6 +149,10 @@ def serialized_distribution(data: bytes) -> tuple[Distribution, Run, bool]:
     """The distribution, its run and whether that was over, of a message as a log has it."""
     msg = deserialize_message(data, AspectDistribution)
     return distribution_from(msg), run_from(msg.run), msg.complete
+
+
+def _aspects_from(msg: AspectDistribution) -> AspectSet:
+    return AspectSet(msg.run.part_sha256, tuple(_aspect_from(a) for a in msg.aspects))
 
 
 def _aspect_from(msg: Aspect) -> aspect_set.Aspect:

@@ -14,6 +14,8 @@ from resting_aspects_ros.core.errors import (
     RestingAspectsError,
     UnknownPartError,
 )
+from resting_aspects_ros.core.estimators.estimate import METHODS
+from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.convert import conditions_from, status
@@ -36,6 +38,7 @@ _CODES: dict[type[RestingAspectsError], int] = {
     InvalidValueError: Status.INVALID,
     PartError: Status.INVALID,
     NotAvailableError: Status.NOT_AVAILABLE,
+    NotDefinedError: Status.INVALID,
     BusyError: Status.BUSY,
     CanceledError: Status.CANCELED,
 }
@@ -60,7 +63,7 @@ def answering(service: str, response: Any, complain: Callable[[str], object]) ->
 
 def status_error(answer: Status) -> RestingAspectsError:
     """The error that a status tells of."""
-    kinds = {code: kind for kind, code in _CODES.items() if kind is not PartError}
+    kinds = {code: kind for kind, code in reversed(_CODES.items())}
     return kinds.get(answer.code, RestingAspectsError)(answer.message)
 
 
@@ -73,7 +76,12 @@ def asked_conditions(
     return surfaces.get(surface)
 
 
-def check_method(method: str) -> None:
-    """Raises NotAvailableError for estimators: this version knows drops only."""
-    if method not in ('', METHOD):
-        raise NotAvailableError(f'method {method!r} is not known, allowed is {METHOD}')
+def asked_estimator(method: str) -> str | None:
+    """The estimator that is asked for by name, or None for drops; raises InvalidValueError."""
+    if method in ('', METHOD):
+        return None
+    if method not in METHODS:
+        raise InvalidValueError(
+            f'method {method!r} is not known, allowed are {METHOD}, {", ".join(METHODS)}'
+        )
+    return method

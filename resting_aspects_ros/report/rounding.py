@@ -51,6 +51,12 @@ def interval_text(interval: Interval) -> str:
     return f'{_percent(interval.lower, decimals)} to {_percent(interval.upper, decimals)} %'
 
 
+def share_text(share: float) -> str:
+    """In percent without the sign, as '27.8'; of less than 1 % two digits, as '0.034'."""
+    percent = 100 * share
+    return f'{percent:.1f}' if percent >= 0.995 or not percent else f'{percent:.2g}'
+
+
 def direction_text(direction: npt.NDArray[np.float64]) -> str:
     """A unit vector (3,), as '+0.55 +0.83  0.00': of one length, and zero has no sign."""
     return ' '.join(_signed(float(x)) for x in direction)

@@ -124,8 +124,11 @@ def test_a_run_that_stops_at_a_precision_begins_with_its_first_drop(suite):
 
 def test_a_method_that_is_not_known(suite):
     answer = suite.client.ask(method='guess')
-    assert answer.status.code == Status.NOT_AVAILABLE
-    assert answer.status.message == "method 'guess' is not known, allowed is drops"
+    assert answer.status.code == Status.INVALID
+    assert answer.status.message == (
+        "method 'guess' is not known, allowed are drops, solid_angle, csa, crsa, stability, "
+        'energy_barrier, quasi_static, rolling'
+    )
     assert suite.client.ask(method='drops', drops=5).status.code == Status.OK
 
 

@@ -1,0 +1,268 @@
+"""The analytic methods, held to closed forms, to symmetry, and to another implementation."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.estimators.estimate import METHODS, estimate
+from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
+
+# Coordinates of an STL are float32.
+FLOAT32 = 1e-5
+GOLDEN = (1 + np.sqrt(5)) / 2
+
+
+@pytest.fixture(scope='module')
+def shape(solid):
+    """Give the resting shape of a mesh, in mm."""
+
+    def make(mesh):
+        part = solid(mesh)
+        return RestingShape(part, find_aspects(part))
+
+    return make
+
+
+def rectangle(a, b, h):
+    """Solid angle of a rectangle 2a x 2b at the distance h."""
+    return 4 * np.arctan2(a * b, h * np.sqrt(a**2 + b**2 + h**2))
+
+
+def halves(sides):
+    """Half the sides of each face of a box, and its distance, lowest first, each twice."""
+    a, b, c = np.sort(sides) / 2
+    return np.repeat([(b, c, a), (a, c, b), (a, b, c)], 2, axis=0)
+
+
+def shares(weights):
+    return np.asarray(weights) / np.sum(weights)
+
+
+def predicted(shape, method):
+    return estimate(shape, method).probabilities
+
+
+SIDES = [(10, 20, 30), (10, 10, 40), (3, 30, 34)]
+
+
+@pytest.mark.parametrize('sides', SIDES)
+@pytest.mark.parametrize('method', ['solid_angle', 'quasi_static', 'rolling'])
+def test_a_box_by_the_formula_of_a_rectangle(solids, shape, sides, method):
+    expected = shares([rectangle(*face) for face in halves(sides)])
+    found = predicted(shape(solids.turned(solids.box(*sides), solids.a_turn(1))), method)
+    np.testing.assert_allclose(found, expected, atol=FLOAT32)
+
+
+@pytest.mark.parametrize('sides', SIDES)
+def test_a_box_by_the_definitions_of_the_others(solids, shape, sides):
+    weights = {method: [] for method in ('csa', 'crsa', 'stability', 'energy_barrier')}
+    for a, b, h in halves(sides):
+        over = np.hypot(h, [a, a, b, b])
+        critical = np.mean([rectangle(a, b, r) for r in over])
+        weights['csa'].append(rectangle(a, b, h) / h)
+        weights['crsa'].append((rectangle(a, b, h) - critical) / h)
+        weights['stability'].append(4 * a * b / h)
+        weights['energy_barrier'].append(min(over) - h)
+    of = shape(solids.turned(solids.box(*sides), solids.a_turn(2)))
+    for method, expected in weights.items():
+        np.testing.assert_allclose(predicted(of, method), shares(expected), atol=FLOAT32)
+
+
+@pytest.mark.parametrize('thickness', [0.1, 0.577, 3.0])
+@pytest.mark.parametrize('method', ['solid_angle', 'quasi_static', 'rolling'])
+def test_a_coin_is_on_its_side_with_h_over_its_diagonal(solids, shape, thickness, method):
+    found = estimate(shape(solids.prism(256, 5.0, 10 * thickness)), method)
+    side = next(a.id for a in found.aspects.aspects if a.rolls)
+    # A polygon of n sides is a circle up to 1 - cos(pi / n), 7.5e-5.
+    expected = thickness / np.hypot(thickness, 1)
+    assert found.probabilities[side - 1] == pytest.approx(expected, abs=1e-4)
+
+
+def octahedron(solids):
+    return solids.hull(10 * np.concatenate([np.eye(3), -np.eye(3)]))
+
+
+def dodecahedron(solids):
+    signs = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    arms = [(0, s / GOLDEN, t * GOLDEN) for s in (-1, 1) for t in (-1, 1)]
+    return solids.hull(10 * np.concatenate([signs, *(np.roll(arms, k, axis=1) for k in range(3))]))
+
+
+def regular(solids, faces):
+    return {
+        4: solids.tetrahedron,
+        6: lambda: solids.box(9, 9, 9),
+        8: lambda: octahedron(solids),
+        12: lambda: dodecahedron(solids),
+        20: lambda: solids.icosphere(0),
+    }[faces]()
+
+
+@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('faces', [4, 6, 8, 12, 20])
+def test_a_regular_solid_is_uniform(solids, shape, faces, method):
+    mesh = regular(solids, faces)
+    found = predicted(shape(solids.turned(mesh, solids.a_turn(3))), method)
+    np.testing.assert_allclose(found, np.full(faces, 1 / faces), rtol=1e-12)
+
+
+@pytest.mark.parametrize('faces', [4, 6, 8, 12, 20])
+def test_weights_of_a_regular_solid_are_uniform_without_its_symmetry(solids, shape, faces):
+    of = shape(solids.turned(regular(solids, faces), solids.a_turn(4)))
+    for method, each in METHODS.items():
+        # The energy of an edge is a difference of lengths that are alike to a tenth.
+        tolerance = 2e-4 if method == 'energy_barrier' else FLOAT32
+        np.testing.assert_allclose(shares(each.weights(of)), 1 / faces, rtol=tolerance)
+
+
+def test_a_face_that_is_two_is_counted_once(solids, shape):
+    """The die of Baktash et al. has unstable facets within a degree of the faces it rests on."""
+    mesh = solids.binom3()
+    of = shape(mesh)
+    down = np.array([a.down_in_part for a in of.aspects.aspects])
+    assert len(down) == 4
+    corners = mesh.triangles - mesh.center_mass
+    a, b, c = (corners[:, k] for k in range(3))
+    la, lb, lc = (np.linalg.norm(corners[:, k], axis=1) for k in range(3))
+    dot = lambda x, y: (x * y).sum(axis=1)  # noqa: E731 - the formula as it is printed
+    omega = 2 * np.arctan2(
+        np.abs(dot(a, np.cross(b, c))),
+        la * lb * lc + dot(a, b) * lc + dot(a, c) * lb + dot(b, c) * la,
+    )
+    near = down @ mesh.face_normals.T > np.cos(np.radians(1))
+    assert near.sum() > 4
+    np.testing.assert_allclose(predicted(of, 'solid_angle'), shares(near @ omega), atol=FLOAT32)
+
+
+def test_the_rolling_of_the_die_binom3(solids, shape):
+    found = estimate(shape(solids.binom3()), 'rolling')
+    leans_back = [a.down_in_part[0] < 0 for a in found.aspects.aspects]
+    # Of 329 rolls 255 fell on those two.
+    expected = np.where(leans_back, 0.375, 0.125)
+    np.testing.assert_allclose(found.probabilities, expected, atol=0.01)
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_scale_and_turn_change_nothing(solids, shape, method):
+    mesh = solids.irregular(5)
+    expected = predicted(shape(mesh), method)
+    assert len(expected) > 3
+    for scale, seed in ((0.02, 5), (50.0, 6)):
+        other = solids.turned(mesh.copy().apply_scale(scale), solids.a_turn(seed), (3, -8, 20))
+        np.testing.assert_allclose(predicted(shape(other), method), expected, atol=2e-4)
+
+
+def test_a_facet_that_is_unstable_hands_its_share_to_the_side_on_which_it_tips(solids, shape):
+    """A frustum that leans over: its base tips to the side below it, its top to the one above."""
+    base = np.array([(x, y, 0.0) for x in (-5, 5) for y in (-4, 4)])
+    top = np.array([(24 + x, y, 20.0) for x in (-3, 3) for y in (-2.5, 2.5)])
+    of = shape(solids.hull(np.concatenate([base, top])))
+    down = np.array([a.down_in_part for a in of.aspects.aspects])
+    assert len(down) == 4
+    assert np.abs(down[:, 2]).max() < 0.9
+    body = of.landscape.hull
+    omega = of.facet_angles / (4 * np.pi)
+    ends = {z: float(omega[body.normals @ [0, 0, z] > 0.999].sum()) for z in (-1, 1)}
+    assert min(ends.values()) > 100 * FLOAT32
+    expected = of.face_angles / (4 * np.pi)
+    below, above = (int((down @ [s, 0, -s]).argmax()) for s in (1, -1))
+    expected[below] += ends[-1]
+    expected[above] += ends[1]
+    np.testing.assert_allclose(predicted(of, 'quasi_static'), expected, atol=FLOAT32)
+
+
+@pytest.mark.parametrize(
+    'make',
+    [
+        lambda solids: solids.box(10, 20, 30),
+        lambda solids: solids.box(7, 7, 25),
+        lambda solids: solids.prism(3, 10.0, 12.0),
+        lambda solids: solids.prism(6, 10.0, 8.0),
+        lambda solids: solids.extruded([(0, 0), (20, 0), (20, 5), (0, 15)], 12),
+    ],
+)
+def test_quasi_static_is_that_of_trimesh_where_that_is_right(solids, shape, make):
+    mesh = solids.turned(make(solids), solids.a_turn(7))
+    of = shape(mesh)
+    poses, probabilities = trimesh.poses.compute_stable_poses(mesh)
+    down = -poses[:, 2, :3]
+    ids, _ = of.aspects.locate(down)
+    expected = np.bincount(ids - 1, weights=probabilities, minlength=len(of.aspects))
+    np.testing.assert_allclose(predicted(of, 'quasi_static'), shares(expected), atol=1e-4)
+
+
+def test_what_is_not_defined_for_a_curved_side(solids, shape):
+    of = shape(solids.prism(32))
+    assert estimate(of, 'solid_angle').probabilities.sum() == pytest.approx(1)
+    for method in ('crsa', 'stability'):
+        with pytest.raises(NotDefinedError, match=rf'{method} is not defined for solid: aspect 1'):
+            estimate(of, method)
+    egg = shape(solids.ellipsoid(10, 10, 6, 3))
+    assert len(egg.aspects) == 2
+    for method in ('solid_angle', 'csa'):
+        with pytest.raises(NotDefinedError, match='goes on to another aspect without an edge'):
+            estimate(egg, method)
+    for method in ('quasi_static', 'rolling', 'energy_barrier'):
+        np.testing.assert_allclose(predicted(egg, method), 0.5, atol=1e-6)
+
+
+def test_a_half_ball_and_a_half_round_bar_rest_on_all_of_their_curved_side(solids, shape):
+    height = 3 / 8  # of the centre of mass, of the radius
+    ball = estimate(shape(solids.revolved([(0, 0), *solids.quarter(10.0, 32)], 96)), 'solid_angle')
+    flat = (1 - height / np.hypot(height, 1)) / 2  # of all directions
+    curved = [a.sweep.curved for a in ball.aspects.aspects]
+    np.testing.assert_allclose(ball.probabilities, np.where(curved, 1 - flat, flat), atol=2e-3)
+    bar = shape(solids.half_round_bar(48))
+    down = np.array([a.down_in_part for a in bar.aspects.aspects])
+    # Its flat side is 20 x 40 mm, and an end is half a disc that is seen from its middle.
+    flat = rectangle(10, 20, 4 / (3 * np.pi) * 10)
+    ends = bar.facet_angles[np.abs(bar.landscape.hull.normals[:, 2]) > 0.99].sum()
+    weight = np.where(down[:, 1] < -0.9, flat, 4 * np.pi - flat - ends)
+    weight[np.abs(down[:, 2]) > 0.9] = ends / 2
+    assert sorted(weight) == [ends / 2, ends / 2, flat, 4 * np.pi - flat - ends]
+    np.testing.assert_allclose(predicted(bar, 'solid_angle'), shares(weight), atol=3e-3)
+
+
+@pytest.mark.parametrize('angle', [0.02, 0.2, 0.45])
+def test_a_face_that_noise_has_crowned_counts_as_one(solids, shape, angle):
+    """The top of a cube is a ridge of two slopes that are all but one."""
+    rise = 10 * np.tan(np.radians(angle))
+    corners = [(x, y, z) for x in (-10, 10) for y in (-10, 10) for z in (-10, 10)]
+    ridge = [(x, 0.4, 10 + rise) for x in (-10, 10)]
+    of = shape(solids.hull(np.array(corners + ridge, float)))
+    assert len(of.aspects) == 6
+    for method in METHODS:
+        found = predicted(of, method)
+        # Its centre of mass is higher by a third of the rise, at most.
+        np.testing.assert_allclose(found, 1 / 6, atol=0.1 * rise)
+
+
+def test_a_cylinder_with_small_fillets_has_a_face_and_a_pill_has_none(solids, shape):
+    filleted = shape(solids.rounded_cylinder(10.0, 20.0, 1.0, 48, 6))
+    side = np.array([a.rolls for a in filleted.aspects.aspects])
+    # The cylinder up to its fillets, seen from its middle, and its ends likewise.
+    around, end = 2 * 9 / np.hypot(9, 10), 1 - 10 / np.hypot(10, 9)
+    expected = np.where(side, around, end) / (around + 2 * end)
+    np.testing.assert_allclose(predicted(filleted, 'solid_angle'), expected, atol=1e-3)
+    with pytest.raises(NotDefinedError, match='without an edge between'):
+        estimate(shape(solids.rounded_cylinder(10.0, 20.0, 9.5, 48, 10)), 'solid_angle')
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_who_has_one_aspect_rests_in_it(solids, shape, method):
+    assert predicted(shape(solids.icosphere(3)), method).tolist() == [1.0]
+
+
+def test_a_method_that_is_not_known(solids, shape):
+    with pytest.raises(InvalidValueError, match="method 'guess' is not known, allowed are solid_"):
+        estimate(shape(solids.box(1, 2, 3)), 'guess')
+
+
+@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('seed', range(3))
+def test_probabilities_of_any_part_add_up(solids, shape, seed, method):
+    found = predicted(shape(solids.irregular(seed)), method)
+    assert found.sum() == pytest.approx(1)
+    assert (found > 0).all()

@@ -1,0 +1,56 @@
+"""Estimators as the method of get_distribution, asked of three processes over DDS."""
+
+import math
+
+import numpy as np
+import pytest
+from resting_aspects_interfaces.msg import Status
+
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.estimators.estimate import METHODS, estimate
+from resting_aspects_ros.core.estimators.resting_shape import RestingShape
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_a_controller_has_an_answer_without_a_drop(suite, part, method):
+    heard = suite.client.poses()
+    answer = suite.client.ask('u_bracket', method=method)
+    assert (answer.status.code, answer.status.message) == (Status.OK, '')
+    found = answer.distribution
+    shape = RestingShape(part('u_bracket'), find_aspects(part('u_bracket')))
+    expected = estimate(shape, method).probabilities
+    # The part has gone over the wire: in a message its numbers are not rounded.
+    np.testing.assert_array_equal([a.probability for a in found.aspects], expected)
+    assert (found.method, found.run.part, found.complete) == (method, 'u_bracket', True)
+    assert found.run.part_sha256 == part('u_bracket').part_sha256
+    assert (found.drops, found.interval, found.run.run_id) == (0, '', '')
+    assert all(math.isnan(b) for a in found.aspects for b in (a.lower, a.upper))
+    for each in found.classes:
+        together = sum(expected[k - 1] for k in each.aspects)
+        assert each.probability == pytest.approx(together, abs=1e-12)
+    # A drop now comes after all that the request could have caused.
+    new = suite.client.drop('tetrahedron', 1, seed=99).result.run_id
+    suite.client.wait(lambda: any(b.run.run_id == new for b in heard), 'the new run')
+    assert 'u_bracket' not in {batch.run.part for batch in heard}
+
+
+def test_an_estimate_does_not_pass_for_drops(suite):
+    assert suite.client.ask('washer', method='rolling').status.code == Status.OK
+    answer = suite.client.ask('washer', 10, only_known=True)
+    assert answer.status.code == Status.NOT_AVAILABLE
+
+
+@pytest.mark.parametrize('method', ['crsa', 'stability'])
+def test_a_method_that_is_not_defined_for_a_part(suite, method):
+    answer = suite.client.ask('cylinder_d20_h20', method=method)
+    assert answer.status.code == Status.INVALID
+    assert answer.status.message == (
+        f'{method} is not defined for cylinder_d20_h20: aspect 1 rests on a curved side, not a '
+        'polygon'
+    )
+
+
+def test_a_part_that_is_not_known(suite):
+    answer = suite.client.ask('no_such_part', method='rolling')
+    assert answer.status.code == Status.UNKNOWN_PART
+    assert answer.status.message.startswith("part 'no_such_part' is not known, known are ")
