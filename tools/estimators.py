@@ -21,8 +21,8 @@ from resting_aspects_ros.drops.job import make_job
 from resting_aspects_ros.drops.worker_pool import ProcessWorkers, default_workers
 
 RESULT = ROOT / 'docs' / 'estimators.md'
-# Of each part on each surface: a standard error of 0.003 for a share of 0.25.
-DROPS = 20_000
+# Of each part on each surface: a standard error of 0.006 for a share of 0.25.
+DROPS = 5_000
 
 
 def main() -> None:
