@@ -57,7 +57,7 @@ def test_every_command_is_known_to_the_tests_below():
     known = ['make demo', 'make test', '.venv/bin/resting_aspects ']
     assert all(line.startswith(tuple(known)) for line in commands())
     assert {line.split()[1] for line in commands()} == {
-        'demo', 'test', 'drop', 'aspects', 'compare', 'nodes', 'request'
+        'demo', 'test', 'drop', 'aspects', 'estimate', 'compare', 'nodes', 'request'
     }  # fmt: skip
 
 
@@ -77,6 +77,11 @@ def test_drop(line, tmp_path):
 def test_aspects():
     (line,) = [line for line in commands() if ' aspects ' in line]
     assert 'Symmetry: 12 rotations' in run(here(line), cwd=ROOT)
+
+
+def test_estimate():
+    (line,) = [line for line in commands() if ' estimate ' in line]
+    assert 'probability by method' in run(here(line), cwd=ROOT)
 
 
 def test_compare(tmp_path):

@@ -111,7 +111,7 @@ def _connect(scheduler: str) -> Any:
             f'scheduler is {scheduler!r}, which needs Dask: pip install distributed'
         ) from None
     # What goes wrong is said in our words.
-    for name in ('distributed', 'distributed.client'):
+    for name in ('distributed', 'distributed.client', 'tornado.application'):
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         # A client that fails to connect to what is no scheduler leaves a traceback; this does not.
