@@ -44,6 +44,8 @@ def estimate_table(
         Of the drops from each method that is defined.
     """
     table = plain_table(title)
+    # A title is not broken because there is but one method.
+    table.min_width = min(80, max(map(len, title.splitlines())))
     table.add_column('aspect', justify='right', no_wrap=True)
     if against is None:
         table.add_column('down in part', no_wrap=True)
