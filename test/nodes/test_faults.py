@@ -127,7 +127,7 @@ def test_without_a_simulator_the_answer_is_that_there_is_none(suite):
 # Last: for 20 s a node that was killed is taken for present.
 def test_a_simulator_that_is_killed_and_started_again_ends_no_other_node(suite, counts):
     heard = suite.client.poses()
-    asked = suite.client.asking('tetrahedron', 20000, seed=[43])
+    asked = suite.client.asking('tetrahedron', 6000, seed=[43])
     suite.client.wait(lambda: any(batch.run.seed == 43 for batch in heard), 'first batch')
     suite.processes['drop_simulator'].end(signal.SIGKILL)
     suite.start_again('drop_simulator')
