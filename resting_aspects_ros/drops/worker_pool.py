@@ -6,6 +6,7 @@ import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from multiprocessing import get_context, parent_process
 from typing import ParamSpec, TypeVar
@@ -77,12 +78,17 @@ class _Pool(ProcessPoolExecutor):
 
     It reaches every process of the terminal, and a worker can ignore it only when it has read its
     modules, after about a second; until then it would end in a traceback, and the pool with it.
+
+    Raises BrokenExecutor also for a worker that dies while it is begun.
     """
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> 'Future[T]':
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # processes inherit it
         try:
             return super().submit(fn, *args, **kwargs)
+        except (BrokenPipeError, ConnectionResetError) as error:
+            # What a worker is begun with goes through a pipe to it.
+            raise BrokenProcessPool('a worker died before it had begun') from error
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 

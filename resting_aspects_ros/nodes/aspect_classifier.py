@@ -1,6 +1,7 @@
 """The node that turns resting poses into distributions over aspects, and answers for them."""
 
 import sys
+from functools import partial
 from pathlib import Path
 
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -11,7 +12,7 @@ from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, ListPa
 
 from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.core.distribution import Distribution
-from resting_aspects_ros.core.errors import RestingAspectsError, UnknownPartError
+from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.core.estimators.estimate import Estimate, estimate
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.core.part import Part
@@ -31,8 +32,9 @@ from resting_aspects_ros.nodes.interface import (
     RESTING_POSES,
     SERVICES,
 )
+from resting_aspects_ros.nodes.known_parts import KnownParts, asked_part
 from resting_aspects_ros.nodes.parameters import Parameter, declare
-from resting_aspects_ros.nodes.pose_answers import answer_pose, asked_part
+from resting_aspects_ros.nodes.pose_answers import answer_pose
 from resting_aspects_ros.nodes.requests import (
     NotAvailableError,
     answering,
@@ -41,19 +43,21 @@ from resting_aspects_ros.nodes.requests import (
 )
 from resting_aspects_ros.nodes.run_accounts import (
     KnownDistributions,
-    KnownParts,
     RunAccount,
     newest_distribution,
 )
 from resting_aspects_ros.nodes.run_tracker import RunProgress, RunTracker
 from resting_aspects_ros.nodes.spin import run_node
 from resting_aspects_ros.nodes.topic_watch import TopicWatch
+from resting_aspects_ros.nodes.waiting import wait_for
 
 PARAMETERS = (
     Parameter('surfaces_file', '', 'YAML file of named conditions; empty: the one of the suite'),
 )
 # Distributions of runs under way are published this often, s.
 PUBLISH_PERIOD = 0.2
+# While parts come in, one that is asked for is looked for this often, s.
+PARTS_PERIOD = 0.1
 # Ends of so many runs are remembered, for requests that wait for them.
 RUNS_KEPT = 10_000
 
@@ -80,15 +84,12 @@ class AspectClassifier(Node):
         )
         self.create_subscription(RestingPoses, RESTING_POSES, self._batch, POSES)
         self.create_timer(PUBLISH_PERIOD, self._outputs.publish)
-        self.create_service(
-            GetDistribution,
-            GET_DISTRIBUTION,
-            self._get_distribution,
-            qos_profile=SERVICES,
-            # In the node's own group a request that waits would hold up everything it waits for.
-            callback_group=ReentrantCallbackGroup(),
+        # In the node's own group a request that waits would hold up everything it waits for.
+        serve = partial(
+            self.create_service, qos_profile=SERVICES, callback_group=ReentrantCallbackGroup()
         )
-        self.create_service(ClassifyPose, CLASSIFY_POSE, self._classify_pose, qos_profile=SERVICES)
+        serve(GetDistribution, GET_DISTRIBUTION, self._get_distribution)
+        serve(ClassifyPose, CLASSIFY_POSE, self._classify_pose)
         self.create_service(ListParts, LIST_PARTS, self._list_parts, qos_profile=SERVICES)
         self.get_logger().info('ready')
 
@@ -167,6 +168,15 @@ class AspectClassifier(Node):
 
     # Services
 
+    async def _usable_parts(self, name: str) -> dict[str, Part]:
+        """The parts that can be asked about by name; waits for that one while parts come in."""
+        never = Future(executor=self.executor)
+        while True:
+            parts = self._parts.usable(self._requests.simulator_is_there())
+            if name in parts or not self._parts.come_in():
+                return parts
+            await wait_for(self, never, PARTS_PERIOD)
+
     async def _get_distribution(
         self, request: GetDistribution.Request, response: GetDistribution.Response
     ) -> GetDistribution.Response:
@@ -177,7 +187,7 @@ class AspectClassifier(Node):
                 stamp = self.get_clock().now().to_msg()
                 response.distribution = distribution_msg(distribution, run, stamp, True)
             else:
-                part, found = self._estimate(request.part, method)
+                part, found = await self._estimate(request.part, method)
                 stamp = self.get_clock().now().to_msg()
                 response.distribution = estimate_msg(found, part, stamp)
             response.status = status(Status.OK)
@@ -190,13 +200,19 @@ class AspectClassifier(Node):
         check_drops(drops)
         conditions = asked_conditions(self._surfaces, request.surface, request.conditions)
         seed = request.seed[0] if request.seed else None
-        part = self._parts.usable(self._requests.simulator_is_there()).get(request.part)
+        parts = await self._usable_parts(request.part)
+        part = parts.get(request.part)
         if part is not None:
             known = self._known.find(part.part_sha256, conditions, drops, request.precision, seed)
             if known is not None:
                 return known
         if request.only_known:
-            raise self._nothing_known(request)
+            if parts:
+                asked_part(parts, request.part)
+            raise NotAvailableError(
+                f'no distribution of {request.part} under these conditions over at least '
+                f'{request.drops} drops is known, and only_known was asked for'
+            )
         spec = DropSpec(
             request.part,
             conditions,
@@ -207,27 +223,16 @@ class AspectClassifier(Node):
         account = await self._requests.drop(spec)
         return account.run, account.counted
 
-    def _estimate(self, name: str, method: str) -> tuple[Part, Estimate]:
-        parts = self._parts.usable(self._requests.simulator_is_there())
+    async def _estimate(self, name: str, method: str) -> tuple[Part, Estimate]:
+        parts = await self._usable_parts(name)
         part, aspects = self._parts.version(asked_part(parts, name).part_sha256)
         return part, estimate(RestingShape(part, aspects), method)
 
-    def _nothing_known(self, request: GetDistribution.Request) -> RestingAspectsError:
-        names = self._parts.names()
-        if names and request.part not in names:
-            return UnknownPartError(
-                f'part {request.part!r} is not known, known are {", ".join(names)}'
-            )
-        return NotAvailableError(
-            f'no distribution of {request.part} under these conditions over at least '
-            f'{request.drops} drops is known, and only_known was asked for'
-        )
-
-    def _classify_pose(
+    async def _classify_pose(
         self, request: ClassifyPose.Request, response: ClassifyPose.Response
     ) -> ClassifyPose.Response:
         with answering(CLASSIFY_POSE, response, self.get_logger().error):
-            parts = self._parts.usable(self._requests.simulator_is_there())
+            parts = await self._usable_parts(request.part)
             sha = asked_part(parts, request.part).part_sha256
             newest = newest_distribution(self._known, self._accounts.values(), sha)
             answer_pose(request, response, self._parts.version(sha)[1], newest)

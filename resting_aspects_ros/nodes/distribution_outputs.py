@@ -7,8 +7,9 @@ from visualization_msgs.msg import MarkerArray
 
 from resting_aspects_ros.nodes.distribution_messages import distribution_msg
 from resting_aspects_ros.nodes.interface import ASPECT_DISTRIBUTIONS, LATCHED, MARKERS
+from resting_aspects_ros.nodes.known_parts import KnownParts
 from resting_aspects_ros.nodes.markers import PartMarkers
-from resting_aspects_ros.nodes.run_accounts import KnownParts, RunAccount
+from resting_aspects_ros.nodes.run_accounts import RunAccount
 
 
 class DistributionOutputs:

@@ -1,7 +1,6 @@
 """Answers of classify_pose: which aspect a pose is in, and how probable that is."""
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 from resting_aspects_interfaces.msg import Status
@@ -9,19 +8,9 @@ from resting_aspects_interfaces.srv import ClassifyPose
 
 from resting_aspects_ros.core.aspect_set import POSE_ANGLE, AspectSet
 from resting_aspects_ros.core.distribution import Distribution
-from resting_aspects_ros.core.errors import UnknownPartError
-from resting_aspects_ros.core.part import MAX_NAME, Part
 from resting_aspects_ros.core.pose_query import nearest_aspect, unit_orientation
 from resting_aspects_ros.nodes.convert import status
 from resting_aspects_ros.nodes.requests import NotAvailableError
-
-
-def asked_part(parts: Mapping[str, Part], name: str) -> Part:
-    """The part of a name; raises UnknownPartError, which lists the others."""
-    if name in parts:
-        return parts[name]
-    there = ', '.join(sorted(parts)) or 'none: no simulator has offered any yet'
-    raise UnknownPartError(f'part {name[:MAX_NAME]!r} is not known, known are {there}')
 
 
 def answer_pose(

@@ -1,12 +1,10 @@
-"""What the classifier knows: parts and their aspects, and the distribution of every run."""
+"""What the classifier knows of runs: the distribution of each, under way or finished."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from resting_aspects_ros.core.aspect_set import AspectSet
-from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import Distribution, count_poses, no_drops
-from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.stopping import is_precise
 from resting_aspects_ros.drops.conditions import DropConditions
@@ -42,56 +40,6 @@ class RunAccount:
         for batch in self.waiting:
             total += count_poses(aspects, batch)
         self.distribution, self.waiting = total, []
-
-
-class KnownParts:
-    """The parts as they are described now, and the aspects of every version that was seen."""
-
-    def __init__(self) -> None:
-        self._parts: dict[str, Part] = {}
-        self._last: dict[str, Part] = {}  # by name, also those that are offered no more
-        self._by_sha: dict[str, Part] = {}
-        self._aspects: dict[str, AspectSet] = {}
-
-    def describe(self, part: Part) -> None:
-        """Take a part as it is offered now."""
-        self._parts[part.name] = self._last[part.name] = part
-        self._by_sha[part.part_sha256] = part
-
-    def remove(self, name: str) -> None:
-        """The part is offered no more; its aspects stay known."""
-        self._parts.pop(name, None)
-
-    def names(self) -> list[str]:
-        """Of the parts that are offered, sorted."""
-        return sorted(self._parts)
-
-    def get(self, name: str) -> Part | None:
-        """The part as it is offered now."""
-        return self._parts.get(name)
-
-    def usable(self, simulator_is_there: bool) -> dict[str, Part]:
-        """The parts that can be asked about, by name.
-
-        Without a simulator no part is offered; what is known of it is known still.
-        """
-        return dict(self._parts if simulator_is_there else self._last)
-
-    def offered(self) -> list[tuple[str, str]]:
-        """Name and part_sha256 of each, sorted."""
-        return [(name, self._parts[name].part_sha256) for name in self.names()]
-
-    def aspects(self, part_sha256: str) -> AspectSet | None:
-        """Those of a version of a part, or None if no description of it was seen."""
-        if part_sha256 not in self._aspects and part_sha256 in self._by_sha:
-            self._aspects[part_sha256] = find_aspects(self._by_sha[part_sha256])
-        return self._aspects.get(part_sha256)
-
-    def version(self, part_sha256: str) -> tuple[Part, AspectSet]:
-        """A version of a part that was seen, and its aspects."""
-        aspects = self.aspects(part_sha256)
-        assert aspects is not None
-        return self._by_sha[part_sha256], aspects
 
 
 class KnownDistributions:

@@ -1,13 +1,14 @@
 """Real worker processes: how they start, end, and are replaced."""
 
 import dataclasses
+import itertools
 import os
 import re
 import select
 import signal
 import subprocess
 import sys
-from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from multiprocessing import active_children
@@ -158,6 +159,22 @@ def test_runs_that_share_a_pool_lose_nothing_when_a_worker_is_killed(planned, wo
     for run in runs:
         assert_same(RestingPoses.join([s for s in run if not isinstance(s, Future)]), here)
     assert warnings == ['a worker died near drop 0 of tetrahedron'] * 2
+
+
+def test_a_worker_that_dies_while_it_is_begun_is_replaced(planned, workers, monkeypatch):
+    job, asked = planned
+    submit, calls = ProcessPoolExecutor.submit, itertools.count()
+
+    def broken_pipe_first(*args):
+        if next(calls) == 0:
+            raise BrokenPipeError  # as multiprocessing does: what it tells the worker goes nowhere
+        return submit(*args)
+
+    monkeypatch.setattr(ProcessPoolExecutor, 'submit', broken_pipe_first)
+    warnings = []
+    steps = drop_chunks(job, asked, workers, warnings.append)
+    poses = RestingPoses.join([step for step in steps if not isinstance(step, Future)])
+    assert (len(poses), warnings) == (3 * CHUNK, ['a worker died near drop 0 of tetrahedron'])
 
 
 def parent(*, then):

@@ -18,7 +18,8 @@ from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.nodes.convert import poses_from
-from resting_aspects_ros.nodes.pose_answers import answer_pose, asked_part
+from resting_aspects_ros.nodes.known_parts import asked_part
+from resting_aspects_ros.nodes.pose_answers import answer_pose
 from resting_aspects_ros.nodes.requests import NotAvailableError, answering
 from resting_aspects_ros.nodes.run_accounts import (
     KnownDistributions,

@@ -116,3 +116,14 @@ def test_a_mesh_that_is_broken_is_told_once_and_harms_no_other_part(suite, liste
     listed('box_10x20x30', 'tetrahedron')
     assert simulator.said.count('broken.stl') == 1
     (folder / 'broken.stl').unlink()
+
+
+def test_a_part_that_is_asked_for_while_parts_come_in_is_waited_for(fresh_suite):
+    suite = fresh_suite({'aspect_classifier': {'topic_watch.PERIOD': 1.5}}, workers=1)
+    suite.processes['aspect_classifier'].end()
+    suite.start_again('aspect_classifier')
+    # It does not look for parts before 1.5 s have passed.
+    assert suite.client.ask('washer', method='rolling').status.code == Status.OK
+    unknown = suite.client.ask('no_such_part', method='rolling').status
+    assert unknown.code == Status.UNKNOWN_PART
+    assert unknown.message.endswith(', u_bracket, washer')
