@@ -1,11 +1,14 @@
 """What several tests need: the example parts, parts made of a mesh, and the shipped surfaces."""
 
+import dataclasses
 import logging
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from resting_aspects_ros.core.part import part_from_bytes
+from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.drops.part_library import PartLibrary
 from resting_aspects_ros.drops.surfaces import Surfaces
 
@@ -34,6 +37,17 @@ def solid():
 def surfaces():
     """Give the shipped sets of conditions."""
     return Surfaces.read(ROOT / 'config' / 'surfaces.yaml')
+
+
+@pytest.fixture(scope='session')
+def assert_same_poses():
+    """Hold poses to others, bit for bit."""
+
+    def assert_same_poses(a, b):
+        for field in dataclasses.fields(RestingPoses):
+            np.testing.assert_array_equal(getattr(a, field.name), getattr(b, field.name))
+
+    return assert_same_poses
 
 
 @pytest.fixture(scope='session')

@@ -24,11 +24,6 @@ def numbered(first, n):
     )
 
 
-def assert_same(a, b):
-    for field in dataclasses.fields(RestingPoses):
-        np.testing.assert_array_equal(getattr(a, field.name), getattr(b, field.name))
-
-
 def test_codes_are_those_of_the_message():
     assert [(s.name, int(s)) for s in RestStatus] == [
         ('SETTLED', 0),
@@ -39,7 +34,7 @@ def test_codes_are_those_of_the_message():
 
 
 @given(st.integers(0, 2**64), st.lists(st.integers(0, 5), min_size=1, max_size=6))
-def test_joined_pieces_are_the_whole(first, lengths):
+def test_joined_pieces_are_the_whole(assert_same_poses, first, lengths):
     ends = np.cumsum([0, *lengths])
     whole = numbered(0, ends[-1])
     pieces = [
@@ -47,19 +42,19 @@ def test_joined_pieces_are_the_whole(first, lengths):
         for low, high in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)
     ]
     joined = RestingPoses.join(pieces)
-    assert_same(joined, dataclasses.replace(whole, first_drop=first))
+    assert_same_poses(joined, dataclasses.replace(whole, first_drop=first))
     assert joined.end == first + len(whole)
     assert len(joined) == len(whole)
 
 
 @given(st.integers(0, 30), st.integers(0, 30))
-def test_between_gives_those_drops_that_are_there_and_no_others(low, high):
+def test_between_gives_those_drops_that_are_there_and_no_others(assert_same_poses, low, high):
     poses = numbered(10, 9)
     expected = [index for index in range(low, high) if 10 <= index < 19]
     found = poses.between(low, high)
     assert len(found) == len(expected)
     if expected:
-        assert_same(found, numbered(expected[0], len(expected)))
+        assert_same_poses(found, numbered(expected[0], len(expected)))
 
 
 def test_joining_over_a_gap_names_the_missing_drops():

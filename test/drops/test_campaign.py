@@ -143,11 +143,6 @@ def pool():
         yield pool
 
 
-def assert_same(a, b):
-    for field in dataclasses.fields(RestingPoses):
-        np.testing.assert_array_equal(getattr(a, field.name), getattr(b, field.name))
-
-
 @pytest.mark.parametrize(
     ('first', 'drops', 'chunks'),
     [
@@ -207,7 +202,7 @@ def test_the_lookahead_may_grow_and_shrink():
     assert under_way == [1, 3, 2, 2, 2, 1]
 
 
-def test_poses_are_the_same_bit_for_bit_whatever_makes_them(job, pool):
+def test_poses_are_the_same_bit_for_bit_whatever_makes_them(job, pool, assert_same_poses):
     # The last chunk is not full; the first does not begin at its first slot.
     first, drops = CHUNK - 30, 30 + 20
     here = RestingPoses.join(
@@ -217,7 +212,7 @@ def test_poses_are_the_same_bit_for_bit_whatever_makes_them(job, pool):
     with make_pool(1) as one, ThreadPoolExecutor(2) as threads:
         for executor in (pool, one, threads, InPlace()):
             chunks = submit_drops(job, first, drops, executor, lambda: 3)
-            assert_same(RestingPoses.join([f.result() for f in chunks]), here)
+            assert_same_poses(RestingPoses.join([f.result() for f in chunks]), here)
 
 
 def test_chunks_come_in_their_order_each_after_its_future(campaign):

@@ -63,11 +63,6 @@ def poses(first, end, seed=1):
     )
 
 
-def assert_same(a, b):
-    for field in dataclasses.fields(RestingPoses):
-        np.testing.assert_array_equal(getattr(a, field.name), getattr(b, field.name))
-
-
 def ranges(merged):
     return [(each.first_drop, each.end) for each in merged.poses]
 
@@ -82,7 +77,7 @@ spans = st.tuples(st.integers(0, 40), st.integers(0, 12)).map(lambda s: (s[0], s
 
 
 @given(st.lists(st.tuples(st.sampled_from([1, 2, 7]), spans), max_size=12))
-def test_every_drop_is_there_exactly_once_whatever_the_pieces(given_spans):
+def test_every_drop_is_there_exactly_once_whatever_the_pieces(assert_same_poses, given_spans):
     pieces = [(run(seed=seed), poses(*span, seed)) for seed, span in given_spans]
     merged = merge_drops(pieces)
     expected = {(seed, i) for seed, span in given_spans for i in range(*span)}
@@ -93,7 +88,7 @@ def test_every_drop_is_there_exactly_once_whatever_the_pieces(given_spans):
     for each in merged:
         for piece in each.poses:
             assert len(piece) > 0
-            assert_same(piece, poses(piece.first_drop, piece.end, each.run.seed))
+            assert_same_poses(piece, poses(piece.first_drop, piece.end, each.run.seed))
         # As few pieces as can be: drops are missing between them.
         assert all(a[1] < b[0] for a, b in pairwise(ranges(each)))
     # In the order in which the sequences were given.
@@ -101,10 +96,10 @@ def test_every_drop_is_there_exactly_once_whatever_the_pieces(given_spans):
 
 
 @given(st.permutations([(0, 10), (5, 8), (5, 30), (10, 20), (29, 40), (50, 60), (0, 10)]))
-def test_the_order_of_the_pieces_does_not_matter(order):
+def test_the_order_of_the_pieces_does_not_matter(assert_same_poses, order):
     (merged,) = merge_drops([(RUN, poses(*span)) for span in order])
     assert ranges(merged) == [(0, 40), (50, 60)]
-    assert_same(merged.poses[0], poses(0, 40))
+    assert_same_poses(merged.poses[0], poses(0, 40))
 
 
 def test_nothing_merged_is_nothing():
@@ -234,17 +229,17 @@ def test_zero_with_another_sign_is_another_pose_and_another_nan_is_not():
     assert len(merge_drops([(RUN, failed), (RUN, other)])[0]) == 3
 
 
-def test_columns_of_a_table_are_compared_like_arrays_of_their_own():
+def test_columns_of_a_table_are_compared_like_arrays_of_their_own(assert_same_poses):
     whole = poses(0, 9)
     table = np.hstack([whole.position, whole.orientation, whole.time_to_rest[:, None]])
     columns = dataclasses.replace(
         whole, position=table[:, :3], orientation=table[:, 3:7], time_to_rest=table[:, 7]
     )
     (merged,) = merge_drops([(RUN, whole), (RUN, columns)])
-    assert_same(merged.poses[0], whole)
+    assert_same_poses(merged.poses[0], whole)
 
 
-def test_what_was_given_is_unchanged():
+def test_what_was_given_is_unchanged(assert_same_poses):
     piece = poses(0, 9)
     merge_drops([(RUN, piece), (RUN, piece), (RUN, poses(4, 12))])
-    assert_same(piece, poses(0, 9))
+    assert_same_poses(piece, poses(0, 9))

@@ -1,6 +1,5 @@
 """Real worker processes: how they start, end, and are replaced."""
 
-import dataclasses
 import itertools
 import os
 import re
@@ -13,7 +12,6 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from multiprocessing import active_children
 
-import numpy as np
 import pytest
 
 from resting_aspects_ros.core.errors import InvalidValueError
@@ -57,11 +55,6 @@ def workers():
     workers.stop()
 
 
-def assert_same(a, b):
-    for field in dataclasses.fields(RestingPoses):
-        np.testing.assert_array_equal(getattr(a, field.name), getattr(b, field.name))
-
-
 def kill_one(pool):
     """Kill a worker of a pool, and wait until the pool is broken."""
     next(iter(pool._processes.values())).kill()
@@ -93,7 +86,7 @@ def test_by_default_there_is_a_worker_for_each_core_that_may_be_used():
         os.sched_setaffinity(0, allowed)
 
 
-def test_ctrl_c_does_not_end_a_worker_while_it_starts_nor_while_it_drops(job):
+def test_ctrl_c_does_not_end_a_worker_while_it_starts_nor_while_it_drops(job, assert_same_poses):
     mine = {child.pid for child in active_children()}
     with make_pool(1) as pool:
         starting = pool.submit(drop_chunk, job, 0, 3)
@@ -102,7 +95,7 @@ def test_ctrl_c_does_not_end_a_worker_while_it_starts_nor_while_it_drops(job):
         first = starting.result()
         running = pool.submit(drop_chunk, job, 0, 3)
         os.kill(worker.pid, signal.SIGINT)
-        assert_same(running.result(), first)
+        assert_same_poses(running.result(), first)
         assert worker.is_alive()
 
 
@@ -146,7 +139,9 @@ def test_a_pool_that_breaks_is_replaced_once_by_whoever_comes_first(workers):
     assert workers.lookahead() == 2 * workers.count == 4
 
 
-def test_runs_that_share_a_pool_lose_nothing_when_a_worker_is_killed(planned, workers):
+def test_runs_that_share_a_pool_lose_nothing_when_a_worker_is_killed(
+    planned, workers, assert_same_poses
+):
     job, asked = planned
     here = RestingPoses.join(
         [drop_chunk(job, first, first + CHUNK) for first in range(0, 3 * CHUNK, CHUNK)]
@@ -157,7 +152,7 @@ def test_runs_that_share_a_pool_lose_nothing_when_a_worker_is_killed(planned, wo
         next(run)  # its drops are under way
     kill_one(workers.executor)
     for run in runs:
-        assert_same(RestingPoses.join([s for s in run if not isinstance(s, Future)]), here)
+        assert_same_poses(RestingPoses.join([s for s in run if not isinstance(s, Future)]), here)
     assert warnings == ['a worker died near drop 0 of tetrahedron'] * 2
 
 
