@@ -21,8 +21,10 @@ from resting_aspects_ros.commands import (
     demo,
     drop,
     estimate,
+    info,
     merge,
     nodes,
+    recover,
     request,
 )
 from resting_aspects_ros.commands.interruption import SIGNALS, catch
@@ -65,7 +67,9 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
-    for command in (drop, estimate, aspects, classify, compare, merge, request, nodes, demo):
+    here = (drop, estimate, aspects, classify, compare)
+    logs = (info, merge, recover)
+    for command in (*here, *logs, request, nodes, demo):
         command.add(subparsers)
     return parser
 

@@ -12,12 +12,12 @@ from resting_aspects_ros.commands.given_counts import GivenCounts, check_counts
 from resting_aspects_ros.core.comparison import Tally
 from resting_aspects_ros.core.errors import InvalidValueError, LogError
 from resting_aspects_ros.logs.log_reader import is_log, last_message
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE
 
 ALLOWED = (
     'a log (the folder of a run, or its .mcap file), a JSON document of drop or request, or a CSV '
     'with columns aspect (or class) and count'
 )
-DISTRIBUTION = 'resting_aspects_interfaces/msg/AspectDistribution'
 
 
 def read_counts(path: Path) -> GivenCounts:
@@ -38,13 +38,13 @@ def read_counts(path: Path) -> GivenCounts:
 def _read_log(path: Path) -> GivenCounts:
     """The last distribution in a log."""
     try:
-        data = last_message(path, DISTRIBUTION)
+        data = last_message(path, DISTRIBUTION_TYPE)
     except LogError as error:
         raise InvalidValueError(str(error)) from None
     if data is None:
         raise InvalidValueError(
             f'log {str(path)!r} holds no distribution, allowed is one with a message of type '
-            f'{DISTRIBUTION}'
+            f'{DISTRIBUTION_TYPE}'
         )
     # A second to import, which other files do not need.
     from resting_aspects_ros.nodes.distribution_messages import serialized_distribution

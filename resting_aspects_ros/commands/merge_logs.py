@@ -12,11 +12,9 @@ from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.merge import MergedDrops, Piece, merge_drops
 from resting_aspects_ros.logs.log_reader import last_message, messages
+from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE
 from resting_aspects_ros.nodes.convert import serialized_part, serialized_poses
 from resting_aspects_ros.report.document import distribution_document, to_json
-
-POSES = 'resting_aspects_interfaces/msg/RestingPoses'
-PART = 'resting_aspects_interfaces/msg/PartDescription'
 
 
 def merge_logs(logs: Sequence[Path], *, any_engine: bool, as_json: bool) -> int:
@@ -49,7 +47,7 @@ def merge_logs(logs: Sequence[Path], *, any_engine: bool, as_json: bool) -> int:
 
 def _pieces(logs: Sequence[Path]) -> Iterator[Piece]:
     for log in logs:
-        for data in messages(log, POSES):
+        for data in messages(log, POSES_TYPE):
             try:
                 yield serialized_poses(data)
             except RuntimeError as error:  # all that rclpy raises
@@ -61,7 +59,7 @@ def _pieces(logs: Sequence[Path]) -> Iterator[Piece]:
 def _part(logs: Sequence[Path], part_sha256: str) -> Part:
     """The part as one of the logs describes it."""
     for log in logs:
-        data = last_message(log, PART)
+        data = last_message(log, PART_TYPE)
         if data is not None:
             part = serialized_part(data)
             if part.part_sha256 == part_sha256:

@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from resting_aspects_ros.logs.topics import Topic, qos_profiles, yaml_text
+from resting_aspects_ros.logs.topics import yaml_text
 
 _VERSION = 9
 _ROS_DISTRO = 'jazzy'
@@ -22,9 +22,15 @@ _NEVER = 2**63 - 1
 
 @dataclass
 class TopicCount:
-    """A recorded topic, the hash of its type, and how many of its messages are in the file."""
+    """A recorded topic, as its channel in the file has it, and how many messages are in there.
 
-    topic: Topic
+    qos : list
+        Its `offered_qos_profiles`, see `qos_profiles`.
+    """
+
+    name: str
+    type: str
+    qos: list[dict[str, Any]]
     type_hash: str
     messages: int = 0
 
@@ -121,10 +127,10 @@ def _sync_folder(folder: Path) -> None:
 def _topic_information(count: TopicCount) -> dict[str, Any]:
     return {
         'topic_metadata': {
-            'name': count.topic.name,
-            'type': count.topic.type,
+            'name': count.name,
+            'type': count.type,
             'serialization_format': 'cdr',
-            'offered_qos_profiles': qos_profiles(count.topic.qos),
+            'offered_qos_profiles': count.qos,
             'type_description_hash': count.type_hash,
         },
         'message_count': count.messages,

@@ -69,6 +69,14 @@ def messages(path: Path, type_name: str) -> Iterator[bytes]:
             yield message.data
 
 
+def one_file(path: Path) -> Path:
+    """The MCAP file of a log that has one; raises LogError if there is none, or more."""
+    files = _files(path)
+    if len(files) > 1:
+        raise LogError(f'folder {str(path)!r} has {len(files)} {_SUFFIX} files, allowed is one')
+    return files[0]
+
+
 def _files(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
@@ -88,7 +96,7 @@ def _messages(path: Path, type_name: str) -> Iterator[Message]:
                 if isinstance(record, Schema):
                     schemas[record.id] = record.name
                 elif isinstance(record, Channel) and schemas.get(record.schema_id) == type_name:
-                    _check_definition(path, type_name, record)
+                    check_definition(path, type_name, record)
                     channels.add(record.id)
                 elif isinstance(record, Message) and record.channel_id in channels:
                     yield record
@@ -103,7 +111,7 @@ def _messages(path: Path, type_name: str) -> Iterator[Message]:
         raise LogError(f'log {str(path)!r} is damaged, or no MCAP file: {error}') from error
 
 
-def _check_definition(path: Path, type_name: str, channel: Channel) -> None:
+def check_definition(path: Path, type_name: str, channel: Channel) -> None:
     """CDR does not say what is in it: read with another definition it would be nonsense."""
     written = channel.metadata.get('topic_type_hash')
     installed = load_schema(type_name).type_hash

@@ -6,7 +6,6 @@ come in as the CDR bytes that were on the wire, so nothing here knows ROS.
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -15,13 +14,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, final
 
-from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
+from mcap.writer import Writer
 
-from resting_aspects_ros import __version__
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.logs.bag_metadata import BagMetadata, TopicCount, write_metadata
+from resting_aspects_ros.logs.file_lock import lock_file
+from resting_aspects_ros.logs.mcap_file import finish_file, register_channel, start_file
 from resting_aspects_ros.logs.schemas import Schema, load_schema
-from resting_aspects_ros.logs.topics import Topic, qos_profiles, yaml_text
+from resting_aspects_ros.logs.topics import Topic, qos_profiles
 
 # A name that is one folder, on every file system, and not a hidden one.
 _FOLDER_NAME = re.compile(r'\w[\w.-]*', re.ASCII)
@@ -63,7 +63,7 @@ class RunLog:
         self._folder = Path(folder) / _checked_name(name)
         # rosbag2 numbers the files of a bag.
         self.path = self._folder / f'{name}_0.mcap'
-        self._channels: dict[str, int] = {}
+        self._channels: dict[str, tuple[int, Topic]] = {}
         self._schemas: dict[str, tuple[int, Schema]] = {}
         self._metadata = BagMetadata(self.path.name)
         self._broken: str | None = None
@@ -161,38 +161,31 @@ class RunLog:
         except FileExistsError:
             raise LogError(f'log {self._folder} exists already and is not overwritten') from None
         try:
-            return self.path.open('xb')
+            stream = self.path.open('xb')
         except OSError:
             with suppress(OSError):
                 self._folder.rmdir()
             raise
+        lock_file(stream)  # so that nobody recovers it meanwhile
+        return stream
 
     def _start_writer(self) -> Writer:
         try:
-            writer = Writer(self._stream, compression=CompressionType.ZSTD)
-            library = f'resting_aspects_ros {__version__}; {LIBRARY_IDENTIFIER}'
-            writer.start(profile='ros2', library=library)
-            writer.flush()
+            return start_file(self._stream)
         except OSError:
             self._release()
             raise
-        return writer
 
     def _channel(self, topic: Topic) -> int:
         if topic.name not in self._channels:
             schema_id, schema = self._schema(topic.type)
-            metadata = {
-                'offered_qos_profiles': yaml_text(qos_profiles(topic.qos)),
-                'topic_type_hash': schema.type_hash,
-            }
-            self._channels[topic.name] = self._writer.register_channel(
-                topic.name, 'cdr', schema_id, metadata
-            )
-            self._metadata.topics[topic.name] = TopicCount(topic, schema.type_hash)
-        known = self._metadata.topics[topic.name].topic
+            count = TopicCount(topic.name, topic.type, qos_profiles(topic.qos), schema.type_hash)
+            self._channels[topic.name] = register_channel(self._writer, schema_id, count), topic
+            self._metadata.topics[topic.name] = count
+        channel, known = self._channels[topic.name]
         if topic != known:
             raise LogError(f'{topic} differs from {known}, which log {self.path} holds already')
-        return self._channels[topic.name]
+        return channel
 
     def _schema(self, type_name: str) -> tuple[int, Schema]:
         if type_name not in self._schemas:
@@ -226,13 +219,7 @@ class RunLog:
 
     def _finish(self) -> None:
         with self._guard():
-            # What rosbag2 shows of a file without its folder comes from this record.
-            information = yaml_text(self._metadata.information())
-            self._writer.add_metadata('rosbag2', {'serialized_metadata': information})
-            self._writer.finish()
-            self._stream.flush()
-            os.fsync(self._stream.fileno())
-            self._stream.close()
+            finish_file(self._writer, self._stream, self._metadata)
             write_metadata(self._folder, self._metadata)
 
     def _release(self) -> None:

@@ -11,6 +11,11 @@ import yaml
 
 from resting_aspects_ros.core.errors import LogError
 
+# The types of what a run's log holds.
+POSES_TYPE = 'resting_aspects_interfaces/msg/RestingPoses'
+PART_TYPE = 'resting_aspects_interfaces/msg/PartDescription'
+DISTRIBUTION_TYPE = 'resting_aspects_interfaces/msg/AspectDistribution'
+
 # The words of rmw on Jazzy. A rosbag2 player that meets another word offers nothing.
 _HISTORIES = ('keep_last', 'keep_all')
 _RELIABILITIES = ('reliable', 'best_effort')

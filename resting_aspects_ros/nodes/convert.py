@@ -180,6 +180,12 @@ def serialized_poses(data: bytes) -> tuple[Run, RestingPoses]:
     return run_from(msg.run), poses_from(msg)
 
 
+def serialized_batch(data: bytes) -> tuple[Run, int, int, bool]:
+    """Run, first drop, number of drops, and whether it is the last, of a batch in a log."""
+    msg = deserialize_message(data, RestingPosesMsg)
+    return run_from(msg.run), int(msg.first_drop), len(msg.poses), bool(msg.last)
+
+
 def serialized_part(data: bytes) -> Part:
     """The part of a description as a log has it; RuntimeError if it cannot be read."""
     return part_from(deserialize_message(data, PartDescription))

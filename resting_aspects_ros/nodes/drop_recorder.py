@@ -10,7 +10,7 @@ from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
 
 from resting_aspects_ros.core.errors import RestingAspectsError
-from resting_aspects_ros.logs.topics import Qos, Topic
+from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
 from resting_aspects_ros.nodes.convert import nanoseconds
 from resting_aspects_ros.nodes.interface import (
     ALL_LATCHED,
@@ -56,8 +56,7 @@ class DropRecorder(Node):
             raw=True,
             qos=ALL_LATCHED,
         )
-        poses_type = 'resting_aspects_interfaces/msg/RestingPoses'
-        self._poses = Topic(self.resolve_topic_name(RESTING_POSES), poses_type, _qos(POSES))
+        self._poses = Topic(self.resolve_topic_name(RESTING_POSES), POSES_TYPE, _qos(POSES))
         self.create_subscription(RestingPoses, RESTING_POSES, self._batch, POSES, raw=True)
         self.create_timer(CLOSE_PERIOD, self._close_whole)
         self.get_logger().info(f'ready: logs go to {self._folder}')

@@ -9,16 +9,13 @@ from resting_aspects_interfaces.msg import PartDescription
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.drops.run import RunDescription
-from resting_aspects_ros.logs.bag_metadata import custom_data
+from resting_aspects_ros.logs.outcome import OUTCOME, Outcome, is_whole
 from resting_aspects_ros.logs.run_log import RunLog, run_folder_name
 from resting_aspects_ros.logs.topics import Topic
 from resting_aspects_ros.nodes.convert import NANOSECONDS
 
 # When a run is over, its part and its last distribution have so long to arrive, s.
 END_TIMEOUT = 10.0
-# The record of how a log ended: whether it holds all drops of the run and the part; how many.
-OUTCOME = 'outcome'
-WHOLE = 'whole'
 
 
 class OpenLog:
@@ -44,7 +41,7 @@ class OpenLog:
         try:
             name = run_folder_name(run.part, started, run.run_id)
             earlier = _earlier_logs(folder, name)
-            self.earlier = next((log for log in earlier if _is_whole(log)), None)
+            self.earlier = next((log for log in earlier if is_whole(log)), None)
             if self.earlier is not None:
                 return
             number = f'_{len(earlier) + 1}' if earlier else ''
@@ -97,8 +94,7 @@ class OpenLog:
         try:
             if not self.error:
                 whole = self._whole and self.has_part
-                outcome = {WHOLE: str(whole).lower(), 'drops': str(self.drops)}
-                self._log.add_metadata(OUTCOME, outcome)
+                self._log.add_metadata(OUTCOME, Outcome(self.drops, whole).record())
             folder = self._log.close()
         except LogError as error:
             self.error = self.error or str(error)
@@ -113,10 +109,6 @@ def _earlier_logs(folder: Path, name: str) -> list[Path]:
         found.append(log)
         log = folder / f'{name}_{len(found) + 1}'
     return found
-
-
-def _is_whole(log: Path) -> bool:
-    return custom_data(log).get(f'{OUTCOME}.{WHOLE}') == 'true'
 
 
 def _as_text(run: RunDescription) -> dict[str, str]:

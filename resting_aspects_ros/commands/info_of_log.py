@@ -1,0 +1,101 @@
+"""What `resting_aspects info` does."""
+
+import dataclasses
+import sys
+from collections.abc import Iterator
+from datetime import datetime, timezone
+from pathlib import Path
+
+from resting_aspects_ros.commands.answer import print_table
+from resting_aspects_ros.commands.logged_run import LogContents, read_contents
+from resting_aspects_ros.core.distribution import METHOD
+from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions
+from resting_aspects_ros.drops.run import RunDescription
+from resting_aspects_ros.report.document import SCHEMA_VERSION, distribution_document, to_json
+
+_NANOSECONDS = 1_000_000_000
+
+
+def show_info(log: Path, *, as_json: bool) -> int:
+    """Read a log and show what is in it; returns the exit code. Raises LogError."""
+    found = read_contents(log)
+    if as_json:
+        sys.stdout.write(to_json(_document(found)))
+        return 0
+    for label, text in _lines(found):
+        print(f'{label:12}{text}')
+    if found.run.distribution is not None:
+        print()
+        counted = found.run.distribution.drops
+        of = '' if found.run.complete else ', counted before the run was over'
+        print_table(found.run.distribution, f'Distribution of {counted} drops{of}')
+    return 0
+
+
+def _lines(found: LogContents) -> Iterator[tuple[str, str]]:
+    yield 'log', f'{found.path}, {found.path.stat().st_size / 1e6:.3g} MB'
+    yield '', f'{_state(found)}, {found.messages} messages'
+    run = found.run.run
+    if run is None:
+        yield 'drops', 'none'
+        return
+    part = found.run.part
+    yield 'part', f'{run.part}, sha256 {run.part_sha256}'
+    if part is not None:
+        yield '', f'{part.mesh_format} in {part.unit}, {len(part.faces)} triangles'
+    yield from _conditions(run.conditions)
+    yield 'seed', str(run.seed)
+    yield 'drops', _drops(run, found)
+    yield 'made', f'{_when(run.started)} with {run.engine} {run.engine_version}'
+    yield '', f'time step {run.time_step:.3g} s, resting_aspects_ros {run.suite_version}'
+    yield 'run id', run.run_id
+
+
+def _state(found: LogContents) -> str:
+    if found.being_written:
+        return 'being written'
+    if not found.finished:
+        return 'broken off ("resting_aspects recover" makes it readable for all)'
+    return 'whole' if found.outcome.whole else 'finished, without all drops of its run'
+
+
+def _conditions(conditions: DropConditions) -> Iterator[tuple[str, str]]:
+    yield 'conditions', conditions.surface or 'own'
+    for name, quantity in QUANTITIES.items():
+        value = f'{getattr(conditions, name):g} {quantity.unit}'.rstrip()
+        of = f' ({conditions.height_of.name})' if name == 'height' else ''
+        yield '', f'{name} {value}{of}'
+
+
+def _drops(run: RunDescription, found: LogContents) -> str:
+    words = f'{found.outcome.drops} of {run.drops}'
+    if run.first_drop:
+        words += f', from drop {run.first_drop} on'
+    if run.precision:
+        words += f', to a precision of {run.precision:g}'
+    return words
+
+
+def _when(started: int) -> str:
+    return f'{datetime.fromtimestamp(started / _NANOSECONDS, timezone.utc):%Y-%m-%d %H:%M:%S} UTC'
+
+
+def _document(found: LogContents) -> dict[str, object]:
+    run, part, distribution = found.run.run, found.run.part, found.run.distribution
+    log = {
+        'path': str(found.path),
+        'messages': found.messages,
+        'finished': found.finished,
+        'being_written': found.being_written,
+        'whole': found.outcome.whole,
+        'poses': found.outcome.drops,
+    }
+    fields = {} if run is None else dataclasses.asdict(run)
+    if part is not None:
+        fields['mesh_sha256'] = part.mesh_sha256
+    if run is not None:
+        fields['drops_asked'] = run.drops
+    if distribution is None:
+        return {'schema_version': SCHEMA_VERSION, **fields, 'log': log}
+    fields |= {'method': METHOD, 'complete': found.run.complete, 'log': log}
+    return distribution_document(distribution, fields)

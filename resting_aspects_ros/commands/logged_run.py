@@ -1,0 +1,116 @@
+"""What a log says of its run."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.errors import InvalidValueError, LogError, RestingAspectsError
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.drops.coverage import Coverage
+from resting_aspects_ros.drops.run import RunDescription
+from resting_aspects_ros.logs.indexed_log import IndexedLog, NoIndexError
+from resting_aspects_ros.logs.outcome import Outcome
+from resting_aspects_ros.logs.recovery import BrokenLog
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE
+from resting_aspects_ros.nodes.convert import serialized_batch, serialized_part
+from resting_aspects_ros.nodes.distribution_messages import serialized_distribution
+
+TYPES = (POSES_TYPE, PART_TYPE, DISTRIBUTION_TYPE)
+
+
+class LoggedRun:
+    """The run of a log, told by its messages one after the other.
+
+    run : RunDescription
+        None while no batch of poses came.
+    part : Part
+        As it was when it was dropped; None while it was not described.
+    distribution : Distribution
+        The last one; None while there was none. ``complete`` if it counts all drops of the run.
+    """
+
+    def __init__(self) -> None:
+        self.run: RunDescription | None = None
+        self.part: Part | None = None
+        self.distribution: Distribution | None = None
+        self.complete = False
+        self._seen = Coverage()
+        self._end: int | None = None  # index after the last drop, once it is known
+
+    def take(self, type_name: str, data: bytes) -> None:
+        """Note what a message says; raises LogError if it cannot be read."""
+        try:
+            if type_name == POSES_TYPE:
+                self.run, first, drops, last = serialized_batch(data)
+                self._seen.add(first, first + drops)
+                if last:
+                    self._end = first + drops
+            elif type_name == PART_TYPE:
+                self.part = serialized_part(data)
+            elif type_name == DISTRIBUTION_TYPE:
+                self.distribution, _, self.complete = serialized_distribution(data)
+        except (RuntimeError, RestingAspectsError) as error:  # the first is all that rclpy raises
+            raise LogError(f'a message of {type_name} cannot be read: {error}') from None
+
+    def outcome(self) -> Outcome:
+        """How many drops there are, and whether it is all of them, and the part."""
+        run, part = self.run, self.part
+        if run is None or self._end is None or part is None:
+            return Outcome(len(self._seen), whole=False)
+        missing = self._seen.missing(run.first_drop, max(self._end, self._seen.end))
+        whole = not missing and part.part_sha256 == run.part_sha256
+        return Outcome(len(self._seen), whole)
+
+
+@dataclass(frozen=True)
+class LogContents:
+    """A run as a log has it, and the log.
+
+    finished : bool
+        Index and metadata are there: it was not broken off, and is not being written.
+    """
+
+    path: Path
+    messages: int
+    finished: bool
+    being_written: bool
+    run: LoggedRun
+    outcome: Outcome
+
+
+def read_contents(log: Path) -> LogContents:
+    """What is in a log, whole or broken off; raises LogError."""
+    try:
+        with IndexedLog(log) as indexed:
+            outcome = Outcome.of(indexed.notes())
+            if outcome is not None:
+                run = LoggedRun()
+                for type_name in TYPES:
+                    data = indexed.last(type_name)
+                    if data is not None:
+                        run.take(type_name, data)
+                messages = indexed.counts().total()
+                return LogContents(indexed.path, messages, True, False, run, outcome)
+    except NoIndexError:
+        pass
+    # Nobody counted it, or the count was lost: all of it is read.
+    broken = BrokenLog(log)
+    run = LoggedRun()
+    for type_name, data in broken.messages(TYPES):
+        run.take(type_name, data)
+    found = broken.extent
+    return LogContents(
+        broken.path, found.messages, found.finished, broken.being_written, run, run.outcome()
+    )
+
+
+def logged_part_and_run(log: Path) -> tuple[Part, RunDescription]:
+    """The part and the run of a log, to drop it again; raises InvalidValueError without."""
+    found = read_contents(log).run
+    if found.run is None:
+        raise InvalidValueError(f'{str(log)!r} holds no drops, allowed is the log of a run')
+    if found.part is None or found.part.part_sha256 != found.run.part_sha256:
+        raise InvalidValueError(
+            f'{str(log)!r} does not describe its part, allowed is a log that does'
+        )
+    return found.part, found.run

@@ -1,0 +1,35 @@
+"""`resting_aspects recover`: make logs whole again that were broken off."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+EXAMPLES = """examples:
+  resting_aspects recover out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
+  resting_aspects recover out/logs/*
+"""
+
+
+def add(subparsers: Any) -> None:
+    """Declare the subcommand."""
+    parser = subparsers.add_parser(
+        'recover',
+        help='make logs whole that a crash broke off',
+        description='Rebuild index, summary and metadata.yaml of logs whose recorder was killed.\n'
+        'Every message that is whole in the file is kept. Logs that are whole, and those\n'
+        'that are being written, stay as they are.',
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        'logs', metavar='LOG', type=Path, nargs='+', help='folder of a run, or an .mcap file'
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Do it; raises RestingAspectsError if a single log cannot be recovered."""
+    # What takes a while to import, which --help does not need.
+    from resting_aspects_ros.commands.recover_logs import recover_logs
+
+    return recover_logs(arguments.logs)

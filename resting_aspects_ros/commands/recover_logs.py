@@ -1,0 +1,63 @@
+"""What `resting_aspects recover` does."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from resting_aspects_ros.commands.logged_run import TYPES, LoggedRun
+from resting_aspects_ros.core.errors import LogError, RestingAspectsError
+from resting_aspects_ros.logs.outcome import OUTCOME
+from resting_aspects_ros.logs.recovery import DAMAGED, BrokenLog
+
+
+def recover_logs(logs: Sequence[Path]) -> int:
+    """Recover one after the other, and say what was found; returns the exit code.
+
+    One that cannot be recovered does not hold up the others. Raises LogError at the end.
+    """
+    failed = []
+    for log in logs:
+        try:
+            print(f'{log}: {_recover(log)}', flush=True)
+        except RestingAspectsError as error:
+            failed.append(error)
+    for earlier in failed[:-1]:
+        print(f'error: {earlier}', file=sys.stderr)
+    if failed:
+        raise failed[-1]
+    return 0
+
+
+def _recover(log: Path) -> str:
+    """What was done."""
+    broken = BrokenLog(log)
+    if broken.whole:
+        return f'is whole, {broken.extent.messages} messages'
+    words, notes = _account(broken)
+    broken.recover(notes)
+    found = broken.extent
+    words = f'{found.messages} messages recovered, {words}'
+    if found.lost_chunks:
+        words += (
+            f'; {found.lost_chunks} chunks in the middle are damaged, the old file is '
+            f'{broken.path.name}{DAMAGED}'
+        )
+    return words
+
+
+def _account(broken: BrokenLog) -> tuple[str, dict[str, dict[str, str]]]:
+    """How many of its drops a log has, in words and as a record for it."""
+    logged = LoggedRun()
+    try:
+        for type_name, data in broken.messages(TYPES):
+            logged.take(type_name, data)
+    except LogError as error:
+        # Of another version of the suite, perhaps. What is there is kept as it is.
+        return f'its drops were not counted: {error}', {}
+    if logged.run is None:
+        return 'no drops', {}
+    outcome = logged.outcome()
+    words = f'{outcome.drops} of {logged.run.drops} drops of {logged.run.part}'
+    if outcome.whole:
+        words += ', the run is whole'
+    return words, {OUTCOME: outcome.record()}

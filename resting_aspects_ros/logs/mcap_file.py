@@ -1,0 +1,42 @@
+"""What every MCAP file of the suite has: its profile, its channels, and its end."""
+
+import os
+from typing import BinaryIO
+
+from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
+
+from resting_aspects_ros import __version__
+from resting_aspects_ros.logs.bag_metadata import BagMetadata, TopicCount
+from resting_aspects_ros.logs.topics import yaml_text
+
+# The record in which rosbag2 keeps a bag's metadata.yaml.
+ROSBAG2 = 'rosbag2'
+
+
+def start_file(stream: BinaryIO) -> Writer:
+    """Begin a file; OSError if it cannot be written."""
+    writer = Writer(stream, compression=CompressionType.ZSTD)
+    library = f'resting_aspects_ros {__version__}; {LIBRARY_IDENTIFIER}'
+    writer.start(profile='ros2', library=library)
+    writer.flush()
+    return writer
+
+
+def register_channel(writer: Writer, schema_id: int, topic: TopicCount) -> int:
+    """The channel of a topic, which says what metadata.yaml says, in the same words."""
+    metadata = {
+        'offered_qos_profiles': yaml_text(topic.qos),
+        'topic_type_hash': topic.type_hash,
+    }
+    return int(writer.register_channel(topic.name, 'cdr', schema_id, metadata))
+
+
+def finish_file(writer: Writer, stream: BinaryIO, metadata: BagMetadata) -> None:
+    """Write index and summary, and bring the file to the disk; OSError if that cannot be."""
+    # What rosbag2 shows of a file without its folder comes from this record.
+    information = yaml_text(metadata.information())
+    writer.add_metadata(ROSBAG2, {'serialized_metadata': information})
+    writer.finish()
+    stream.flush()
+    os.fsync(stream.fileno())
+    stream.close()
