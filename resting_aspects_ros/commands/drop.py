@@ -9,14 +9,10 @@ from resting_aspects_ros.commands.options import (
     add_conditions,
     add_part,
     add_run,
-    conditions_of,
-    drops_of,
     whole,
 )
 from resting_aspects_ros.commands.quantities import parse_quantity
-from resting_aspects_ros.config_files import surfaces_file
-from resting_aspects_ros.drops.run import DEFAULT_SEED, check_seed
-from resting_aspects_ros.drops.surfaces import Surfaces
+from resting_aspects_ros.drops.run import DEFAULT_SEED
 
 EXAMPLES = """examples:
   resting_aspects drop l_bracket
@@ -24,6 +20,7 @@ EXAMPLES = """examples:
   resting_aspects drop t_prism --precision 0.02
   resting_aspects drop washer --drops 5000 --check-convergence
   resting_aspects drop l_bracket --drops 1000000 --scheduler tcp://10.0.0.5:8786
+  resting_aspects drop --from-log out/logs/hex_nut_20250131T120000Z_4f1c2d3e4f50
   resting_aspects drop hex_nut --height 100mm --friction 0.4 --json > nut.json
 """
 
@@ -38,8 +35,14 @@ def add(subparsers: Any) -> None:
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add_part(parser)
-    add_run(parser, DEFAULT_SEED)
+    add_part(parser, needed=False)
+    parser.add_argument(
+        '--from-log',
+        metavar='LOG',
+        type=Path,
+        help='make the drops of a log again, with its part, conditions and seed: the same poses',
+    )
+    add_run(parser, str(DEFAULT_SEED))
     parser.add_argument(
         '--interval',
         choices=('wilson', 'simultaneous'),
@@ -80,11 +83,9 @@ def add(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
     with Interruption() as stop:
-        drops, precision = drops_of(arguments)
-        check_seed(arguments.seed)
         confidence = parse_quantity('--confidence', arguments.confidence, '')
-        conditions = conditions_of(arguments, Surfaces.read(surfaces_file()))
         # The engine takes a second to import, which neither --help nor a typo needs.
         from resting_aspects_ros.commands.drop_here import drop_here
+        from resting_aspects_ros.commands.drop_question import asked_drops
 
-        return drop_here(arguments, conditions, drops, precision, confidence, stop)
+        return drop_here(arguments, asked_drops(arguments), confidence, stop)

@@ -13,7 +13,7 @@ from typing import TextIO
 
 from resting_aspects_ros.commands.answer import Answer
 from resting_aspects_ros.commands.convergence import REFINEMENT, Convergence, check_convergence
-from resting_aspects_ros.commands.given_part import given_part
+from resting_aspects_ros.commands.drop_question import DropQuestion
 from resting_aspects_ros.commands.interruption import Interruption
 from resting_aspects_ros.commands.outputs import check_output, make_folder
 from resting_aspects_ros.commands.poses_csv import poses_file, write_poses
@@ -24,7 +24,6 @@ from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.drops.campaign import Workers, drop_chunks
 from resting_aspects_ros.drops.cluster import ClusterWorkers
-from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.plan import most_drops, plan_run
 from resting_aspects_ros.drops.run import RunDescription
@@ -40,20 +39,16 @@ LOOK_PERIOD = 0.1
 
 def drop_here(
     arguments: argparse.Namespace,
-    conditions: DropConditions,
-    drops: int,
-    precision: float,
+    question: DropQuestion,
     confidence: float,
     stop: Interruption,
 ) -> int:
     """Drop, count and show; returns the exit code.
 
-    ``drops`` and ``precision`` as most_drops has them.
-
     Raises RestingAspectsError: before the first drop for wrong input, and after what was done is
     saved, if not all could be done.
     """
-    part = given_part(arguments.part, arguments.unit, arguments.parts)
+    part, precision = question.part, question.precision
     empty = no_drops(
         find_aspects(part),
         interval=arguments.interval,
@@ -62,13 +57,17 @@ def drop_here(
     )
     job, run = plan_run(
         part,
-        conditions,
-        seed=arguments.seed,
-        drops=most_drops(drops, precision, len(empty.aspects), empty.interval, confidence),
+        question.conditions,
+        seed=question.seed,
+        drops=most_drops(
+            question.drops, precision, len(empty.aspects), empty.interval, confidence
+        ),
+        first_drop=question.first_drop,
         precision=precision,
         run_id=uuid.uuid4().hex[:12],
         started=time.time_ns(),
     )
+    question.check_engine(run)
     out: Path | None = arguments.out
     failure: EngineError | None = None
     convergence: Convergence | None = None
@@ -79,7 +78,7 @@ def drop_here(
         stack.callback(workers.stop)
         for flag, path in _poses_paths(arguments.poses, out):
             tally.tables.append(stack.enter_context(poses_file(flag, path)))
-        for warning in (*part.warnings, *_of_height(conditions.height, part.hull_radius)):
+        for warning in (*part.warnings, *_of_height(run.conditions.height, part.hull_radius)):
             _warn(warning)
         try:
             _drop_all(part.name, job, workers, tally, stop)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from resting_aspects_ros.core.distribution import Distribution
-from resting_aspects_ros.core.errors import InvalidValueError, LogError, RestingAspectsError
+from resting_aspects_ros.core.errors import LogError, RestingAspectsError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.coverage import Coverage
 from resting_aspects_ros.drops.run import RunDescription
@@ -102,15 +102,3 @@ def read_contents(log: Path) -> LogContents:
     return LogContents(
         broken.path, found.messages, found.finished, broken.being_written, run, run.outcome()
     )
-
-
-def logged_part_and_run(log: Path) -> tuple[Part, RunDescription]:
-    """The part and the run of a log, to drop it again; raises InvalidValueError without."""
-    found = read_contents(log).run
-    if found.run is None:
-        raise InvalidValueError(f'{str(log)!r} holds no drops, allowed is the log of a run')
-    if found.part is None or found.part.part_sha256 != found.run.part_sha256:
-        raise InvalidValueError(
-            f'{str(log)!r} does not describe its part, allowed is a log that does'
-        )
-    return found.part, found.run

@@ -11,9 +11,14 @@ from resting_aspects_ros.drops.surfaces import DEFAULT_SURFACE, Surfaces
 DEFAULT_DROPS = 1000
 
 
-def add_part(parser: argparse.ArgumentParser) -> None:
+def add_part(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
     """The part, by name or as a file; see given_part."""
-    parser.add_argument('part', metavar='PART_OR_MESH', help='name of a part, or a mesh file')
+    parser.add_argument(
+        'part',
+        metavar='PART_OR_MESH',
+        nargs=None if needed else '?',
+        help='name of a part, or a mesh file',
+    )
     add_part_place(parser)
 
 
@@ -65,8 +70,8 @@ def conditions_of(arguments: argparse.Namespace, surfaces: Surfaces) -> DropCond
     return surfaces.get(arguments.surface).changed(**changes)
 
 
-def add_run(parser: argparse.ArgumentParser, seed: int | None) -> None:
-    """--drops, --precision and --seed; see drops_of."""
+def add_run(parser: argparse.ArgumentParser, default_seed: str) -> None:
+    """--drops, --precision and --seed, None if it is not given; see drops_of."""
     parser.add_argument(
         '--drops',
         metavar='N',
@@ -80,13 +85,11 @@ def add_run(parser: argparse.ArgumentParser, seed: int | None) -> None:
         help='stop as soon as every interval is at most +-P wide, such as 0.01: those of aspects '
         'that were never seen, too',
     )
-    shown = 'any known run will do, and a new one gets 1' if seed is None else str(seed)
     parser.add_argument(
         '--seed',
         metavar='S',
         type=whole,
-        default=seed,
-        help=f'the same seed gives the same drops ({shown})',
+        help=f'the same seed gives the same drops ({default_seed})',
     )
 
 

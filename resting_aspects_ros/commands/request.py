@@ -11,6 +11,7 @@ from resting_aspects_ros.commands.options import add_conditions, add_run, condit
 from resting_aspects_ros.commands.outputs import check_output
 from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.drops.run import DEFAULT_SEED
 from resting_aspects_ros.drops.surfaces import Surfaces
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def add(subparsers: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('part', metavar='PART', help='name of a part that the simulator knows')
-    add_run(parser, None)
+    add_run(parser, f'any known run will do, and a new one gets {DEFAULT_SEED}')
     parser.add_argument(
         '--method',
         metavar='NAME',

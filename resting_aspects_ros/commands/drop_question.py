@@ -1,0 +1,93 @@
+"""Which drops a person asks for: by flags, or as a log has them."""
+
+import argparse
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from resting_aspects_ros.commands.given_part import given_part
+from resting_aspects_ros.commands.options import conditions_of, drops_of
+from resting_aspects_ros.config_files import surfaces_file
+from resting_aspects_ros.core.errors import InvalidValueError, LogError
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions
+from resting_aspects_ros.drops.run import DEFAULT_SEED, RunDescription, check_seed
+from resting_aspects_ros.drops.surfaces import Surfaces
+
+# What a log says, so that nobody else may.
+_OF_LOG = ('unit', 'parts', 'surface', *QUANTITIES, 'height_of', 'seed')
+
+
+@dataclass(frozen=True)
+class DropQuestion:
+    """Drops that are asked for; ``drops`` and ``precision`` as most_drops has them.
+
+    logged : RunDescription
+        The run that is made again, if it is one.
+    """
+
+    part: Part
+    conditions: DropConditions
+    seed: int
+    drops: int
+    precision: float
+    logged: RunDescription | None = None
+
+    @property
+    def first_drop(self) -> int:
+        """Index of the first of them."""
+        return 0 if self.logged is None else self.logged.first_drop
+
+    def check_engine(self, run: RunDescription) -> None:
+        """Warn if what the drops follow from is not what it was when they were logged."""
+        if self.logged is None or run.sequence() == self.logged.sequence():
+            return
+        before, now = (
+            f'{each.engine} {each.engine_version}, resting_aspects_ros {each.suite_version}, '
+            f'time step {each.time_step:.6g} s'
+            for each in (self.logged, run)
+        )
+        print(
+            f'warning: the log was made with {before}, and this is {now}: the poses can differ, '
+            'the probabilities should not',
+            file=sys.stderr,
+        )
+
+
+def asked_drops(arguments: argparse.Namespace) -> DropQuestion:
+    """What the flags ask for; raises RestingAspectsError for wrong input."""
+    drops, precision = drops_of(arguments)
+    if arguments.from_log is not None:
+        return _logged(arguments, drops, precision)
+    if arguments.part is None:
+        raise InvalidValueError('no part is given, allowed is a name, a mesh file, or --from-log')
+    seed = DEFAULT_SEED if arguments.seed is None else arguments.seed
+    check_seed(seed)
+    conditions = conditions_of(arguments, Surfaces.read(surfaces_file()))
+    part = given_part(arguments.part, arguments.unit, arguments.parts)
+    return DropQuestion(part, conditions, seed, drops, precision)
+
+
+def _logged(arguments: argparse.Namespace, drops: int, precision: float) -> DropQuestion:
+    log: Path = arguments.from_log
+    for name in ('part', *_OF_LOG):
+        given = getattr(arguments, name)
+        if given not in (None, ''):
+            flag = f'--{name.replace("_", "-")}' if name in _OF_LOG else 'PART_OR_MESH'
+            raise InvalidValueError(f'{flag} is {str(given)!r}, but --from-log says what it is')
+    # It imports ROS, which other drops do not need.
+    from resting_aspects_ros.commands.logged_run import read_contents
+
+    try:
+        contents = read_contents(log)
+    except LogError as error:
+        raise InvalidValueError(f'--from-log: {error}') from None
+    part, run = contents.run.part, contents.run.run
+    if run is None:
+        raise InvalidValueError(f'--from-log is {str(log)!r}, which holds no drops')
+    if part is None or part.part_sha256 != run.part_sha256:
+        raise InvalidValueError(f'--from-log is {str(log)!r}, which does not describe its part')
+    if arguments.drops is None and arguments.precision is None:
+        # Of a run that was broken off those that are there.
+        drops, precision = run.drops if run.precision else contents.outcome.drops, run.precision
+    return DropQuestion(part, run.conditions, run.seed, drops, precision, run)
