@@ -4,12 +4,11 @@ import dataclasses
 import importlib
 import io
 import random
-import resource
 import signal
 import struct
 import subprocess
 import sys
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from datetime import datetime, timedelta, timezone
 
 import pytest
@@ -394,21 +393,7 @@ def test_a_file_cut_anywhere_holds_every_batch_that_was_flushed_before(tmp_path)
         assert flushed <= len(messages_in(io.BytesIO(content[:size]))) <= flushed + 1
 
 
-@contextmanager
-def no_space_after(size):
-    """Let files grow no further than so many bytes, as on a full disk.
-
-    Only inside the test: it holds for the file that pytest may be writing to as well.
-    """
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
-def test_a_full_disk_keeps_what_was_written(tmp_path):
+def test_a_full_disk_keeps_what_was_written(tmp_path, no_space_after):
     batches = [random.Random(i).randbytes(50_000) for i in range(5)]
     log = RunLog(tmp_path, 'run')
     with no_space_after(180_000):
@@ -428,7 +413,7 @@ def test_a_full_disk_keeps_what_was_written(tmp_path):
     assert not (tmp_path / 'run' / 'metadata.yaml').exists()
 
 
-def test_a_disk_that_is_full_while_the_log_is_closed(tmp_path):
+def test_a_disk_that_is_full_while_the_log_is_closed(tmp_path, no_space_after):
     log = RunLog(tmp_path, 'run')
     log.write(POSES, b'batch 00', 1)
     log.flush()
@@ -441,7 +426,7 @@ def test_a_disk_that_is_full_while_the_log_is_closed(tmp_path):
     assert not (tmp_path / 'run' / 'metadata.yaml').exists()
 
 
-def test_a_disk_that_is_full_from_the_start(tmp_path):
+def test_a_disk_that_is_full_from_the_start(tmp_path, no_space_after):
     words = r'run_0\.mcap cannot be written: File too large'
     with no_space_after(5), pytest.raises(LogError, match=words):
         RunLog(tmp_path, 'run')
@@ -457,7 +442,7 @@ def test_a_metadata_yaml_that_cannot_be_written_leaves_a_whole_file(tmp_path):
         assert reader.message_count == 1
 
 
-def test_the_first_error_is_the_one_that_is_told(tmp_path):
+def test_the_first_error_is_the_one_that_is_told(tmp_path, no_space_after):
     log = RunLog(tmp_path, 'run')
     log.write(POSES, b'batch 00', 1)
     with no_space_after(0), pytest.raises(ZeroDivisionError), log:

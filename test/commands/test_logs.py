@@ -1,0 +1,219 @@
+"""`info`, `recover`, and `drop --from-log`: what a log alone is good for."""
+
+import csv
+import dataclasses
+import json
+
+import pytest
+from builtin_interfaces.msg import Time
+from rclpy.serialization import serialize_message
+
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.distribution import count_poses
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.drops.engine import drop_chunk
+from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.drops.release import CHUNK
+from resting_aspects_ros.logs.outcome import OUTCOME, Outcome
+from resting_aspects_ros.logs.run_log import RunLog
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Qos, Topic
+from resting_aspects_ros.nodes.convert import part_msg, poses_msg
+from resting_aspects_ros.nodes.distribution_messages import distribution_msg
+
+POSES = Topic('/cell/resting_poses', POSES_TYPE, Qos(2000))
+PART = Topic('/cell/parts/solid', PART_TYPE, Qos(1))
+DISTRIBUTION = Topic('/cell/aspect_distributions/solid', DISTRIBUTION_TYPE, Qos(1))
+DROPS = 300
+
+
+@pytest.fixture(scope='module')
+def dropped(part, surfaces):
+    """A run under conditions of its own, and its poses."""
+    conditions = surfaces.get('steel').changed(height=0.045, friction=0.31)
+    job, run = plan_run(
+        part('l_bracket'), conditions, seed=77, drops=DROPS, run_id='4f1c', started=10**18
+    )
+    poses = [drop_chunk(job, k, min(k + CHUNK, DROPS)) for k in range(0, DROPS, CHUNK)]
+    return run, RestingPoses.join(poses)
+
+
+@pytest.fixture
+def log(tmp_path, part, dropped):
+    """Write a log as the recorder does, in batches of 100; cut so that so many are left."""
+
+    def log(name='run', batches=None, described=True):
+        run, poses = dropped
+        written = RunLog(tmp_path, name)
+        written.add_metadata('run', {'run_id': run.run_id})
+        if described:
+            written.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
+        for k in range(3 if batches is None else batches):
+            end = 100 * (k + 1)
+            batch = poses_msg(poses.between(100 * k, end), run, Time(), end == DROPS)
+            written.write(POSES, serialize_message(batch), 2 + k)
+            counted = count_poses(find_aspects(part('l_bracket')), poses.between(0, end))
+            found = distribution_msg(counted, run, Time(), end == DROPS)
+            written.write(DISTRIBUTION, serialize_message(found), 2 + k)
+            written.flush()
+        size = written.path.stat().st_size
+        if batches is None:
+            written.add_metadata(OUTCOME, Outcome(DROPS, whole=True).record())
+        written.close()
+        if batches is not None:
+            (written.path.parent / 'metadata.yaml').unlink()
+            written.path.write_bytes(written.path.read_bytes()[:size])
+        return written.path.parent
+
+    return log
+
+
+def test_info_of_a_whole_log(run, log, dropped):
+    ended = run('info', log())
+    assert (ended.returncode, ended.stderr) == (0, '')
+    lines = [' '.join(line.split()) for line in ended.stdout.splitlines()]
+    for line in (
+        'whole, 7 messages',
+        f'part l_bracket, sha256 {dropped[0].part_sha256}',
+        'stl in mm, 20 triangles',
+        'conditions own',
+        'height 0.045 m (LOWEST_POINT)',
+        'friction 0.31',
+        'seed 77',
+        'drops 300 of 300',
+        f'made 2001-09-09 01:46:40 UTC with bullet {dropped[0].engine_version}',
+        'run id 4f1c',
+        'Distribution of 300 drops',
+    ):
+        assert line in lines
+
+
+def test_info_as_a_document(run, log, dropped):
+    document = json.loads(run('info', log(), '--json').stdout)
+    assert document['log'] == {
+        'path': document['log']['path'],
+        'messages': 7,
+        'finished': True,
+        'being_written': False,
+        'whole': True,
+        'poses': DROPS,
+    }
+    assert (document['run_id'], document['seed'], document['drops']) == ('4f1c', 77, DROPS)
+    assert document['conditions']['friction'] == 0.31
+    assert sum(a['count'] for a in document['aspects']) + document['unclassified'] == DROPS
+
+
+def test_info_of_a_log_that_was_broken_off(run, log):
+    folder = log(batches=2)
+    ended = run('info', folder)
+    assert ended.returncode == 0
+    lines = [' '.join(line.split()) for line in ended.stdout.splitlines()]
+    for line in (
+        'broken off ("resting_aspects recover" makes it readable for all), 5 messages',
+        'drops 200 of 300',
+        'Distribution of 200 drops, counted before the run was over',
+    ):
+        assert line in lines
+    document = json.loads(run('info', folder, '--json').stdout)
+    assert (document['log']['whole'], document['log']['poses']) == (False, 200)
+    assert (document['complete'], document['drops'], document['drops_asked']) == (False, 200, 300)
+
+
+def test_info_of_a_log_without_drops(run, log):
+    ended = run('info', log(batches=0, described=False))
+    assert ended.returncode == 0
+    assert ended.stdout.splitlines()[-1].split() == ['drops', 'none']
+
+
+def test_recover_says_what_each_log_holds(run, log, tmp_path):
+    whole, two, three = log('whole'), log('two', 2), log('three', 3)
+    before = (whole / 'whole_0.mcap').read_bytes()
+    ended = run('recover', whole, two, tmp_path / 'nowhere', three)
+    assert ended.stdout.splitlines() == [
+        f'{whole}: is whole, 7 messages',
+        f'{two}: 5 messages recovered, 200 of 300 drops of l_bracket',
+        f'{three}: 7 messages recovered, 300 of 300 drops of l_bracket, the run is whole',
+    ]
+    assert ended.returncode == 1
+    nowhere = str(tmp_path / 'nowhere')
+    assert ended.stderr == f'error: log {nowhere!r} cannot be read: No such file or directory\n'
+    assert (whole / 'whole_0.mcap').read_bytes() == before
+    assert run('recover', two, three).stdout.splitlines() == [
+        f'{two}: is whole, 5 messages',
+        f'{three}: is whole, 7 messages',
+    ]
+    lines = [' '.join(line.split()) for line in run('info', two).stdout.splitlines()]
+    assert 'finished, without all drops of its run, 5 messages' in lines
+
+
+def test_recover_keeps_messages_that_this_version_cannot_read(run, tmp_path):
+    log = RunLog(tmp_path, 'run')
+    log.write(POSES, b'\0\1\0\0of another time', 1)
+    log.flush()
+    content = log.path.read_bytes()
+    log.close()
+    log.path.write_bytes(content)
+    ended = run('recover', 'run')
+    assert ended.returncode == 0
+    assert ended.stdout.startswith('run: 1 messages recovered, its drops were not counted: ')
+
+
+def rows(path):
+    with path.open(newline='') as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.parametrize('batches', [None, 2])
+def test_a_run_is_dropped_again_from_its_log_alone(run, log, dropped, tmp_path, batches):
+    ended = run('drop', '--from-log', log(batches=batches), '--poses', 'again.csv', '--json')
+    assert ended.returncode == 0
+    document = json.loads(ended.stdout)
+    drops = DROPS if batches is None else 100 * batches
+    assert (document['part'], document['seed'], document['drops']) == ('l_bracket', 77, drops)
+    assert document['part_sha256'] == dropped[0].part_sha256
+    # Written with all digits, so this is bit for bit.
+    found = [
+        [float(row[axis]) for axis in ('qx', 'qy', 'qz', 'qw')]
+        for row in rows(tmp_path / 'again.csv')
+    ]
+    assert found == dropped[1].orientation[:drops].tolist()
+
+
+def test_a_run_from_a_log_can_be_longer(run, log, dropped, tmp_path):
+    ended = run('drop', '--from-log', log(), '--drops', 310, '--poses', 'again.csv')
+    assert ended.returncode == 0
+    found = [float(row['x']) for row in rows(tmp_path / 'again.csv')]
+    assert (len(found), found[:DROPS]) == (310, dropped[1].position[:, 0].tolist())
+
+
+@pytest.mark.parametrize(
+    ('words', 'says'),
+    [
+        (['hex_nut'], "PART_OR_MESH is 'hex_nut', but --from-log says what it is"),
+        (['--seed', 3], "--seed is '3', but --from-log says what it is"),
+        (['--friction', 0.2], "--friction is '0.2', but --from-log says what it is"),
+        (['--surface', 'steel'], "--surface is 'steel', but --from-log says what it is"),
+    ],
+)
+def test_what_the_log_says_nobody_else_may(run, log, words, says):
+    ended = run('drop', '--from-log', log(), *words)
+    assert (ended.returncode, ended.stderr) == (2, f'error: {says}\n')
+
+
+def test_a_log_without_drops_or_part_is_refused(run, log, refused):
+    empty, bare = log('empty', 0), log('bare', 1, described=False)
+    assert refused('drop', '--from-log', empty).endswith('which holds no drops')
+    assert refused('drop', '--from-log', bare).endswith('which does not describe its part')
+    assert 'no .mcap file is in it' in refused('drop', '--from-log', empty.parent)
+    assert refused('drop').startswith('error: no part is given, ')
+
+
+def test_another_version_is_told(run, dropped, part, tmp_path):
+    # As after an upgrade of the engine.
+    before = dataclasses.replace(dropped[0], engine_version='3.1.0')
+    with RunLog(tmp_path, 'run') as log:
+        log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
+        batch = poses_msg(dropped[1].between(0, 100), before, Time(), True)
+        log.write(POSES, serialize_message(batch), 2)
+    ended = run('drop', '--from-log', log.path)
+    assert ended.returncode == 0
+    assert 'warning: the log was made with bullet 3.1.0, resting_aspects_ros' in ended.stderr

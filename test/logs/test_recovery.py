@@ -1,0 +1,232 @@
+"""Logs that were broken off, made whole, and read with rosbags, which knows nothing of us."""
+
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+from rosbags.rosbag2 import Reader
+
+from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.logs.recovery import BrokenLog
+from resting_aspects_ros.logs.run_log import RunLog
+from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
+
+POSES = Topic('/cell/resting_poses', POSES_TYPE, Qos(2000, durability='transient_local'))
+PART = Topic('/cell/parts/nut', PART_TYPE, Qos(1, durability='transient_local'))
+MESH = random.Random(3).randbytes(3000)
+NOTE = {'run': {'run_id': '4f1c', 'note': 'café: "yes"\nno'}}
+OUTCOME = {'outcome': {'whole': 'false', 'drops': '7'}}
+
+
+def data(k):
+    return random.Random(k).randbytes(200 + k)
+
+
+def write(folder, batches=8):
+    """A log as the recorder writes it, and the size of the file after each batch."""
+    log = RunLog(folder, 'run')
+    log.add_metadata('run', NOTE['run'])
+    log.write(PART, b'\0\1\0\0part', 50)
+    log.attach('nut.stl', 'model/stl', MESH, 51)
+    log.flush()
+    ends = []
+    for k in range(batches):
+        log.write(POSES, data(k), 100 + k, 90 + k)
+        log.flush()
+        ends.append(log.path.stat().st_size)
+    return log, ends
+
+
+def messages_of(folder):
+    """What rosbags reads through metadata.yaml: topic, log time and bytes."""
+    with Reader(folder) as reader:
+        assert {each.ext.serialization_format for each in reader.connections} <= {'cdr'}
+        return [(each.topic, at, bytes(raw)) for each, at, raw in reader.messages()]
+
+
+def expected(batches):
+    poses = [(POSES.name, 100 + k, data(k)) for k in range(batches)]
+    return [(PART.name, 50, b'\0\1\0\0part'), *poses]
+
+
+def information(folder):
+    text = (folder / 'metadata.yaml').read_text()
+    return yaml.safe_load(text)['rosbag2_bagfile_information']
+
+
+def test_a_log_cut_anywhere_is_whole_again_with_all_that_was_flushed(tmp_path):
+    log, ends = write(tmp_path / 'made')
+    log.close()
+    content = log.path.read_bytes()
+    start = ends[0]
+    cuts = {end + near for end in ends for near in (-1, 0, 1)} | set(
+        range(start, len(content), 173)
+    )
+    for size in sorted(cuts):
+        folder = tmp_path / f'cut_{size}' / 'run'
+        folder.mkdir(parents=True)
+        (folder / 'run_0.mcap').write_bytes(content[:size])
+        broken = BrokenLog(folder)
+        assert not broken.whole
+        broken.recover(OUTCOME)
+        found = messages_of(folder)
+        flushed = sum(end <= size for end in ends)
+        # A chunk is whole a few bytes before its index is.
+        assert found in (expected(flushed), expected(flushed + 1))
+        with (folder / 'run_0.mcap').open('rb') as file:
+            reader = make_reader(file, validate_crcs=True)
+            (mesh,) = reader.iter_attachments()
+            assert (mesh.name, mesh.media_type, mesh.data) == ('nut.stl', 'model/stl', MESH)
+            notes = {each.name: each.metadata for each in reader.iter_metadata()}
+            assert (notes['run'], notes['outcome']) == (NOTE['run'], OUTCOME['outcome'])
+            assert reader.get_summary().statistics.message_count == len(found)
+            published = [m.publish_time for _, _, m in reader.iter_messages([POSES.name])]
+            assert published == [90 + k for k in range(len(published))]
+        assert information(folder)['custom_data']['outcome.drops'] == '7'
+        assert sorted(each.name for each in folder.iterdir()) == ['metadata.yaml', 'run_0.mcap']
+        again = BrokenLog(folder)
+        assert (again.whole, again.extent.messages) == (True, len(found))
+
+
+def test_a_recovered_log_says_of_its_topics_what_the_first_one_did(tmp_path):
+    log, _ = write(tmp_path)
+    log.close()
+    before = information(tmp_path / 'run')
+    (tmp_path / 'run' / 'metadata.yaml').unlink()
+    BrokenLog(tmp_path / 'run').recover({})
+    assert information(tmp_path / 'run') == before
+
+
+def test_what_is_lost_in_the_middle_costs_no_more_than_itself(tmp_path):
+    log, _ = write(tmp_path)
+    log.close()
+    content = bytearray(log.path.read_bytes())
+    with log.path.open('rb') as file:
+        chunks = [c for c in StreamReader(file, emit_chunks=True).records if isinstance(c, Chunk)]
+    # In the compressed bytes of the fourth batch, and in those with which the part came.
+    for chunk in (chunks[4], chunks[0]):
+        content[content.index(chunk.data) + 20] ^= 0xFF
+    log.path.write_bytes(content)
+    broken = BrokenLog(log.path.parent)
+    assert (broken.whole, broken.extent.lost_chunks) == (False, 2)
+    broken.recover({})
+    lost = {(PART.name, 50), (POSES.name, 103)}
+    kept = [each for each in expected(8) if each[:2] not in lost]
+    assert messages_of(tmp_path / 'run') == kept
+    assert (tmp_path / 'run' / 'run_0.mcap.damaged').read_bytes() == bytes(content)
+
+
+def test_a_bare_file_gets_no_metadata_yaml(tmp_path):
+    log, ends = write(tmp_path)
+    file = tmp_path / 'other.mcap'
+    file.write_bytes(log.path.read_bytes()[: ends[2]])
+    log.close()
+    BrokenLog(file).recover({})
+    with file.open('rb') as stream:
+        assert make_reader(stream).get_summary().statistics.message_count == 4
+    assert sorted(each.name for each in tmp_path.iterdir()) == ['other.mcap', 'run']
+
+
+def test_a_log_that_is_being_written_is_left_alone(tmp_path):
+    log, _ = write(tmp_path)
+    before = log.path.read_bytes()
+    broken = BrokenLog(log.path.parent)
+    assert broken.being_written
+    with pytest.raises(LogError, match='is being written, allowed is one that is not$'):
+        broken.recover({})
+    assert log.path.read_bytes() == before
+    log.write(POSES, data(9), 200)
+    log.close()
+    closed = BrokenLog(log.path.parent)
+    assert (closed.being_written, closed.whole, closed.extent.messages) == (False, True, 10)
+
+
+def test_a_log_of_any_topics_of_ros_can_be_recovered(tmp_path):
+    text = Topic('/chatter', 'std_msgs/msg/String', Qos(7, 'best_effort'))
+    log = RunLog(tmp_path / 'made', 'run')
+    log.write(text, b'\0\1\0\0\5\0\0\0four\0', 5)
+    log.flush()
+    (tmp_path / 'talk').mkdir()
+    (tmp_path / 'talk' / 'talk_0.mcap').write_bytes(log.path.read_bytes())
+    log.close()
+    BrokenLog(tmp_path / 'talk').recover({})
+    with Reader(tmp_path / 'talk') as reader:
+        (connection,) = reader.connections
+        assert (connection.topic, connection.msgtype) == ('/chatter', 'std_msgs/msg/String')
+        (qos,) = connection.ext.offered_qos_profiles
+        assert (qos.depth, qos.reliability.name) == (7, 'BEST_EFFORT')
+
+
+@pytest.mark.parametrize(
+    ('name', 'content', 'says'),
+    [
+        ('no.mcap', b'solid nut\nfacet', "'{}' is no MCAP file"),
+        ('nowhere.mcap', None, "log '{}' cannot be read: No such file or directory"),
+    ],
+)
+def test_what_is_no_log_is_refused_and_kept(tmp_path, name, content, says):
+    path = tmp_path / name
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(LogError) as caught:
+        BrokenLog(path)
+    assert str(caught.value) == says.format(path)
+    assert content is None or path.read_bytes() == content
+
+
+def test_a_folder_with_two_files_is_told_from_a_log(tmp_path):
+    for name in 'ab':
+        (tmp_path / f'{name}.mcap').touch()
+    with pytest.raises(LogError, match=r'has 2 \.mcap files, allowed is one$'):
+        BrokenLog(tmp_path)
+
+
+def test_a_disk_that_is_full_leaves_the_log_as_it_was(tmp_path, no_space_after):
+    log, ends = write(tmp_path)
+    log.path.with_name('cut.mcap').write_bytes(log.path.read_bytes()[: ends[5]])
+    log.close()
+    cut = log.path.with_name('cut.mcap')
+    before = cut.read_bytes()
+    with no_space_after(1000), pytest.raises(LogError, match='cannot be written: File too large'):
+        BrokenLog(cut).recover({})
+    assert cut.read_bytes() == before
+    assert not list(cut.parent.glob('*.recovering'))
+
+
+WRITE_UNTIL_KILLED = """
+import sys
+from pathlib import Path
+from resting_aspects_ros.logs.run_log import RunLog
+from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
+log = RunLog(Path(sys.argv[1]), 'run')
+for i in range(10**9):
+    log.write(Topic('/resting_poses', POSES_TYPE, Qos(1)), i.to_bytes(8, 'little') * 2000, i)
+    log.flush()
+    print(i, flush=True)
+"""
+
+
+@pytest.mark.parametrize('moment', range(20))
+def test_of_a_writer_killed_at_a_random_moment_at_most_the_batch_under_way_is_lost(
+    tmp_path, moment
+):
+    rest = random.Random(moment).uniform(0, 0.2)
+    command = [sys.executable, '-c', WRITE_UNTIL_KILLED, str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        process.stdout.readline()
+        time.sleep(rest)  # the moment itself, not something that is waited for
+        process.send_signal(signal.SIGKILL)
+        flushed = 1 + len([line for line in process.stdout if line.endswith('\n')])
+    BrokenLog(tmp_path / 'run').recover({})
+    found = messages_of(tmp_path / 'run')
+    assert flushed <= len(found) <= flushed + 1
+    assert [raw for _, _, raw in found] == [
+        i.to_bytes(8, 'little') * 2000 for i in range(len(found))
+    ]
