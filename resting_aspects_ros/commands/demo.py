@@ -55,7 +55,11 @@ def run(arguments: argparse.Namespace) -> int:
     # others in the network.
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     namespace = ['-r', f'__ns:=/demo_{os.getpid()}']
-    parameters = {'drop_recorder': ['-p', f'log_folder:={logs}']}
+    parameters = {
+        'drop_recorder': ['-p', f'log_folder:={logs}'],
+        # The second demo is to drop, too.
+        'aspect_classifier': ['-p', "log_folder:=''"],
+    }
     print(f'Starting {", ".join(NODES)} as three processes ...', flush=True)
     with Interruption() as stop, NodeProcesses(out) as processes:
         for node in NODES:

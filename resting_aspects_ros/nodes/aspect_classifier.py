@@ -11,18 +11,13 @@ from resting_aspects_interfaces.msg import PartDescription, PartSummary, Resting
 from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, ListParts
 
 from resting_aspects_ros.config_files import surfaces_file
-from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.errors import RestingAspectsError
-from resting_aspects_ros.core.estimators.estimate import Estimate, estimate
-from resting_aspects_ros.core.estimators.resting_shape import RestingShape
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.drops.plan import most_drops
-from resting_aspects_ros.drops.run import DEFAULT_SEED, RunDescription, check_drops
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.convert import part_from, poses_from, status
-from resting_aspects_ros.nodes.distribution_messages import distribution_msg, estimate_msg
+from resting_aspects_ros.nodes.diagnostics import Diagnosis, Meter, publish_diagnostics
+from resting_aspects_ros.nodes.distribution_answers import DistributionAnswers
 from resting_aspects_ros.nodes.distribution_outputs import DistributionOutputs
-from resting_aspects_ros.nodes.drop_requests import DropRequests, DropSpec
+from resting_aspects_ros.nodes.drop_requests import DropRequests
 from resting_aspects_ros.nodes.interface import (
     CLASSIFY_POSE,
     GET_DISTRIBUTION,
@@ -32,14 +27,13 @@ from resting_aspects_ros.nodes.interface import (
     RESTING_POSES,
     SERVICES,
 )
-from resting_aspects_ros.nodes.known_parts import KnownParts, asked_part
+from resting_aspects_ros.nodes.known_parts import KnownParts
+from resting_aspects_ros.nodes.memory import Memory
 from resting_aspects_ros.nodes.parameters import Parameter, declare
+from resting_aspects_ros.nodes.part_lookup import PartLookup
 from resting_aspects_ros.nodes.pose_answers import answer_pose
 from resting_aspects_ros.nodes.requests import (
-    NotAvailableError,
     answering,
-    asked_conditions,
-    asked_estimator,
 )
 from resting_aspects_ros.nodes.run_accounts import (
     KnownDistributions,
@@ -49,10 +43,14 @@ from resting_aspects_ros.nodes.run_accounts import (
 from resting_aspects_ros.nodes.run_tracker import RunProgress, RunTracker
 from resting_aspects_ros.nodes.spin import run_node
 from resting_aspects_ros.nodes.topic_watch import TopicWatch
-from resting_aspects_ros.nodes.waiting import wait_for
 
 PARAMETERS = (
     Parameter('surfaces_file', '', 'YAML file of named conditions; empty: the one of the suite'),
+    Parameter(
+        'log_folder',
+        'out/logs',
+        'folder of the logs in which earlier runs are looked for; empty: none are',
+    ),
 )
 # Distributions of runs under way are published this often, s.
 PUBLISH_PERIOD = 0.2
@@ -71,7 +69,6 @@ class AspectClassifier(Node):
     def __init__(self) -> None:
         super().__init__('aspect_classifier')
         values = declare(self, PARAMETERS)
-        self._surfaces = Surfaces.read(Path(values['surfaces_file'] or surfaces_file()))
         self._parts = KnownParts()
         self._known = KnownDistributions()
         self._accounts: dict[str, RunAccount] = {}  # of runs that are not over
@@ -79,6 +76,23 @@ class AspectClassifier(Node):
         self._outputs = DistributionOutputs(self, self._parts)
         self._tracker = RunTracker(self, self._run_over)
         self._requests = DropRequests(self, self._over_future)
+        self._memory = Memory(
+            self,
+            Path(values['log_folder']) if values['log_folder'] else None,
+            self._known.add,
+            self._remember,
+        )
+        self._lookup = PartLookup(self, self._parts, self._requests.simulator_is_there)
+        self._answers = DistributionAnswers(
+            self,
+            Surfaces.read(Path(values['surfaces_file'] or surfaces_file())),
+            self._known,
+            self._memory,
+            self._requests,
+            self._lookup,
+        )
+        self._drops = Meter()
+        self._lost = 0  # runs of which drops are not to be had
         self._watch = TopicWatch(
             self, PARTS, PartDescription, self._part_described, gone=self._parts.remove
         )
@@ -91,6 +105,7 @@ class AspectClassifier(Node):
         serve(GetDistribution, GET_DISTRIBUTION, self._get_distribution)
         serve(ClassifyPose, CLASSIFY_POSE, self._classify_pose)
         self.create_service(ListParts, LIST_PARTS, self._list_parts, qos_profile=SERVICES)
+        publish_diagnostics(self, self._diagnose)
         self.get_logger().info('ready')
 
     def destroy_node(self) -> None:
@@ -109,9 +124,21 @@ class AspectClassifier(Node):
             return
         self._parts.describe(part)
         self._outputs.offer(name)  # before the first run, so that who listens hears all of it
+        self._show_known(part.part_sha256)
         for account in list(self._accounts.values()):
             if account.run.part == name:
                 self._advance(account)
+
+    def _remember(self) -> None:
+        """All logs of earlier runs are read."""
+        for _, part_sha256 in self._parts.offered():
+            self._show_known(part_sha256)
+
+    def _show_known(self, part_sha256: str) -> None:
+        """Publish what an earlier run found, unless something newer was."""
+        known = self._known.newest(part_sha256)
+        if known is not None and not self._memory.loading:
+            self._outputs.restore(*known)
 
     def _batch(self, message: RestingPoses) -> None:
         try:
@@ -123,6 +150,7 @@ class AspectClassifier(Node):
         for progress, new in arrivals:
             account = self._accounts.setdefault(progress.run.run_id, RunAccount(progress.run))
             account.waiting.extend(poses.between(first, end) for first, end in new)
+            self._drops.add(sum(end - first for first, end in new))
             self._advance(account)
             self._tracker.settle(progress)
 
@@ -132,6 +160,7 @@ class AspectClassifier(Node):
             return
         account.over = True
         if progress.lost:
+            self._lost += 1
             account.problem = f'drops of run {progress.run.run_id} were lost and are not to be had'
         self._advance(account)
 
@@ -166,76 +195,39 @@ class AspectClassifier(Node):
             self._over.pop(next(iter(self._over)))
         return self._over.setdefault(run_id, Future())
 
-    # Services
+    def _diagnose(self) -> Diagnosis:
+        missing = self._tracker.missing()
+        accounts = self._accounts.values()
+        values = {
+            'runs under way': len(accounts),
+            'drops received': self._drops.total,
+            'drops per second': self._drops.rate(),
+            'drops not counted yet': sum(len(p) for each in accounts for p in each.waiting),
+            'missing drops': missing,
+            'runs with lost drops': self._lost,
+            'distributions known': len(self._known),
+        }
+        if missing:
+            return Diagnosis.warning(f'{missing} drops are missing, they are asked for', values)
+        return Diagnosis(f'{len(accounts)} runs under way' if accounts else 'idle', values)
 
-    async def _usable_parts(self, name: str) -> dict[str, Part]:
-        """The parts that can be asked about by name; waits for that one while parts come in."""
-        never = Future(executor=self.executor)
-        while True:
-            parts = self._parts.usable(self._requests.simulator_is_there())
-            if name in parts or not self._parts.come_in():
-                return parts
-            await wait_for(self, never, PARTS_PERIOD)
+    # Services
 
     async def _get_distribution(
         self, request: GetDistribution.Request, response: GetDistribution.Response
     ) -> GetDistribution.Response:
         with answering(GET_DISTRIBUTION, response, self.get_logger().error):
-            method = asked_estimator(request.method)
-            if method is None:
-                run, distribution = await self._find_or_drop(request)
-                stamp = self.get_clock().now().to_msg()
-                response.distribution = distribution_msg(distribution, run, stamp, True)
-            else:
-                part, found = await self._estimate(request.part, method)
-                stamp = self.get_clock().now().to_msg()
-                response.distribution = estimate_msg(found, part, stamp)
-            response.status = status(Status.OK)
+            response.distribution, note = await self._answers.answer(request)
+            response.status = status(Status.OK, note)
         return response
-
-    async def _find_or_drop(
-        self, request: GetDistribution.Request
-    ) -> tuple[RunDescription, Distribution]:
-        drops = most_drops(request.drops, request.precision)
-        check_drops(drops)
-        conditions = asked_conditions(self._surfaces, request.surface, request.conditions)
-        seed = request.seed[0] if request.seed else None
-        parts = await self._usable_parts(request.part)
-        part = parts.get(request.part)
-        if part is not None:
-            known = self._known.find(part.part_sha256, conditions, drops, request.precision, seed)
-            if known is not None:
-                return known
-        if request.only_known:
-            if parts:
-                asked_part(parts, request.part)
-            raise NotAvailableError(
-                f'no distribution of {request.part} under these conditions over at least '
-                f'{request.drops} drops is known, and only_known was asked for'
-            )
-        spec = DropSpec(
-            request.part,
-            conditions,
-            drops,
-            request.precision,
-            DEFAULT_SEED if seed is None else seed,
-        )
-        account = await self._requests.drop(spec)
-        return account.run, account.counted
-
-    async def _estimate(self, name: str, method: str) -> tuple[Part, Estimate]:
-        parts = await self._usable_parts(name)
-        part, aspects = self._parts.version(asked_part(parts, name).part_sha256)
-        return part, estimate(RestingShape(part, aspects), method)
 
     async def _classify_pose(
         self, request: ClassifyPose.Request, response: ClassifyPose.Response
     ) -> ClassifyPose.Response:
         with answering(CLASSIFY_POSE, response, self.get_logger().error):
-            parts = await self._usable_parts(request.part)
-            sha = asked_part(parts, request.part).part_sha256
-            newest = newest_distribution(self._known, self._accounts.values(), sha)
-            answer_pose(request, response, self._parts.version(sha)[1], newest)
+            part, aspects = await self._lookup.part(request.part)
+            newest = newest_distribution(self._known, self._accounts.values(), part.part_sha256)
+            answer_pose(request, response, aspects, newest)
         return response
 
     def _list_parts(

@@ -5,6 +5,8 @@ from rclpy.publisher import Publisher
 from resting_aspects_interfaces.msg import AspectDistribution
 from visualization_msgs.msg import MarkerArray
 
+from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.nodes.distribution_messages import distribution_msg
 from resting_aspects_ros.nodes.interface import ASPECT_DISTRIBUTIONS, LATCHED, MARKERS
 from resting_aspects_ros.nodes.known_parts import KnownParts
@@ -20,6 +22,7 @@ class DistributionOutputs:
         self._parts = parts
         self._outputs: dict[str, Publisher] = {}
         self._changed: dict[str, RunAccount] = {}  # by part; what changed last is last
+        self._published: set[str] = set()
         self._markers = node.create_publisher(MarkerArray, MARKERS, LATCHED)
         self._shown: tuple[str, PartMarkers] | None = None  # part_sha256, its markers
 
@@ -35,6 +38,11 @@ class DistributionOutputs:
         self._changed.pop(account.run.part, None)
         self._changed[account.run.part] = account
 
+    def restore(self, run: RunDescription, distribution: Distribution) -> None:
+        """Take one of an earlier run, unless one of that part was published, or is to be."""
+        if run.part not in self._published and run.part not in self._changed:
+            self.change(RunAccount(run, distribution, over=True))
+
     def publish(self) -> None:
         """Publish what changed."""
         changed, self._changed = self._changed, {}
@@ -42,6 +50,7 @@ class DistributionOutputs:
             stamp = self._node.get_clock().now().to_msg()
             message = distribution_msg(account.counted, account.run, stamp, account.over)
             self.offer(part).publish(message)
+            self._published.add(part)
         if changed:
             newest = next(reversed(changed.values()))
             markers = self._markers_of(newest.run.part_sha256)

@@ -7,17 +7,24 @@ from pathlib import Path
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
-from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
+from resting_aspects_interfaces.msg import (
+    AspectDistribution,
+    PartDescription,
+    RecordedRun,
+    RestingPoses,
+)
 
 from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
 from resting_aspects_ros.nodes.convert import nanoseconds
+from resting_aspects_ros.nodes.diagnostics import Diagnosis, Meter, publish_diagnostics
 from resting_aspects_ros.nodes.interface import (
     ALL_LATCHED,
     ASPECT_DISTRIBUTIONS,
     LATCHED,
     PARTS,
     POSES,
+    RECORDED_RUNS,
     RESTING_POSES,
 )
 from resting_aspects_ros.nodes.open_log import OpenLog
@@ -46,6 +53,9 @@ class DropRecorder(Node):
         self._parts: dict[str, tuple[PartDescription, bytes]] = {}
         # Distributions can come before the poses that they count.
         self._early: deque[tuple[AspectDistribution, bytes]] = deque(maxlen=MOST_EARLY)
+        self._drops = Meter()
+        self._error = ''  # the newest, until a log is whole again
+        self._recorded = self.create_publisher(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
         self._tracker = RunTracker(self, self._run_over)
         self._part_watch = TopicWatch(self, PARTS, PartDescription, self._part_described, raw=True)
         self._distribution_watch = TopicWatch(
@@ -59,6 +69,7 @@ class DropRecorder(Node):
         self._poses = Topic(self.resolve_topic_name(RESTING_POSES), POSES_TYPE, _qos(POSES))
         self.create_subscription(RestingPoses, RESTING_POSES, self._batch, POSES, raw=True)
         self.create_timer(CLOSE_PERIOD, self._close_whole)
+        publish_diagnostics(self, self._diagnose)
         self.get_logger().info(f'ready: logs go to {self._folder}')
 
     def destroy_node(self) -> None:
@@ -77,10 +88,12 @@ class DropRecorder(Node):
             return
         for progress, new in arrivals:
             log = self._log(progress)
-            log.drops += sum(end - first for first, end in new)
             if new or not message.poses:
-                log.write(self._poses, data, self._now(), nanoseconds(message.header.stamp))
-                self._report(log)
+                drops = sum(end - first for first, end in new)
+                stamp = nanoseconds(message.header.stamp)
+                log.write_poses(self._poses, data, self._now(), stamp, drops)
+                self._drops.add(drops)
+                self._report(log, always=message.last)
             self._tracker.settle(progress)
 
     def _log(self, progress: RunProgress) -> OpenLog:
@@ -88,7 +101,7 @@ class DropRecorder(Node):
         run = progress.run
         if run.run_id not in self._logs:
             log = self._logs[run.run_id] = OpenLog(self._folder, run)
-            self._report(log)
+            self._report(log, always=True)
             if log.earlier is not None:
                 self.get_logger().info(
                     f'run {run.run_id} of {run.part} is in {log.earlier} already'
@@ -139,15 +152,38 @@ class DropRecorder(Node):
     def _close(self, run_id: str) -> None:
         log = self._logs.pop(run_id)
         folder = log.close()
-        self._report(log)
+        self._report(log, always=True)
         if folder is not None:
             self.get_logger().info(f'run {run_id} of {log.run.part} is in {folder}')
 
-    def _report(self, log: OpenLog) -> None:
-        """Say once what went wrong."""
-        if log.error and not log.reported:
+    def _report(self, log: OpenLog, *, always: bool = False) -> None:
+        """Tell how far the log is, at its turning points; and once what went wrong."""
+        new_error = bool(log.error) and not log.reported
+        if new_error:
             log.reported = True
-            self.get_logger().error(f'run {log.run.run_id} is not recorded: {log.error}')
+            self._error = f'run {log.run.run_id} is not recorded: {log.error}'
+            self.get_logger().error(self._error)
+        elif log.closed_whole:
+            self._error = ''  # it works again
+        if new_error or always:
+            self._recorded.publish(log.message())
+
+    def _diagnose(self) -> Diagnosis:
+        missing = self._tracker.missing()
+        files = [str(log.folder) for log in self._logs.values()]
+        values = {
+            'drops recorded': self._drops.total,
+            'drops per second': self._drops.rate(),
+            'logs open': len(files),
+            'log files': ', '.join(files),
+            'log folder': self._folder,
+            'missing drops': missing,
+        }
+        if self._error:
+            return Diagnosis.error(self._error, values)
+        if missing:
+            return Diagnosis.warning(f'{missing} drops are missing, they are asked for', values)
+        return Diagnosis(f'{len(files)} logs open' if files else 'idle', values)
 
     def _now(self) -> int:
         return int(self.get_clock().now().nanoseconds)

@@ -101,6 +101,8 @@ class DropRequests:
         account: RunAccount = over.result()
         if account.problem:
             raise EngineError(account.problem)
+        if result.log_error:
+            account.note = f'the run is not recorded: {result.log_error}'
         return account
 
     async def _server(self) -> None:

@@ -29,6 +29,7 @@ from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.drops.worker_pool import MOST_WORKERS, default_workers
 from resting_aspects_ros.nodes.batches import Batches
 from resting_aspects_ros.nodes.convert import poses_msg, status
+from resting_aspects_ros.nodes.diagnostics import Diagnosis, Meter, publish_diagnostics
 from resting_aspects_ros.nodes.interface import (
     ACTION_SERVICES,
     DROP_PART,
@@ -38,6 +39,7 @@ from resting_aspects_ros.nodes.interface import (
 )
 from resting_aspects_ros.nodes.parameters import Parameter, declare
 from resting_aspects_ros.nodes.part_offers import PartOffers
+from resting_aspects_ros.nodes.recordings import Recordings
 from resting_aspects_ros.nodes.requests import (
     BusyError,
     CanceledError,
@@ -73,6 +75,8 @@ class DropSimulator(Node):
         self._runs: OrderedDict[str, RunDescription] = OrderedDict()
         self._published: dict[str, int] = {}  # run under way -> index after its last drop so far
         self._counted_with = AspectSet('', ())
+        self._drops = Meter()
+        self._recordings = Recordings(self)
         self._poses = self.create_publisher(RestingPosesMsg, RESTING_POSES, POSES)
         self._parts = PartOffers(self, self._library)
         self._server = ActionServer(
@@ -85,6 +89,7 @@ class DropSimulator(Node):
             result_timeout=RESULT_TIMEOUT,
             **ACTION_SERVICES,
         )
+        publish_diagnostics(self, self._diagnose)
         self.get_logger().info(f'ready: {len(self._parts)} parts, {self._workers.count} workers')
 
     def destroy_node(self) -> None:
@@ -97,7 +102,7 @@ class DropSimulator(Node):
         result = DropPart.Result()
         self._goals += 1
         try:
-            await self._drop(handle, result)
+            await self._drop_and_note(handle, result)
             result.status = status(Status.OK)
             handle.succeed()
         except CanceledError as error:
@@ -116,6 +121,12 @@ class DropSimulator(Node):
             self._goals -= 1
         return result
 
+    async def _drop_and_note(self, handle: ServerGoalHandle, result: DropPart.Result) -> None:
+        try:
+            await self._drop(handle, result)
+        finally:
+            await self._recordings.note(result)
+
     async def _drop(self, handle: ServerGoalHandle, result: DropPart.Result) -> None:
         """Make the drops of a goal and publish them; fills the result as it goes."""
         if self._goals > MOST_GOALS:
@@ -133,6 +144,7 @@ class DropSimulator(Node):
             async with aclosing(self._workers.chunks(job, asked)) as chunks:
                 async for chunk in chunks:
                     _count(result, chunk)
+                    self._drops.add(len(chunk))
                     for batch in batches.add(chunk):
                         self._publish(batch, run, last=False)
                         if new:
@@ -151,6 +163,16 @@ class DropSimulator(Node):
             self._publish(batches.rest(asked.first_drop), run, last=new)
             if new:
                 del self._published[run.run_id]
+
+    def _diagnose(self) -> Diagnosis:
+        values = {
+            'runs under way': self._goals,
+            'drops made': self._drops.total,
+            'drops per second': self._drops.rate(),
+            'workers': self._workers.count,
+            'parts offered': len(self._parts),
+        }
+        return Diagnosis(f'{self._goals} runs under way' if self._goals else 'idle', values)
 
     def _aspects(self, run: RunDescription) -> AspectSet:
         """Those of the run's part; kept, since a large mesh takes seconds."""

@@ -10,6 +10,9 @@ PARTS = 'parts'  # + /<part>
 RESTING_POSES = 'resting_poses'
 ASPECT_DISTRIBUTIONS = 'aspect_distributions'  # + /<part>
 MARKERS = 'markers'
+RECORDED_RUNS = 'recorded_runs'
+# Not relative: where ROS looks for it.
+DIAGNOSTICS = '/diagnostics'
 
 FRAME = 'tray'
 

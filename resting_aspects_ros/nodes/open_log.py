@@ -5,7 +5,7 @@ import time
 from datetime import datetime, timezone
 from pathlib import Path
 
-from resting_aspects_interfaces.msg import PartDescription
+from resting_aspects_interfaces.msg import PartDescription, RecordedRun
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.drops.run import RunDescription
@@ -24,6 +24,7 @@ class OpenLog:
     A log that cannot be written takes nothing more; ``error`` says why. Nothing here raises.
     A run that was broken off in an earlier log gets one of its own beside it, with a number after
     its name; one that an earlier log holds whole gets none, and ``earlier`` is where it is.
+    ``folder`` is that of the log.
     """
 
     def __init__(self, folder: Path, run: RunDescription) -> None:
@@ -32,10 +33,12 @@ class OpenLog:
         self.reported = False  # the error was told
         self.has_part = False
         self.has_distribution = False  # the one after the last drop
-        self.drops = 0
+        self.drops = 0  # that are written
+        self.closed_whole = False
         self.earlier: Path | None = None
         self._whole = False
         self._over_at: float | None = None
+        self.folder = folder
         self._log: RunLog | None = None
         started = datetime.fromtimestamp(run.started / NANOSECONDS, timezone.utc)
         try:
@@ -43,8 +46,10 @@ class OpenLog:
             earlier = _earlier_logs(folder, name)
             self.earlier = next((log for log in earlier if is_whole(log)), None)
             if self.earlier is not None:
+                self.folder = self.earlier
                 return
             number = f'_{len(earlier) + 1}' if earlier else ''
+            self.folder = folder / (name + number)
             self._log = RunLog(folder, name + number)
             self._log.add_metadata('run', _as_text(run))
         except LogError as error:
@@ -59,6 +64,13 @@ class OpenLog:
             self._log.flush()
         except LogError as error:
             self.error = str(error)
+
+    def write_poses(
+        self, topic: Topic, data: bytes, log_time: int, publish_time: int, drops: int
+    ) -> None:
+        """Write a batch, in which so many drops are new."""
+        self.write(topic, data, log_time, publish_time)
+        self.drops += 0 if self.error else drops
 
     def write_part(self, topic: Topic, data: bytes, part: PartDescription, log_time: int) -> None:
         """Write the part's description, and its mesh as a file."""
@@ -78,6 +90,16 @@ class OpenLog:
         self._over_at = time.monotonic()
         self._whole = whole
 
+    def message(self) -> RecordedRun:
+        """What is to be said of it."""
+        return RecordedRun(
+            run_id=self.run.run_id,
+            log=str(self.folder),
+            drops=self.drops,
+            whole=self.closed_whole or self.earlier is not None,
+            error=self.error,
+        )
+
     @property
     def done(self) -> bool:
         """All is there, or has been waited for long enough."""
@@ -91,13 +113,14 @@ class OpenLog:
         """Finish the log; the run's folder, or None if there is no whole log."""
         if self._log is None:
             return None
+        whole = self._whole and self.has_part
         try:
             if not self.error:
-                whole = self._whole and self.has_part
                 self._log.add_metadata(OUTCOME, Outcome(self.drops, whole).record())
             folder = self._log.close()
         except LogError as error:
             self.error = self.error or str(error)
+        self.closed_whole = whole and not self.error
         return None if self.error else folder
 
 

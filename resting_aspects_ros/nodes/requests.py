@@ -29,6 +29,10 @@ class BusyError(RestingAspectsError):
     """Too much is under way."""
 
 
+class LoadingError(RestingAspectsError):
+    """What may have the answer is being read; ask again soon."""
+
+
 class CanceledError(RestingAspectsError):
     """It was canceled before it was done."""
 
@@ -41,6 +45,7 @@ _CODES: dict[type[RestingAspectsError], int] = {
     NotDefinedError: Status.INVALID,
     BusyError: Status.BUSY,
     CanceledError: Status.CANCELED,
+    LoadingError: Status.LOADING,
 }
 
 

@@ -20,6 +20,7 @@ class RunAccount:
 
     over : the run has ended
     problem : why it has no distribution that can be relied on; empty if it has
+    note : what a person should know of it
     """
 
     run: RunDescription
@@ -27,6 +28,7 @@ class RunAccount:
     waiting: list[RestingPoses] = field(default_factory=list)
     over: bool = False
     problem: str = ''
+    note: str = ''
 
     @property
     def counted(self) -> Distribution:
@@ -85,10 +87,30 @@ class KnownDistributions:
         ]
         return max(fitting, key=lambda found: found[1].drops, default=None)
 
-    def newest(self, part_sha256: str) -> Distribution | None:
-        """The one of a part that came last, under whatever conditions."""
-        known = reversed(self._known.values())
-        return next((each for run, each in known if run.part_sha256 == part_sha256), None)
+    def sha_of(self, name: str) -> str | None:
+        """The newest version of a part of which a distribution is known."""
+        runs = (run for run, _ in self._known.values() if run.part == name)
+        newest = max(runs, key=lambda run: run.started, default=None)
+        return newest.part_sha256 if newest else None
+
+    def others(self, name: str, part_sha256: str) -> list[str]:
+        """What is known of parts of a name, and how it differs from that part; newest first."""
+        of_name = [(r, d) for r, d in self._known.values() if r.part == name]
+        of_name.sort(key=lambda known: -known[0].started)
+        return [
+            f'{found.drops} drops on {run.conditions.surface or "own conditions"}'
+            + ('' if run.part_sha256 == part_sha256 else ' of another version of the part')
+            for run, found in of_name
+        ]
+
+    def __len__(self) -> int:
+        """How many are known."""
+        return len(self._known)
+
+    def newest(self, part_sha256: str) -> tuple[RunDescription, Distribution] | None:
+        """That of the newest run of a part, under whatever conditions."""
+        of_part = (each for each in self._known.values() if each[0].part_sha256 == part_sha256)
+        return max(of_part, key=lambda known: known[0].started, default=None)
 
     def has(self, part_sha256: str) -> bool:
         """Whether any is known of a part."""
@@ -106,4 +128,5 @@ def newest_distribution(
         and account.distribution is not None
         and account.distribution.drops
     ]
-    return known.newest(part_sha256) or next(reversed(counted), None)
+    finished = known.newest(part_sha256)
+    return finished[1] if finished else next(reversed(counted), None)

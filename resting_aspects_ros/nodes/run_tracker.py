@@ -98,9 +98,10 @@ class RunTracker:
         """End the action client."""
         self._client.destroy()
 
-    def get(self, run_id: str) -> RunProgress | None:
-        """The progress of a run of which a batch was seen."""
-        return self._runs.get(run_id)
+    def missing(self) -> int:
+        """Drops that were published and have not been seen, of all runs that are not over."""
+        open_runs = (progress for progress in self._runs.values() if not progress.closed)
+        return sum(end - first for each in open_runs for first, end in each.missing())
 
     def accept(self, batch: RestingPosesMsg) -> list[tuple[RunProgress, list[tuple[int, int]]]]:
         """The runs that a batch is news for, and the ranges of its drops that each had not seen.

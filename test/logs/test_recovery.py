@@ -139,7 +139,7 @@ def test_a_log_that_is_being_written_is_left_alone(tmp_path):
     before = log.path.read_bytes()
     broken = BrokenLog(log.path.parent)
     assert broken.being_written
-    with pytest.raises(LogError, match='is being written, allowed is one that is not$'):
+    with pytest.raises(LogError, match=r'is being written, allowed is one that is not$'):
         broken.recover({})
     assert log.path.read_bytes() == before
     log.write(POSES, data(9), 200)

@@ -344,7 +344,11 @@ class Suite:
     def __init__(self, namespace, logs, start, connect, constants=(), **simulator):
         self.namespace, self.logs = namespace, logs
         self.client = connect(namespace)
-        parameters = {'drop_simulator': simulator, 'drop_recorder': {'log_folder': logs}}
+        parameters = {
+            'drop_simulator': simulator,
+            'aspect_classifier': {'log_folder': logs},
+            'drop_recorder': {'log_folder': logs},
+        }
 
         def start_node(node, **wait):
             return start(

@@ -1,0 +1,102 @@
+"""Answers of get_distribution: what is known, or what drops or an estimator find."""
+
+from rclpy.node import Node
+from resting_aspects_interfaces.msg import AspectDistribution
+from resting_aspects_interfaces.srv import GetDistribution
+
+from resting_aspects_ros.core.estimators.estimate import estimate
+from resting_aspects_ros.core.estimators.resting_shape import RestingShape
+from resting_aspects_ros.drops.plan import most_drops
+from resting_aspects_ros.drops.run import DEFAULT_SEED, check_drops
+from resting_aspects_ros.drops.surfaces import Surfaces
+from resting_aspects_ros.nodes.distribution_messages import distribution_msg, estimate_msg
+from resting_aspects_ros.nodes.drop_requests import DropRequests, DropSpec
+from resting_aspects_ros.nodes.known_parts import asked_part
+from resting_aspects_ros.nodes.memory import Memory
+from resting_aspects_ros.nodes.part_lookup import PartLookup
+from resting_aspects_ros.nodes.requests import (
+    LoadingError,
+    NotAvailableError,
+    asked_conditions,
+    asked_estimator,
+)
+from resting_aspects_ros.nodes.run_accounts import KnownDistributions
+
+# Distributions that do not fit and are named, in an answer that there is none.
+MOST_NAMED = 5
+
+
+class DistributionAnswers:
+    """Finds the distribution that a request asks for."""
+
+    def __init__(
+        self,
+        node: Node,
+        surfaces: Surfaces,
+        known: KnownDistributions,
+        memory: Memory,
+        requests: DropRequests,
+        lookup: PartLookup,
+    ) -> None:
+        self._node = node
+        self._surfaces = surfaces
+        self._known = known
+        self._memory = memory
+        self._requests = requests
+        self._lookup = lookup
+
+    async def answer(self, request: GetDistribution.Request) -> tuple[AspectDistribution, str]:
+        """The distribution, and what a person should know of it; raises RestingAspectsError."""
+        method = asked_estimator(request.method)
+        if method is None:
+            return await self._find_or_drop(request)
+        part, aspects = await self._lookup.part(request.part)
+        found = estimate(RestingShape(part, aspects), method)
+        return estimate_msg(found, part, self._node.get_clock().now().to_msg()), ''
+
+    async def _find_or_drop(
+        self, request: GetDistribution.Request
+    ) -> tuple[AspectDistribution, str]:
+        drops = most_drops(request.drops, request.precision)
+        check_drops(drops)
+        conditions = asked_conditions(self._surfaces, request.surface, request.conditions)
+        seed = request.seed[0] if request.seed else None
+        parts = await self._lookup.parts(request.part)
+        if request.part in parts:
+            sha = parts[request.part].part_sha256
+        elif self._lookup.simulator_is_there():
+            sha = ''
+        else:
+            sha = self._known.sha_of(request.part) or ''
+        known = self._known.find(sha, conditions, drops, request.precision, seed)
+        note = ''
+        if known is None:
+            if loading := self._memory.loading:
+                raise LoadingError(loading)
+            if request.only_known:
+                if parts and not sha:
+                    asked_part(parts, request.part)
+                raise self._nothing_known(request, sha)
+            spec = DropSpec(
+                request.part,
+                conditions,
+                drops,
+                request.precision,
+                DEFAULT_SEED if seed is None else seed,
+            )
+            account = await self._requests.drop(spec)
+            known, note = (account.run, account.counted), account.note
+        run, distribution = known
+        stamp = self._node.get_clock().now().to_msg()
+        return distribution_msg(distribution, run, stamp, True), note
+
+    def _nothing_known(self, request: GetDistribution.Request, sha: str) -> NotAvailableError:
+        words = (
+            f'no distribution of {request.part} under these conditions over at least '
+            f'{request.drops} drops is known, and only_known was asked for'
+        )
+        others = self._known.others(request.part, sha)
+        if others:
+            more = ', ...' if len(others) > MOST_NAMED else ''
+            words += f'; known are {", ".join(others[:MOST_NAMED])}{more}'
+        return NotAvailableError(words)
