@@ -1,0 +1,189 @@
+"""The suite as it is used on a bad day: everybody at once, for long, and broken off."""
+
+import os
+import random
+import shutil
+import signal
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from geometry_msgs.msg import Quaternion
+from resting_aspects_interfaces.msg import Status
+from resting_aspects_interfaces.srv import ClassifyPose
+
+from resting_aspects_ros.config_files import parts_folder
+from resting_aspects_ros.nodes.convert import conditions_msg
+from resting_aspects_ros.nodes.interface import SERVICES
+
+PARTS = ('tetrahedron', 'box_10x20x30', 'l_bracket', 'hex_nut', 'washer')
+# How long mixed requests go on: 30 minutes by hand, 2 with all other tests.
+MINUTES = float(os.environ.get('RESTING_ASPECTS_HARD_USE_MINUTES', '2'))
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('parts')
+    for name in (*PARTS, 'cylinder_d20_h20'):
+        for file in parts_folder().glob(f'{name}.*'):
+            shutil.copy(file, folder)
+    return folder
+
+
+@pytest.fixture(scope='module')
+def suite(fresh_suite, folder):
+    return fresh_suite({'drop_simulator': {'part_offers.SCAN_PERIOD': 0.2}}, parts_folder=folder)
+
+
+@pytest.fixture
+def quick(surfaces):
+    """Conditions under which a drop takes little time: from a low height, without bounces."""
+    return [conditions_msg(surfaces.get().changed(height=1e-3, restitution=0.0))]
+
+
+def test_ten_clients_ask_at_once_for_five_parts(suite, connect, counts):
+    clients = [connect(suite.namespace) for _ in range(10)]
+    asked = [client.asking(PARTS[k % 5], 150, seed=[1]) for k, client in enumerate(clients)]
+
+    def all_answered():
+        for client in clients:
+            client.spin(0.01)
+        return all(answer.done() for answer in asked)
+
+    suite.client.wait(all_answered, 'answers')
+    answers = [answer.result() for answer in asked]
+    assert {answer.status.code for answer in answers} == {Status.OK}
+    for name, one, other in zip(PARTS, answers[:5], answers[5:], strict=True):
+        assert one.distribution.run.part == name
+        assert one.distribution.run.run_id == other.distribution.run.run_id
+        assert sum(counts(one.distribution)) == 150
+
+
+@pytest.mark.timeout(600)
+def test_a_hundred_thousand_drops_with_a_subscriber_that_reads_slowly(suite, connect, quick):
+    slow = connect(suite.namespace)
+    heard = slow.poses()
+    # So that the topic is found before the run begins.
+    suite.client.drop('tetrahedron', 1, seed=100)
+    slow.wait(lambda: heard, 'first batch')
+    drop = suite.client.dropping('tetrahedron', 100_000, seed=2, conditions=quick)
+
+    def done():
+        slow.spin(0.001)  # a batch or two
+        suite.client.spin(0.5)
+        return drop.done
+
+    suite.client.wait(done, 'run', seconds=500)
+    assert drop.result.drops == 100_000
+    slow.wait(lambda: heard[-1].last and heard[-1].run.seed == 2, 'last batch')
+    batches = [batch for batch in heard if batch.run.seed == 2]
+    assert [batch.first_drop for batch in batches] == list(range(0, 100_000, 250))
+    answer = suite.client.ask('tetrahedron', 100_000, conditions=quick, only_known=True)
+    assert answer.distribution.drops == 100_000
+
+
+def test_a_goal_that_is_canceled_fifty_times_at_random_moments(suite, quick):
+    rng = random.Random(3)
+    heard = suite.client.poses()
+    for k in range(50):
+        seed = 1000 + k
+        drop = suite.client.dropping('box_10x20x30', 50_000, seed=seed, conditions=quick)
+        suite.client.wait(lambda d=drop: d.accepted, 'goal')
+        suite.client.spin(rng.uniform(0, 0.2))
+        drop.cancel()
+        suite.client.wait(lambda d=drop: d.done, 'end of the goal')
+        assert drop.outcome == 'canceled'
+        assert drop.result.status.code == Status.CANCELED
+
+        def batches(seed=seed):
+            return [batch for batch in heard if batch.run.seed == seed]
+
+        suite.client.wait(lambda b=batches: b() and b()[-1].last, 'last batch')
+        assert sum(len(batch.poses) for batch in batches()) == drop.result.drops
+    assert suite.alive
+    assert suite.client.drop('box_10x20x30', 10).outcome == 'succeeded'
+
+
+def test_a_part_that_becomes_rubbish_during_a_run_of_it(suite, folder, quick):
+    mesh = folder / 'cylinder_d20_h20.stl'
+    whole = mesh.read_bytes()
+    drop = suite.client.dropping('cylinder_d20_h20', 5000, seed=4, conditions=quick)
+    suite.client.wait(lambda: drop.feedback, 'first drops')
+    mesh.write_bytes(b'solid rubbish\0\xff' * 100)
+    suite.client.wait(lambda: drop.done, 'run')
+    assert (drop.outcome, drop.result.drops) == ('succeeded', 5000)
+    refused = suite.client.drop('cylinder_d20_h20', 10, seed=5)
+    assert (refused.outcome, refused.result.status.code) == ('aborted', Status.INVALID)
+    assert 'cylinder_d20_h20.stl' in refused.result.status.message
+    mesh.write_bytes(whole)
+    assert suite.client.drop('cylinder_d20_h20', 10, seed=5).outcome == 'succeeded'
+    assert suite.alive
+
+
+def test_sigterm_in_the_middle_of_everything(run_command, connect, namespace, wait, tmp_path):
+    ros = ('--ros-args', '-r', f'__ns:={namespace}', '-p', f'log_folder:={tmp_path}')
+    nodes = run_command(sys.executable, '-m', 'resting_aspects_ros.cli', 'nodes', *ros)
+    client = connect(namespace)
+    drops = [client.dropping(name, 100_000, seed=6) for name in PARTS]
+    asked = [client.asking(name, 50_000, seed=[7]) for name in PARTS]
+    client.wait(lambda: all(drop.feedback for drop in drops), 'drops')
+    client.wait(lambda: len(list(tmp_path.iterdir())) >= len(PARTS), 'logs')
+    drops[0].cancel()
+    assert nodes.end(signal.SIGTERM) == 0
+    wait(lambda: nodes.group() == [], 'end of all its processes', seconds=5)
+    assert not [line for line in nodes.said.splitlines() if 'Traceback' in line]
+    for log in tmp_path.iterdir():
+        assert (log / 'metadata.yaml').is_file(), log
+    assert not any(answer.done() for answer in asked)
+
+
+def resident(suite):
+    """MB of each node."""
+    found = {}
+    for name, process in suite.processes.items():
+        pages = int(Path(f'/proc/{process.pid}/statm').read_text().split()[1])
+        found[name] = pages * os.sysconf('SC_PAGE_SIZE') / 1e6
+    return found
+
+
+@pytest.mark.timeout(MINUTES * 60 + 300)
+def test_mixed_requests_for_minutes_cost_no_memory(fresh_suite, quick):
+    suite = fresh_suite()
+    rng = random.Random(8)
+    classify = suite.client.node.create_client(ClassifyPose, 'classify_pose', qos_profile=SERVICES)
+    codes = []
+
+    def ask(seconds):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            name, seed = rng.choice(PARTS), rng.randrange(10**9)
+            kind = rng.randrange(8)
+            if kind < 3:  # new drops
+                answer = suite.client.ask(name, rng.randint(1, 60), seed=[seed], conditions=quick)
+            elif kind == 3:
+                answer = suite.client.ask(name, 1, only_known=True, conditions=quick)
+            elif kind == 4:
+                answer = suite.client.ask(name, method='rolling')
+            elif kind == 5:
+                answer = suite.client.ask(rng.choice(['', 'nothing', 'x' * 300]), 5)
+            elif kind == 6:
+                drop = suite.client.dropping(name, 20_000, seed=seed, conditions=quick)
+                suite.client.wait(lambda d=drop: d.accepted, 'goal')
+                drop.cancel()
+                suite.client.wait(lambda d=drop: d.done, 'end of the goal')
+                answer = drop.result
+            else:
+                request = ClassifyPose.Request(part=name, orientation=Quaternion(w=1.0))
+                answer = suite.client.call(classify, request)
+            codes.append(answer.status.code)
+
+    ask(MINUTES * 60 / 3)
+    before = resident(suite)
+    ask(MINUTES * 60 * 2 / 3)
+    after = resident(suite)
+    assert suite.alive
+    assert set(codes) >= {Status.OK, Status.UNKNOWN_PART, Status.CANCELED}
+    assert Status.FAILED not in codes
+    for name, mb in after.items():
+        assert mb < 1.1 * before[name], (before, after, len(codes))

@@ -1,0 +1,170 @@
+"""How long get_distribution of a known part takes, beside a service that does nothing."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+import numpy as np
+import rclpy
+from bench_case import EXAMPLE
+from bench_report import Section, Table
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.task import Future
+from resting_aspects_interfaces.action import DropPart
+from resting_aspects_interfaces.msg import Status
+from resting_aspects_interfaces.srv import GetDistribution
+from rich.progress import track
+from std_srvs.srv import Trigger
+
+CALLS = 1000
+DROPS = 1000
+# More than are made while it is measured.
+MANY_DROPS = 2_000_000
+DEADLINE = 60.0
+# A service that does nothing, spun as the nodes of the suite are.
+TRIGGER = """
+import rclpy
+from std_srvs.srv import Trigger
+from resting_aspects_ros.nodes.spin import spin_nodes
+from rclpy.node import Node
+
+class Nothing(Node):
+    def __init__(self):
+        super().__init__('nothing')
+        self.create_service(Trigger, 'trigger', lambda _, response: response)
+
+spin_nodes([Nothing])
+"""
+
+
+def latency() -> Section:
+    """Median and 99th percentile of many calls, idle and while a run goes on."""
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    ros = ['--ros-args', '-r', f'__ns:=/bench_{os.getpid()}']
+    table = Table(
+        ['', 'Trigger (ms)', 'get_distribution (ms)', 'ratio', 'p99', 'p99', 'ratio of p99']
+    )
+    found: dict[str, float] = {}
+    with ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        suite = ['-m', 'resting_aspects_ros.cli', 'nodes', *ros, '-p', f'log_folder:={folder}']
+        stack.enter_context(_process(suite))
+        stack.enter_context(_process(['-c', TRIGGER, *ros]))
+        client = stack.enter_context(_client(ros))
+        client.meet()
+        for load, begin in (('idle', lambda: None), ('during_a_run', client.begin_run)):
+            begin()
+            nothing, ours = client.measure(load.replace('_', ' '))
+            cells = []
+            for name, of in (('median', 50), ('p99', 99)):
+                base, time_taken = np.percentile(nothing, of), np.percentile(ours, of)
+                found[f'{load}_{name}_ms'] = float(time_taken)
+                found[f'{load}_{name}_ratio'] = float(time_taken / base)
+                cells += [f'{base:.3f}', f'{time_taken:.3f}', f'{time_taken / base:.2f}']
+            table.rows.append([load.replace('_', ' '), *cells])
+    note = (
+        f'{CALLS} calls of `get_distribution` for {EXAMPLE}, {DROPS} drops of which are known, and '
+        'as many of a bare `std_srvs/Trigger`, each after the other, from one process to two '
+        'others; by medians, then by the 99th percentiles. *During a run*: of another seed, on '
+        'all cores. Aim: ratios of at most 1.5.'
+    )
+    return Section('Latency', note, [table], {'latency': found})
+
+
+class _Client:
+    """Calls both services."""
+
+    def __init__(self) -> None:
+        self._node = rclpy.create_node('bench')
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._trigger = self._node.create_client(Trigger, 'trigger')
+        self._ask = self._node.create_client(GetDistribution, 'get_distribution')
+        self._drop = ActionClient(self._node, DropPart, 'drop_part')
+
+    def meet(self) -> None:
+        """Wait for everybody, and have the part dropped."""
+        for server in (self._trigger, self._ask, self._drop):
+            wait = getattr(server, 'wait_for_service', None) or server.wait_for_server
+            if not wait(timeout_sec=DEADLINE):
+                raise SystemExit(f'{server} does not answer')
+        # Before both have found this client their answers are lost.
+        self._until(lambda: self._call(self._trigger, Trigger.Request()) is not None)
+        self._until(lambda: self._call(self._ask, _request()) is not None)
+
+    def begin_run(self) -> None:
+        """Have all cores drop, until the end."""
+        goal = DropPart.Goal(part=EXAMPLE, drops=MANY_DROPS, seed=2)
+        begun = []
+        self._drop.send_goal_async(goal, begun.append)
+        self._until(lambda: bool(begun) or self._executor.spin_once(timeout_sec=0.1) is not None)
+
+    def measure(self, what: str) -> tuple[list[float], list[float]]:
+        """Seconds of each call, in ms."""
+        nothing, ours = [], []
+        for _ in track(range(CALLS), f'latency, {what}', transient=True):
+            begun = time.perf_counter()
+            assert self._call(self._trigger, Trigger.Request()) is not None
+            middle = time.perf_counter()
+            answer = self._call(self._ask, _request())
+            end = time.perf_counter()
+            assert answer is not None
+            assert answer.status.code == Status.OK
+            nothing.append(1e3 * (middle - begun))
+            ours.append(1e3 * (end - middle))
+        return nothing, ours
+
+    def _call(self, client: Any, request: Any) -> Any:
+        answer: Future = client.call_async(request)
+        self._executor.spin_until_future_complete(answer, timeout_sec=DEADLINE)
+        return answer.result()
+
+    def _until(self, holds: Callable[[], bool]) -> None:
+        end = time.monotonic() + DEADLINE
+        while not holds():
+            if time.monotonic() > end:
+                raise SystemExit(f'the suite did not answer in {DEADLINE:g} s')
+
+    def destroy(self) -> None:
+        self._drop.destroy()
+        self._executor.shutdown()
+        self._node.destroy_node()
+
+
+def _request() -> GetDistribution.Request:
+    return GetDistribution.Request(part=EXAMPLE, drops=DROPS, seed=[1])
+
+
+@contextmanager
+def _client(ros: list[str]) -> Iterator[_Client]:
+    rclpy.init(args=ros)
+    client = _Client()
+    try:
+        yield client
+    finally:
+        client.destroy()
+        rclpy.try_shutdown()
+
+
+@contextmanager
+def _process(words: list[str]) -> Iterator[None]:
+    process = subprocess.Popen(
+        [sys.executable, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait(DEADLINE)
+
+
+if __name__ == '__main__':
+    section = latency()
+    for row in (section.tables[0].columns, *section.tables[0].rows):
+        print(row)
