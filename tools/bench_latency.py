@@ -69,8 +69,8 @@ def latency() -> Section:
                 cells += [f'{base:.3f}', f'{time_taken:.3f}', f'{time_taken / base:.2f}']
             table.rows.append([load.replace('_', ' '), *cells])
     note = (
-        f'{CALLS} calls of `get_distribution` for {EXAMPLE}, {DROPS} drops of which are known, and '
-        'as many of a bare `std_srvs/Trigger`, each after the other, from one process to two '
+        f'{CALLS} calls of `get_distribution` for {EXAMPLE}, of which {DROPS} drops are known, '
+        'and as many of a bare `std_srvs/Trigger`, each after the other, from one process to two '
         'others; by medians, then by the 99th percentiles. *During a run*: of another seed, on '
         'all cores. Aim: ratios of at most 1.5.'
     )

@@ -14,6 +14,8 @@ from typing import ParamSpec, TypeVar
 from resting_aspects_ros.core.errors import InvalidValueError
 
 MOST_WORKERS = 1024
+# Workers run at lower priority than what else this machine does.
+NICENESS = 5
 
 P = ParamSpec('P')
 T = TypeVar('T')
@@ -105,6 +107,8 @@ def stop_pool(pool: ProcessPoolExecutor) -> None:
 
 
 def _start_worker() -> None:
+    # Whoever asks, and waits for an answer, comes before the drops.
+    os.nice(NICENESS)
     # The parent decides what Ctrl-C means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

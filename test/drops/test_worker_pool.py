@@ -22,6 +22,7 @@ from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.release import CHUNK
 from resting_aspects_ros.drops.worker_pool import (
     MOST_WORKERS,
+    NICENESS,
     ProcessWorkers,
     default_workers,
     make_pool,
@@ -97,6 +98,10 @@ def test_ctrl_c_does_not_end_a_worker_while_it_starts_nor_while_it_drops(job, as
         os.kill(worker.pid, signal.SIGINT)
         assert_same_poses(running.result(), first)
         assert worker.is_alive()
+
+
+def test_workers_give_way_to_others(pool):
+    assert pool.submit(os.nice, 0).result() == os.nice(0) + NICENESS
 
 
 def test_ctrl_c_reaches_the_one_who_submits(job):
