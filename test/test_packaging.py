@@ -23,6 +23,7 @@ DEPENDENCIES = {
     'action_msgs': ('ros-jazzy-rclpy', 'action_msgs'),
     'builtin_interfaces': (MESSAGES, 'builtin_interfaces'),
     'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg'),
+    'diagnostic_msgs': (MESSAGES, 'diagnostic_msgs'),
     'geometry_msgs': (MESSAGES, 'geometry_msgs'),
     'hypothesis': ('hypothesis', 'python3-hypothesis'),
     'matplotlib': ('matplotlib', 'python3-matplotlib'),

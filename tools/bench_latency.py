@@ -101,9 +101,14 @@ class _Client:
     def begin_run(self) -> None:
         """Have all cores drop, until the end."""
         goal = DropPart.Goal(part=EXAMPLE, drops=MANY_DROPS, seed=2)
-        begun = []
-        self._drop.send_goal_async(goal, begun.append)
-        self._until(lambda: bool(begun) or self._executor.spin_once(timeout_sec=0.1) is not None)
+        begun: list[object] = []
+        self._drop.send_goal_async(goal, begun.append)  # the first feedback
+
+        def has_begun() -> bool:
+            self._executor.spin_once(timeout_sec=0.1)
+            return bool(begun)
+
+        self._until(has_begun)
 
     def measure(self, what: str) -> tuple[list[float], list[float]]:
         """Seconds of each call, in ms."""

@@ -6,26 +6,30 @@ from pathlib import Path
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.task import Future
 from resting_aspects_interfaces.msg import (
     AspectDistribution,
     PartDescription,
     RecordedRun,
     RestingPoses,
 )
+from resting_aspects_interfaces.srv import GetDistribution
 
 from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
-from resting_aspects_ros.nodes.convert import nanoseconds
+from resting_aspects_ros.nodes.convert import conditions_msg, nanoseconds
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, Meter, publish_diagnostics
 from resting_aspects_ros.nodes.interface import (
     ALL_LATCHED,
     ASPECT_DISTRIBUTIONS,
+    GET_DISTRIBUTION,
     LATCHED,
     PARTS,
     POSES,
     RECORDED_RUNS,
     RESTING_POSES,
+    SERVICES,
 )
 from resting_aspects_ros.nodes.open_log import OpenLog
 from resting_aspects_ros.nodes.parameters import Parameter, declare
@@ -57,6 +61,9 @@ class DropRecorder(Node):
         self._error = ''  # the newest, until a log is whole again
         self._recorded = self.create_publisher(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
         self._tracker = RunTracker(self, self._run_over)
+        self._classifier = self.create_client(
+            GetDistribution, GET_DISTRIBUTION, qos_profile=SERVICES
+        )
         self._part_watch = TopicWatch(self, PARTS, PartDescription, self._part_described, raw=True)
         self._distribution_watch = TopicWatch(
             self,
@@ -145,7 +152,29 @@ class DropRecorder(Node):
     def _run_over(self, progress: RunProgress) -> None:
         self._logs[progress.run.run_id].run_is_over(whole=progress.complete)
 
+    def _ask_for_distribution(self, log: OpenLog) -> None:
+        run = log.run
+        asked = self._classifier.call_async(
+            GetDistribution.Request(
+                part=run.part,
+                conditions=[conditions_msg(run.conditions)],
+                drops=1,
+                seed=[run.seed],
+                only_known=True,
+            )
+        )
+
+        def answered(answer: Future) -> None:
+            found = answer.result().distribution
+            if found.run.run_id == run.run_id and run.run_id in self._logs:
+                self._write_distribution(log, found, serialize_message(found))
+
+        asked.add_done_callback(answered)
+
     def _close_whole(self) -> None:
+        for log in self._logs.values():
+            if log.lacks_distribution():
+                self._ask_for_distribution(log)
         for run_id in [run_id for run_id, log in self._logs.items() if log.done]:
             self._close(run_id)
 

@@ -16,6 +16,9 @@ from resting_aspects_ros.nodes.convert import NANOSECONDS
 
 # When a run is over, its part and its last distribution have so long to arrive, s.
 END_TIMEOUT = 10.0
+# After so long the distribution is asked for: one that was replaced by that of the next run before
+# it was read does not come any more.
+ASK_AFTER = 1.0
 
 
 class OpenLog:
@@ -37,6 +40,7 @@ class OpenLog:
         self.closed_whole = False
         self.earlier: Path | None = None
         self._whole = False
+        self._asked = False
         self._over_at: float | None = None
         self.folder = folder
         self._log: RunLog | None = None
@@ -99,6 +103,13 @@ class OpenLog:
             whole=self.closed_whole or self.earlier is not None,
             error=self.error,
         )
+
+    def lacks_distribution(self) -> bool:
+        """Whether the last distribution should have come by now; True once."""
+        if self._over_at is None or self.has_distribution or self._asked or self.error:
+            return False
+        self._asked = time.monotonic() - self._over_at > ASK_AFTER
+        return self._asked
 
     @property
     def done(self) -> bool:
