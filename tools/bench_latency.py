@@ -90,10 +90,14 @@ class _Client:
 
     def meet(self) -> None:
         """Wait for everybody, and have the part dropped."""
-        for server in (self._trigger, self._ask, self._drop):
-            wait = getattr(server, 'wait_for_service', None) or server.wait_for_server
+        waits = (
+            self._trigger.wait_for_service,
+            self._ask.wait_for_service,
+            self._drop.wait_for_server,
+        )
+        for wait in waits:
             if not wait(timeout_sec=DEADLINE):
-                raise SystemExit(f'{server} does not answer')
+                raise SystemExit(f'the suite did not answer in {DEADLINE:g} s')
         # Before both have found this client their answers are lost.
         self._until(lambda: self._call(self._trigger, Trigger.Request()) is not None)
         self._until(lambda: self._call(self._ask, _request()) is not None)
