@@ -16,7 +16,7 @@ from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.core.estimators.estimate import Estimate, estimate
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.drops.plan import most_drops
+from resting_aspects_ros.drops.ceiling import most_drops
 from resting_aspects_ros.drops.run import DEFAULT_SEED, RunDescription, check_drops
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.convert import part_from, poses_from, status
