@@ -84,7 +84,8 @@ class Question:
     def _look(self) -> None:
         """Do what it is time for."""
         now = time.monotonic()
-        heard = max(self._last, self._watch.last if self._watch else 0.0)
+        if self._watch is not None and self._watch.last > self._last:
+            self._last, self._period = self._watch.last, ASK_PERIOD
         if self._asked and self._timeout is not None and now >= self._begun + self._timeout:
             state = f': {self._watch.state}' if self._watch and self._watch.state else ''
             self._fail(
@@ -93,7 +94,7 @@ class Question:
                     f'{self._timeout:g} s{state}'
                 )
             )
-        elif now >= heard + self._period:
+        elif now >= self._last + self._period:
             self._ask(now)
 
     def _ask(self, now: float) -> None:
