@@ -18,7 +18,7 @@ from resting_aspects_ros.nodes.run_watch import RunWatch
 # A suite that is just starting needs a few seconds to be found, s.
 SERVICE_TIMEOUT = 20.0
 # Without an answer and without a sign of life the same is asked again after this, s, and then
-# after twice as long each time: it is joined, or cheap.
+# after twice as long each time: it is joined, or cheap. A sign of life begins it anew.
 ASK_PERIOD = 5.0
 # How often it is looked whether it is time for something, s.
 LOOK_PERIOD = 0.1
@@ -104,8 +104,9 @@ class Question:
         if self._client.service_is_ready():
             self._last = now
             self._period = 2 * self._period or ASK_PERIOD
-            self._asked.append(self._client.call_async(self._request))
-            self._asked[-1].add_done_callback(self._take)
+            asked = self._client.call_async(self._request)
+            self._asked.append(asked)
+            asked.add_done_callback(self._take)
         elif self._asked:
             self._fail(
                 NotAvailableError(f'the classifier went away while {self._what} was asked for')
