@@ -95,11 +95,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         where = repr(error.filename) if error.filename else 'standard output'
         return _end(FAILED, f'error: {where}: {error.strerror or error}')
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
         # From here on another one is held back: the interpreter gives up its handlers as it ends,
         # and the exit code would be the signal's.
         signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-        return _end(INTERRUPTED, 'interrupted')
+        return _end(INTERRUPTED, str(interrupt) or 'interrupted')
     return code
 
 

@@ -82,7 +82,9 @@ def test_modules_types_and_config_come_from_the_install(workspace):
 def test_executables_are_where_ros2_run_looks(workspace):
     folder = workspace / 'install' / 'resting_aspects_ros' / 'lib' / 'resting_aspects_ros'
     names = {path.name for path in folder.iterdir()}
-    assert names == {'resting_aspects', 'drop_simulator', 'aspect_classifier', 'drop_recorder'}
+    assert names == {
+        'resting_aspects', 'drop_simulator', 'aspect_classifier', 'drop_recorder', 'feeder_example'
+    }  # fmt: skip
     assert 'usage: resting_aspects' in run_sourced(workspace, f'{folder}/resting_aspects --help')
 
 

@@ -122,6 +122,8 @@ def test_all_layers_were_read():
         ('report/table.py', 'from geometry_msgs.msg import Pose'),
         ('commands/drop.py', 'from resting_aspects_interfaces.msg import Aspect'),
         ('cli.py', 'import rclpy'),
+        ('client.py', 'from rclpy.node import Node'),
+        ('report/table.py', 'from resting_aspects_ros.client import RestingAspectsClient'),
         ('nodes/convert.py', 'from mcap.writer import Writer'),
     ],
 )
@@ -140,6 +142,7 @@ def test_a_breach_is_found(file, line):
         ('logs/run_log.py', 'from mcap.writer import Writer'),
         ('nodes/convert.py', 'from resting_aspects_interfaces.msg import Aspect'),
         ('cli.py', 'from resting_aspects_ros.nodes.client import ask'),
+        ('client.py', 'from resting_aspects_ros.nodes.client import RestingAspectsClient'),
     ],
 )
 def test_what_is_allowed_is_not_a_breach(file, line):

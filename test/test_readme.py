@@ -1,5 +1,6 @@
 """What the README shows is run, and what it lists is what there is."""
 
+import ast
 import json
 import os
 import re
@@ -14,7 +15,13 @@ import yaml
 
 from resting_aspects_ros.core.part import load_part
 from resting_aspects_ros.drops.part_library import read_part_yaml
-from resting_aspects_ros.nodes import aspect_classifier, drop_recorder, drop_simulator, interface
+from resting_aspects_ros.nodes import (
+    aspect_classifier,
+    drop_recorder,
+    drop_simulator,
+    feeder_example,
+    interface,
+)
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / 'README.md').read_text(encoding='utf-8')
@@ -108,9 +115,10 @@ def test_nodes_request_and_the_python_client(tmp_path, environment):
         assert 'drops in total' in table
         few = client.replace('drops=1000', 'drops=50')
         printed = run([sys.executable, '-c', few], cwd=tmp_path, env=environment)
-        pairs = re.findall(r'\((\d+), ([\d.]+)\)', printed)
-        assert [int(number) for number, _ in pairs] == [1, 2, 3, 4, 5]
-        assert sum(float(probability) for _, probability in pairs) == pytest.approx(1, abs=0.05)
+        rows = ast.literal_eval(printed)
+        assert [row[0] for row in rows] == [1, 2, 3, 4, 5]
+        assert all(0 <= lower <= p <= upper <= 1 for _, p, lower, upper in rows)
+        assert sum(row[1] for row in rows) == pytest.approx(1, abs=0.05)
     finally:
         suite.send_signal(signal.SIGINT)
         _, complaints = suite.communicate(timeout=30)
@@ -140,7 +148,9 @@ def test_the_part_file_can_be_used(tmp_path):
     assert load_part(ROOT / 'config' / 'parts' / 'l_bracket.stl', **values).unit == 'mm'
 
 
-@pytest.mark.parametrize('node', [drop_simulator, aspect_classifier, drop_recorder])
+@pytest.mark.parametrize(
+    'node', [drop_simulator, aspect_classifier, drop_recorder, feeder_example]
+)
 def test_parameters_are_listed(node):
     name = node.__name__.rsplit('.', 1)[-1]
     section = README.split(f'| `{name}` |')[1]

@@ -3,19 +3,19 @@
 import argparse
 import os
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.commands.interruption import Interruption
 from resting_aspects_ros.commands.node_processes import NodeProcesses
 from resting_aspects_ros.commands.outputs import check_output, make_folder
-from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.core.errors import RestingAspectsError
-from resting_aspects_ros.drops.surfaces import Surfaces
 
 PART, DROPS, SEED = 'l_bracket', 1000, 1
 NODES = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
-LOG_TIMEOUT = 20.0
+LOG_TIMEOUT = 20.0  # s
+LOG_PERIOD = 0.1  # s
 
 EXAMPLES = """examples:
   resting_aspects demo
@@ -79,19 +79,23 @@ def _ask(namespace: list[str], picture: Path, logs: Path, check: Any) -> Path:
     """Ask for the distribution, show it, and wait for the log; returns where that is."""
     from resting_aspects_ros.commands.progress import DropProgress
     from resting_aspects_ros.commands.request import answer_from
-    from resting_aspects_ros.nodes.client import distribution_request, suite_client
+    from resting_aspects_ros.nodes.client import RestingAspectsClient
 
     check()
-    request = distribution_request(PART, Surfaces.read(surfaces_file()).get(), DROPS, 0.0, SEED)
-    with suite_client(['--ros-args', *namespace]) as client:
+    with RestingAspectsClient(ros_args=namespace, check=check) as client:
         with DropProgress(PART, DROPS) as progress:
-            message = client.get(request, progress.update, check)
-        answer = answer_from(message, client.part(PART))
-        answer.print(as_json=False)
-        sys.stdout.flush()
-        answer.save_picture(picture)
-        run_id = answer.run.run_id
-        client.wait(lambda: bool(_logs(logs, run_id)), LOG_TIMEOUT, check)
+            message = client.get_distribution(
+                PART, drops=DROPS, seed=SEED, progress=progress.update
+            )
+        answer = answer_from(message, client.get_part(PART))
+    answer.print(as_json=False)
+    sys.stdout.flush()
+    answer.save_picture(picture)
+    run_id = answer.run.run_id
+    end = time.monotonic() + LOG_TIMEOUT
+    while not _logs(logs, run_id) and time.monotonic() < end:
+        check()
+        time.sleep(LOG_PERIOD)
     for log in _logs(logs, run_id):
         return log
     raise RestingAspectsError(f'no log of run {run_id} came to be in {str(logs)!r}')

@@ -23,9 +23,10 @@ from resting_aspects_ros.core.distribution import METHOD, Distribution, count_po
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.drops.campaign import Workers, drop_chunks
+from resting_aspects_ros.drops.ceiling import most_drops
 from resting_aspects_ros.drops.cluster import ClusterWorkers
 from resting_aspects_ros.drops.job import DropJob
-from resting_aspects_ros.drops.plan import most_drops, plan_run
+from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.drops.worker_pool import ProcessWorkers, default_workers
 

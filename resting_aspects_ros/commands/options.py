@@ -5,10 +5,8 @@ from pathlib import Path
 
 from resting_aspects_ros.commands.quantities import parse_quantity
 from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions, HeightOf
-from resting_aspects_ros.drops.run import check_drops
+from resting_aspects_ros.drops.run import DEFAULT_DROPS, check_drops
 from resting_aspects_ros.drops.surfaces import DEFAULT_SURFACE, Surfaces
-
-DEFAULT_DROPS = 1000
 
 
 def add_part(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:

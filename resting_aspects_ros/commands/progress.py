@@ -17,9 +17,13 @@ LINE_PERIOD = 1.0
 
 
 class DropProgress:
-    """Shows drops done and drops per second; use it with `with`."""
+    """Shows drops done and drops per second; use it with `with`.
+
+    done : how many drops are done
+    """
 
     def __init__(self, what: str, total: int) -> None:
+        self.done = 0
         self._what = what
         self._total = total
         self._begun = self._shown = time.monotonic()
@@ -43,6 +47,7 @@ class DropProgress:
 
     def update(self, done: int) -> None:
         """So many drops are done. To be called often."""
+        self.done = done
         self._waited = True
         now = time.monotonic()
         seconds = max(now - self._begun, 1e-9)

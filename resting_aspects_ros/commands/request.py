@@ -1,8 +1,7 @@
 """`resting_aspects request`: ask a running suite for a distribution, as a ROS client."""
 
 import argparse
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +15,8 @@ from resting_aspects_ros.drops.surfaces import Surfaces
 
 if TYPE_CHECKING:
     from resting_aspects_ros.commands.answer import Answer
+    from resting_aspects_ros.commands.progress import DropProgress
     from resting_aspects_ros.core.part import Part
-    from resting_aspects_ros.nodes.client import SuiteClient
 
 EXAMPLES = """examples:
   resting_aspects nodes                      (in another terminal)
@@ -65,53 +64,64 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.method != 'drops':
             return _estimate(arguments, stop)
         conditions = conditions_of(arguments, Surfaces.read(surfaces_file()))
+        drops, precision = drops_of(arguments)
         # A second to import, which --help does not need.
         from resting_aspects_ros.commands.progress import DropProgress
-        from resting_aspects_ros.nodes.client import distribution_request
+        from resting_aspects_ros.drops.ceiling import most_drops
+        from resting_aspects_ros.nodes.client import RestingAspectsClient
 
-        request = distribution_request(
-            arguments.part,
-            conditions,
-            *drops_of(arguments),
-            arguments.seed,
-            only_known=arguments.only_known,
-        )
-        with _client(arguments) as client:
-            with DropProgress(arguments.part, request.drops) as progress:
-                message = client.get(request, progress.update, stop.check)
-                progress.end(message.drops)
-            answer = answer_from(message, client.part(arguments.part))
+        progress = DropProgress(arguments.part, most_drops(drops, precision))
+        with RestingAspectsClient(
+            ros_args=arguments.ros_args, warn=_warn, check=stop.check
+        ) as client:
+            try:
+                with progress:
+                    message = client.get_distribution(
+                        arguments.part,
+                        drops=drops,
+                        precision=precision,
+                        conditions=conditions,
+                        seed=arguments.seed,
+                        only_known=arguments.only_known,
+                        progress=progress.update,
+                    )
+                    progress.end(message.drops)
+            except KeyboardInterrupt:
+                raise KeyboardInterrupt(_what_goes_on(arguments, progress)) from None
+            answer = answer_from(message, client.get_part(arguments.part))
         if arguments.picture is not None:
             answer.save_picture(arguments.picture)
         answer.print(as_json=arguments.json)
     return 0
 
 
+def _warn(text: str) -> None:
+    print(f'warning: {text}', file=sys.stderr)
+
+
+def _what_goes_on(arguments: argparse.Namespace, progress: 'DropProgress') -> str:
+    """A service call cannot be taken back, and others may wait for the same run."""
+    if arguments.only_known:
+        return 'interrupted'
+    if not progress.done:
+        return 'interrupted; if a run was begun for it, that goes on'
+    return (
+        f'interrupted after {progress.done} drops; the run goes on, and its log and its '
+        'distribution will be there'
+    )
+
+
 def _estimate(arguments: argparse.Namespace, stop: Interruption) -> int:
     """Ask for what an analytic method predicts, and show it."""
     from resting_aspects_ros.commands.estimate_here import show_estimates
-    from resting_aspects_ros.nodes.client import estimate_request
+    from resting_aspects_ros.nodes.client import RestingAspectsClient
     from resting_aspects_ros.nodes.distribution_messages import estimate_from
 
-    request = estimate_request(arguments.part, arguments.method)
-    with _client(arguments) as client:
-        found = estimate_from(client.get(request, lambda _: None, stop.check))
-        part = client.part(arguments.part)
+    with RestingAspectsClient(ros_args=arguments.ros_args, check=stop.check) as client:
+        found = estimate_from(client.get_distribution(arguments.part, method=arguments.method))
+        part = client.get_part(arguments.part)
     show_estimates(part, found.aspects, {found.method: found}, {}, as_json=arguments.json)
     return 0
-
-
-@contextmanager
-def _client(arguments: argparse.Namespace) -> 'Iterator[SuiteClient]':
-    from resting_aspects_ros.nodes.client import suite_client
-
-    with ExitStack() as stack:
-        try:
-            client = stack.enter_context(suite_client(['--ros-args', *arguments.ros_args]))
-        except RuntimeError as error:  # all that rclpy raises for arguments
-            words = ' '.join(arguments.ros_args)
-            raise InvalidValueError(f'--ros-args is {words!r}, ROS refuses: {error}') from None
-        yield client
 
 
 def answer_from(message: Any, part: 'Part') -> 'Answer':

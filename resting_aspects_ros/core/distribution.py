@@ -1,12 +1,14 @@
 """How probable each aspect of a part is: counts, probabilities and intervals."""
 
 import dataclasses
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.aspect_set import AspectSet
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.intervals import CONFIDENCE, INTERVAL, Interval, intervals
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.stopping import stopping_confidence, stops
@@ -64,8 +66,31 @@ class Distribution:
         aspect can be that was never seen. Without drops: 0 to 1. After a stop by precision they
         are a little wider, so that they cover as often as they say: core.stopping.
         """
+        return self._intervals(self.counts)
+
+    def together(self, ids: Iterable[int]) -> Interval:
+        """How probable it is to end in one of some aspects, with an interval of their sum.
+
+        Parameters
+        ----------
+        ids : iterable of int
+            Of the aspects; one that comes twice counts once.
+
+        Raises
+        ------
+        InvalidValueError
+            The part has no aspect of an id.
+        """
+        most = len(self.counts)
+        for k in set(ids):
+            if not 1 <= k <= most:
+                raise InvalidValueError(f'aspect is {k!r}, allowed is 1 to {most}')
+        count = self.counts[[k - 1 for k in sorted(set(ids))]].sum()
+        return self._intervals(count[None])[0]
+
+    def _intervals(self, counts: npt.NDArray[np.int64]) -> list[Interval]:
         stopped = stopping_confidence(self.confidence) if self.by_precision else self.confidence
-        return intervals(self.counts, self.drops, self.interval, stopped)
+        return intervals(counts, self.drops, self.interval, stopped)
 
     def stops(self, precision: float, ceiling: int) -> bool:
         """Whether a run is over with these counts; as core.stopping has it."""

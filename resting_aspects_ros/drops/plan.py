@@ -2,45 +2,17 @@
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.intervals import CONFIDENCE, INTERVAL
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.stopping import check_precision, drops_for
+from resting_aspects_ros.core.stopping import check_precision
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.engine import ENGINE, ENGINE_VERSION
 from resting_aspects_ros.drops.job import DropJob, make_job
 from resting_aspects_ros.drops.run import (
-    MOST_DROPS,
     RunDescription,
     check_drops,
     check_first_drop,
     check_seed,
 )
-
-
-def most_drops(
-    drops: int,
-    precision: float,
-    aspects: int = 1,
-    interval: str = INTERVAL,
-    confidence: float = CONFIDENCE,
-) -> int:
-    """How many drops a run has at most that is asked for with so many, and a precision.
-
-    Parameters
-    ----------
-    drops : int
-        0 with a precision: as many as it can take.
-    precision : float
-        0: the run makes all its drops.
-
-    Raises
-    ------
-    InvalidValueError
-        If the precision cannot be.
-    """
-    if precision == 0:
-        return drops
-    return drops_for(precision, drops or MOST_DROPS, aspects, interval, confidence)
 
 
 def plan_run(

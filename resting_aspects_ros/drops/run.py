@@ -13,6 +13,7 @@ _LONGEST_RUN_ID = 64
 _RUN_ID = re.compile(rf'[A-Za-z0-9][A-Za-z0-9_.-]{{0,{_LONGEST_RUN_ID - 1}}}')
 # Of a run for which none was given: the same question has the same answer.
 DEFAULT_SEED = 1
+DEFAULT_DROPS = 1000
 
 
 @dataclass(frozen=True)

@@ -1,196 +1,306 @@
-"""Ask the suite for a distribution, as any ROS client would."""
+"""Ask the suite, from a node of one's own or from a program without one."""
 
-import math
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Any
 
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
+import numpy.typing as npt
+from geometry_msgs.msg import Quaternion
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
-from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, Status
-from resting_aspects_interfaces.srv import GetDistribution
-
-from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError
-from resting_aspects_ros.core.part import Part, is_valid_name
-from resting_aspects_ros.drops.conditions import DropConditions
-from resting_aspects_ros.drops.plan import most_drops
-from resting_aspects_ros.drops.run import check_drops, check_seed
-from resting_aspects_ros.nodes.convert import conditions_msg, part_from
-from resting_aspects_ros.nodes.interface import (
-    ASPECT_DISTRIBUTIONS,
-    GET_DISTRIBUTION,
-    LATCHED,
-    PARTS,
+from resting_aspects_interfaces.msg import (
+    AspectDistribution,
+    PartDescription,
+    PartSummary,
+    Status,
 )
-from resting_aspects_ros.nodes.requests import NotAvailableError, status_error
+from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, ListParts
 
-# A suite that is just starting needs a few seconds to be found, s.
-SERVICE_TIMEOUT = 20.0
+from resting_aspects_ros.core.distribution import METHOD
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.drops.conditions import DropConditions
+from resting_aspects_ros.nodes.client_requests import (
+    check_name,
+    check_timeout,
+    distribution_request,
+    pose_request,
+)
+from resting_aspects_ros.nodes.convert import part_from
+from resting_aspects_ros.nodes.interface import (
+    CLASSIFY_POSE,
+    GET_DISTRIBUTION,
+    LIST_PARTS,
+    PARTS,
+    SERVICES,
+)
+from resting_aspects_ros.nodes.own_node import ClientUseError, OwnNode
+from resting_aspects_ros.nodes.question import Question
+from resting_aspects_ros.nodes.run_watch import RunWatch
+
+# For the description of a part that is offered to come, s.
 PART_TIMEOUT = 5.0
-SPIN_PERIOD = 0.1
-# Without an answer and without progress the same is asked again after this, s, and then after
-# twice as long each time: it is joined.
-ASK_PERIOD = 5.0
 
 
-def distribution_request(
-    part: str,
-    conditions: DropConditions,
-    drops: int,
-    precision: float,
-    seed: int | None,
-    *,
-    only_known: bool = False,
-) -> GetDistribution.Request:
-    """The request for a distribution; without a seed any known run will do.
+class RestingAspectsClient:
+    """Asks a running suite about parts: get_distribution, classify_pose and list_parts.
 
-    ``drops`` and ``precision`` as most_drops has them.
+    Without a node it has one of its own and spins it while it waits for an answer::
+
+        with RestingAspectsClient() as client:
+            found = client.get_distribution('l_bracket', drops=1000)
+
+    With a node of yours, which you spin, it never spins: every question has a form that ends in
+    ``_async`` and returns a rclpy Future at once. Await it in an async callback, of whatever
+    callback group, or give it to ``rclpy.spin_until_future_complete``::
+
+        client = RestingAspectsClient(node)
+        found = await client.get_distribution_async('l_bracket', drops=1000)
+
+    Answers are the suite's messages, as they come on its topics, too. To wait no longer cancel the
+    future; what the suite has begun it ends nevertheless, for others may have asked the same.
+
+    Parameters
+    ----------
+    node : Node, optional
+        Whoever has it spins it and destroys it.
+    ros_args : sequence of str
+        For the node of its own, what could follow --ros-args: ``['-r', '__ns:=/cell_1']``.
+    warn : callable, optional
+        Called with what a person should know of an answer, such as that its run is not recorded.
+        None: the node logs it.
+    check : callable
+        For the node of its own: called often while it waits, raises to wait no longer.
+
+    Raises
+    ------
+    RestingAspectsError
+        From every question: InvalidValueError and UnknownPartError before anything is sent if they
+        can be seen here; NotAvailableError if it cannot be had now, and of this kind
+        AnswerTimeoutError; BusyError, CanceledError and others as the suite answers.
+        ClientUseError for a wait that could never end.
     """
-    drops = most_drops(drops, precision)
-    check_drops(drops)
-    if seed is not None:
-        check_seed(seed)
-    return GetDistribution.Request(
-        part=part,
-        surface=conditions.surface,
-        conditions=[conditions_msg(conditions)],
-        drops=drops,
-        precision=precision,
-        seed=[] if seed is None else [seed],
-        only_known=only_known,
-    )
 
-
-def estimate_request(part: str, method: str) -> GetDistribution.Request:
-    """The request for what an estimator predicts; it looks at nothing else."""
-    if not method:
-        raise InvalidValueError("method is '', allowed is drops or the name of an estimator")
-    return GetDistribution.Request(part=part, method=method)
-
-
-@contextmanager
-def suite_client(ros_args: Sequence[str] = ()) -> 'Iterator[SuiteClient]':
-    """A client in a ROS context of its own. Ctrl-C raises KeyboardInterrupt as usual."""
-    rclpy.init(args=list(ros_args), signal_handler_options=SignalHandlerOptions.NO)
-    client = SuiteClient()
-    try:
-        yield client
-    finally:
-        client.destroy_node()
-        rclpy.try_shutdown()
-
-
-class SuiteClient(Node):
-    """Calls get_distribution and follows the run that answers it."""
-
-    def __init__(self) -> None:
-        super().__init__('resting_aspects_client')
-        self._requests = self.create_client(GetDistribution, GET_DISTRIBUTION)
-        self._heard = 0.0  # when there was an answer or progress last
-        self._spinner = SingleThreadedExecutor()
-        self._spinner.add_node(self)
-
-    def destroy_node(self) -> None:
-        """Also ends its executor."""
-        self._spinner.shutdown()
-        super().destroy_node()
-
-    def get(
+    def __init__(
         self,
-        request: GetDistribution.Request,
-        progress: Callable[[int], None],
+        node: Node | None = None,
+        *,
+        ros_args: Sequence[str] = (),
+        warn: Callable[[str], object] | None = None,
         check: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._own: OwnNode | None = None
+        if node is None:
+            self._own = OwnNode(ros_args, check)
+            node = self._own.node
+        self._node = node
+        self._warn = warn or node.get_logger().warning
+        # Not the node's own: its callbacks may await what comes in here.
+        self._group = MutuallyExclusiveCallbackGroup()
+        self._services = {
+            name: self._node.create_client(
+                kind, name, qos_profile=SERVICES, callback_group=self._group
+            )
+            for name, kind in (
+                (GET_DISTRIBUTION, GetDistribution),
+                (CLASSIFY_POSE, ClassifyPose),
+                (LIST_PARTS, ListParts),
+            )
+        }
+        self._open: set[Future] = set()
+
+    def get_distribution(
+        self,
+        part: str,
+        *,
+        drops: int | None = None,
+        precision: float = 0.0,
+        surface: str = '',
+        conditions: DropConditions | None = None,
+        seed: int | None = None,
+        method: str = METHOD,
+        only_known: bool = False,
+        timeout: float | None = None,
+        progress: Callable[[int], None] | None = None,
     ) -> AspectDistribution:
-        """Get the answer.
+        """The distribution of a part: a known one at once, else the part is dropped first.
 
-        ``progress`` is called with the drops done while the part is dropped; ``check`` often, and
-        raises if there is no use in waiting any longer. Raises what the suite answers when it
-        refuses, as a RestingAspectsError.
+        Parameters
+        ----------
+        part : str
+            Registered name; see list_parts.
+        drops : int, optional
+            At least so many; with a precision at most. None: 1000; with a precision as many as it
+            takes.
+        precision : float
+            Half width of all intervals to reach, 0.001 to 0.25; 0: none.
+        surface : str
+            Named conditions, as the suite knows them; empty: rubber_mat.
+        conditions : DropConditions, optional
+            Instead of a surface.
+        seed : int, optional
+            None: any known run will do, and a new one gets seed 1.
+        method : str
+            'drops', or an estimator, such as 'rolling', which looks at the part alone and answers
+            at once.
+        only_known : bool
+            Do not drop: NotAvailableError if nothing fits.
+        timeout : float, optional
+            How long to wait in all, s. None: as long as there is a classifier; one that is not
+            there is waited for 20 s at most.
+        progress : callable, optional
+            Called with the drops done while the part is dropped; not if nothing is dropped.
+
+        Returns
+        -------
+        AspectDistribution
+            Its fields are described in resting_aspects_interfaces; ``aspects`` is ordered by id,
+            and ``run`` says of which part and under which conditions it is.
         """
-        service = self._requests.srv_name
-        if not self.wait(self._requests.service_is_ready, SERVICE_TIMEOUT, check):
-            raise NotAvailableError(
-                f'no aspect_classifier answers on {service}, waited {SERVICE_TIMEOUT:g} s: '
-                'start the suite with "resting_aspects nodes"'
+        return self._waiting_node().wait(
+            lambda: self.get_distribution_async(
+                part,
+                drops=drops,
+                precision=precision,
+                surface=surface,
+                conditions=conditions,
+                seed=seed,
+                method=method,
+                only_known=only_known,
+                timeout=timeout,
+                progress=progress,
             )
-
-        if not is_valid_name(request.part):
-            raise UnknownPartError(
-                f'part {request.part!r} is not known: names of parts are lower case letters, '
-                'digits and _'
-            )
-        dropping = False
-
-        def follow(message: AspectDistribution) -> None:
-            nonlocal dropping
-            if not message.complete:  # a complete one is latched since an earlier run
-                dropping = True
-                self._heard = time.monotonic()
-                progress(message.drops)
-
-        topic = f'{ASPECT_DISTRIBUTIONS}/{request.part}'
-        subscription = self.create_subscription(AspectDistribution, topic, follow, LATCHED)
-        try:
-            response = self._ask(request, check)
-        finally:
-            self.destroy_subscription(subscription)
-        if response.status.code != Status.OK:
-            raise status_error(response.status)
-        if dropping:
-            progress(response.distribution.drops)
-        return response.distribution
-
-    def _ask(
-        self, request: GetDistribution.Request, check: Callable[[], None]
-    ) -> GetDistribution.Response:
-        """Call the service, and again if nothing happens.
-
-        A classifier that was found and has not yet found this client cannot answer it, nor can one
-        that was started again since. Raises NotAvailableError if it is gone.
-        """
-        answers: list[Future] = []
-        period = ASK_PERIOD
-
-        def answered() -> bool:
-            return any(answer.done() for answer in answers)
-
-        def silent() -> bool:
-            return time.monotonic() - self._heard > period
-
-        while not answered():
-            if not self._requests.service_is_ready():
-                raise NotAvailableError(
-                    f'the classifier went away while {request.part} was asked for'
-                )
-            answers.append(self._requests.call_async(request))
-            self._heard = time.monotonic()
-            self.wait(lambda: answered() or silent(), None, check)
-            period *= 2
-        return next(answer.result() for answer in answers if answer.done())
-
-    def part(self, name: str) -> Part:
-        """The part as the simulator describes it."""
-        described = Future()
-        subscription = self.create_subscription(
-            PartDescription, f'{PARTS}/{name}', described.set_result, LATCHED
         )
-        if not self.wait(described.done, PART_TIMEOUT):
-            raise NotAvailableError(f'no description of {name} came in {PART_TIMEOUT:g} s')
-        self.destroy_subscription(subscription)
-        return part_from(described.result())
 
-    def wait(
+    def get_distribution_async(
         self,
-        done: Callable[[], bool],
-        seconds: float | None,
-        check: Callable[[], None] = lambda: None,
-    ) -> bool:
-        """Spin until done, at most so long; returns whether it is done."""
-        end = math.inf if seconds is None else time.monotonic() + seconds
-        while not done() and time.monotonic() < end:
-            check()
-            self._spinner.spin_once(timeout_sec=SPIN_PERIOD)
-        return done()
+        part: str,
+        *,
+        drops: int | None = None,
+        precision: float = 0.0,
+        surface: str = '',
+        conditions: DropConditions | None = None,
+        seed: int | None = None,
+        method: str = METHOD,
+        only_known: bool = False,
+        timeout: float | None = None,
+        progress: Callable[[int], None] | None = None,
+    ) -> Future:
+        """The same, as a Future."""
+        self._check(timeout)
+        request = distribution_request(
+            part,
+            drops=drops,
+            precision=precision,
+            surface=surface,
+            conditions=conditions,
+            seed=seed,
+            method=method,
+            only_known=only_known,
+        )
+        watch = RunWatch(self._node, self._group, request, progress)
+        what = f'the distribution of {part}'
+        return self._ask(GET_DISTRIBUTION, request, what, timeout, watch.close, watch=watch)
+
+    def classify_pose(
+        self,
+        part: str,
+        orientation: Quaternion | npt.ArrayLike,
+        *,
+        timeout: float | None = None,
+    ) -> ClassifyPose.Response:
+        """Which aspect a part is in that was seen in some orientation.
+
+        Parameters
+        ----------
+        orientation : Quaternion or (4,) float
+            Tray from part, xyzw; its norm is 1 within 1e-3.
+
+        Returns
+        -------
+        ClassifyPose.Response
+            ``aspect`` is 0 if the pose is in none; ``angle``, rad, is that to the nearest.
+        """
+        return self._waiting_node().wait(
+            lambda: self.classify_pose_async(part, orientation, timeout=timeout)
+        )
+
+    def classify_pose_async(
+        self,
+        part: str,
+        orientation: Quaternion | npt.ArrayLike,
+        *,
+        timeout: float | None = None,
+    ) -> Future:
+        """The same, as a Future."""
+        self._check(timeout)
+        request = pose_request(part, orientation)
+        what = f'the aspect of a pose of {part}'
+        # With this code the answer is that no aspect fits.
+        also = (Status.NOT_AVAILABLE,)
+        return self._ask(CLASSIFY_POSE, request, what, timeout, lambda found: found, also=also)
+
+    def list_parts(self, *, timeout: float | None = None) -> list[PartSummary]:
+        """Name, part_sha256 and whether a distribution is known of each part, by name."""
+        return self._waiting_node().wait(lambda: self.list_parts_async(timeout=timeout))
+
+    def list_parts_async(self, *, timeout: float | None = None) -> Future:
+        """The same, as a Future."""
+        self._check(timeout)
+        request = ListParts.Request()
+        what = 'the list of parts'
+        return self._ask(LIST_PARTS, request, what, timeout, lambda found: found.parts)
+
+    def get_part(self, part: str) -> Part:
+        """The part itself, mesh and mass properties, as the simulator describes it."""
+        check_name(part)
+        own = self._waiting_node()
+        return part_from(own.latched(PartDescription, f'{PARTS}/{part}', PART_TIMEOUT))
+
+    def close(self) -> None:
+        """End all that it made; futures that are not done are cancelled."""
+        for answer in list(self._open):
+            answer.cancel()
+        for service in self._services.values():
+            self._node.destroy_client(service)
+        self._services.clear()
+        if self._own is not None:
+            self._own.close()
+
+    def __enter__(self) -> 'RestingAspectsClient':  # noqa: PYI034 - Self is newer than Python 3.10
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _check(self, timeout: float | None) -> None:
+        check_timeout(timeout)
+        if not self._services:
+            raise ClientUseError('this client is closed')
+        if self._own is not None and not self._own.is_spun:
+            raise ClientUseError(
+                'this client spins only while it waits, so the future would never be done: '
+                'allowed is the form without _async, or RestingAspectsClient(node) with a node '
+                'that you spin'
+            )
+
+    def _waiting_node(self) -> OwnNode:
+        if self._own is None:
+            raise ClientUseError(
+                f'the node {self._node.get_name()!r} is spun by somebody else, so that to wait '
+                'here could be for ever: allowed is to await the form that ends in _async, or '
+                'RestingAspectsClient() without a node'
+            )
+        return self._own
+
+    def _ask(self, service: str, *asked: Any, **more: Any) -> Future:
+        client = self._services[service]
+        question = Question(self._node, self._group, client, *asked, warn=self._warn, **more)
+        self._open.add(question.answer)
+        question.answer.add_done_callback(self._open.discard)
+        return question.answer

@@ -6,7 +6,7 @@ from resting_aspects_interfaces.srv import GetDistribution
 
 from resting_aspects_ros.core.estimators.estimate import estimate
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
-from resting_aspects_ros.drops.plan import most_drops
+from resting_aspects_ros.drops.ceiling import most_drops
 from resting_aspects_ros.drops.run import DEFAULT_SEED, check_drops
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.distribution_messages import distribution_msg, estimate_msg

@@ -22,7 +22,7 @@ class DistributionOutputs:
         self._parts = parts
         self._outputs: dict[str, Publisher] = {}
         self._changed: dict[str, RunAccount] = {}  # by part; what changed last is last
-        self._published: set[str] = set()
+        self._published: dict[str, str] = {}  # part -> part_sha256
         self._markers = node.create_publisher(MarkerArray, MARKERS, LATCHED)
         self._shown: tuple[str, PartMarkers] | None = None  # part_sha256, its markers
 
@@ -39,8 +39,9 @@ class DistributionOutputs:
         self._changed[account.run.part] = account
 
     def restore(self, run: RunDescription, distribution: Distribution) -> None:
-        """Take one of an earlier run, unless one of that part was published, or is to be."""
-        if run.part not in self._published and run.part not in self._changed:
+        """Take one of an earlier run, unless one of that version of the part is published."""
+        published = self._published.get(run.part) == run.part_sha256
+        if not published and run.part not in self._changed:
             self.change(RunAccount(run, distribution, over=True))
 
     def publish(self) -> None:
@@ -50,7 +51,7 @@ class DistributionOutputs:
             stamp = self._node.get_clock().now().to_msg()
             message = distribution_msg(account.counted, account.run, stamp, account.over)
             self.offer(part).publish(message)
-            self._published.add(part)
+            self._published[part] = account.run.part_sha256
         if changed:
             newest = next(reversed(changed.values()))
             markers = self._markers_of(newest.run.part_sha256)

@@ -21,9 +21,10 @@ from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import count_poses, no_drops
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.drops.ceiling import most_drops
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.part_library import PartLibrary
-from resting_aspects_ros.drops.plan import most_drops, plan_run
+from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.run import RunDescription, check_run_id
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.drops.worker_pool import MOST_WORKERS, default_workers

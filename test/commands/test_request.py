@@ -2,7 +2,9 @@
 
 import json
 import os
+import re
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,7 +27,9 @@ def test_wrong_input_is_refused_without_a_suite(refused, words, says):
         assert word in line
 
 
-def test_a_running_suite_answers_in_every_form(begin, run, environment, monkeypatch, tmp_path):
+def test_a_running_suite_answers_in_every_form(
+    begin, run, read_until, wait_until, environment, monkeypatch, tmp_path
+):
     monkeypatch.setitem(environment, 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     ros = ('--ros-args', '-r', f'__ns:=/request_{os.getpid()}')
     nodes = begin('nodes', *ros, '-p', 'log_folder:=logs')
@@ -59,7 +63,33 @@ def test_a_running_suite_answers_in_every_form(begin, run, environment, monkeypa
     assert (never.returncode, never.stdout) == (1, '')
     assert len(never.stderr.splitlines()) == 1
 
+    asking = begin('request', 'tetrahedron', '--drops', 4000, '--seed', 4, *ros)
+    read_until(asking.stderr, lambda line: re.match(r'tetrahedron: [1-9]\d* of 4000', line))
+    os.killpg(asking.pid, signal.SIGINT)
+    *_, last = asking.communicate(timeout=20)[1].splitlines()
+    assert asking.returncode == 130
+    assert re.fullmatch(
+        r'interrupted after \d+ drops; the run goes on, and its log and its distribution will be '
+        'there',
+        last,
+    )
+    # It was the truth: the same seed is dropped to its end, and logged.
+    again = run('request', 'tetrahedron', '--drops', 4000, '--seed', 4, '--json', *ros)
+    run_id = json.loads(again.stdout)['run_id']
+    wait_until(lambda: list(tmp_path.glob(f'logs/*_{run_id}/metadata.yaml')))
+    assert len(list(tmp_path.glob('logs/tetrahedron_*'))) == 2
+
     nodes.send_signal(signal.SIGINT)
     _, errors = nodes.communicate(timeout=20)
     assert nodes.returncode == 0
     assert 'Traceback' not in errors
+
+
+def test_ctrl_c_before_anything_was_heard_of_a_run(begin, wait_until):
+    process = begin('request', 'washer', '--ros-args', '-r', f'__ns:=/nobody_{os.getpid()}')
+    maps = Path(f'/proc/{process.pid}/maps')
+    wait_until(lambda: 'rclpy' in maps.read_text())
+    os.killpg(process.pid, signal.SIGINT)
+    printed, errors = process.communicate(timeout=20)
+    assert (process.returncode, printed) == (130, '')
+    assert errors == 'interrupted; if a run was begun for it, that goes on\n'

@@ -16,6 +16,7 @@ from resting_aspects_ros.core.distribution import (
     count_poses,
     no_drops,
 )
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.intervals import METHODS, intervals
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import random_orientations
@@ -67,6 +68,29 @@ def test_probability_is_count_over_all_drops_with_wilsons_interval(numbers, rest
             assert each.probability == count / drops
             assert (each.lower, each.upper) == pytest.approx(wilson(count, drops), abs=1e-12)
         assert 0 <= each.lower <= each.probability <= each.upper <= 1
+
+
+@given(st.data())
+def test_aspects_together_are_counted_as_one(data):
+    numbers = data.draw(counts)
+    ids = data.draw(st.lists(st.integers(1, len(numbers))))
+    found = distribution(numbers, (1, 2, 3))
+    count = sum(numbers[k - 1] for k in set(ids))
+    share = found.together(ids)
+    assert share.probability == count / found.drops
+    assert (share.lower, share.upper) == pytest.approx(wilson(count, found.drops), abs=1e-12)
+
+
+def test_an_aspect_together_with_no_other_has_its_own_interval():
+    for by_precision in (False, True):
+        found = dataclasses.replace(distribution([5, 10]), by_precision=by_precision)
+        assert [found.together([k]) for k in (1, 2)] == found.intervals()
+
+
+@pytest.mark.parametrize('k', [0, 3, -1])
+def test_an_aspect_that_the_part_has_not_is_refused(k):
+    with pytest.raises(InvalidValueError, match=f'aspect is {k}, allowed is 1 to 2'):
+        distribution([5, 10]).together([1, k])
 
 
 def test_a_textbook_interval():

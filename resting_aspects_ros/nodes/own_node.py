@@ -1,0 +1,105 @@
+"""A node for who has none: in a context of its own, spun only while somebody waits."""
+
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any
+from uuid import uuid4
+
+from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+
+from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.nodes.interface import LATCHED
+from resting_aspects_ros.nodes.question import AnswerTimeoutError
+
+SPIN_PERIOD = 0.1
+
+
+class ClientUseError(RestingAspectsError):
+    """A client is used in a way in which an answer could never come."""
+
+
+class OwnNode:
+    """It meets no other node, context or signal handler of the process.
+
+    Parameters
+    ----------
+    ros_args : sequence of str
+        What could follow --ros-args.
+    check : called often while somebody waits; raises if there is no use in waiting any longer
+
+    Raises
+    ------
+    InvalidValueError
+        ROS refuses the arguments.
+    """
+
+    def __init__(self, ros_args: Sequence[str], check: Callable[[], None]) -> None:
+        self._check = check
+        self._waits = threading.Lock()
+        self._context = Context()
+        try:
+            self._context.init(['--ros-args', *ros_args])
+        except RuntimeError as error:  # all that rclpy raises for arguments
+            words = ' '.join(ros_args)
+            raise InvalidValueError(f'--ros-args is {words!r}, ROS refuses: {error}') from None
+        self.node = Node(
+            f'resting_aspects_client_{uuid4().hex[:8]}',
+            context=self._context,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+
+    @property
+    def is_spun(self) -> bool:
+        """Whether somebody waits."""
+        return self._waits.locked()
+
+    def wait(self, ask: Callable[[], Future]) -> Any:
+        """Ask, spin until the answer is there, and give it, or raise its error."""
+        if not self._waits.acquire(blocking=False):
+            raise ClientUseError(
+                'this client waits for an answer already, allowed is one at a time: another '
+                'thread needs a client of its own'
+            )
+        try:
+            self._check_open()
+            answer = ask()
+            try:
+                while not answer.done():
+                    self._check()
+                    self._check_open()
+                    self._executor.spin_once(timeout_sec=SPIN_PERIOD)
+            finally:
+                answer.cancel()  # if something else ended it
+            return answer.result()
+        finally:
+            self._waits.release()
+
+    def latched(self, kind: Any, topic: str, seconds: float) -> Any:
+        """The latched message of a topic; AnswerTimeoutError if none comes in the time."""
+        message = Future()
+        late = AnswerTimeoutError(f'nothing came on {topic}, waited {seconds:g} s')
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        heard = self.node.create_subscription(kind, topic, message.set_result, LATCHED)
+        timer = self.node.create_timer(seconds, lambda: message.set_exception(late), clock=steady)
+        try:
+            return self.wait(lambda: message)
+        finally:
+            self.node.destroy_subscription(heard)
+            self.node.destroy_timer(timer)
+
+    def close(self) -> None:
+        """End the node and its context."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def _check_open(self) -> None:
+        if not self._context.ok():
+            raise ClientUseError('this client is closed')

@@ -1,0 +1,431 @@
+"""The Python client, asked over DDS: with a node that is spun, and without one."""
+
+import math
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+import rclpy
+from geometry_msgs.msg import Quaternion
+from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from resting_aspects_ros.client import (
+    AnswerTimeoutError,
+    ClientUseError,
+    InvalidValueError,
+    NotAvailableError,
+    RestingAspectsClient,
+    RestingAspectsError,
+    UnknownPartError,
+)
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.estimators.estimate import estimate
+from resting_aspects_ros.core.estimators.resting_shape import RestingShape
+from resting_aspects_ros.nodes import question
+from resting_aspects_ros.nodes.convert import run_from
+
+DEADLINE = 60.0
+
+
+@pytest.fixture
+def in_namespace():
+    """The arguments for a client of the suite in a namespace."""
+    return lambda namespace: {'ros_args': ['-r', f'__ns:={namespace}']}
+
+
+@pytest.fixture
+def client(suite, in_namespace):
+    """A client with a node of its own."""
+    with RestingAspectsClient(**in_namespace(suite.namespace)) as client:
+        yield client
+
+
+@pytest.fixture
+def spun(suite):
+    """A client with the node that suite.client spins while it waits."""
+    with RestingAspectsClient(suite.client.node) as client:
+        yield client
+
+
+@pytest.fixture
+def nobody(namespace, in_namespace):
+    """A client where no suite is."""
+    with RestingAspectsClient(**in_namespace(namespace)) as client:
+        yield client
+
+
+@pytest.fixture
+def frozen(suite):
+    """Stop the simulator, until the test is over."""
+    simulator = suite.processes['drop_simulator']
+    yield lambda: simulator.send_to_group(signal.SIGSTOP)
+    simulator.send_to_group(signal.SIGCONT)
+
+
+def entities(node):
+    """All that a node has an executor wait for."""
+    return [*node.subscriptions, *node.timers, *node.clients]
+
+
+# Without a node
+
+
+def test_a_program_without_a_node_asks_and_follows_the_drops(client, counts):
+    client.list_parts()  # from now on nothing of the suite has to be found
+    done = []
+    found = client.get_distribution('tetrahedron', drops=3000, seed=51, progress=done.append)
+    assert found.complete
+    assert found.drops == sum(counts(found)) == 3000
+    assert (found.run.part, found.run.seed) == ('tetrahedron', 51)
+    assert done == sorted(done)
+    assert (done[0] < 3000, done[-1]) == (True, 3000)
+
+
+def test_what_is_known_is_answered_without_progress(client):
+    first = client.get_distribution('tetrahedron', drops=300, seed=52)
+    done = []
+    again = client.get_distribution('tetrahedron', drops=200, seed=52, progress=done.append)
+    only = client.get_distribution('tetrahedron', drops=300, seed=52, only_known=True)
+    assert again.run == only.run == first.run
+    assert done == []
+
+
+def test_without_a_number_there_are_1000_drops_and_with_a_precision_as_many_as_it_takes(client):
+    assert client.get_distribution('tetrahedron', seed=53).run.drops == 1000
+    precise = client.get_distribution('tetrahedron', precision=0.06, seed=54)
+    assert (precise.run.precision, precise.drops < precise.run.drops) == (0.06, True)
+    assert max((a.upper - a.lower) / 2 for a in precise.aspects) <= 0.06
+    few = client.get_distribution('tetrahedron', drops=300, precision=0.01, seed=55)
+    assert few.drops == 300
+
+
+def test_a_surface_or_conditions_of_one_s_own(client, surfaces):
+    steel = client.get_distribution('tetrahedron', drops=5, surface='steel')
+    assert run_from(steel.run).conditions == surfaces.get('steel')
+    own = surfaces.get('steel').changed(friction=0.31)
+    found = client.get_distribution('tetrahedron', drops=5, conditions=own)
+    assert run_from(found.run).conditions == own
+
+
+def test_it_leaves_ros_and_the_signals_of_the_program_alone(client):
+    assert not rclpy.ok()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    rclpy.init()
+    try:
+        client.list_parts()
+        client.close()
+        assert rclpy.ok()
+    finally:
+        rclpy.shutdown()
+
+
+def test_an_estimator_answers_without_a_drop(client, part):
+    found = client.get_distribution('washer', method='rolling')
+    expected = estimate(RestingShape(part('washer'), find_aspects(part('washer'))), 'rolling')
+    assert [a.probability for a in found.aspects] == expected.probabilities.tolist()
+    assert (found.method, found.drops, math.isnan(found.aspects[0].lower)) == ('rolling', 0, True)
+
+
+def test_two_clients_in_two_threads_hear_of_their_own_run_only(suite, in_namespace):
+    asked = [{'drops': 1500, 'surface': 'rubber_mat'}, {'drops': 1750, 'surface': 'steel'}]
+    heard, found = ([], []), [None, None]
+
+    def ask(k):
+        with RestingAspectsClient(**in_namespace(suite.namespace)) as client:
+            client.list_parts()
+            found[k] = client.get_distribution(
+                'l_bracket', seed=61, progress=heard[k].append, **asked[k]
+            )
+
+    threads = [threading.Thread(target=ask, args=[k]) for k in (0, 1)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(DEADLINE)
+    for k in (0, 1):
+        assert found[k].drops == asked[k]['drops']
+        assert found[k].run.conditions.surface == asked[k]['surface']
+        assert heard[k] == sorted(heard[k])
+        assert heard[k][-1] == asked[k]['drops']
+
+
+def test_poses_are_classified(client, part):
+    found = client.get_distribution('l_bracket', drops=20)
+    for aspect in found.aspects:
+        answer = client.classify_pose('l_bracket', aspect.orientation)
+        assert (answer.aspect, answer.symmetry_class) == (aspect.id, aspect.symmetry_class)
+    o = found.aspects[2].orientation
+    assert client.classify_pose('l_bracket', [o.x, o.y, o.z, o.w]).aspect == 3
+    none = client.classify_pose('l_bracket', (0.1, 0.7, 0.2, 0.6782))
+    assert none.aspect == 0
+    assert none.angle > math.radians(3)
+
+
+def test_parts_are_listed_and_described(client, suite, part):
+    listed = {each.name: each.part_sha256 for each in client.list_parts()}
+    assert listed == {name: each.part_sha256 for name, each in suite.client.parts().items()}
+    assert client.get_part('hex_nut').part_sha256 == part('hex_nut').part_sha256
+
+
+# What is refused
+
+
+@pytest.mark.parametrize(
+    ('ask', 'kind', 'words'),
+    [
+        (lambda c: c.get_distribution('Nut'), UnknownPartError, "part 'Nut' is not known"),
+        (lambda c: c.get_distribution('x', drops=0), InvalidValueError, 'drops is 0, allowed'),
+        (lambda c: c.get_distribution('x', drops=1e3), InvalidValueError, 'drops is 1000.0, all'),
+        (lambda c: c.get_distribution('x', seed=-1), InvalidValueError, 'seed is -1, allowed'),
+        (lambda c: c.get_distribution('x', precision=1), InvalidValueError, 'precision is 1, a'),
+        (lambda c: c.get_distribution('x', method='guess'), InvalidValueError, "method 'guess'"),
+        (lambda c: c.get_distribution('x', method=''), InvalidValueError, "method is ''"),
+        (lambda c: c.get_distribution('x', timeout=0), InvalidValueError, 'timeout is 0, allowed'),
+        (lambda c: c.list_parts(timeout=math.nan), InvalidValueError, 'timeout is nan, allowed'),
+        (lambda c: c.classify_pose('x', [0, 0, 0, 2]), InvalidValueError, 'norm 2, allowed'),
+        (lambda c: c.classify_pose('x', [0, 0, 1]), InvalidValueError, 'the shape (3,), allowed'),
+        (lambda c: c.classify_pose('', Quaternion()), UnknownPartError, "part '' is not known"),
+        (lambda c: c.get_part('a/b'), UnknownPartError, "part 'a/b' is not known"),
+    ],
+)
+def test_wrong_values_are_refused_before_anything_is_sent(nobody, ask, kind, words):
+    """Where no suite is: what is sent is refused only after some seconds, and otherwise."""
+    with pytest.raises(kind) as error:
+        ask(nobody)
+    assert words in str(error.value)
+
+
+def test_a_surface_and_conditions_are_too_much(nobody, surfaces):
+    with pytest.raises(InvalidValueError, match="surface is 'steel' and conditions are given"):
+        nobody.get_distribution('x', surface='steel', conditions=surfaces.get('steel'))
+
+
+@pytest.mark.parametrize(
+    ('asked', 'kind', 'words'),
+    [
+        ({'part': 'gizmo'}, UnknownPartError, "no part 'gizmo' is registered: there are"),
+        ({'surface': 'ice'}, InvalidValueError, "surface 'ice' is not known, allowed is"),
+        ({'seed': 987, 'only_known': True}, NotAvailableError, 'only_known was asked for'),
+        ({'part': 'cylinder_d20_h20', 'method': 'crsa'}, InvalidValueError, 'crsa is not def'),
+    ],
+)
+def test_what_the_suite_refuses_is_an_error_of_its_kind(client, asked, kind, words):
+    with pytest.raises(kind) as error:
+        client.get_distribution(**{'part': 'tetrahedron'} | asked)
+    assert isinstance(error.value, RestingAspectsError)
+    assert words in str(error.value)
+
+
+def test_arguments_that_ros_refuses():
+    with pytest.raises(InvalidValueError, match="--ros-args is '-r nonsense', ROS refuses: "):
+        RestingAspectsClient(ros_args=['-r', 'nonsense'])
+
+
+def test_a_wait_that_would_never_end_is_refused(client, spun):
+    for wait in (spun.list_parts, lambda: spun.get_part('washer')):
+        with pytest.raises(ClientUseError, match=r'is spun by somebody else, .* allowed is to'):
+            wait()
+    with pytest.raises(ClientUseError, match=r'spins only while it waits, .* allowed is the'):
+        client.list_parts_async()
+    refused = []
+
+    def ask_more(_):
+        with pytest.raises(ClientUseError, match='waits for an answer already, allowed is one'):
+            client.list_parts()
+        refused.append(True)
+
+    client.get_distribution('tetrahedron', drops=3000, seed=56, progress=ask_more)
+    assert refused
+    client.close()
+    with pytest.raises(ClientUseError, match='this client is closed'):
+        client.list_parts()
+    client.close()
+
+
+# With a node that somebody spins
+
+
+@pytest.fixture(params=[SingleThreadedExecutor, MultiThreadedExecutor])
+def cell(request, suite):
+    """A node of a cell, spun in a thread by an executor."""
+    context = rclpy.Context()
+    context.init([])
+    node = Node('cell', namespace=suite.namespace, context=context)
+    executor = request.param(context=context)
+    executor.add_node(node)
+    over = threading.Event()
+
+    def spin():
+        while not over.is_set():
+            executor.spin_once(timeout_sec=0.1)
+
+    thread = threading.Thread(target=spin)
+    thread.start()
+    yield node
+    over.set()
+    thread.join(DEADLINE)
+    executor.shutdown()
+    node.destroy_node()
+    context.try_shutdown()
+
+
+def test_an_async_callback_awaits_one_answer_after_the_other(cell, wait):
+    """In the node's default callback group, which is held up meanwhile."""
+    client = RestingAspectsClient(cell)
+    said = []
+
+    async def work():
+        timer.cancel()
+        try:
+            found = await client.get_distribution_async('tetrahedron', drops=600, seed=71)
+            said.append(found.drops)
+            pose = found.aspects[1].orientation
+            said.append((await client.classify_pose_async('tetrahedron', pose)).aspect)
+            said.append(len(await client.list_parts_async()))
+            await client.get_distribution_async('gizmo')
+        except RestingAspectsError as error:
+            said.append(error)
+
+    timer = cell.create_timer(0.01, work)
+    *answers, refused = wait(lambda: len(said) == 4 and said, 'answers')
+    assert answers == [600, 2, 9]
+    assert isinstance(refused, UnknownPartError)
+
+
+def test_many_questions_at_once(cell, wait):
+    client = RestingAspectsClient(cell)
+    answers = [client.list_parts_async() for _ in range(30)]
+    answers += [client.get_distribution_async('t_prism', drops=300, seed=k) for k in (1, 2, 3)]
+    wait(lambda: all(answer.done() for answer in answers), 'all answers')
+    assert [answer.result().run.seed for answer in answers[-3:]] == [1, 2, 3]
+
+
+def test_the_future_can_be_spun_for(suite):
+    rclpy.init()
+    try:
+        node = rclpy.create_node('script', namespace=suite.namespace)
+        answer = RestingAspectsClient(node).list_parts_async()
+        rclpy.spin_until_future_complete(node, answer, timeout_sec=DEADLINE)
+        assert [each.name for each in answer.result()][-1] == 'washer'
+    finally:
+        rclpy.shutdown()
+
+
+def test_two_clients_of_one_node(suite, spun):
+    with RestingAspectsClient(suite.client.node) as other:
+        mine = spun.get_distribution_async('washer', drops=400, seed=72)
+        same = other.get_distribution_async('washer', drops=400, seed=72)
+        suite.client.wait(lambda: mine.done() and same.done(), 'both answers')
+    assert mine.result().run == same.result().run
+    assert mine.result().drops == 400
+
+
+def test_nothing_is_left_of_a_question_that_is_over_or_canceled(suite, spun):
+    before = entities(suite.client.node)
+    heard = []
+    answer = spun.get_distribution_async('washer', drops=11, progress=heard.append)
+    assert len(entities(suite.client.node)) > len(before)
+    answer.cancel()
+    assert entities(suite.client.node) == before
+    over = spun.list_parts_async()
+    refused = spun.get_distribution_async('gizmo')
+    suite.client.wait(lambda: over.done() and refused.done(), 'answers')
+    assert isinstance(refused.exception(), UnknownPartError)
+    assert entities(suite.client.node) == before
+    assert (answer.cancelled(), heard) == (True, [])
+    open_yet = spun.get_distribution_async('washer', drops=12, timeout=60)
+    spun.close()
+    assert open_yet.cancelled()
+    assert not set(entities(suite.client.node)) & set(before[-3:])
+
+
+# A suite that is not there, or dies
+
+
+def test_a_suite_that_is_not_there_is_waited_for_as_long_as_allowed(nobody, namespace):
+    begun = time.monotonic()
+    with pytest.raises(AnswerTimeoutError) as error:
+        nobody.get_distribution('washer', timeout=0.4)
+    assert 0.4 <= time.monotonic() - begun < DEADLINE
+    assert str(error.value) == (
+        f'no aspect_classifier answers on {namespace}/get_distribution, waited 0.4 s: start the '
+        'suite with "resting_aspects nodes"'
+    )
+
+
+def test_without_a_timeout_it_is_waited_for_a_while(nobody, monkeypatch):
+    monkeypatch.setattr(question, 'SERVICE_TIMEOUT', 0.3)
+    with pytest.raises(AnswerTimeoutError, match=r'waited 0.3 s: start'):
+        nobody.list_parts()
+    with pytest.raises(AnswerTimeoutError, match=r'waited 0.3 s: start'):
+        nobody.list_parts(timeout=100)
+
+
+def test_a_timeout_passes_where_simulated_time_stands_still(namespace, suite):
+    node = suite.client.node.__class__(
+        'simulated',
+        namespace=namespace,
+        context=suite.client.node.context,
+        parameter_overrides=[Parameter('use_sim_time', value=True)],
+    )
+    try:
+        assert node.get_clock().now().nanoseconds == 0
+        answer = RestingAspectsClient(node).list_parts_async(timeout=0.2)
+        executor = SingleThreadedExecutor(context=node.context)
+        executor.add_node(node)
+        executor.spin_until_future_complete(answer, DEADLINE)
+        assert isinstance(answer.exception(), AnswerTimeoutError)
+        executor.shutdown()
+    finally:
+        node.destroy_node()
+
+
+def test_a_timeout_says_how_far_the_drops_are_and_the_run_goes_on(client, suite, frozen):
+    client.get_distribution('tetrahedron', drops=10, seed=80)  # now there are workers
+    with pytest.raises(AnswerTimeoutError) as error:
+        client.get_distribution(
+            'tetrahedron', drops=5000, seed=81, timeout=4, progress=lambda _: frozen()
+        )
+    assert re.fullmatch(
+        rf'{suite.namespace}/get_distribution did not give the distribution of tetrahedron, '
+        r'waited 4 s: \d+ drops are done, and the run goes on',
+        str(error.value),
+    )
+    suite.processes['drop_simulator'].send_to_group(signal.SIGCONT)
+    assert client.get_distribution('tetrahedron', drops=5000, seed=81).drops == 5000
+
+
+def test_who_asks_needs_no_engine():
+    script = 'import sys, resting_aspects_ros.client; print("pybullet" in sys.modules)'
+    assert subprocess.check_output([sys.executable, '-c', script], text=True) == 'False\n'
+
+
+def test_a_classifier_that_is_started_again_is_asked_again(suite, spun, monkeypatch):
+    monkeypatch.setattr(question, 'ASK_PERIOD', 1.0)
+    heard = []
+    answer = spun.get_distribution_async('tetrahedron', drops=4000, seed=82, progress=heard.append)
+    suite.client.wait(lambda: heard, 'progress')
+    suite.processes['aspect_classifier'].end(signal.SIGKILL)
+    assert not answer.done()
+    suite.start_again('aspect_classifier')
+    suite.client.wait(answer.done, 'answer of the new classifier')
+    assert (answer.result().drops, answer.result().run.seed) == (4000, 82)
+
+
+def test_a_classifier_that_goes_away_ends_the_wait(suite, spun, monkeypatch):
+    monkeypatch.setattr(question, 'ASK_PERIOD', 0.5)
+    heard = []
+    answer = spun.get_distribution_async('tetrahedron', drops=9000, seed=83, progress=heard.append)
+    suite.client.wait(lambda: heard, 'progress')
+    assert suite.processes['aspect_classifier'].end(signal.SIGTERM) == 0
+    suite.client.wait(answer.done, 'error')
+    assert isinstance(answer.exception(), NotAvailableError)
+    assert str(answer.exception()) == (
+        'the classifier went away while the distribution of tetrahedron was asked for'
+    )

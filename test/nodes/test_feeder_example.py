@@ -1,0 +1,187 @@
+"""The example controller: a process that hears the distribution of its part, whenever it comes."""
+
+import shutil
+import signal
+
+import pytest
+from resting_aspects_interfaces.msg import AspectDistribution
+from scipy.stats import binomtest
+from std_msgs.msg import Float64MultiArray
+
+from resting_aspects_ros.config_files import parts_folder
+from resting_aspects_ros.nodes.interface import ASPECT_DISTRIBUTIONS, LATCHED
+
+BOX = 'box_10x20x30'
+QUICK = {'feeder_example.PATIENCE': 1.0}
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('parts')
+    for name in (BOX, 'hex_nut', 'tetrahedron', 'washer'):
+        shutil.copy(parts_folder() / f'{name}.stl', folder)
+    return folder
+
+
+@pytest.fixture(scope='module')
+def suite(fresh_suite, folder):
+    return fresh_suite({'drop_simulator': {'part_offers.SCAN_PERIOD': 0.2}}, parts_folder=folder)
+
+
+@pytest.fixture
+def feed(start):
+    """Start the feeder of a part; it ends with the test, in order."""
+    begun = []
+
+    def feed(namespace, part, pickable, constants=()):
+        parameters = {'part': part, 'pickable': pickable}
+        begun.append(start('feeder_example', namespace, parameters, constants, 'waits for'))
+        return begun[-1]
+
+    yield feed
+    for process in begun:
+        assert process.end(signal.SIGINT) == 0
+        assert 'Traceback' not in process.said
+
+
+@pytest.fixture
+def rates(suite):
+    """Listen to what it publishes."""
+    return suite.client.listen(Float64MultiArray, 'expected_pick_rate', LATCHED)
+
+
+def expected(distribution, *ids):
+    """Share and Wilson's interval of a sum, by an implementation that is not ours."""
+    count = sum(aspect.count for aspect in distribution.aspects if aspect.id in ids)
+    found = binomtest(count, distribution.drops)
+    interval = found.proportion_ci(method='wilson')
+    return pytest.approx([found.statistic, interval.low, interval.high], abs=1e-12)
+
+
+def warnings(process):
+    return [line for line in process.said.splitlines() if '[WARN]' in line]
+
+
+def test_it_starts_late_and_hears_of_changes(suite, feed, rates):
+    first = suite.client.ask('tetrahedron', 300, seed=[1]).distribution
+    feeder = feed(suite.namespace, 'tetrahedron', [4, 2, 4])
+    suite.client.wait(lambda: rates, 'rate')
+    assert list(rates[-1].data) == expected(first, 2, 4)
+    assert [d.label for d in rates[-1].layout.dim] == ['probability, lower, upper']
+    line = (
+        f'{rates[-1].data[0]:.1%} of tetrahedron can be picked ({rates[-1].data[1]:.1%} to '
+        f'{rates[-1].data[2]:.1%}): 300 of 300 drops on rubber_mat\n'
+    )
+    suite.client.wait(lambda: line in feeder.said, 'line of the answer')
+
+    more = suite.client.ask('tetrahedron', 4000, seed=[2]).distribution
+    last = expected(more, 2, 4)
+    suite.client.wait(lambda: list(rates[-1].data) == last, 'rate of the second run')
+    assert len(rates) > 3  # also from the middle of the run
+    suite.client.wait(lambda: '4000 of 4000 drops on rubber_mat\n' in feeder.said, 'its line')
+    # One when it began, one when it was over.
+    assert feeder.said.count('of 4000 drops') == 2
+    assert ' of 4000 drops on rubber_mat so far, more are to come\n' in feeder.said
+    assert warnings(feeder) == []
+
+    late = suite.client.listen(Float64MultiArray, 'expected_pick_rate', LATCHED)
+    suite.client.wait(lambda: late, 'latched rate')
+    assert list(late[0].data) == last
+
+
+def test_a_run_under_other_conditions_is_told_once(suite, feed, rates):
+    feeder = feed(suite.namespace, 'washer', [1])
+    suite.client.ask('washer', 40)
+    suite.client.wait(lambda: '40 of 40 drops on rubber_mat' in feeder.said, 'first')
+    steel = suite.client.ask('washer', 600, surface='steel').distribution
+    suite.client.wait(lambda: '600 of 600 drops on steel' in feeder.said, 'second')
+    assert list(rates[-1].data) == expected(steel, 1)
+    (line,) = warnings(feeder)
+    assert line.endswith(
+        f'run {steel.run.run_id} was dropped under other conditions (steel) than the one before '
+        '(rubber_mat)'
+    )
+
+
+def test_a_part_whose_mesh_is_replaced_is_told_once(suite, feed, rates, folder):
+    feeder = feed(suite.namespace, BOX, [1, 6])
+    before = suite.client.ask(BOX, 50).distribution
+    suite.client.wait(lambda: rates, 'rate')
+    assert list(rates[-1].data) == expected(before, 1, 6)
+    old = suite.client.parts()[BOX].part_sha256
+    shutil.copy(parts_folder() / 'cylinder_d20_h20.stl', folder / 'new')
+    (folder / 'new').replace(folder / f'{BOX}.stl')
+    suite.client.wait(lambda: suite.client.parts()[BOX].part_sha256 != old, 'another version')
+    after = suite.client.ask(BOX, 600).distribution
+    suite.client.wait(lambda: '600 of 600 drops' in feeder.said, 'answer')
+    assert list(rates[-1].data) == expected(after, 1)
+    version, ids = warnings(feeder)
+    new = after.run.part_sha256
+    assert version.endswith(
+        f'{BOX} is another version than before (part_sha256 {new}): its ids may mean other aspects'
+    )
+    assert ids.endswith(f'pickable has 6, {BOX} has the aspects 1 to 3 only (part_sha256 {new})')
+
+
+def test_a_part_that_nobody_dropped_yet(suite, feed, wait, rates):
+    feeder = feed(suite.namespace, 'hex_nut', [1])
+    (line,) = wait(lambda: warnings(feeder), 'warning')
+    assert line.endswith('nobody has dropped hex_nut yet: resting_aspects request hex_nut')
+    assert rates == []
+
+
+def test_it_starts_before_the_suite(feed, start, connect, namespace, folder, wait):
+    feeder = feed(namespace, 'tetrahedron', [1], QUICK)
+    wait(lambda: warnings(feeder), 'warning')
+    start('drop_simulator', namespace, {'workers': 1, 'parts_folder': folder})
+    start('aspect_classifier', namespace)
+    client = connect(namespace)
+    rates = client.listen(Float64MultiArray, 'expected_pick_rate', LATCHED)
+    found = client.ask('tetrahedron', 200).distribution
+    client.wait(lambda: rates, 'rate')
+    assert list(rates[-1].data) == expected(found, 1)
+    (line,) = warnings(feeder)
+    topic = f'{namespace}/aspect_distributions/tetrahedron'
+    assert line.endswith(
+        f'nobody publishes {topic}: start the suite with "resting_aspects nodes", and see whether '
+        'it has a part tetrahedron'
+    )
+
+
+def test_a_run_that_was_canceled_before_its_first_drop_says_nothing(
+    suite, feed, connect, namespace
+):
+    found = suite.client.ask('tetrahedron', 300, seed=[1]).distribution
+    client = connect(namespace)
+    rates = client.listen(Float64MultiArray, 'expected_pick_rate', LATCHED)
+    topic = f'{ASPECT_DISTRIBUTIONS}/tetrahedron'
+    classifier = client.node.create_publisher(AspectDistribution, topic, LATCHED)
+    classifier.publish(AspectDistribution(run=found.run, aspects=found.aspects, complete=True))
+    feeder = feed(namespace, 'tetrahedron', [3])
+    # It comes when the feeder has found the topic, with what is latched there.
+    client.wait(lambda: warnings(feeder), 'warning')
+    assert 'nobody has dropped tetrahedron yet' in feeder.said
+    assert rates == []
+    classifier.publish(found)
+    client.wait(lambda: rates, 'rate')
+    assert list(rates[0].data) == expected(found, 3)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'words'),
+    [
+        ('part', 'Nut', "part 'Nut' is not known: names of parts are"),
+        ('pickable', [0, 2], 'pickable is [0, 2], allowed are ids from 1 on'),
+        ('pickable', [], 'pickable is [], allowed are ids from 1 on'),
+        ('pickable', [1.5], "'pickable' to '[1.5]' of type 'DOUBLE_ARRAY', expecting"),
+    ],
+)
+def test_a_parameter_that_is_not_allowed_ends_it_in_one_line(
+    start, namespace, traceback, name, value, words
+):
+    process = start('feeder_example', namespace, {name: value}, ready='')
+    assert process.end(number=0) == 2
+    (line,) = process.said.splitlines()
+    assert line.startswith('error: ')
+    assert words in line
+    assert not traceback(process.said)
