@@ -60,7 +60,9 @@ def asked_drops(arguments: argparse.Namespace) -> DropQuestion:
     if arguments.from_log is not None:
         return _logged(arguments, drops, precision)
     if arguments.part is None:
-        raise InvalidValueError('no part is given, allowed is a name, a mesh file, or --from-log')
+        raise InvalidValueError(
+            'no part is given, allowed is a name, a mesh file, or --from-log (see --help)'
+        )
     seed = DEFAULT_SEED if arguments.seed is None else arguments.seed
     check_seed(seed)
     conditions = conditions_of(arguments, Surfaces.read(surfaces_file()))
