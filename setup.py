@@ -40,6 +40,7 @@ setup(
             f'drop_simulator = {NAME}.nodes.drop_simulator:main',
             f'aspect_classifier = {NAME}.nodes.aspect_classifier:main',
             f'drop_recorder = {NAME}.nodes.drop_recorder:main',
+            f'log_replayer = {NAME}.nodes.log_replayer:main',
         ],
     },
 )

@@ -23,6 +23,7 @@ from resting_aspects_ros.commands import (
     estimate,
     merge,
     nodes,
+    replay,
     request,
 )
 from resting_aspects_ros.commands.interruption import SIGNALS, catch
@@ -34,6 +35,7 @@ from resting_aspects_ros.core.errors import (
 )
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+COMMANDS = (drop, estimate, aspects, classify, compare, merge, request, nodes, replay, demo)
 
 DESCRIPTION = """How a part comes to rest when it is dropped, and how probable each way is.
 Start with: resting_aspects drop l_bracket"""
@@ -65,7 +67,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
-    for command in (drop, estimate, aspects, classify, compare, merge, request, nodes, demo):
+    for command in COMMANDS:
         command.add(subparsers)
     return parser
 

@@ -10,6 +10,9 @@ PARTS = 'parts'  # + /<part>
 RESTING_POSES = 'resting_poses'
 ASPECT_DISTRIBUTIONS = 'aspect_distributions'  # + /<part>
 MARKERS = 'markers'
+# Of log_replayer, below its name.
+PAUSE = '~/pause'
+RESUME = '~/resume'
 
 FRAME = 'tray'
 
