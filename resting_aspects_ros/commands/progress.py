@@ -106,13 +106,13 @@ class ReplayProgress:
             return
         if self._task is None:
             self._task = self._bar.add_task('', total=1.0, position='')
-            self._bar.start()
         self._bar.update(
             self._task,
             description='paused' if position.paused else 'replay',
             completed=1.0 if position.over else position.seconds / (position.length or 1.0),
             position=str(position),
         )
+        self._bar.start()
         if position.over:
             self._bar.stop()
 

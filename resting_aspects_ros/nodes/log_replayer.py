@@ -95,13 +95,16 @@ class LogReplayer(Node):
         if wait is None:
             self._timer.cancel()
         else:
-            self._timer.timer_period_ns = min(wait, WATCH_PERIOD)
-            self._timer.reset()
+            self._step_after(min(wait, WATCH_PERIOD))
         if position.over:
             self.get_logger().info(
                 f'replayed in {time.monotonic() - self._begun:.3f} s: {position.messages} '
                 f'messages, {position.drops} drops; what is latched stays until Ctrl-C'
             )
+
+    def _step_after(self, wait: int) -> None:
+        self._timer.timer_period_ns = wait
+        self._timer.reset()
 
     def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         word = 'paused already' if self._replay.paused else 'paused'
@@ -112,7 +115,7 @@ class LogReplayer(Node):
         word = 'resumed' if self._replay.paused else 'not paused'
         if self._replay.paused:
             self._replay.resume()
-            self._timer.reset()
+            self._step_after(0)
         return self._answer(response, word)
 
     def _answer(self, response: Trigger.Response, word: str) -> Trigger.Response:

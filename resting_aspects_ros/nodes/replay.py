@@ -10,8 +10,8 @@ from resting_aspects_ros.nodes.convert import NANOSECONDS
 from resting_aspects_ros.nodes.replay_pace import Pace
 from resting_aspects_ros.nodes.replay_topics import ReplayedTopic
 
-# Between the end and the next beginning of a loop, ns.
-LOOP_PAUSE = NANOSECONDS
+# Before the first message, for readers to find the topics, and between the rounds of a loop, ns.
+PAUSE_BEFORE = NANOSECONDS
 # Messages that are due are published for so long at a time, ns: services are answered meanwhile.
 SLICE = NANOSECONDS // 20
 
@@ -60,7 +60,7 @@ class Replay:
         self._pace = pace
         self._loop = loop
         self._paused_at: int | None = None
-        self._begin(time.monotonic_ns())
+        self._begin()
 
     @property
     def over(self) -> bool:
@@ -109,11 +109,11 @@ class Replay:
             self._send(self._next, now)
         return None
 
-    def _begin(self, now: int) -> None:
+    def _begin(self) -> None:
         self._messages = self._recording.messages(self._names, first=self._parts)
         self._next = next(self._messages, None)
         self._sent = self._drops = 0
-        self._pace.begin(self._span.start, now)
+        self._pace.begin(self._span.start, time.monotonic_ns() + PAUSE_BEFORE)
 
     def _send(self, message: RecordedMessage, now: int) -> None:
         self._publish(message)
@@ -123,4 +123,4 @@ class Replay:
             self._drops += poses_in(message.data)
         self._next = next(self._messages, None)
         if self._next is None and self._loop:
-            self._begin(now + LOOP_PAUSE)
+            self._begin()

@@ -14,8 +14,8 @@ from resting_aspects_ros.logs.recording import RecordedMessage
 from resting_aspects_ros.nodes.convert import NANOSECONDS
 
 # The slowest reader that loses nothing when messages come as fast as possible takes so many bytes
-# per second, which are 12,500 poses.
-READER_SPEED = 1_000_000
+# per second, which are 6250 poses. An aspect_classifier with a core of its own takes 45,000.
+READER_SPEED = 500_000
 # How often it is looked whether readers have received what they were sent, ns.
 ACK_PERIOD = 2_000_000
 # Messages that DDS surely keeps for the readers of a topic that keeps all of them.
@@ -73,7 +73,8 @@ class FastestPace(Pace):
     Reliable is not back-pressure: a message that is not acknowledged is given up for one that is
     newer by the topic's depth, and one that is acknowledged can still be pushed out of the
     reader's own queue, of which nobody tells. So a message waits until the one that it pushes out
-    is acknowledged, and until a reader of READER_SPEED has taken it.
+    is acknowledged, and until a reader of READER_SPEED has taken it. The second not where the
+    depth is 1: who wants more than the newest of such a topic keeps more of them.
 
     publishers : dict
         By recorded name, each with its QoS.
@@ -100,27 +101,34 @@ class FastestPace(Pace):
 class SlowReader:
     """How far behind a reader is that takes one message after the other, at READER_SPEED.
 
+    Nothing is lost to it while no more was sent than it keeps. After that only half of what it
+    keeps may wait, so that it can stop for a moment.
+
     depths : dict
         How many messages it keeps of each topic.
     """
 
     def __init__(self, depths: dict[str, int]) -> None:
         self._depths = depths
-        # When it will have taken each message that it keeps.
+        self._sent = dict.fromkeys(depths, 0)
+        # When it will have taken each message that waits.
         self._taken: dict[str, deque[int]] = {topic: deque() for topic in depths}
         self._free = 0
 
     def wait(self, topic: str, now: int) -> int:
-        """How long until it has room for one more message of a topic, ns."""
-        taken = self._taken[topic]
+        """How long until one more message of a topic can be sent, ns."""
+        taken, depth = self._taken[topic], self._depths[topic]
         while taken and taken[0] <= now:
             taken.popleft()
-        return taken[0] - now if len(taken) >= self._depths[topic] else 0
+        if depth == 1 or self._sent[topic] < depth or len(taken) < depth // 2:
+            return 0
+        return taken[-(depth // 2)] - now
 
     def send(self, topic: str, size: int, now: int) -> None:
         """Send it a message of so many bytes."""
         self._free = max(self._free, now) + size * NANOSECONDS // READER_SPEED
         self._taken[topic].append(self._free)
+        self._sent[topic] += 1
 
 
 class _Acks:
