@@ -115,6 +115,7 @@ class ReplayProgress:
         self._bar.start()
         if position.over:
             self._bar.stop()
+            self._bar = None
 
     def __exit__(
         self,

@@ -1,8 +1,10 @@
 """Read a log, whole or broken off: messages as the bytes that were on the wire."""
 
+import os
 import struct
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from mcap.exceptions import EndOfFile
 from mcap.records import Channel, McapRecord, Message, Schema
@@ -13,6 +15,7 @@ from resting_aspects_ros.logs.schemas import load_schema
 
 _SUFFIX = '.mcap'
 _MAGIC = b'\x89MCAP'
+_END = b'\x89MCAP0\r\n'
 # Where a file is cut within a number mcap raises the second, within a letter the third.
 _CUT = (EndOfFile, struct.error, UnicodeDecodeError)
 
@@ -86,14 +89,23 @@ def records(path: Path) -> Iterator[McapRecord]:
     """
     try:
         with path.open('rb') as file:
-            yield from StreamReader(file, validate_crcs=True).records
-    except _CUT:
-        return
+            try:
+                yield from StreamReader(file, validate_crcs=True).records
+            except _CUT as error:
+                if _is_finished(file):
+                    raise ValueError('a record does not end within the file') from error
     except OSError as error:
         raise LogError(f'log {str(path)!r} cannot be read: {error.strerror}') from None
     except Exception as error:
         # Whatever the parser or the decompressor makes of it.
         raise LogError(f'log {str(path)!r} is damaged, or no MCAP file: {error}') from error
+
+
+def _is_finished(file: BinaryIO) -> bool:
+    """Whether it ends as a whole file does: then what seems to be cut within it is damaged."""
+    size = file.seek(0, os.SEEK_END)
+    file.seek(max(0, size - len(_END)))
+    return size > len(_END) and file.read() == _END
 
 
 def check_definition(path: Path, type_name: str, type_hash: str | None) -> None:
