@@ -124,7 +124,7 @@ def check_definition(path: Path, type_name: str, type_hash: str | None) -> None:
         )
 
 
-def type_hash(channel: Channel) -> str | None:
+def written_hash(channel: Channel) -> str | None:
     """The hash of the definition with which a channel was written, if the log says it."""
     return channel.metadata.get('topic_type_hash') or None
 
@@ -137,7 +137,7 @@ def _messages(path: Path, type_name: str) -> Iterator[Message]:
         if isinstance(record, Schema):
             schemas[record.id] = record.name
         elif isinstance(record, Channel) and schemas.get(record.schema_id) == type_name:
-            check_definition(path, type_name, type_hash(record))
+            check_definition(path, type_name, written_hash(record))
             channels.add(record.id)
         elif isinstance(record, Message) and record.channel_id in channels:
             yield record

@@ -9,7 +9,7 @@ from pathlib import Path
 from mcap.records import Channel, Message, Schema
 
 from resting_aspects_ros.core.errors import LogError
-from resting_aspects_ros.logs.log_reader import log_files, records, type_hash
+from resting_aspects_ros.logs.log_reader import log_files, records, written_hash
 from resting_aspects_ros.logs.topics import Qos, recorded_qos
 
 
@@ -180,5 +180,5 @@ def _topic(path: Path, channel: Channel, type_name: str) -> RecordedTopic:
     except LogError as error:
         raise LogError(f'log {str(path)!r}, topic {channel.topic}: {error}') from None
     return RecordedTopic(
-        channel.topic, type_name, channel.message_encoding, qos, type_hash(channel)
+        channel.topic, type_name, channel.message_encoding, qos, written_hash(channel)
     )

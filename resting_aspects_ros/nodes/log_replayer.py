@@ -14,7 +14,6 @@ from std_srvs.srv import Trigger
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.logs.recording import RecordedMessage, Recording
 from resting_aspects_ros.nodes.interface import PAUSE, RESUME, SERVICES
-from resting_aspects_ros.nodes.other_publishers import OtherPublishers
 from resting_aspects_ros.nodes.parameters import Parameter, declare
 from resting_aspects_ros.nodes.replay import Position, Replay
 from resting_aspects_ros.nodes.replay_pace import FastestPace, Pace, RecordedPace
@@ -30,6 +29,10 @@ PARAMETERS = (
 )
 # It is told how far it is at least this often, ns.
 WATCH_PERIOD = 100_000_000
+# How often it is looked whether a simulator publishes, too, s. rclpy has no event for it.
+LOOK_PERIOD = 1.0
+# For rclpy a node that is just being discovered has topics before it has this.
+NO_NAME = '_NODE_NAME_UNKNOWN_'
 
 
 class LogReplayer(Node):
@@ -63,14 +66,12 @@ class LogReplayer(Node):
         self._replay = Replay(recording, topics, self._publish, pace, loop=values['loop'])
         self.create_service(Trigger, PAUSE, self._pause, qos_profile=SERVICES)
         self.create_service(Trigger, RESUME, self._resume, qos_profile=SERVICES)
-        OtherPublishers(
-            self,
-            [
-                self._outputs[topic.recorded].topic_name
-                for topic in topics
-                if topic.describes_part or topic.holds_poses
-            ],
-        )
+        self._from_simulator = [
+            self._outputs[topic.recorded].topic_name
+            for topic in topics
+            if topic.describes_part or topic.holds_poses
+        ]
+        self._look = self.create_timer(LOOK_PERIOD, self._look_for_others)
         for words in skipped:
             self.get_logger().warning(f'not replayed: {words}')
         self.get_logger().info(
@@ -105,6 +106,19 @@ class LogReplayer(Node):
     def _step_after(self, wait: int) -> None:
         self._timer.timer_period_ns = wait
         self._timer.reset()
+
+    def _look_for_others(self) -> None:
+        """Warn once if others publish parts or poses, too."""
+        for topic in self._from_simulator:
+            found = self.get_publishers_info_by_topic(topic)
+            names = [f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in found]
+            if len(found) > 1 and not any(NO_NAME in name for name in names):
+                self.get_logger().warning(
+                    f'{topic} has {len(found)} publishers, {", ".join(sorted(names))}: '
+                    'who reads it hears them all'
+                )
+                self._look.cancel()
+                return
 
     def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         word = 'paused already' if self._replay.paused else 'paused'
