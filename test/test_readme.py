@@ -14,7 +14,13 @@ import yaml
 
 from resting_aspects_ros.core.part import load_part
 from resting_aspects_ros.drops.part_library import read_part_yaml
-from resting_aspects_ros.nodes import aspect_classifier, drop_recorder, drop_simulator, interface
+from resting_aspects_ros.nodes import (
+    aspect_classifier,
+    drop_recorder,
+    drop_simulator,
+    interface,
+    log_replayer,
+)
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / 'README.md').read_text(encoding='utf-8')
@@ -140,7 +146,7 @@ def test_the_part_file_can_be_used(tmp_path):
     assert load_part(ROOT / 'config' / 'parts' / 'l_bracket.stl', **values).unit == 'mm'
 
 
-@pytest.mark.parametrize('node', [drop_simulator, aspect_classifier, drop_recorder])
+@pytest.mark.parametrize('node', [drop_simulator, aspect_classifier, drop_recorder, log_replayer])
 def test_parameters_are_listed(node):
     name = node.__name__.rsplit('.', 1)[-1]
     section = README.split(f'| `{name}` |')[1]
@@ -159,6 +165,8 @@ def test_the_interface_is_listed():
         f'{interface.ASPECT_DISTRIBUTIONS}/<part>',
         f'{interface.PARTS}/<part>',
         interface.MARKERS,
+        interface.PAUSE.replace('~', 'log_replayer'),
+        interface.RESUME.replace('~', 'log_replayer'),
     ]
 
 

@@ -53,13 +53,10 @@ def add(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Spin until told to stop."""
-    given = {
-        'log': str(arguments.log),
-        'as_fast_as_possible': arguments.as_fast_as_possible,
-        'loop': arguments.loop,
-    }
+    given: dict[str, object] = {'log': str(arguments.log)}
     if arguments.rate is not None:
         given['rate'] = parse_quantity('--rate', arguments.rate, '')
+    given |= {name: True for name in ('as_fast_as_possible', 'loop') if getattr(arguments, name)}
     from resting_aspects_ros.commands.progress import ReplayProgress
     from resting_aspects_ros.nodes.log_replayer import LogReplayer
     from resting_aspects_ros.nodes.spin import spin_nodes

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.logs.recording import RecordedMessage, Recording
 from resting_aspects_ros.nodes.batch_length import poses_in
 from resting_aspects_ros.nodes.convert import NANOSECONDS
@@ -116,11 +117,20 @@ class Replay:
         self._pace.begin(self._span.start, time.monotonic_ns() + PAUSE_BEFORE)
 
     def _send(self, message: RecordedMessage, now: int) -> None:
+        drops = self._drops_in(message)
         self._publish(message)
         self._pace.sent(message, now)
         self._sent += 1
-        if message.topic in self._poses:
-            self._drops += poses_in(message.data)
+        self._drops += drops
         self._next = next(self._messages, None)
         if self._next is None and self._loop:
             self._begin()
+
+    def _drops_in(self, message: RecordedMessage) -> int:
+        if message.topic not in self._poses:
+            return 0
+        try:
+            return poses_in(message.data)
+        except LogError as error:
+            path = str(self._recording.path)
+            raise LogError(f'log {path!r}, topic {message.topic}: {error}') from None

@@ -266,6 +266,20 @@ def test_a_log_that_is_damaged_meanwhile_ends_it_with_an_error(
     assert not traceback(replayer.said)
 
 
+def test_a_message_that_is_none_ends_it_with_an_error(replay, wait, tmp_path, traceback):
+    poses = Topic('/resting_poses', 'resting_aspects_interfaces/msg/RestingPoses', Qos(1))
+    with RunLog(tmp_path, 'run') as written:
+        written.write(poses, b'nothing!', 1)
+    replayer = replay(written.path, ready='')
+    wait(lambda: not replayer.running, 'its end')
+    assert replayer.end(number=0) == 1
+    says = (
+        f"error: log '{written.path}', topic /resting_poses: 8 bytes are no batch of resting pos"
+    )
+    assert says in replayer.said
+    assert not traceback(replayer.said)
+
+
 @pytest.mark.parametrize(
     ('parameters', 'words'),
     [
