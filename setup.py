@@ -41,6 +41,7 @@ setup(
             f'aspect_classifier = {NAME}.nodes.aspect_classifier:main',
             f'drop_recorder = {NAME}.nodes.drop_recorder:main',
             f'feeder_example = {NAME}.nodes.feeder_example:main',
+            f'log_replayer = {NAME}.nodes.log_replayer:main',
         ],
     },
 )

@@ -25,6 +25,7 @@ from resting_aspects_ros.commands import (
     merge,
     nodes,
     recover,
+    replay,
     request,
 )
 from resting_aspects_ros.commands.interruption import SIGNALS, catch
@@ -36,6 +37,11 @@ from resting_aspects_ros.core.errors import (
 )
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+COMMANDS = (
+    *(drop, estimate, aspects, classify, compare),
+    *(request, nodes, demo),
+    *(info, replay, merge, recover),
+)
 
 DESCRIPTION = """How a part comes to rest when it is dropped, and how probable each way is.
 Start with: resting_aspects drop l_bracket"""
@@ -67,9 +73,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
-    here = (drop, estimate, aspects, classify, compare)
-    logs = (info, merge, recover)
-    for command in (*here, *logs, request, nodes, demo):
+    for command in COMMANDS:
         command.add(subparsers)
     return parser
 

@@ -28,7 +28,7 @@ ONLY_IN = {
     'launch': (),
     'launch_ros': (),
 }
-MESSAGES = ('_msgs', '_interfaces')
+MESSAGES = ('_msgs', '_srvs', '_interfaces')
 GENERATORS = {'default_rng', 'Generator', 'SeedSequence', 'PCG64', 'BitGenerator'}
 
 
@@ -121,6 +121,7 @@ def test_all_layers_were_read():
         ('report/table.py', 'import mcap.writer'),
         ('report/table.py', 'from geometry_msgs.msg import Pose'),
         ('commands/drop.py', 'from resting_aspects_interfaces.msg import Aspect'),
+        ('commands/replay.py', 'from std_srvs.srv import Trigger'),
         ('cli.py', 'import rclpy'),
         ('client.py', 'from rclpy.node import Node'),
         ('report/table.py', 'from resting_aspects_ros.client import RestingAspectsClient'),

@@ -38,6 +38,7 @@ DEPENDENCIES = {
     'rosbags': ('rosbags', 'python3-rosbags-pip'),
     'scipy': ('scipy', 'python3-scipy'),
     'std_msgs': (MESSAGES, 'std_msgs'),
+    'std_srvs': (MESSAGES, 'std_srvs'),
     'trimesh': ('trimesh', 'python3-trimesh-pip'),
     'unique_identifier_msgs': ('ros-jazzy-rclpy', 'unique_identifier_msgs'),
     'visualization_msgs': (MESSAGES, 'visualization_msgs'),

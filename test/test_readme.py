@@ -21,6 +21,7 @@ from resting_aspects_ros.nodes import (
     drop_simulator,
     feeder_example,
     interface,
+    log_replayer,
 )
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -149,7 +150,7 @@ def test_the_part_file_can_be_used(tmp_path):
 
 
 @pytest.mark.parametrize(
-    'node', [drop_simulator, aspect_classifier, drop_recorder, feeder_example]
+    'node', [drop_simulator, aspect_classifier, drop_recorder, feeder_example, log_replayer]
 )
 def test_parameters_are_listed(node):
     name = node.__name__.rsplit('.', 1)[-1]
@@ -169,6 +170,8 @@ def test_the_interface_is_listed():
         f'{interface.ASPECT_DISTRIBUTIONS}/<part>',
         f'{interface.PARTS}/<part>',
         interface.MARKERS,
+        interface.PAUSE.replace('~', 'log_replayer'),
+        interface.RESUME.replace('~', 'log_replayer'),
     ]
 
 

@@ -3,6 +3,7 @@
 import sys
 import time
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import (
@@ -12,6 +13,9 @@ from rich.progress import (
     TaskID,
     TextColumn,
 )
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.nodes.replay import Position
 
 LINE_PERIOD = 1.0
 
@@ -73,6 +77,50 @@ class DropProgress:
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, total=done)
         self.update(done)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+
+class ReplayProgress:
+    """Shows how far a replay is, on a terminal only; use it with `with`."""
+
+    def __init__(self) -> None:
+        self._bar: Progress | None = None
+        self._task: TaskID | None = None
+        if sys.stderr.isatty():
+            self._bar = Progress(
+                TextColumn('{task.description}', markup=False),
+                BarColumn(),
+                TextColumn('{task.fields[position]}', markup=False),
+                console=Console(stderr=True),
+            )
+
+    def __enter__(self) -> 'ReplayProgress':  # noqa: PYI034 - Self is newer than Python 3.10
+        return self
+
+    def update(self, position: 'Position') -> None:
+        """It is so far. To be called often; the first time when the node has said what it is."""
+        if self._bar is None:
+            return
+        if self._task is None:
+            self._task = self._bar.add_task('', total=1.0, position='')
+        self._bar.update(
+            self._task,
+            description='paused' if position.paused else 'replay',
+            completed=1.0 if position.over else position.seconds / (position.length or 1.0),
+            position=str(position),
+        )
+        self._bar.start()
+        if position.over:
+            self._bar.stop()
+            self._bar = None
 
     def __exit__(
         self,

@@ -10,7 +10,7 @@ from mcap.reader import SeekingReader
 from mcap.summary import Summary
 
 from resting_aspects_ros.core.errors import LogError
-from resting_aspects_ros.logs.log_reader import check_definition, one_file
+from resting_aspects_ros.logs.log_reader import check_definition, one_file, written_hash
 
 
 class NoIndexError(LogError):
@@ -83,7 +83,7 @@ class IndexedLog:
     def _message(self, type_name: str, *, reverse: bool) -> bytes | None:
         channels = [c for k, c in self._summary.channels.items() if self._type(k) == type_name]
         for channel in channels:
-            check_definition(self.path, type_name, channel)
+            check_definition(self.path, type_name, written_hash(channel))
         topics = {channel.topic for channel in channels}
         if not topics:
             return None

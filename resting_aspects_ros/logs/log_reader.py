@@ -1,11 +1,13 @@
 """Read a log, whole or broken off: messages as the bytes that were on the wire."""
 
+import os
 import struct
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from mcap.exceptions import EndOfFile
-from mcap.records import Channel, Message, Schema
+from mcap.records import Channel, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader
 
 from resting_aspects_ros.core.errors import LogError
@@ -13,6 +15,7 @@ from resting_aspects_ros.logs.schemas import load_schema
 
 _SUFFIX = '.mcap'
 _MAGIC = b'\x89MCAP'
+_END = b'\x89MCAP0\r\n'
 # Where a file is cut within a number mcap raises the second, within a letter the third.
 _CUT = (EndOfFile, struct.error, UnicodeDecodeError)
 
@@ -55,7 +58,7 @@ def last_message(path: Path, type_name: str) -> bytes | None:
         definition of the type than the installed one.
     """
     last: Message | None = None
-    for file in _files(path):
+    for file in log_files(path):
         for message in _messages(file, type_name):
             if last is None or message.log_time >= last.log_time:
                 last = message
@@ -64,20 +67,21 @@ def last_message(path: Path, type_name: str) -> bytes | None:
 
 def messages(path: Path, type_name: str) -> Iterator[bytes]:
     """All messages of a type, in CDR, in the order in which they were logged; as last_message."""
-    for file in _files(path):
+    for file in log_files(path):
         for message in _messages(file, type_name):
             yield message.data
 
 
 def one_file(path: Path) -> Path:
     """The MCAP file of a log that has one; raises LogError if there is none, or more."""
-    files = _files(path)
+    files = log_files(path)
     if len(files) > 1:
         raise LogError(f'folder {str(path)!r} has {len(files)} {_SUFFIX} files, allowed is one')
     return files[0]
 
 
-def _files(path: Path) -> list[Path]:
+def log_files(path: Path) -> list[Path]:
+    """The MCAP files of a log, by name; LogError for a folder without any."""
     if not path.is_dir():
         return [path]
     found = sorted(path.glob(f'*{_SUFFIX}'))
@@ -86,24 +90,18 @@ def _files(path: Path) -> list[Path]:
     return found
 
 
-def _messages(path: Path, type_name: str) -> Iterator[Message]:
-    """Messages of a type in the order of the file, up to where the file is cut."""
-    schemas: dict[int, str] = {}
-    channels: set[int] = set()
+def records(path: Path) -> Iterator[McapRecord]:
+    """All records of an MCAP file in their order, up to where the file is cut.
+
+    Raises LogError if it cannot be read, or is damaged before its end.
+    """
     try:
         with path.open('rb') as file:
-            for record in StreamReader(file, validate_crcs=True).records:
-                if isinstance(record, Schema):
-                    schemas[record.id] = record.name
-                elif isinstance(record, Channel) and schemas.get(record.schema_id) == type_name:
-                    check_definition(path, type_name, record)
-                    channels.add(record.id)
-                elif isinstance(record, Message) and record.channel_id in channels:
-                    yield record
-    except _CUT:
-        return
-    except LogError:
-        raise
+            try:
+                yield from StreamReader(file, validate_crcs=True).records
+            except _CUT as error:
+                if _is_finished(file):
+                    raise ValueError('a record does not end within the file') from error
     except OSError as error:
         raise LogError(f'log {str(path)!r} cannot be read: {error.strerror}') from None
     except Exception as error:
@@ -111,12 +109,43 @@ def _messages(path: Path, type_name: str) -> Iterator[Message]:
         raise LogError(f'log {str(path)!r} is damaged, or no MCAP file: {error}') from error
 
 
-def check_definition(path: Path, type_name: str, channel: Channel) -> None:
-    """CDR does not say what is in it: read with another definition it would be nonsense."""
-    written = channel.metadata.get('topic_type_hash')
+def _is_finished(file: BinaryIO) -> bool:
+    """Whether it ends as a whole file does: then what seems to be cut within it is damaged."""
+    size = file.seek(0, os.SEEK_END)
+    file.seek(max(0, size - len(_END)))
+    return size > len(_END) and file.read() == _END
+
+
+def check_definition(path: Path, type_name: str, type_hash: str | None) -> None:
+    """Raise LogError if a type is not installed, or the log was written with another definition.
+
+    CDR does not say what is in it: read with another definition it would be nonsense.
+
+    type_hash : str
+        That of the log's definition; None if it does not say.
+    """
     installed = load_schema(type_name).type_hash
-    if written not in (None, installed):
+    if type_hash not in (None, installed):
         raise LogError(
-            f'log {str(path)!r} has {type_name} of type hash {written!r}, allowed is that of the '
-            f'installed definition: {installed!r}'
+            f'log {str(path)!r} has {type_name} of type hash {type_hash!r}, allowed is that of '
+            f'the installed definition: {installed!r}'
         )
+
+
+def written_hash(channel: Channel) -> str | None:
+    """The hash of the definition with which a channel was written, if the log says it."""
+    return channel.metadata.get('topic_type_hash') or None
+
+
+def _messages(path: Path, type_name: str) -> Iterator[Message]:
+    """Messages of a type in the order of the file."""
+    schemas: dict[int, str] = {}
+    channels: set[int] = set()
+    for record in records(path):
+        if isinstance(record, Schema):
+            schemas[record.id] = record.name
+        elif isinstance(record, Channel) and schemas.get(record.schema_id) == type_name:
+            check_definition(path, type_name, written_hash(record))
+            channels.add(record.id)
+        elif isinstance(record, Message) and record.channel_id in channels:
+            yield record

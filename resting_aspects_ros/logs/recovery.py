@@ -19,7 +19,7 @@ from mcap.writer import Writer
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.logs.bag_metadata import BagMetadata, TopicCount, write_metadata
 from resting_aspects_ros.logs.file_lock import is_locked
-from resting_aspects_ros.logs.log_reader import check_definition, one_file
+from resting_aspects_ros.logs.log_reader import check_definition, one_file, written_hash
 from resting_aspects_ros.logs.mcap_file import ROSBAG2, finish_file, register_channel, start_file
 from resting_aspects_ros.logs.topics import Qos, qos_profiles
 
@@ -85,7 +85,7 @@ class BrokenLog:
         for channel in self._channels.values():
             schema = self._schemas.get(channel.schema_id)
             if schema is not None and schema.name in types:
-                check_definition(self.path, schema.name, channel)
+                check_definition(self.path, schema.name, written_hash(channel))
         for record in self._records(Extent()):
             if self._is_known(record) and self._schema(record.channel_id).name in types:
                 yield self._schema(record.channel_id).name, record.data

@@ -16,10 +16,14 @@ POSES_TYPE = 'resting_aspects_interfaces/msg/RestingPoses'
 PART_TYPE = 'resting_aspects_interfaces/msg/PartDescription'
 DISTRIBUTION_TYPE = 'resting_aspects_interfaces/msg/AspectDistribution'
 
-# The words of rmw on Jazzy. A rosbag2 player that meets another word offers nothing.
+# The words of rmw on Jazzy, what ROS takes by default first. A rosbag2 player that meets another
+# word offers nothing.
 _HISTORIES = ('keep_last', 'keep_all')
 _RELIABILITIES = ('reliable', 'best_effort')
 _DURABILITIES = ('volatile', 'transient_local')
+
+# What rosbag2 writes where it was not told: DDS hands on neither history nor depth.
+_NOT_TOLD = ('unknown', 'system_default', 'best_available')
 
 _TYPE_NAME = re.compile(r'[A-Za-z]\w*/msg/[A-Za-z]\w*', re.ASCII)
 _TOPIC_NAME = re.compile(r'(/[A-Za-z_]\w*)+', re.ASCII)
@@ -103,6 +107,36 @@ def qos_profiles(qos: Qos) -> list[dict[str, Any]]:
     ]
 
 
+def recorded_qos(text: str) -> Qos | None:
+    """Read the `offered_qos_profiles` of a topic; None if there are none.
+
+    Of several publishers the most that one of them offered, which suits the readers of each. What
+    was not told is what ROS takes: keep_last, reliable, volatile; the depth is 0 then.
+
+    Raises LogError if it is no such text.
+    """
+    try:
+        offered = [
+            Qos(
+                0 if each['history'] in _NOT_TOLD else each['depth'],
+                _told(each['reliability'], _RELIABILITIES),
+                _told(each['durability'], _DURABILITIES),
+                _told(each['history'], _HISTORIES),
+            )
+            for each in yaml.safe_load(text) or []
+        ]
+    except (yaml.YAMLError, LookupError, TypeError) as error:
+        raise LogError(f'QoS {text!r} is not allowed: no profiles of rosbag2: {error!r}') from None
+    if not offered:
+        return None
+    return Qos(
+        max(each.depth for each in offered),
+        min((each.reliability for each in offered), key=_RELIABILITIES.index),
+        max((each.durability for each in offered), key=_DURABILITIES.index),
+        max((each.history for each in offered), key=_HISTORIES.index),
+    )
+
+
 def yaml_text(document: object) -> str:
     """Write plain data as YAML in block style, keys in their order.
 
@@ -114,6 +148,10 @@ def yaml_text(document: object) -> str:
 def _infinite() -> dict[str, int]:
     # RMW_DURATION_INFINITE. A new one each time: PyYAML writes one that is used twice as an alias.
     return {'sec': 9223372036, 'nsec': 854775807}
+
+
+def _told(word: str, words: tuple[str, ...]) -> str:
+    return words[0] if word in _NOT_TOLD else word
 
 
 def _require_one_of(what: str, value: str, allowed: Collection[str]) -> None:

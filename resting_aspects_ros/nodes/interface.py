@@ -13,6 +13,9 @@ MARKERS = 'markers'
 RECORDED_RUNS = 'recorded_runs'
 # Not relative: where ROS looks for it.
 DIAGNOSTICS = '/diagnostics'
+# Of log_replayer, below its name.
+PAUSE = '~/pause'
+RESUME = '~/resume'
 
 FRAME = 'tray'
 

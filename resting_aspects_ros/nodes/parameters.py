@@ -4,18 +4,18 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A read-only parameter of a node. ``bounds`` are inclusive and for integers."""
+    """A read-only parameter of a node. ``bounds`` are inclusive, and for numbers."""
 
     name: str
     default: Any
     description: str
-    bounds: tuple[int, int] | None = None
+    bounds: tuple[float, float] | None = None
 
 
 def declare(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
@@ -38,7 +38,7 @@ def unknown_parameters(nodes: Sequence[Node]) -> list[str]:
 def help_text(program: str, parameters: Iterable[Parameter]) -> str:
     """What a node's program says of itself."""
     lines = [f'usage: {program} [--ros-args -p name:=value ... -r __ns:=/namespace]', '']
-    lines += [f'  {p.name:16} {p.description} (default {p.default!r})' for p in parameters]
+    lines += [f'  {p.name:19} {p.description} (default {p.default!r})' for p in parameters]
     return '\n'.join([*lines, '', 'Ctrl-C ends it.'])
 
 
@@ -46,5 +46,9 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(description=parameter.description, read_only=True)
     if parameter.bounds is not None:
         low, high = parameter.bounds
-        descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
+        if isinstance(parameter.default, float):
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        else:
+            whole = IntegerRange(from_value=int(low), to_value=int(high), step=1)
+            descriptor.integer_range = [whole]
     return descriptor

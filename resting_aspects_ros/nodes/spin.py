@@ -23,7 +23,8 @@ def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None =
     """Make the nodes and spin them in one thread; returns the process's exit code.
 
     Ctrl-C and SIGTERM end it in order, with exit code 0: that is how a node is stopped. A node
-    that cannot start (a parameter that is not allowed, no such folder) ends it with 2.
+    that cannot start (a parameter that is not allowed, no such folder) ends it with 2, one that
+    cannot go on (its log is damaged meanwhile) with 1.
     """
     told: list[int] = []
 
@@ -57,6 +58,7 @@ def run_node(factory: Callable[[], Node], parameters: Iterable[Parameter]) -> in
 def _spin(factories: Sequence[Callable[[], Node]], told: Sequence[int]) -> int:
     nodes: list[Node] = []
     executor = SingleThreadedExecutor()
+    code = 2
     try:
         for factory in factories:
             node = factory()
@@ -64,10 +66,11 @@ def _spin(factories: Sequence[Callable[[], Node]], told: Sequence[int]) -> int:
             executor.add_node(node)
         for name in unknown_parameters(nodes):
             nodes[0].get_logger().warning(f'parameter {name!r} is not known and not used')
+        code = 1
         while not told:
             executor.spin_once(timeout_sec=LOOK_FOR_SIGNALS)
     except (RestingAspectsError, ParameterException) as error:
-        return _refuse(error)
+        return _refuse(error, code)
     finally:
         for node in nodes:
             node.destroy_node()
@@ -76,6 +79,6 @@ def _spin(factories: Sequence[Callable[[], Node]], told: Sequence[int]) -> int:
     return 0
 
 
-def _refuse(error: Exception) -> int:
+def _refuse(error: Exception, code: int = 2) -> int:
     print('error:', ' '.join(str(error).split()), file=sys.stderr)
-    return 2
+    return code

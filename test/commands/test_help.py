@@ -15,6 +15,7 @@ from resting_aspects_ros.commands import (
     drop,
     merge,
     nodes,
+    replay,
     request,
 )
 from resting_aspects_ros.core.clusters import (
@@ -23,6 +24,7 @@ from resting_aspects_ros.core.clusters import (
     MIN_TOLERANCE_DEGREES,
 )
 from resting_aspects_ros.drops.conditions import QUANTITIES
+from resting_aspects_ros.nodes.log_replayer import LEAST_RATE, MOST_RATE
 
 COMMANDS = {
     'drop': drop,
@@ -32,6 +34,7 @@ COMMANDS = {
     'merge': merge,
     'request': request,
     'nodes': nodes,
+    'replay': replay,
     'demo': demo,
 }
 HEAVY = (
@@ -103,6 +106,10 @@ def test_every_condition_has_one_flag_whose_help_tells_the_bounds(shown, command
 def test_the_tolerance_of_classify_is_told_with_its_bounds(shown):
     told = f'({DEFAULT_TOLERANCE_DEGREES:g}): {MIN_TOLERANCE_DEGREES:g} to '
     assert f'{told}{MAX_TOLERANCE_DEGREES:g} degrees' in shown('classify')
+
+
+def test_the_rate_of_replay_is_told_with_its_bounds(shown):
+    assert f': {LEAST_RATE:g} to {MOST_RATE:g} (1)' in shown('replay')
 
 
 def test_version(run):

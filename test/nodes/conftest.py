@@ -17,12 +17,26 @@ from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import RestingPoses
 from resting_aspects_interfaces.srv import GetDistribution, ListParts
 
-from resting_aspects_ros.nodes.interface import ACTION_SERVICES, POSES, RESTING_POSES, SERVICES
+from resting_aspects_ros.core.poses import RestingPoses as Poses
+from resting_aspects_ros.drops.engine import drop_chunk
+from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.drops.release import CHUNK
+from resting_aspects_ros.logs.run_log import RunLog
+from resting_aspects_ros.logs.topics import Qos, Topic
+from resting_aspects_ros.nodes.convert import part_msg, poses_msg, time_msg
+from resting_aspects_ros.nodes.interface import (
+    ACTION_SERVICES,
+    LEAST_BATCH,
+    POSES,
+    RESTING_POSES,
+    SERVICES,
+)
 
 SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 # Every wait ends with an error after this; free cores need a fraction of it, s.
@@ -423,3 +437,78 @@ def counts():
 def traceback():
     """Find a traceback in what a process said."""
     return lambda text: re.search(r'Traceback|Exception ignored|never retrieved', text)
+
+
+@pytest.fixture(scope='session')
+def batches(part, surfaces):
+    """Make the batches of a run of the tetrahedron, as CDR: each has the first drops again."""
+
+    def batches(count, run_id='recorded'):
+        job, run = plan_run(
+            part('tetrahedron'),
+            surfaces.get(),
+            seed=1,
+            drops=count * LEAST_BATCH,
+            run_id=run_id,
+            started=10**18,
+        )
+        firsts = range(0, LEAST_BATCH, CHUNK)
+        poses = Poses.join([drop_chunk(job, first, first + CHUNK) for first in firsts])
+        batch = poses_msg(poses, run, time_msg(7), last=False)
+        for k in range(count):
+            batch.first_drop = k * LEAST_BATCH
+            batch.last = k == count - 1
+            data = serialize_message(batch)
+            yield data + bytes(-len(data) % 4)  # as it is on the wire, and so in a log
+
+    return batches
+
+
+@pytest.fixture(scope='session')
+def write_log(part):
+    """Write a log of the tetrahedron with batches in even times; returns its folder.
+
+    gap : between two batches, and the part and the first, s
+    """
+
+    def write_log(folder, batches, gap=0.0, depth=2000):
+        interfaces = 'resting_aspects_interfaces/msg'
+        latched = Qos(1, durability='transient_local')
+        described = Topic('/cell/parts/tetrahedron', f'{interfaces}/PartDescription', latched)
+        qos = Qos(depth, durability='transient_local')
+        poses = Topic('/cell/resting_poses', f'{interfaces}/RestingPoses', qos)
+        with RunLog(folder, 'log') as log:
+            log.write(described, serialize_message(part_msg(part('tetrahedron'))), 10**18)
+            for k, batch in enumerate(batches):
+                log.write(poses, batch, 10**18 + round((k + 1) * gap * 10**9))
+                log.flush()
+        return log.path.parent
+
+    return write_log
+
+
+@pytest.fixture
+def replay(start, namespace):
+    """Start a replayer in the namespace of the test."""
+
+    def replay(log, ready='ready', constants=(), **parameters):
+        given = {name: str(value).lower() for name, value in parameters.items()}
+        return start('log_replayer', namespace, {'log': log, **given}, constants, ready)
+
+    return replay
+
+
+@pytest.fixture(scope='session')
+def listen_raw():
+    """Fill a list with the bytes of a topic's messages, and when they were sent, ns."""
+
+    def listen_raw(client, kind, topic, qos):
+        heard = []
+
+        def hear(data, info):
+            heard.append((bytes(data), info['source_timestamp']))
+
+        client.node.create_subscription(kind, topic, hear, qos, raw=True)
+        return heard
+
+    return listen_raw

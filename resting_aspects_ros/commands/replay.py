@@ -1,0 +1,66 @@
+"""`resting_aspects replay`: a log on the suite's topics again."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from resting_aspects_ros.commands.quantities import parse_quantity
+
+EXAMPLES = """examples:
+  resting_aspects replay out/logs/l_bracket_20250131T235959Z_4f1c
+  resting_aspects replay run.mcap --rate 10 --ros-args -r __ns:=/cell_1
+  resting_aspects replay run.mcap --as-fast-as-possible
+"""
+
+
+def add(subparsers: Any) -> None:
+    """Declare the subcommand."""
+    parser = subparsers.add_parser(
+        'replay',
+        help='publish a log again, on the same topics',
+        description='Publish what is in a log on the topics of the suite, with the recorded QoS,\n'
+        'bytes and pauses, so that a controller can be developed without drops. Names\n'
+        'are relative to the namespace, whatever it was when the log was recorded. It\n'
+        'stays until Ctrl-C when all is published, so that who comes late finds what\n'
+        'is latched: the part, the poses and the last distribution. The services\n'
+        'log_replayer/pause and log_replayer/resume hold it up. What follows --ros-args\n'
+        'goes to ROS.',
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        'log', metavar='LOG', type=Path, help='folder of a run, or an .mcap file, whole or not'
+    )
+    pace = parser.add_mutually_exclusive_group()
+    pace.add_argument(
+        '--rate', metavar='R', help='times as fast as it was recorded: 0.001 to 1000 (1)'
+    )
+    pace.add_argument(
+        '--as-fast-as-possible',
+        action='store_true',
+        help='do not wait as recorded. A reader that keeps as many messages as are offered, 2000 '
+        'of resting_poses, and takes 0.5 MB (6250 poses) a second or more loses none',
+    )
+    parser.add_argument(
+        '--loop',
+        action='store_true',
+        help='begin again a second after the end. The runs are the recorded ones each time, with '
+        'the same ids: aspect_classifier and drop_recorder count none of their drops twice',
+    )
+    parser.add_argument('--ros-args', nargs=argparse.REMAINDER, default=[], help='for ROS')
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Spin until told to stop."""
+    given: dict[str, object] = {'log': str(arguments.log)}
+    if arguments.rate is not None:
+        given['rate'] = parse_quantity('--rate', arguments.rate, '')
+    given |= {name: True for name in ('as_fast_as_possible', 'loop') if getattr(arguments, name)}
+    from resting_aspects_ros.commands.progress import ReplayProgress
+    from resting_aspects_ros.nodes.log_replayer import LogReplayer
+    from resting_aspects_ros.nodes.spin import spin_nodes
+
+    ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
+    with ReplayProgress() as progress:
+        return spin_nodes([lambda: LogReplayer(given, progress.update)], ros_args)

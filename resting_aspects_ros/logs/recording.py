@@ -1,0 +1,184 @@
+"""A log to be played again: its topics, its span, and its messages in their order, with times."""
+
+import heapq
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+
+from mcap.records import Channel, Message, Schema
+
+from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.logs.log_reader import log_files, records, written_hash
+from resting_aspects_ros.logs.topics import Qos, recorded_qos
+
+
+@dataclass(frozen=True)
+class RecordedTopic:
+    """A topic as a log describes it, which may come from any writer.
+
+    encoding : str
+        Of its messages: `cdr` in a log of ROS 2.
+    qos : Qos
+        None if the log does not say.
+    type_hash : str
+        None if the log does not say.
+    """
+
+    name: str
+    type: str
+    encoding: str
+    qos: Qos | None
+    type_hash: str | None
+
+
+@dataclass(frozen=True)
+class RecordedMessage:
+    """A message as it was on the wire.
+
+    topic : str
+        Its name in the log.
+    time : int
+        When it was logged, ns since 1970.
+    """
+
+    topic: str
+    time: int
+    data: bytes
+
+
+@dataclass
+class Span:
+    """How many messages there are, and the times of the first and of the last, ns since 1970."""
+
+    start: int
+    end: int
+    messages: int
+
+
+@dataclass(frozen=True)
+class _File:
+    path: Path
+    start: int
+    messages: int
+
+
+class Recording:
+    """What is whole in a log now: it is read once to find out, and again for the messages.
+
+    No index is needed, so a log that was broken off, or is still being written, will do. No more
+    than a chunk of each file is in memory at a time.
+
+    path : Path
+        A folder with MCAP files, such as that of a run, or one such file.
+
+    Raises LogError if it is no log, cannot be read, is damaged before its end, or has no message.
+
+    topics : dict
+        Those with a message, by name.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.topics: dict[str, RecordedTopic] = {}
+        self._spans: dict[str, Span] = {}
+        self._files = [file for name in log_files(path) if (file := self._scan(name)).messages]
+        if not self._files:
+            raise LogError(f'log {str(path)!r} holds no message, allowed is at least one')
+
+    def span(self, topics: Collection[str]) -> Span:
+        """That of the messages of some topics, at least one."""
+        spans = [self._spans[name] for name in topics]
+        return Span(
+            min(span.start for span in spans),
+            max(span.end for span in spans),
+            sum(span.messages for span in spans),
+        )
+
+    def messages(
+        self, topics: Collection[str], first: Collection[str] = ()
+    ) -> Iterator[RecordedMessage]:
+        """Messages of some topics in the order of their times, which never run backwards.
+
+        first : names of topics
+            The first message of each comes before all others, at the time of the first of them.
+        """
+        waiting = set(first)
+        start = self.span(topics).start
+        for message in self._merged() if waiting else ():
+            if message.topic in waiting:
+                waiting.remove(message.topic)
+                yield replace(message, time=start)
+            if not waiting:
+                break
+        gone = set(first) - waiting
+        for message in self._merged():
+            if message.topic in gone:
+                gone.remove(message.topic)
+            elif message.topic in topics:
+                yield message
+
+    def _scan(self, path: Path) -> _File:
+        """Take in what is in a file."""
+        start = count = 0
+        for topic, message in _read(path):
+            known = self.topics.setdefault(topic.name, topic)
+            if (topic.type, topic.type_hash) != (known.type, known.type_hash):
+                raise LogError(
+                    f'log {str(self.path)!r} has topic {topic.name} as {topic.type} '
+                    f'({topic.type_hash}) and as {known.type} ({known.type_hash}), allowed is one'
+                )
+            time = message.time
+            span = self._spans.setdefault(topic.name, Span(time, time, 0))
+            span.start, span.end = min(span.start, time), max(span.end, time)
+            span.messages += 1
+            start = start if count else time
+            count += 1
+        return _File(path, start, count)
+
+    def _merged(self) -> Iterator[RecordedMessage]:
+        """Messages of all files by their times; a file is open from its first to its last."""
+        opened: dict[int, Iterator[RecordedMessage]] = {}
+        heap: list[tuple[int, int, RecordedMessage | None]] = [
+            (file.start, k, None) for k, file in enumerate(self._files)
+        ]
+        heapq.heapify(heap)
+        while heap:
+            _, k, message = heapq.heappop(heap)
+            if message is None:
+                opened[k] = _first(self._files[k])
+            else:
+                yield message
+            following = next(opened[k], None)
+            if following is not None:
+                heapq.heappush(heap, (following.time, k, following))
+
+
+def _first(file: _File) -> Iterator[RecordedMessage]:
+    """Those messages of a file that were there when it was looked through."""
+    return islice((message for _, message in _read(file.path)), file.messages)
+
+
+def _read(path: Path) -> Iterator[tuple[RecordedTopic, RecordedMessage]]:
+    schemas: dict[int, str] = {}
+    topics: dict[int, RecordedTopic] = {}
+    time = 0
+    for record in records(path):
+        if isinstance(record, Schema):
+            schemas[record.id] = record.name
+        elif isinstance(record, Channel):
+            topics[record.id] = _topic(path, record, schemas.get(record.schema_id, ''))
+        elif isinstance(record, Message) and record.channel_id in topics:
+            topic = topics[record.channel_id]
+            time = max(time, record.log_time)
+            yield topic, RecordedMessage(topic.name, time, record.data)
+
+
+def _topic(path: Path, channel: Channel, type_name: str) -> RecordedTopic:
+    try:
+        qos = recorded_qos(channel.metadata.get('offered_qos_profiles', ''))
+    except LogError as error:
+        raise LogError(f'log {str(path)!r}, topic {channel.topic}: {error}') from None
+    return RecordedTopic(
+        channel.topic, type_name, channel.message_encoding, qos, written_hash(channel)
+    )

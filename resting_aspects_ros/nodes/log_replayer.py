@@ -1,0 +1,160 @@
+"""The node that publishes a log again, on the suite's topics, as if it happened now."""
+
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from std_srvs.srv import Trigger
+
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.logs.recording import RecordedMessage, Recording
+from resting_aspects_ros.nodes.interface import PAUSE, RESUME, SERVICES
+from resting_aspects_ros.nodes.parameters import Parameter, declare
+from resting_aspects_ros.nodes.replay import Position, Replay
+from resting_aspects_ros.nodes.replay_pace import FastestPace, Pace, RecordedPace
+from resting_aspects_ros.nodes.replay_topics import ReplayedTopic, replayed_topics
+from resting_aspects_ros.nodes.spin import run_node
+
+LEAST_RATE, MOST_RATE = 0.001, 1000.0
+PARAMETERS = (
+    Parameter('log', '', 'what is replayed: the folder of a run, or an .mcap file'),
+    Parameter('rate', 1.0, 'how many times as fast as recorded', (LEAST_RATE, MOST_RATE)),
+    Parameter('as_fast_as_possible', False, 'do not wait as recorded; leave the rate at 1.0'),
+    Parameter('loop', False, 'begin again a second after the end'),
+)
+# It is told how far it is at least this often, ns.
+WATCH_PERIOD = 100_000_000
+# How often it is looked whether a simulator publishes, too, s. rclpy has no event for it.
+LOOK_PERIOD = 1.0
+# For rclpy a node that is just being discovered has topics before it has this.
+NO_NAME = '_NODE_NAME_UNKNOWN_'
+
+
+class LogReplayer(Node):
+    """Publishes the topics of a log; serves ~/pause and ~/resume.
+
+    It stays when the log is over: with it would go what is latched.
+
+    given : values of parameters that go before those of --ros-args
+    watch : called with the position, often
+    """
+
+    def __init__(
+        self,
+        given: Mapping[str, Any] | None = None,
+        watch: Callable[[Position], object] = lambda _: None,
+    ) -> None:
+        overrides = [RosParameter(name, value=value) for name, value in (given or {}).items()]
+        super().__init__('log_replayer', parameter_overrides=overrides)
+        values = declare(self, PARAMETERS)
+        _check_rate(values['rate'], values['as_fast_as_possible'])
+        recording = Recording(_log(values['log']))
+        topics, skipped = replayed_topics(recording)
+        self._outputs = {
+            topic.recorded: self.create_publisher(topic.message, topic.name, topic.qos)
+            for topic in topics
+        }
+        self._watch = watch
+        self._begun = time.monotonic()
+        fastest = values['as_fast_as_possible']
+        pace = self._fastest(topics) if fastest else RecordedPace(values['rate'])
+        self._replay = Replay(recording, topics, self._publish, pace, loop=values['loop'])
+        self.create_service(Trigger, PAUSE, self._pause, qos_profile=SERVICES)
+        self.create_service(Trigger, RESUME, self._resume, qos_profile=SERVICES)
+        self._from_simulator = [
+            self._outputs[topic.recorded].topic_name
+            for topic in topics
+            if topic.describes_part or topic.holds_poses
+        ]
+        self._look = self.create_timer(LOOK_PERIOD, self._look_for_others)
+        for words in skipped:
+            self.get_logger().warning(f'not replayed: {words}')
+        self.get_logger().info(
+            f'ready: {recording.path}, {len(topics)} topics, {self._replay.position.length:.3f} s'
+        )
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = self.create_timer(0.0, self._step, clock=clock)
+
+    def _fastest(self, topics: list[ReplayedTopic]) -> Pace:
+        return FastestPace(
+            {topic.recorded: (self._outputs[topic.recorded], topic.qos) for topic in topics}
+        )
+
+    def _publish(self, message: RecordedMessage) -> None:
+        self._outputs[message.topic].publish(message.data)
+
+    def _step(self) -> None:
+        """Publish what is due, and come back when there is more."""
+        wait = self._replay.play()
+        position = self._replay.position
+        self._watch(position)
+        if wait is None:
+            self._timer.cancel()
+        else:
+            self._step_after(min(wait, WATCH_PERIOD))
+        if position.over:
+            self.get_logger().info(
+                f'replayed in {time.monotonic() - self._begun:.3f} s: {position.messages} '
+                f'messages, {position.drops} drops; what is latched stays until Ctrl-C'
+            )
+
+    def _step_after(self, wait: int) -> None:
+        self._timer.timer_period_ns = wait
+        self._timer.reset()
+
+    def _look_for_others(self) -> None:
+        """Warn once if others publish parts or poses, too."""
+        for topic in self._from_simulator:
+            found = self.get_publishers_info_by_topic(topic)
+            names = [f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in found]
+            if len(found) > 1 and not any(NO_NAME in name for name in names):
+                self.get_logger().warning(
+                    f'{topic} has {len(found)} publishers, {", ".join(sorted(names))}: '
+                    'who reads it hears them all'
+                )
+                self._look.cancel()
+                return
+
+    def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        word = 'paused already' if self._replay.paused else 'paused'
+        self._replay.pause()
+        return self._answer(response, word)
+
+    def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        word = 'resumed' if self._replay.paused else 'not paused'
+        if self._replay.paused:
+            self._replay.resume()
+            self._step_after(0)
+        return self._answer(response, word)
+
+    def _answer(self, response: Trigger.Response, word: str) -> Trigger.Response:
+        position = self._replay.position
+        self._watch(position)
+        response.success = not position.over
+        response.message = f'{"over" if position.over else word}, at {position}'
+        return response
+
+
+def _log(path: str) -> Path:
+    if not path:
+        raise InvalidValueError("log is '', allowed is the folder of a run, or an .mcap file")
+    return Path(path)
+
+
+def _check_rate(rate: float, as_fast_as_possible: bool) -> None:
+    if as_fast_as_possible and rate != 1.0:
+        raise InvalidValueError(f'rate is {rate}, allowed is 1.0 with as_fast_as_possible')
+
+
+def main() -> int:
+    """Run the node alone in this process."""
+    return run_node(LogReplayer, PARAMETERS)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

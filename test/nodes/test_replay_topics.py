@@ -1,0 +1,213 @@
+"""Names, types and QoS under which the topics of a log are published again."""
+
+import importlib
+
+import pytest
+import visualization_msgs.msg
+from mcap.writer import Writer
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
+from resting_aspects_interfaces.msg import PartDescription, RestingPoses
+
+from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.logs.recording import Recording
+from resting_aspects_ros.logs.schemas import load_schema
+from resting_aspects_ros.logs.topics import Qos, qos_profiles, yaml_text
+from resting_aspects_ros.nodes.interface import LATCHED, POSES
+from resting_aspects_ros.nodes.replay_topics import replayed_topics
+
+INTERFACES = 'resting_aspects_interfaces/msg'
+KINDS = {
+    'poses': f'{INTERFACES}/RestingPoses',
+    'part': f'{INTERFACES}/PartDescription',
+    'distribution': f'{INTERFACES}/AspectDistribution',
+    'markers': 'visualization_msgs/msg/MarkerArray',
+    'text': 'std_msgs/msg/String',
+}
+
+
+@pytest.fixture
+def recording(tmp_path):
+    """Record a message of each topic: name and kind, or a whole type, and what else is said."""
+
+    def recording(*topics, encoding='cdr', **metadata):
+        path = tmp_path / 'log.mcap'
+        with path.open('wb') as file:
+            writer = Writer(file)
+            writer.start()
+            for name, kind in topics:
+                schema = writer.register_schema(KINDS.get(kind, kind), 'ros2msg', b'')
+                channel = writer.register_channel(name, encoding, schema, metadata)
+                writer.add_message(channel, 1, b'\0' * 8, 1)
+            writer.finish()
+        return Recording(path)
+
+    return recording
+
+
+def names(recording):
+    """The new names by the recorded ones, and what is left out."""
+    topics, skipped = replayed_topics(recording)
+    return {topic.recorded: topic.name for topic in topics}, skipped
+
+
+@pytest.mark.parametrize('namespace', ['', '/cell_1', '/plant/cell_1', '/parts'])
+def test_names_are_those_below_the_namespace_of_the_recorded_suite(recording, namespace):
+    expected = {
+        f'{namespace}/resting_poses': 'resting_poses',
+        f'{namespace}/parts/nut': 'parts/nut',
+        f'{namespace}/aspect_distributions/nut': 'aspect_distributions/nut',
+        f'{namespace}/markers': 'markers',
+        f'{namespace}/camera/left/note': 'camera/left/note',
+    }
+    kinds = ['poses', 'part', 'distribution', 'markers', 'text']
+    assert names(recording(*zip(expected, kinds, strict=True))) == (expected, [])
+
+
+@pytest.mark.parametrize('name', ['resting_poses', 'parts/nut', 'aspect_distributions/nut'])
+def test_each_topic_of_the_suite_tells_the_namespace(recording, name):
+    kind = {'r': 'poses', 'p': 'part', 'a': 'distribution'}[name[0]]
+    assert names(recording((f'/cell_1/{name}', kind)))[0] == {f'/cell_1/{name}': name}
+
+
+def test_suites_in_several_namespaces_stay_apart(recording):
+    found = names(
+        recording(
+            ('/plant/cell_1/resting_poses', 'poses'),
+            ('/plant/cell_2/resting_poses', 'poses'),
+            ('/plant/cell_2/sub/parts/nut', 'part'),
+            ('/plant/note', 'text'),
+        )
+    )
+    assert found == (
+        {
+            '/plant/cell_1/resting_poses': 'cell_1/resting_poses',
+            '/plant/cell_2/resting_poses': 'cell_2/resting_poses',
+            '/plant/cell_2/sub/parts/nut': 'cell_2/sub/parts/nut',
+            '/plant/note': 'note',
+        },
+        [],
+    )
+
+
+def test_a_log_without_a_suite_keeps_its_names(recording):
+    """Also what is named as in a suite and is of another type, or the other way round."""
+    topics = {'/a/note': 'text', '/b/resting_poses': 'text', '/c/poses': 'poses'}
+    replayed, _ = names(recording(*topics.items()))
+    assert replayed == {name: name[1:] for name in topics}
+
+
+@pytest.mark.parametrize(
+    ('name', 'kind', 'why'),
+    [
+        ('/note', 'text', 'not in /cell, the namespace of the suite in the log'),
+        ('/cellar/note', 'text', 'not in /cell, the namespace of the suite in the log'),
+        ('/cell/drop_part/_action/status', 'text', 'hidden, or no name of a topic of ROS'),
+        ('/cell/a b', 'text', 'hidden, or no name of a topic of ROS'),
+        ('/cell/1', 'text', 'hidden, or no name of a topic of ROS'),
+        ('/cell/a/', 'text', 'hidden, or no name of a topic of ROS'),
+        ('/cell/x', 'a/srv/X_Event', 'no messages of ROS 2 (a/srv/X_Event, in cdr)'),
+        ('/cell/x', '../msg/X', 'no messages of ROS 2 (../msg/X, in cdr)'),
+    ],
+)
+def test_what_cannot_be_replayed_is_left_out_and_told(recording, name, kind, why):
+    log = recording(('/cell/resting_poses', 'poses'), (name, kind))
+    assert names(log) == ({'/cell/resting_poses': 'resting_poses'}, [f'{name}: {why}'])
+
+
+def test_a_log_of_nothing_that_can_be_replayed_is_refused(recording):
+    log = recording(('/a', 'text'), ('b', 'text'), encoding='json')
+    with pytest.raises(LogError) as caught:
+        replayed_topics(log)
+    assert str(caught.value) == (
+        f'log {str(log.path)!r} has nothing to replay: '
+        '/a: no messages of ROS 2 (std_msgs/msg/String, in json); '
+        'b: not in /, the namespace of the suite in the log'
+    )
+
+
+def test_types_are_those_that_are_installed(recording):
+    log = recording(('/resting_poses', 'poses'), ('/parts/a', 'part'), ('/markers', 'markers'))
+    topics, _ = replayed_topics(log)
+    classes = [RestingPoses, PartDescription, visualization_msgs.msg.MarkerArray]
+    assert [topic.message for topic in topics] == classes
+    assert [topic.holds_poses for topic in topics] == [True, False, False]
+    assert [topic.describes_part for topic in topics] == [False, True, False]
+
+
+def test_a_type_that_is_not_installed_is_refused_in_words(recording):
+    with pytest.raises(LogError, match='type no_msgs/msg/Nothing is not installed: there is no'):
+        replayed_topics(recording(('/resting_poses', 'poses'), ('/x', 'no_msgs/msg/Nothing')))
+
+
+def test_a_type_without_a_python_class_is_refused_in_words(recording, tmp_path, monkeypatch):
+    """Its definition is there, as in a workspace of C++ alone."""
+    known = importlib.import_module('resting_aspects_ros.logs.schemas')
+    folder = tmp_path / 'prefix' / 'share' / 'only_cpp' / 'msg'
+    folder.mkdir(parents=True)
+    (folder / 'Thing.msg').write_text('int32 a\n')
+    (folder / 'Thing.json').write_text(
+        '{"type_hashes": [{"type_name": "only_cpp/msg/Thing", "hash_string": "RIHS01_1"}]}'
+    )
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path / 'prefix'))
+    assert known.load_schema('only_cpp/msg/Thing').type_hash == 'RIHS01_1'
+    with pytest.raises(LogError) as caught:
+        replayed_topics(recording(('/x', 'only_cpp/msg/Thing')))
+    assert 'has topic /x of type only_cpp/msg/Thing, of which no Python class' in str(caught.value)
+
+
+def test_a_type_of_another_definition_is_refused_in_words(recording):
+    log = recording(('/resting_poses', 'poses'), topic_type_hash='RIHS01_older')
+    with pytest.raises(LogError) as caught:
+        replayed_topics(log)
+    for words in (str(log.path), KINDS['poses'], "'RIHS01_older'"):
+        assert words in str(caught.value)
+    installed = load_schema(KINDS['poses']).type_hash
+    assert replayed_topics(recording(('/resting_poses', 'poses'), topic_type_hash=installed))
+
+
+def offered(recording):
+    ((topic,), _) = replayed_topics(recording)
+    qos = topic.qos
+    return (qos.depth, qos.reliability, qos.durability, qos.history)
+
+
+@pytest.mark.parametrize(
+    ('qos', 'expected'),
+    [
+        (
+            Qos(7, 'best_effort', 'volatile', 'keep_all'),
+            (7, ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE, HistoryPolicy.KEEP_ALL),
+        ),
+        (
+            Qos(3, 'reliable', 'transient_local', 'keep_last'),
+            (
+                3,
+                ReliabilityPolicy.RELIABLE,
+                DurabilityPolicy.TRANSIENT_LOCAL,
+                HistoryPolicy.KEEP_LAST,
+            ),
+        ),
+    ],
+)
+def test_what_was_offered_is_offered_again(recording, qos, expected):
+    profiles = yaml_text(qos_profiles(qos))
+    for kind in ('poses', 'part', 'text'):
+        assert offered(recording(('/x', kind), offered_qos_profiles=profiles)) == expected
+
+
+@pytest.mark.parametrize(
+    ('kind', 'usual'), [('poses', POSES), ('part', LATCHED), ('distribution', LATCHED)]
+)
+def test_what_the_log_does_not_say_is_as_the_suite_has_it(recording, kind, usual):
+    """The depth is not in a bag that rosbag2 recorded; a log of another writer says nothing."""
+    bag = qos_profiles(Qos(0, durability='transient_local'))
+    bag[0]['history'] = 'unknown'
+    expected = (usual.depth, usual.reliability, usual.durability, usual.history)
+    assert offered(recording(('/x', kind))) == expected
+    assert offered(recording(('/x', kind), offered_qos_profiles=yaml_text(bag))) == expected
+
+
+def test_of_other_topics_what_the_log_does_not_say_is_what_ros_takes(recording):
+    depth, reliability, durability, history = offered(recording(('/x', 'text')))
+    assert (depth, history) == (10, HistoryPolicy.KEEP_LAST)
+    assert (reliability, durability) == (ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
