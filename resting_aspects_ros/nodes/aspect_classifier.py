@@ -20,8 +20,9 @@ from resting_aspects_ros.drops.plan import most_drops
 from resting_aspects_ros.drops.run import DEFAULT_SEED, RunDescription, check_drops
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.convert import part_from, poses_from, status
+from resting_aspects_ros.nodes.default_conditions import SURFACE, FollowedDefault
 from resting_aspects_ros.nodes.distribution_messages import distribution_msg, estimate_msg
-from resting_aspects_ros.nodes.distribution_outputs import DistributionOutputs
+from resting_aspects_ros.nodes.distribution_outputs import PUBLISH_PERIOD, DistributionOutputs
 from resting_aspects_ros.nodes.drop_requests import DropRequests, DropSpec
 from resting_aspects_ros.nodes.interface import (
     CLASSIFY_POSE,
@@ -53,9 +54,9 @@ from resting_aspects_ros.nodes.waiting import wait_for
 
 PARAMETERS = (
     Parameter('surfaces_file', '', 'YAML file of named conditions; empty: the one of the suite'),
+    SURFACE,
+    PUBLISH_PERIOD,
 )
-# Distributions of runs under way are published this often, s.
-PUBLISH_PERIOD = 0.2
 # While parts come in, one that is asked for is looked for this often, s.
 PARTS_PERIOD = 0.1
 # Ends of so many runs are remembered, for requests that wait for them.
@@ -63,8 +64,9 @@ RUNS_KEPT = 10_000
 
 
 class AspectClassifier(Node):
-    """Subscribes to resting_poses and parts/*; publishes aspect_distributions/<part>, markers.
+    """Subscribes to resting_poses, parts/* and default_conditions.
 
+    Publishes aspect_distributions/<part>, markers and current_poses.
     Serves get_distribution, classify_pose and list_parts.
     """
 
@@ -72,6 +74,7 @@ class AspectClassifier(Node):
         super().__init__('aspect_classifier')
         values = declare(self, PARAMETERS)
         self._surfaces = Surfaces.read(Path(values['surfaces_file'] or surfaces_file()))
+        self._default = FollowedDefault(self, self._surfaces)
         self._parts = KnownParts()
         self._known = KnownDistributions()
         self._accounts: dict[str, RunAccount] = {}  # of runs that are not over
@@ -83,7 +86,6 @@ class AspectClassifier(Node):
             self, PARTS, PartDescription, self._part_described, gone=self._parts.remove
         )
         self.create_subscription(RestingPoses, RESTING_POSES, self._batch, POSES)
-        self.create_timer(PUBLISH_PERIOD, self._outputs.publish)
         # In the node's own group a request that waits would hold up everything it waits for.
         serve = partial(
             self.create_service, qos_profile=SERVICES, callback_group=ReentrantCallbackGroup()
@@ -120,6 +122,7 @@ class AspectClassifier(Node):
             self.get_logger().error(f'a batch of resting poses cannot be used: {error}')
             return
         poses = poses_from(message)
+        self._outputs.poses.take(message.run.run_id, poses, message.header.stamp)
         for progress, new in arrivals:
             account = self._accounts.setdefault(progress.run.run_id, RunAccount(progress.run))
             account.waiting.extend(poses.between(first, end) for first, end in new)
@@ -198,9 +201,12 @@ class AspectClassifier(Node):
     ) -> tuple[RunDescription, Distribution]:
         drops = most_drops(request.drops, request.precision)
         check_drops(drops)
-        conditions = asked_conditions(self._surfaces, request.surface, request.conditions)
         seed = request.seed[0] if request.seed else None
         parts = await self._usable_parts(request.part)
+        # Only now: a classifier that has just been started has heard of the default, too.
+        conditions = asked_conditions(
+            self._surfaces, request.surface, request.conditions, self._default.conditions
+        )
         part = parts.get(request.part)
         if part is not None:
             known = self._known.find(part.part_sha256, conditions, drops, request.precision, seed)

@@ -10,6 +10,8 @@ PARTS = 'parts'  # + /<part>
 RESTING_POSES = 'resting_poses'
 ASPECT_DISTRIBUTIONS = 'aspect_distributions'  # + /<part>
 MARKERS = 'markers'
+CURRENT_POSES = 'current_poses'
+DEFAULT_CONDITIONS = 'default_conditions'
 
 FRAME = 'tray'
 
