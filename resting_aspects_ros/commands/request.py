@@ -7,7 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.commands.interruption import Interruption
-from resting_aspects_ros.commands.options import add_conditions, add_run, conditions_of, drops_of
+from resting_aspects_ros.commands.options import (
+    add_conditions,
+    add_run,
+    changes_of,
+    conditions_of,
+    drops_of,
+)
 from resting_aspects_ros.commands.outputs import check_output
 from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.core.errors import InvalidValueError
@@ -48,7 +54,7 @@ def add(subparsers: Any) -> None:
     parser.add_argument('--only-known', action='store_true', help='do not drop')
     parser.add_argument('--json', action='store_true', help='print one JSON document instead')
     parser.add_argument('--picture', metavar='FILE.png', type=Path, help='write a picture')
-    add_conditions(parser)
+    add_conditions(parser, "the simulator's default")
     parser.add_argument('--ros-args', nargs=argparse.REMAINDER, default=[], help='for ROS')
     parser.set_defaults(run=run)
 
@@ -63,19 +69,25 @@ def run(arguments: argparse.Namespace) -> int:
         check_output('--picture', arguments.picture)
         if arguments.method != 'drops':
             return _estimate(arguments, stop)
+        # Also without a surface: wrong values are refused before a suite is looked for.
         conditions = conditions_of(arguments, Surfaces.read(surfaces_file()))
         # A second to import, which --help does not need.
         from resting_aspects_ros.commands.progress import DropProgress
         from resting_aspects_ros.nodes.client import distribution_request
+        from resting_aspects_ros.nodes.convert import conditions_msg
 
         request = distribution_request(
             arguments.part,
-            conditions,
+            conditions if arguments.surface else None,
             *drops_of(arguments),
             arguments.seed,
             only_known=arguments.only_known,
         )
+        changes = {} if arguments.surface else changes_of(arguments)
         with _client(arguments) as client:
+            if changes:
+                changed = client.default_conditions().changed(**changes)
+                request.conditions = [conditions_msg(changed)]
             with DropProgress(arguments.part, request.drops) as progress:
                 message = client.get(request, progress.update, stop.check)
                 progress.end(message.drops)

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, Status
+from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
 from resting_aspects_interfaces.srv import GetDistribution
 
 from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError
@@ -18,9 +19,10 @@ from resting_aspects_ros.core.part import Part, is_valid_name
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.plan import most_drops
 from resting_aspects_ros.drops.run import check_drops, check_seed
-from resting_aspects_ros.nodes.convert import conditions_msg, part_from
+from resting_aspects_ros.nodes.convert import conditions_from, conditions_msg, part_from
 from resting_aspects_ros.nodes.interface import (
     ASPECT_DISTRIBUTIONS,
+    DEFAULT_CONDITIONS,
     GET_DISTRIBUTION,
     LATCHED,
     PARTS,
@@ -38,7 +40,7 @@ ASK_PERIOD = 5.0
 
 def distribution_request(
     part: str,
-    conditions: DropConditions,
+    conditions: DropConditions | None,
     drops: int,
     precision: float,
     seed: int | None,
@@ -47,7 +49,7 @@ def distribution_request(
 ) -> GetDistribution.Request:
     """The request for a distribution; without a seed any known run will do.
 
-    ``drops`` and ``precision`` as most_drops has them.
+    ``drops`` and ``precision`` as most_drops has them; without conditions the suite's default.
     """
     drops = most_drops(drops, precision)
     check_drops(drops)
@@ -55,8 +57,8 @@ def distribution_request(
         check_seed(seed)
     return GetDistribution.Request(
         part=part,
-        surface=conditions.surface,
-        conditions=[conditions_msg(conditions)],
+        surface='' if conditions is None else conditions.surface,
+        conditions=[] if conditions is None else [conditions_msg(conditions)],
         drops=drops,
         precision=precision,
         seed=[] if seed is None else [seed],
@@ -181,6 +183,20 @@ class SuiteClient(Node):
             raise NotAvailableError(f'no description of {name} came in {PART_TIMEOUT:g} s')
         self.destroy_subscription(subscription)
         return part_from(described.result())
+
+    def default_conditions(self) -> DropConditions:
+        """What the simulator means by no surface."""
+        said = Future()
+        subscription = self.create_subscription(
+            DropConditionsMsg, DEFAULT_CONDITIONS, said.set_result, LATCHED
+        )
+        if not self.wait(said.done, PART_TIMEOUT):
+            raise NotAvailableError(
+                f'no drop_simulator said in {PART_TIMEOUT:g} s which surface is the default: '
+                'name one'
+            )
+        self.destroy_subscription(subscription)
+        return conditions_from(said.result())
 
     def wait(
         self,

@@ -169,8 +169,12 @@ class DropRecorder(Node):
 def _check_folder(path: str) -> None:
     """At the start it may not be there yet, as a disk that is mounted later; it is told then."""
     folder = Path(path).absolute()
-    there = next(each for each in (folder, *folder.parents) if each.exists())
-    if not path or not there.is_dir() or not os.access(there, os.W_OK):
+    try:
+        there = next(each for each in (folder, *folder.parents) if each.exists())
+        allowed = bool(path) and there.is_dir() and os.access(there, os.W_OK)
+    except (OSError, ValueError):  # a name that is too long, a folder that cannot be looked into
+        allowed = False
+    if not allowed:
         raise InvalidValueError(
             f'log_folder is {path!r}, allowed is a folder that is there or can be made'
         )
