@@ -203,10 +203,8 @@ class AspectClassifier(Node):
         check_drops(drops)
         seed = request.seed[0] if request.seed else None
         parts = await self._usable_parts(request.part)
-        # Only now: a classifier that has just been started has heard of the default, too.
-        conditions = asked_conditions(
-            self._surfaces, request.surface, request.conditions, self._default.conditions
-        )
+        default = await self._default.conditions()
+        conditions = asked_conditions(self._surfaces, request.surface, request.conditions, default)
         part = parts.get(request.part)
         if part is not None:
             known = self._known.find(part.part_sha256, conditions, drops, request.precision, seed)
@@ -219,6 +217,9 @@ class AspectClassifier(Node):
                 f'no distribution of {request.part} under these conditions over at least '
                 f'{request.drops} drops is known, and only_known was asked for'
             )
+        if not (request.surface or request.conditions or self._default.is_heard):
+            await self._requests.simulator()
+            conditions = await self._default.conditions()
         spec = DropSpec(
             request.part,
             conditions,

@@ -6,6 +6,7 @@ publishes what it means, latched, and the classifier goes by that as soon as it 
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.task import Future
 from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
 
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
@@ -14,6 +15,7 @@ from resting_aspects_ros.drops.surfaces import DEFAULT_SURFACE, Surfaces
 from resting_aspects_ros.nodes.convert import conditions_from, conditions_msg
 from resting_aspects_ros.nodes.interface import DEFAULT_CONDITIONS, LATCHED
 from resting_aspects_ros.nodes.parameters import Parameter, on_change
+from resting_aspects_ros.nodes.waiting import wait_for
 
 SURFACE = Parameter(
     'surface',
@@ -22,6 +24,8 @@ SURFACE = Parameter(
     allowed='a name in surfaces_file',
     changeable=True,
 )
+# What is latched by a simulator that has been found comes within this, s.
+HEAR_TIMEOUT = 10.0
 
 
 class OfferedDefault:
@@ -55,14 +59,24 @@ class FollowedDefault:
         self._surfaces = surfaces
         self._conditions = surfaces.get(node.get_parameter(SURFACE.name).value)
         on_change(node, SURFACE.name, self._check, self._take)
-        node.create_subscription(DropConditionsMsg, DEFAULT_CONDITIONS, self._heard, LATCHED)
+        self._heard = Future()  # done with the first word of a simulator
+        node.create_subscription(DropConditionsMsg, DEFAULT_CONDITIONS, self._hear, LATCHED)
 
     @property
-    def conditions(self) -> DropConditions:
-        """Those of a request that names no surface."""
+    def is_heard(self) -> bool:
+        """Whether a simulator has said it."""
+        return bool(self._heard.done())
+
+    async def conditions(self) -> DropConditions:
+        """Those of a request that names no surface; a simulator that is there is heard first."""
+        if self._simulator_is_there():
+            await wait_for(self._node, self._heard, HEAR_TIMEOUT)
         return self._conditions
 
-    def _heard(self, message: DropConditionsMsg) -> None:
+    def _simulator_is_there(self) -> bool:
+        return bool(self._node.count_publishers(DEFAULT_CONDITIONS))
+
+    def _hear(self, message: DropConditionsMsg) -> None:
         try:
             conditions = conditions_from(message)
         except RestingAspectsError as error:
@@ -75,12 +89,14 @@ class FollowedDefault:
             )
         self._conditions = conditions
         self._node.set_parameters([RosParameter(SURFACE.name, value=conditions.surface)])
+        if not self.is_heard:
+            self._heard.set_result(None)
 
     def _check(self, name: str) -> None:
         if name == self._conditions.surface:
             return  # the simulator may know names that this node does not
         self._surfaces.get(name)
-        if self._node.count_publishers(DEFAULT_CONDITIONS):
+        if self._simulator_is_there():
             raise InvalidValueError(
                 f'surface is {name!r}, allowed is {self._conditions.surface!r} while '
                 'drop_simulator is there, which says so: set it there'
