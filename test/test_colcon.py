@@ -86,11 +86,13 @@ def test_executables_are_where_ros2_run_looks(workspace):
     assert 'usage: resting_aspects' in run_sourced(workspace, f'{folder}/resting_aspects --help')
 
 
-def test_config_is_installed_whole(workspace):
+@pytest.mark.parametrize('folder', ['config', 'launch', 'rviz'])
+def test_what_is_shared_is_installed_whole(workspace, folder):
     share = workspace / 'install' / 'resting_aspects_ros' / 'share'
     assert (share / 'ament_index/resource_index/packages/resting_aspects_ros').exists()
 
     def files(folder):
         return {path.relative_to(folder) for path in folder.rglob('*') if path.is_file()}
 
-    assert files(share / 'resting_aspects_ros' / 'config') == files(workspace / 'config')
+    installed = files(share / 'resting_aspects_ros' / folder)
+    assert installed == files(workspace / folder) != set()
