@@ -2,6 +2,7 @@
 
 import ast
 import importlib.util
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -71,6 +72,12 @@ def test_the_arguments_are_these_and_each_is_described():
     choices = ast.literal_eval(given['rviz']['choices'])
     assert choices == ['true', 'false']
     assert given['rviz']['default_value'].value == 'false'
+
+
+def test_the_readme_names_them_all():
+    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    sentence = text.split('The launch file takes ')[1].split('installed')[0]
+    assert re.findall(r'`(\w+):=', sentence) == list(arguments())
 
 
 def test_every_argument_is_used_and_none_that_is_not_declared():
