@@ -9,7 +9,8 @@ NAME = 'resting_aspects_ros'
 
 def shared(folder):
     """Return (target, files) of each folder below one, for share/<package>."""
-    files = sorted(path for path in Path(folder).rglob('*') if path.is_file())
+    found = Path(folder).rglob('*')
+    files = sorted(path for path in found if path.is_file() and path.suffix != '.pyc')
     return [
         (f'share/{NAME}/{parent}', [str(file) for file in files if file.parent == parent])
         for parent in sorted({file.parent for file in files})
@@ -29,6 +30,8 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         *shared('config'),
+        *shared('launch'),
+        *shared('rviz'),
     ],
     # pip installs what requirements.txt pins and rosdep what package.xml names.
     install_requires=['setuptools'],

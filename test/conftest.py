@@ -1,6 +1,7 @@
 """What several tests need: the example parts, parts made of a mesh, and the shipped surfaces."""
 
 import dataclasses
+import importlib
 import logging
 from pathlib import Path
 
@@ -67,3 +68,36 @@ def cluster(make_cluster):
     """A Dask cluster of two workers."""
     with make_cluster(2) as cluster:
         yield cluster
+
+
+@pytest.fixture(scope='session')
+def filled():
+    """Make a message in which every field, at any depth, has a value that is not the default."""
+    return _filled
+
+
+def _filled(message_class, rng):
+    message = message_class()
+    for name, kind in message_class.get_fields_and_field_types().items():
+        setattr(message, name, _value(kind, rng))
+    return message
+
+
+def _value(kind, rng):
+    if kind.startswith('sequence<'):
+        return [_value(kind[len('sequence<') : -1], rng) for _ in range(3)]
+    if kind.endswith(']'):
+        element, count = kind[:-1].split('[')
+        return [_value(element, rng) for _ in range(int(count))]
+    if '/' in kind:
+        package, name = kind.split('/')
+        return _filled(getattr(importlib.import_module(f'{package}.msg'), name), rng)
+    if 'int' in kind:
+        bits = int(kind.split('int')[1])
+        return rng.getrandbits(bits - 1) | (1 << bits - 1 if kind.startswith('u') else 1)
+    return {
+        'string': f'ä {rng.random()}',
+        'boolean': True,
+        'double': rng.uniform(-1, 1),
+        'float': rng.randint(1, 999) / 64,  # exact in 32 bits
+    }[kind]

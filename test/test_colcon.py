@@ -88,11 +88,20 @@ def test_executables_are_where_ros2_run_looks(workspace):
     assert 'usage: resting_aspects' in run_sourced(workspace, f'{folder}/resting_aspects --help')
 
 
-def test_config_is_installed_whole(workspace):
+@pytest.mark.parametrize('folder', ['config', 'launch', 'rviz'])
+def test_what_is_shared_is_installed_whole(workspace, folder):
     share = workspace / 'install' / 'resting_aspects_ros' / 'share'
     assert (share / 'ament_index/resource_index/packages/resting_aspects_ros').exists()
 
     def files(folder):
         return {path.relative_to(folder) for path in folder.rglob('*') if path.is_file()}
 
-    assert files(share / 'resting_aspects_ros' / 'config') == files(workspace / 'config')
+    installed = files(share / 'resting_aspects_ros' / folder)
+    assert installed == files(workspace / folder) != set()
+
+
+def test_the_example_is_not_built_with_the_suite(workspace):
+    """It needs rclcpp, which is not here."""
+    assert (workspace / 'examples' / 'cpp' / 'package.xml').is_file()
+    built = {path.name for path in (workspace / 'build').iterdir() if path.is_dir()}
+    assert built == {'resting_aspects_ros', 'resting_aspects_interfaces'}

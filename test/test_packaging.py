@@ -2,9 +2,11 @@
 
 import ast
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 from catkin_pkg.package import parse_package
@@ -26,6 +28,8 @@ DEPENDENCIES = {
     'diagnostic_msgs': (MESSAGES, 'diagnostic_msgs'),
     'geometry_msgs': (MESSAGES, 'geometry_msgs'),
     'hypothesis': ('hypothesis', 'python3-hypothesis'),
+    'launch': (None, 'launch'),  # with a ROS, where the launch file is used
+    'launch_ros': (None, 'launch_ros'),
     'matplotlib': ('matplotlib', 'python3-matplotlib'),
     'mcap': ('mcap', 'mcap-ros2-support'),
     'numpy': ('numpy', 'python3-numpy'),
@@ -101,8 +105,10 @@ def test_package_xml_is_valid_without_a_warning(path):
 
 def test_every_import_of_the_suite_is_in_package_xml_and_in_requirements():
     pinned, keys = needed('resting_aspects_ros')
+    _, in_launch = needed('launch')
     assert {'numpy', 'ros-jazzy-rclpy'} <= pinned
-    assert keys - names(parse_package(SUITE).exec_depends) == set()
+    assert {'launch', 'launch_ros'} <= in_launch
+    assert (keys | in_launch) - names(parse_package(SUITE).exec_depends) == set()
     assert pinned - requirements('requirements.in') == set()
 
 
@@ -130,9 +136,10 @@ def test_every_import_of_the_tests_is_in_package_xml_and_in_requirements():
 
 def test_every_name_in_package_xml_is_used():
     _, in_suite = needed('resting_aspects_ros')
+    _, in_launch = needed('launch')
     _, in_tests = needed('test')
     package = parse_package(SUITE)
-    assert names(package.exec_depends) - in_suite == set()
+    assert names(package.exec_depends) - in_suite - in_launch == set()
     assert names(package.build_depends) - in_suite == set()
     assert names(package.test_depends) - in_tests == NEVER_IMPORTED
 
@@ -171,6 +178,31 @@ def test_versions_agree():
         parse_package(INTERFACES).version,
         setup.stdout.split()[-1],
     } == {resting_aspects_ros.__version__}
+
+
+def test_a_wheel_has_all_that_is_shared(tmp_path):
+    folders = ('config', 'launch', 'rviz')
+    files = {path for folder in folders for path in (ROOT / folder).rglob('*.*')} - {
+        path for folder in folders for path in (ROOT / folder).rglob('*.pyc')
+    }
+    shared = {path.relative_to(ROOT).as_posix() for path in files if path.is_file()}
+    assert {'config/surfaces.yaml', 'launch/resting_aspects.launch.py'} <= shared
+    # A copy, as a build leaves files behind.
+    source = tmp_path / 'source'
+    for name in ('setup.py', 'setup.cfg', 'pyproject.toml', 'package.xml', 'README.md'):
+        source.mkdir(exist_ok=True)
+        shutil.copy(ROOT / name, source)
+    for name in (*folders, 'resource', 'resting_aspects_ros'):
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns('*.pyc'))
+    options = ('--no-deps', '--no-build-isolation', '--no-index', '--quiet')
+    subprocess.run(
+        [sys.executable, '-m', 'pip', 'wheel', *options, '--wheel-dir', tmp_path, source],
+        check=True,
+    )
+    (wheel,) = tmp_path.glob('*.whl')
+    share = '.data/data/share/resting_aspects_ros/'
+    packed = {name.split(share)[1] for name in ZipFile(wheel).namelist() if share in name}
+    assert packed == {*shared, 'package.xml'}
 
 
 def test_every_requirement_is_pinned_in_the_lock_file():

@@ -156,7 +156,9 @@ def test_parameters_are_listed(node):
     name = node.__name__.rsplit('.', 1)[-1]
     section = README.split(f'| `{name}` |')[1]
     rows = re.match(r'(?:.*\n)(?:\| \| .*\n)*', section)[0]
-    assert re.findall(r'`(\w+)`', rows) == [parameter.name for parameter in node.PARAMETERS]
+    listed = re.findall(r'`(\w+)` (\*?) ?\|', rows)
+    declared = [(p.name, '*' if p.changeable else '') for p in node.PARAMETERS]
+    assert listed == declared
 
 
 def test_the_interface_is_listed():
@@ -172,6 +174,8 @@ def test_the_interface_is_listed():
         interface.MARKERS,
         interface.PAUSE.replace('~', 'log_replayer'),
         interface.RESUME.replace('~', 'log_replayer'),
+        interface.CURRENT_POSES,
+        interface.DEFAULT_CONDITIONS,
     ]
 
 

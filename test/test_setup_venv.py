@@ -33,7 +33,7 @@ def path(tmp_path):
     return folder
 
 
-def put_python(folder, name, body):
+def put_program(folder, name, body):
     (folder / name).write_text(f'#!/bin/sh\n{body}\n')
     (folder / name).chmod(0o755)
 
@@ -49,8 +49,8 @@ def choose(path, **environment):
 
 
 def test_python_that_does_not_run_is_passed_over(path):
-    put_python(path, 'python3.11', 'echo no such version >&2; exit 127')
-    put_python(path, 'python3.10', 'if [ "$1" = -c ]; then echo 3.10.12; else echo "$0 $*"; fi')
+    put_program(path, 'python3.11', 'echo no such version >&2; exit 127')
+    put_program(path, 'python3.10', 'if [ "$1" = -c ]; then echo 3.10.12; else echo "$0 $*"; fi')
     chosen = choose(path).stdout
     assert chosen.startswith(f'{path}/python3.10 -I ')
     assert chosen.endswith('/setup_venv.py\n')
@@ -58,7 +58,7 @@ def test_python_that_does_not_run_is_passed_over(path):
 
 @pytest.mark.parametrize('version', ['3.9.19', '3.13.1'])
 def test_python_that_is_too_old_or_too_new_is_named_in_one_sentence(path, version):
-    put_python(path, 'python3', f'echo {version}')
+    put_program(path, 'python3', f'echo {version}')
     refused = choose(path)
     assert refused.returncode == 1
     assert refused.stdout == ''
@@ -72,7 +72,7 @@ def test_no_python_at_all_is_said(path):
 
 
 def test_python_that_was_asked_for_is_the_only_one_tried(path):
-    put_python(path, 'python3.11', 'echo 3.11.7')
+    put_program(path, 'python3.11', 'echo 3.11.7')
     refused = choose(path, PYTHON='/no/python')
     assert refused.returncode == 1
     assert '/no/python does not run' in refused.stderr
@@ -140,6 +140,50 @@ def test_only_what_an_input_changed_is_done_again(setup_venv):
     assert setup_venv.digest([inputs]) == before
     inputs.write_text('numpy==2.2.5\n')
     assert setup_venv.digest([inputs]) != before
+
+
+def test_without_node_set_up_goes_on_and_tries_again(setup_venv, path, monkeypatch, capsys):
+    monkeypatch.setenv('PATH', str(path))
+    monkeypatch.setattr(setup_venv, 'usable_state', lambda: {'done': {'before': ''}})
+    monkeypatch.setattr(setup_venv, 'save', lambda state: saved.append(dict(state['done'])))
+    worked, saved = [], []
+    steps = [
+        ('javascript', [], setup_venv.install_javascript),
+        ('after', [], lambda: worked.append('after')),
+    ]
+    monkeypatch.setattr(setup_venv, 'steps', lambda with_dev: steps)
+    setup_venv.main(with_dev=True)
+    assert worked == ['after']
+    assert set(saved[-1]) == {'before', 'after'}  # javascript is not done
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line == (
+        'set-up: node and npm not found: the test of our logs in JavaScript will be skipped'
+    )
+
+
+def test_npm_that_fails_is_told_in_one_line(setup_venv, path, monkeypatch):
+    put_program(path, 'node', 'exit 0')
+    put_program(path, 'npm', 'echo no network; exit 1')
+    monkeypatch.setenv('PATH', str(path))
+    setup_venv.BUILD.mkdir()
+    with pytest.raises(setup_venv.DoWithoutError) as refused:
+        setup_venv.install_javascript()
+    log = setup_venv.BUILD / 'setup-javascript.log'
+    assert str(refused.value) == (
+        f'npm failed, see {log}: the test of our logs in JavaScript will be skipped'
+    )
+    assert log.read_text() == 'no network\n'
+
+
+def test_npm_installs_what_is_pinned_and_runs_no_scripts(setup_venv, path, monkeypatch):
+    put_program(path, 'node', 'exit 0')
+    put_program(path, 'npm', 'echo "$@"')
+    monkeypatch.setenv('PATH', str(path))
+    setup_venv.BUILD.mkdir()
+    setup_venv.install_javascript()
+    words = (setup_venv.BUILD / 'setup-javascript.log').read_text().split()
+    assert words[:3] == ['ci', '--prefix', str(setup_venv.JAVASCRIPT)]
+    assert '--ignore-scripts' in words
 
 
 def test_include_folders_that_do_not_exist_are_dropped_from_cmake_exports(setup_venv, tmp_path):

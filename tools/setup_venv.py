@@ -25,6 +25,7 @@ STATE = VENV / 'setup.json'  # what is done; inside .venv, so that both go toget
 MANIFEST = VENV / 'interfaces_manifest.txt'
 BUILD = ROOT / 'build'
 INTERFACES = ROOT / 'resting_aspects_interfaces'
+JAVASCRIPT = ROOT / 'test' / 'logs' / 'js'
 
 PYTHON_VERSION = f'{sys.version_info[0]}.{sys.version_info[1]}'
 HEARTBEAT_S = 10.0
@@ -35,6 +36,10 @@ Run = Callable[..., None]
 
 class SetupError(Exception):
     """What is wrong and what can be done about it, in words for the person at the terminal."""
+
+
+class DoWithoutError(SetupError):
+    """Something is not to be had, and all the rest works without it."""
 
 
 def main(with_dev: bool) -> None:
@@ -52,7 +57,11 @@ def main(with_dev: bool) -> None:
                 continue
             done.pop(name, None)  # an interrupted step must not be taken for done
             save(state)
-            work()
+            try:
+                work()
+            except DoWithoutError as error:
+                say(str(error))
+                continue
             done[name] = wanted
             save(state)
 
@@ -68,6 +77,8 @@ def steps(with_dev: bool) -> Iterator[tuple[str, list[Path], Callable[[], None]]
     yield 'package', [this, *package], install_package
     if with_dev:
         yield 'dev', [*requirements, ROOT / 'requirements-dev.txt'], install_dev_requirements
+        packages = [this, JAVASCRIPT / 'package.json', JAVASCRIPT / 'package-lock.json']
+        yield 'javascript', packages, install_javascript
 
 
 def digest(files: Iterable[Path]) -> str:
@@ -183,6 +194,22 @@ def install_dev_requirements() -> None:
     """Install what tests and checks need."""
     with step('dev', 'installing requirements-dev.txt: pytest, ruff, mypy, colcon, …') as run:
         pip_install(run, '-r', ROOT / 'requirements-dev.txt')
+
+
+def install_javascript() -> None:
+    """Install what reads our logs in JavaScript, into a node_modules beside its package.json."""
+    without = 'the test of our logs in JavaScript will be skipped'
+    if missing := [name for name in ('node', 'npm') if not shutil.which(name)]:
+        raise DoWithoutError(f'{" and ".join(missing)} not found: {without}')
+    # No scripts of strangers, and no long wait where there is no network.
+    options = ('--ignore-scripts', '--no-audit', '--no-fund', '--no-update-notifier')
+    network = ('--fetch-retries=1', '--fetch-retry-mintimeout=1000', '--fetch-timeout=20000')
+    try:
+        with step('javascript', 'installing packages that read logs in JavaScript') as run:
+            run('npm', 'ci', '--prefix', JAVASCRIPT, *options, *network)
+    except SetupError:
+        log = BUILD / 'setup-javascript.log'
+        raise DoWithoutError(f'npm failed, see {log}: {without}') from None
 
 
 def install_package() -> None:

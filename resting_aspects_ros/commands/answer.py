@@ -37,11 +37,11 @@ def print_table(distribution: Distribution, title: str) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Answer:
-    """A distribution with all that says what it is of."""
+    """A distribution with all that says what it is of; the part is None if nobody knows it."""
 
     distribution: Distribution
     run: RunDescription
-    part: Part
+    part: Part | None
     method: str
     complete: bool
     convergence: Convergence | None = None
@@ -57,7 +57,7 @@ class Answer:
         """The document."""
         fields: dict[str, object] = {
             **dataclasses.asdict(self.run),
-            'mesh_sha256': self.part.mesh_sha256,
+            'mesh_sha256': self.part.mesh_sha256 if self.part else None,
             'method': self.method,
             'complete': self.complete,
             'drops_asked': self.run.drops,

@@ -32,7 +32,7 @@ def add_part_place(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_conditions(parser: argparse.ArgumentParser) -> None:
+def add_conditions(parser: argparse.ArgumentParser, default: str = DEFAULT_SURFACE) -> None:
     """--surface and one flag for each condition, from the conditions' own declaration."""
     group = parser.add_argument_group(
         'conditions of the drops',
@@ -40,7 +40,7 @@ def add_conditions(parser: argparse.ArgumentParser) -> None:
         'spin may have a unit, such as 60mm, 2.4in, 300mm/s or 20rpm.',
     )
     group.add_argument(
-        '--surface', metavar='NAME', default='', help=f'named conditions ({DEFAULT_SURFACE})'
+        '--surface', metavar='NAME', default='', help=f'named conditions ({default})'
     )
     for name, quantity in QUANTITIES.items():
         group.add_argument(
@@ -58,6 +58,11 @@ def add_conditions(parser: argparse.ArgumentParser) -> None:
 
 def conditions_of(arguments: argparse.Namespace, surfaces: Surfaces) -> DropConditions:
     """The conditions that the flags ask for; raises InvalidValueError."""
+    return surfaces.get(arguments.surface).changed(**changes_of(arguments))
+
+
+def changes_of(arguments: argparse.Namespace) -> dict[str, object]:
+    """The conditions that are changed one by one."""
     changes: dict[str, object] = {
         name: parse_quantity(_flag(name), text, quantity.unit)
         for name, quantity in QUANTITIES.items()
@@ -65,7 +70,7 @@ def conditions_of(arguments: argparse.Namespace, surfaces: Surfaces) -> DropCond
     }
     if arguments.height_of is not None:
         changes['height_of'] = HeightOf[arguments.height_of]
-    return surfaces.get(arguments.surface).changed(**changes)
+    return changes
 
 
 def add_run(parser: argparse.ArgumentParser, default_seed: str) -> None:

@@ -6,7 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.commands.interruption import Interruption
-from resting_aspects_ros.commands.options import add_conditions, add_run, conditions_of, drops_of
+from resting_aspects_ros.commands.options import (
+    add_conditions,
+    add_run,
+    changes_of,
+    conditions_of,
+    drops_of,
+)
 from resting_aspects_ros.commands.outputs import check_output
 from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.core.errors import InvalidValueError
@@ -17,6 +23,7 @@ if TYPE_CHECKING:
     from resting_aspects_ros.commands.answer import Answer
     from resting_aspects_ros.commands.progress import DropProgress
     from resting_aspects_ros.core.part import Part
+    from resting_aspects_ros.nodes.client import RestingAspectsClient
 
 EXAMPLES = """examples:
   resting_aspects nodes                      (in another terminal)
@@ -48,7 +55,7 @@ def add(subparsers: Any) -> None:
     parser.add_argument('--only-known', action='store_true', help='do not drop')
     parser.add_argument('--json', action='store_true', help='print one JSON document instead')
     parser.add_argument('--picture', metavar='FILE.png', type=Path, help='write a picture')
-    add_conditions(parser)
+    add_conditions(parser, "the simulator's default")
     parser.add_argument('--ros-args', nargs=argparse.REMAINDER, default=[], help='for ROS')
     parser.set_defaults(run=run)
 
@@ -63,6 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
         check_output('--picture', arguments.picture)
         if arguments.method != 'drops':
             return _estimate(arguments, stop)
+        # Also without a surface: wrong values are refused before a suite is looked for.
         conditions = conditions_of(arguments, Surfaces.read(surfaces_file()))
         drops, precision = drops_of(arguments)
         # A second to import, which --help does not need.
@@ -74,13 +82,16 @@ def run(arguments: argparse.Namespace) -> int:
         with RestingAspectsClient(
             ros_args=arguments.ros_args, warn=_warn, check=stop.check
         ) as client:
+            changes = changes_of(arguments)
+            if changes and not arguments.surface:
+                conditions = client.default_conditions().changed(**changes)
             try:
                 with progress:
                     message = client.get_distribution(
                         arguments.part,
                         drops=drops,
                         precision=precision,
-                        conditions=conditions,
+                        conditions=conditions if changes or arguments.surface else None,
                         seed=arguments.seed,
                         only_known=arguments.only_known,
                         progress=progress.update,
@@ -88,11 +99,22 @@ def run(arguments: argparse.Namespace) -> int:
                     progress.end(message.drops)
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(_what_goes_on(arguments, progress)) from None
-            answer = answer_from(message, client.get_part(arguments.part))
+            answer = answer_from(message, _part(client, arguments.part))
         if arguments.picture is not None:
             answer.save_picture(arguments.picture)
         answer.print(as_json=arguments.json)
     return 0
+
+
+def _part(client: 'RestingAspectsClient', name: str) -> 'Part | None':
+    """As it is offered; what is known of it is answered also if it is not."""
+    from resting_aspects_ros.client import NotAvailableError
+
+    try:
+        return client.get_part(name)
+    except NotAvailableError as error:
+        _warn(f'no picture of the part, which no simulator offers: {error}')
+        return None
 
 
 def _warn(text: str) -> None:
@@ -124,7 +146,7 @@ def _estimate(arguments: argparse.Namespace, stop: Interruption) -> int:
     return 0
 
 
-def answer_from(message: Any, part: 'Part') -> 'Answer':
+def answer_from(message: Any, part: 'Part | None') -> 'Answer':
     """The answer in an AspectDistribution."""
     from resting_aspects_ros.commands.answer import Answer
     from resting_aspects_ros.nodes.convert import run_from

@@ -14,9 +14,10 @@ from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.convert import part_from, poses_from, status
+from resting_aspects_ros.nodes.default_conditions import SURFACE, FollowedDefault
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, Meter, publish_diagnostics
 from resting_aspects_ros.nodes.distribution_answers import DistributionAnswers
-from resting_aspects_ros.nodes.distribution_outputs import DistributionOutputs
+from resting_aspects_ros.nodes.distribution_outputs import PUBLISH_PERIOD, DistributionOutputs
 from resting_aspects_ros.nodes.drop_requests import DropRequests
 from resting_aspects_ros.nodes.interface import (
     CLASSIFY_POSE,
@@ -46,14 +47,14 @@ from resting_aspects_ros.nodes.topic_watch import TopicWatch
 
 PARAMETERS = (
     Parameter('surfaces_file', '', 'YAML file of named conditions; empty: the one of the suite'),
+    SURFACE,
+    PUBLISH_PERIOD,
     Parameter(
         'log_folder',
         'out/logs',
         'folder of the logs in which earlier runs are looked for; empty: none are',
     ),
 )
-# Distributions of runs under way are published this often, s.
-PUBLISH_PERIOD = 0.2
 # While parts come in, one that is asked for is looked for this often, s.
 PARTS_PERIOD = 0.1
 # Ends of so many runs are remembered, for requests that wait for them.
@@ -61,14 +62,16 @@ RUNS_KEPT = 10_000
 
 
 class AspectClassifier(Node):
-    """Subscribes to resting_poses and parts/*; publishes aspect_distributions/<part>, markers.
+    """Subscribes to resting_poses, parts/* and default_conditions.
 
+    Publishes aspect_distributions/<part>, markers and current_poses.
     Serves get_distribution, classify_pose and list_parts.
     """
 
     def __init__(self) -> None:
         super().__init__('aspect_classifier')
         values = declare(self, PARAMETERS)
+        surfaces = Surfaces.read(Path(values['surfaces_file'] or surfaces_file()))
         self._parts = KnownParts()
         self._known = KnownDistributions()
         self._accounts: dict[str, RunAccount] = {}  # of runs that are not over
@@ -85,7 +88,8 @@ class AspectClassifier(Node):
         self._lookup = PartLookup(self, self._parts, self._requests.simulator_is_there)
         self._answers = DistributionAnswers(
             self,
-            Surfaces.read(Path(values['surfaces_file'] or surfaces_file())),
+            surfaces,
+            FollowedDefault(self, surfaces),
             self._known,
             self._memory,
             self._requests,
@@ -97,7 +101,6 @@ class AspectClassifier(Node):
             self, PARTS, PartDescription, self._part_described, gone=self._parts.remove
         )
         self.create_subscription(RestingPoses, RESTING_POSES, self._batch, POSES)
-        self.create_timer(PUBLISH_PERIOD, self._outputs.publish)
         # In the node's own group a request that waits would hold up everything it waits for.
         serve = partial(
             self.create_service, qos_profile=SERVICES, callback_group=ReentrantCallbackGroup()
@@ -147,6 +150,7 @@ class AspectClassifier(Node):
             self.get_logger().error(f'a batch of resting poses cannot be used: {error}')
             return
         poses = poses_from(message)
+        self._outputs.poses.take(message.run.run_id, poses, message.header.stamp)
         for progress, new in arrivals:
             account = self._accounts.setdefault(progress.run.run_id, RunAccount(progress.run))
             account.waiting.extend(poses.between(first, end) for first, end in new)

@@ -15,6 +15,7 @@ from resting_aspects_interfaces.msg import (
     PartSummary,
     Status,
 )
+from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
 from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, ListParts
 
 from resting_aspects_ros.core.distribution import METHOD
@@ -26,9 +27,10 @@ from resting_aspects_ros.nodes.client_requests import (
     distribution_request,
     pose_request,
 )
-from resting_aspects_ros.nodes.convert import part_from
+from resting_aspects_ros.nodes.convert import conditions_from, part_from
 from resting_aspects_ros.nodes.interface import (
     CLASSIFY_POSE,
+    DEFAULT_CONDITIONS,
     GET_DISTRIBUTION,
     LIST_PARTS,
     PARTS,
@@ -38,7 +40,7 @@ from resting_aspects_ros.nodes.own_node import ClientUseError, OwnNode
 from resting_aspects_ros.nodes.question import Question
 from resting_aspects_ros.nodes.run_watch import RunWatch
 
-# For the description of a part that is offered to come, s.
+# For what is latched to come, s.
 PART_TIMEOUT = 5.0
 
 
@@ -135,7 +137,7 @@ class RestingAspectsClient:
         precision : float
             Half width of all intervals to reach, 0.001 to 0.25; 0: none.
         surface : str
-            Named conditions, as the suite knows them; empty: rubber_mat.
+            Named conditions, as the suite knows them; empty: those of its parameter `surface`.
         conditions : DropConditions, optional
             Instead of a surface.
         seed : int, optional
@@ -256,6 +258,11 @@ class RestingAspectsClient:
         check_name(part)
         own = self._waiting_node()
         return part_from(own.latched(PartDescription, f'{PARTS}/{part}', PART_TIMEOUT))
+
+    def default_conditions(self) -> DropConditions:
+        """What the simulator means by no surface."""
+        own = self._waiting_node()
+        return conditions_from(own.latched(DropConditionsMsg, DEFAULT_CONDITIONS, PART_TIMEOUT))
 
     def close(self) -> None:
         """End all that it made; futures that are not done are cancelled."""

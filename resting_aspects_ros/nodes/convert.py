@@ -105,12 +105,19 @@ def poses_msg(poses: RestingPoses, run: Run, stamp: Time, last: bool) -> Resting
         header=Header(stamp=stamp, frame_id=FRAME),
         run=run_msg(run),
         first_drop=poses.first_drop,
-        poses=[_pose_msg(*row) for row in rows],
+        poses=[_resting_pose_msg(*row) for row in rows],
         last=last,
     )
 
 
-def _pose_msg(
+def pose_msg(position: list[float], orientation: list[float]) -> Pose:
+    """A pose; the orientation is xyzw."""
+    x, y, z = position
+    qx, qy, qz, qw = orientation
+    return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+
+
+def _resting_pose_msg(
     position: list[float],
     orientation: list[float],
     code: int,
@@ -118,10 +125,8 @@ def _pose_msg(
     rest: float,
     growth: float,
 ) -> RestingPose:
-    x, y, z = position
-    qx, qy, qz, qw = orientation
     return RestingPose(
-        pose=Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw)),
+        pose=pose_msg(position, orientation),
         status=code,
         decided_by=decided_by,
         time_to_rest=rest,

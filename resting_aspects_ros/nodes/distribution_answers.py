@@ -1,14 +1,20 @@
 """Answers of get_distribution: what is known, or what drops or an estimator find."""
 
+from collections.abc import Mapping
+
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import AspectDistribution
 from resting_aspects_interfaces.srv import GetDistribution
 
+from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.estimators.estimate import estimate
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
+from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.ceiling import most_drops
-from resting_aspects_ros.drops.run import DEFAULT_SEED, check_drops
+from resting_aspects_ros.drops.conditions import DropConditions
+from resting_aspects_ros.drops.run import DEFAULT_SEED, RunDescription, check_drops
 from resting_aspects_ros.drops.surfaces import Surfaces
+from resting_aspects_ros.nodes.default_conditions import FollowedDefault
 from resting_aspects_ros.nodes.distribution_messages import distribution_msg, estimate_msg
 from resting_aspects_ros.nodes.drop_requests import DropRequests, DropSpec
 from resting_aspects_ros.nodes.known_parts import asked_part
@@ -33,6 +39,7 @@ class DistributionAnswers:
         self,
         node: Node,
         surfaces: Surfaces,
+        default: FollowedDefault,
         known: KnownDistributions,
         memory: Memory,
         requests: DropRequests,
@@ -40,6 +47,7 @@ class DistributionAnswers:
     ) -> None:
         self._node = node
         self._surfaces = surfaces
+        self._default = default
         self._known = known
         self._memory = memory
         self._requests = requests
@@ -59,36 +67,42 @@ class DistributionAnswers:
     ) -> tuple[AspectDistribution, str]:
         drops = most_drops(request.drops, request.precision)
         check_drops(drops)
-        conditions = asked_conditions(self._surfaces, request.surface, request.conditions)
         seed = request.seed[0] if request.seed else None
         parts = await self._lookup.parts(request.part)
-        if request.part in parts:
-            sha = parts[request.part].part_sha256
-        elif self._lookup.simulator_is_there():
-            sha = ''
-        else:
-            sha = self._known.sha_of(request.part) or ''
+        conditions = await self._conditions(request)
+        sha = self._version(parts, request.part)
         known = self._known.find(sha, conditions, drops, request.precision, seed)
-        note = ''
-        if known is None:
-            if loading := self._memory.loading:
-                raise LoadingError(loading)
-            if request.only_known:
-                if parts and not sha:
-                    asked_part(parts, request.part)
-                raise self._nothing_known(request, sha)
-            spec = DropSpec(
-                request.part,
-                conditions,
-                drops,
-                request.precision,
-                DEFAULT_SEED if seed is None else seed,
-            )
-            account = await self._requests.drop(spec)
-            known, note = (account.run, account.counted), account.note
-        run, distribution = known
+        if known is not None:
+            return self._message(*known), ''
+        if loading := self._memory.loading:
+            raise LoadingError(loading)
+        if request.only_known:
+            if parts and not sha:
+                asked_part(parts, request.part)
+            raise self._nothing_known(request, sha)
+        if not (request.surface or request.conditions or self._default.is_heard):
+            await self._requests.simulator()
+            conditions = await self._conditions(request)
+        seed = DEFAULT_SEED if seed is None else seed
+        spec = DropSpec(request.part, conditions, drops, request.precision, seed)
+        account = await self._requests.drop(spec)
+        return self._message(account.run, account.counted), account.note
+
+    async def _conditions(self, request: GetDistribution.Request) -> DropConditions:
+        default = await self._default.conditions()
+        return asked_conditions(self._surfaces, request.surface, request.conditions, default)
+
+    def _version(self, parts: Mapping[str, Part], name: str) -> str:
+        """The part_sha256 that counts: what is offered, else what was dropped last; '' if none."""
+        if name in parts:
+            return parts[name].part_sha256
+        if self._lookup.simulator_is_there():
+            return ''
+        return self._known.sha_of(name) or ''
+
+    def _message(self, run: RunDescription, distribution: Distribution) -> AspectDistribution:
         stamp = self._node.get_clock().now().to_msg()
-        return distribution_msg(distribution, run, stamp, True), note
+        return distribution_msg(distribution, run, stamp, True)
 
     def _nothing_known(self, request: GetDistribution.Request, sha: str) -> NotAvailableError:
         words = (

@@ -1,4 +1,4 @@
-"""What the classifier publishes: the newest distribution of each part, and markers of one."""
+"""What the classifier publishes: the newest distribution of each part, markers of one, poses."""
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -7,15 +7,30 @@ from visualization_msgs.msg import MarkerArray
 
 from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.drops.run import RunDescription
+from resting_aspects_ros.nodes.convert import NANOSECONDS
+from resting_aspects_ros.nodes.current_poses import CurrentPoses
 from resting_aspects_ros.nodes.distribution_messages import distribution_msg
 from resting_aspects_ros.nodes.interface import ASPECT_DISTRIBUTIONS, LATCHED, MARKERS
 from resting_aspects_ros.nodes.known_parts import KnownParts
 from resting_aspects_ros.nodes.markers import PartMarkers
+from resting_aspects_ros.nodes.parameters import Parameter, on_change
 from resting_aspects_ros.nodes.run_accounts import RunAccount
+
+# Markers can be 1.4 MB: over a slow link less often is better.
+PUBLISH_PERIOD = Parameter(
+    'publish_period',
+    0.2,
+    'how often distributions, markers and poses of runs under way are published, s',
+    bounds=(0.05, 10.0),
+    changeable=True,
+)
 
 
 class DistributionOutputs:
-    """Publishes aspect_distributions/<part>, and markers of the part that changed last."""
+    """Publishes aspect_distributions/<part>, markers of the part that changed last, current_poses.
+
+    Every publish_period, a parameter of the node; the end of a run at once.
+    """
 
     def __init__(self, node: Node, parts: KnownParts) -> None:
         self._node = node
@@ -24,7 +39,11 @@ class DistributionOutputs:
         self._changed: dict[str, RunAccount] = {}  # by part; what changed last is last
         self._published: dict[str, str] = {}  # part -> part_sha256
         self._markers = node.create_publisher(MarkerArray, MARKERS, LATCHED)
+        self.poses = CurrentPoses(node)
         self._shown: tuple[str, PartMarkers] | None = None  # part_sha256, its markers
+        period = node.get_parameter(PUBLISH_PERIOD.name).value
+        self._timer = node.create_timer(period, self.publish)
+        on_change(node, PUBLISH_PERIOD.name, PUBLISH_PERIOD.check, self._set_period)
 
     def offer(self, part: str) -> Publisher:
         """Make the topic of a part, if it is not there yet."""
@@ -56,6 +75,11 @@ class DistributionOutputs:
             newest = next(reversed(changed.values()))
             markers = self._markers_of(newest.run.part_sha256)
             self._markers.publish(markers.message(newest.counted, stamp))
+        self.poses.publish()
+
+    def _set_period(self, seconds: float) -> None:
+        self._timer.timer_period_ns = round(seconds * NANOSECONDS)
+        self._timer.reset()  # else the period that was begun goes on
 
     def _markers_of(self, part_sha256: str) -> PartMarkers:
         if self._shown is None or self._shown[0] != part_sha256:

@@ -1,5 +1,6 @@
 """The node that writes a log of every run: its poses, its distributions, and the part."""
 
+import os
 import sys
 from collections import deque
 from pathlib import Path
@@ -16,7 +17,7 @@ from resting_aspects_interfaces.msg import (
 )
 from resting_aspects_interfaces.srv import GetDistribution
 
-from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
 from resting_aspects_ros.nodes.convert import conditions_msg, nanoseconds
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, Meter, publish_diagnostics
@@ -32,13 +33,19 @@ from resting_aspects_ros.nodes.interface import (
     SERVICES,
 )
 from resting_aspects_ros.nodes.open_log import OpenLog
-from resting_aspects_ros.nodes.parameters import Parameter, declare
+from resting_aspects_ros.nodes.parameters import Parameter, declare, on_change
 from resting_aspects_ros.nodes.run_tracker import RunProgress, RunTracker
 from resting_aspects_ros.nodes.spin import run_node
 from resting_aspects_ros.nodes.topic_watch import TopicWatch
 
 PARAMETERS = (
-    Parameter('log_folder', 'out/logs', 'folder of the logs: one folder in it for each run'),
+    Parameter(
+        'log_folder',
+        'out/logs',
+        'folder of the logs: one folder in it for each run',
+        allowed='a folder that is there or can be made',
+        changeable=True,
+    ),
 )
 # Distributions of runs without a log that are kept, for the log that may be begun yet.
 MOST_EARLY = 100
@@ -52,7 +59,8 @@ class DropRecorder(Node):
     def __init__(self) -> None:
         super().__init__('drop_recorder')
         values = declare(self, PARAMETERS)
-        self._folder = Path(values['log_folder']).absolute()
+        self._take_folder(values['log_folder'])
+        on_change(self, 'log_folder', _check_folder, self._take_folder)
         self._logs: dict[str, OpenLog] = {}
         self._parts: dict[str, tuple[PartDescription, bytes]] = {}
         # Distributions can come before the poses that they count.
@@ -85,6 +93,10 @@ class DropRecorder(Node):
         for run_id in list(self._logs):
             self._close(run_id)
         super().destroy_node()
+
+    def _take_folder(self, path: str) -> None:
+        """Runs that begin from now on have their logs there."""
+        self._folder = Path(path).absolute()
 
     def _batch(self, data: bytes) -> None:
         message = deserialize_message(data, RestingPoses)
@@ -216,6 +228,20 @@ class DropRecorder(Node):
 
     def _now(self) -> int:
         return int(self.get_clock().now().nanoseconds)
+
+
+def _check_folder(path: str) -> None:
+    """At the start it may not be there yet, as a disk that is mounted later; it is told then."""
+    folder = Path(path).absolute()
+    try:
+        there = next(each for each in (folder, *folder.parents) if each.exists())
+        allowed = bool(path) and there.is_dir() and os.access(there, os.W_OK)
+    except (OSError, ValueError):  # a name that is too long, a folder that cannot be looked into
+        allowed = False
+    if not allowed:
+        raise InvalidValueError(
+            f'log_folder is {path!r}, allowed is a folder that is there or can be made'
+        )
 
 
 def _qos(profile: QoSProfile) -> Qos:

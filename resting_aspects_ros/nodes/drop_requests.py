@@ -83,7 +83,7 @@ class DropRequests:
         return answer
 
     async def _run(self, spec: DropSpec) -> 'RunAccount':
-        await self._server()
+        await self.simulator()
         goal = DropPart.Goal(
             part=spec.part,
             surface=spec.conditions.surface,
@@ -105,8 +105,8 @@ class DropRequests:
             account.note = f'the run is not recorded: {result.log_error}'
         return account
 
-    async def _server(self) -> None:
-        """Wait until there is a simulator."""
+    async def simulator(self) -> None:
+        """Wait until there is one; NotAvailableError if none comes."""
         never = Future(executor=self._node.executor)
         for _ in range(round(SERVER_TIMEOUT / SERVER_PERIOD)):
             if self.simulator_is_there():

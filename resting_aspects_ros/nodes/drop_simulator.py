@@ -30,6 +30,7 @@ from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.drops.worker_pool import MOST_WORKERS, default_workers
 from resting_aspects_ros.nodes.batches import Batches
 from resting_aspects_ros.nodes.convert import poses_msg, status
+from resting_aspects_ros.nodes.default_conditions import SURFACE, OfferedDefault
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, Meter, publish_diagnostics
 from resting_aspects_ros.nodes.interface import (
     ACTION_SERVICES,
@@ -53,6 +54,7 @@ from resting_aspects_ros.nodes.workers import Workers
 PARAMETERS = (
     Parameter('parts_folder', '', 'folder of meshes that can be asked for; empty: the examples'),
     Parameter('surfaces_file', '', 'YAML file of named conditions; empty: the one of the suite'),
+    SURFACE,
     Parameter('workers', 0, 'processes that drop; 0: one per core', (0, MOST_WORKERS)),
 )
 # Goals that are worked on at the same time; they share the workers chunk by chunk.
@@ -64,13 +66,14 @@ RESULT_TIMEOUT = 300
 
 
 class DropSimulator(Node):
-    """Serves drop_part; publishes parts/<part> and resting_poses."""
+    """Serves drop_part; publishes parts/<part>, resting_poses and default_conditions."""
 
     def __init__(self) -> None:
         super().__init__('drop_simulator')
         values = declare(self, PARAMETERS)
         self._library = PartLibrary(_folder(values['parts_folder'] or parts_folder()))
         self._surfaces = Surfaces.read(Path(values['surfaces_file'] or surfaces_file()))
+        self._default = OfferedDefault(self, self._surfaces)
         self._workers = Workers(self, values['workers'] or default_workers())
         self._goals = 0
         self._runs: OrderedDict[str, RunDescription] = OrderedDict()
@@ -187,7 +190,9 @@ class DropSimulator(Node):
         part = self._library.load(goal.part)
         job, asked = plan_run(
             part,
-            asked_conditions(self._surfaces, goal.surface, goal.conditions),
+            asked_conditions(
+                self._surfaces, goal.surface, goal.conditions, self._default.conditions
+            ),
             seed=goal.seed,
             drops=most_drops(goal.drops, goal.precision),
             first_drop=goal.first_drop,

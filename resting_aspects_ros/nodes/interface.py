@@ -16,6 +16,8 @@ DIAGNOSTICS = '/diagnostics'
 # Of log_replayer, below its name.
 PAUSE = '~/pause'
 RESUME = '~/resume'
+CURRENT_POSES = 'current_poses'
+DEFAULT_CONDITIONS = 'default_conditions'
 
 FRAME = 'tray'
 

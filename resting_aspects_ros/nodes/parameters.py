@@ -1,21 +1,51 @@
 """The nodes' parameters: each declared once, with unit, bounds and description."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A read-only parameter of a node. ``bounds`` are inclusive, and for numbers."""
+    """A parameter of a node.
+
+    description : with the unit
+    bounds : inclusive, of a number
+    allowed : in words, of a text that cannot be just any; the node checks it
+    changeable : it can be set while the node runs, see `on_change`; else it is read-only
+    """
 
     name: str
     default: Any
     description: str
     bounds: tuple[float, float] | None = None
+    allowed: str = ''
+    changeable: bool = False
+
+    def __post_init__(self) -> None:
+        if self.bounds is not None:
+            self.check(self.default)
+
+    def check(self, value: float) -> None:
+        """Raise InvalidValueError if a number is out of bounds, or NaN.
+
+        ROS checks the same, but lets pass what is just beyond a bound.
+        """
+        assert self.bounds is not None
+        low, high = self.bounds
+        if not low <= value <= high:
+            raise InvalidValueError(f'{self.name} is {value!r}, allowed is {low:g} to {high:g}')
 
 
 def declare(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
@@ -23,9 +53,37 @@ def declare(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
 
     Raises rclpy's InvalidParameterValueException for a value out of bounds.
     """
+    declared = {p.name: p for p in parameters}
+
+    def within_bounds(name: str, value: Any) -> None:
+        if name in declared and declared[name].bounds is not None:
+            declared[name].check(value)
+
+    _refuse(node, within_bounds)
     return {
-        p.name: node.declare_parameter(p.name, p.default, _descriptor(p)).value for p in parameters
+        name: node.declare_parameter(name, p.default, _descriptor(p)).value
+        for name, p in declared.items()
     }
+
+
+def on_change(
+    node: Node, name: str, check: Callable[[Any], object], then: Callable[[Any], object]
+) -> None:
+    """Follow a declared parameter that can be set while the node runs.
+
+    check : raises a RestingAspectsError, whose words are the answer, for a value that is not
+        allowed
+    then : called with each new value
+    """
+
+    def changed(parameters: Iterable[RosParameter]) -> None:
+        for parameter in parameters:
+            if parameter.name == name:
+                then(parameter.value)
+
+    _refuse(node, lambda other, value: check(value) if other == name else None)
+    # Not before all parameters that are set with it are found to be allowed.
+    node.add_post_set_parameters_callback(changed)
 
 
 def unknown_parameters(nodes: Sequence[Node]) -> list[str]:
@@ -38,17 +96,44 @@ def unknown_parameters(nodes: Sequence[Node]) -> list[str]:
 def help_text(program: str, parameters: Iterable[Parameter]) -> str:
     """What a node's program says of itself."""
     lines = [f'usage: {program} [--ros-args -p name:=value ... -r __ns:=/namespace]', '']
-    lines += [f'  {p.name:19} {p.description} (default {p.default!r})' for p in parameters]
+    lines += [f'  {p.name:19} {_words(p)} (default {p.default!r})' for p in parameters]
     return '\n'.join([*lines, '', 'Ctrl-C ends it.'])
 
 
+def _words(parameter: Parameter) -> str:
+    """The description, with what is allowed."""
+    allowed = parameter.allowed
+    if parameter.bounds is not None:
+        allowed = '{:g} to {:g}'.format(*parameter.bounds)
+    return f'{parameter.description}; {allowed}' if allowed else parameter.description
+
+
+def _refuse(node: Node, check: Callable[[str, Any], object]) -> None:
+    """Refuse to set what the check raises for, in its words."""
+
+    def answer(parameters: Iterable[RosParameter]) -> SetParametersResult:
+        try:
+            for parameter in parameters:
+                check(parameter.name, parameter.value)
+        except RestingAspectsError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(answer)
+
+
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:
-    descriptor = ParameterDescriptor(description=parameter.description, read_only=True)
+    descriptor = ParameterDescriptor(
+        description=parameter.description,
+        additional_constraints=parameter.allowed,
+        read_only=not parameter.changeable,
+    )
     if parameter.bounds is not None:
         low, high = parameter.bounds
-        if isinstance(parameter.default, float):
-            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        if isinstance(parameter.default, int):
+            descriptor.integer_range = [
+                IntegerRange(from_value=int(low), to_value=int(high), step=1)
+            ]
         else:
-            whole = IntegerRange(from_value=int(low), to_value=int(high), step=1)
-            descriptor.integer_range = [whole]
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     return descriptor

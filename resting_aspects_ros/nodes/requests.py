@@ -73,12 +73,15 @@ def status_error(answer: Status) -> RestingAspectsError:
 
 
 def asked_conditions(
-    surfaces: Surfaces, surface: str, given: Sequence[DropConditionsMsg]
+    surfaces: Surfaces,
+    surface: str,
+    given: Sequence[DropConditionsMsg],
+    default: DropConditions,
 ) -> DropConditions:
-    """Those given, else those of the named surface, else of the default one."""
+    """Those given, else those of the named surface, else the default."""
     if given:
         return surfaces.named(conditions_from(given[0]))
-    return surfaces.get(surface)
+    return surfaces.get(surface) if surface else default
 
 
 def asked_estimator(method: str) -> str | None:

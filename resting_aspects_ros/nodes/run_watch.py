@@ -9,7 +9,6 @@ from resting_aspects_interfaces.msg import AspectDistribution, RunDescription
 from resting_aspects_interfaces.srv import GetDistribution
 
 from resting_aspects_ros.drops.run import DEFAULT_SEED
-from resting_aspects_ros.drops.surfaces import DEFAULT_SURFACE
 from resting_aspects_ros.nodes.interface import ASPECT_DISTRIBUTIONS, LATCHED
 
 
@@ -67,7 +66,8 @@ class RunWatch:
         if (run.drops, run.precision, run.seed) != (asked.drops, asked.precision, seed):
             return False
         if not asked.conditions:
-            return bool(run.conditions.surface == (asked.surface or DEFAULT_SURFACE))
+            # Which surface is the default is the simulator's to say.
+            return not asked.surface or bool(run.conditions.surface == asked.surface)
         given = asked.conditions[0]
         physical = set(given.get_fields_and_field_types()) - {'surface'}
         return all(getattr(given, name) == getattr(run.conditions, name) for name in physical)

@@ -93,3 +93,31 @@ def test_ctrl_c_before_anything_was_heard_of_a_run(begin, wait_until):
     printed, errors = process.communicate(timeout=20)
     assert (process.returncode, printed) == (130, '')
     assert errors == 'interrupted; if a run was begun for it, that goes on\n'
+
+
+def test_without_a_surface_it_is_that_of_the_simulator(begin, run, environment, monkeypatch):
+    monkeypatch.setitem(environment, 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    ros = ('--ros-args', '-r', f'__ns:=/request_surface_{os.getpid()}')
+    begin('nodes', *ros, '-p', 'log_folder:=logs', '-p', 'surface:=steel')
+
+    def conditions(*words):
+        ended = run('request', 'tetrahedron', '--drops', 3, *words, '--json', *ros)
+        assert ended.returncode == 0, ended.stderr
+        return json.loads(ended.stdout)['conditions']
+
+    steel = conditions()
+    assert (steel['surface'], steel['friction']) == ('steel', 0.15)
+    assert conditions('--friction', '0.4') == steel | {'surface': '', 'friction': 0.4}
+    assert conditions('--surface', 'rubber_mat')['restitution'] == 0.64
+
+
+def test_a_condition_alone_needs_a_simulator_that_says_of_which_surface(
+    run, environment, monkeypatch
+):
+    monkeypatch.setitem(environment, 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    ros = ('--ros-args', '-r', f'__ns:=/request_nobody_{os.getpid()}')
+    ended = run('request', 'tetrahedron', '--friction', '0.4', *ros)
+    assert (ended.returncode, ended.stdout) == (1, '')
+    (line,) = ended.stderr.splitlines()
+    assert line.startswith('error: nothing came on /request_nobody_')
+    assert line.endswith('/default_conditions, waited 5 s')

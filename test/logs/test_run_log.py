@@ -1,7 +1,6 @@
 """Logs of runs, read back with readers that know nothing of the writer: rosbags and mcap."""
 
 import dataclasses
-import importlib
 import io
 import random
 import signal
@@ -46,34 +45,6 @@ MESH = random.Random(5).randbytes(10_000)
 RUN = {'run_id': '4f1c', 'seed': '1', 'note': 'café: "yes"\nno'}
 
 
-def filled(message_class, rng):
-    """Make a message in which every field, at any depth, has a value that is not the default."""
-    message = message_class()
-    for name, kind in message_class.get_fields_and_field_types().items():
-        setattr(message, name, _value(kind, rng))
-    return message
-
-
-def _value(kind, rng):
-    if kind.startswith('sequence<'):
-        return [_value(kind[len('sequence<') : -1], rng) for _ in range(3)]
-    if kind.endswith(']'):
-        element, count = kind[:-1].split('[')
-        return [_value(element, rng) for _ in range(int(count))]
-    if '/' in kind:
-        package, name = kind.split('/')
-        return filled(getattr(importlib.import_module(f'{package}.msg'), name), rng)
-    if 'int' in kind:
-        bits = int(kind.split('int')[1])
-        return rng.getrandbits(bits - 1) | (1 << bits - 1 if kind.startswith('u') else 1)
-    return {
-        'string': f'ä {rng.random()}',
-        'boolean': True,
-        'double': rng.uniform(-1, 1),
-        'float': rng.randint(1, 999) / 64,  # exact in 32 bits
-    }[kind]
-
-
 def plain(value):
     """Turn a message of rclpy or of rosbags into lists, tuples and strings of full precision."""
     if hasattr(value, 'get_fields_and_field_types'):
@@ -91,7 +62,7 @@ def plain(value):
     return value
 
 
-def published():
+def published(filled):
     """List what a run publishes: topic, message, log time and publish time in ns."""
     rng = random.Random(1)
     part, other = filled(PartDescription, rng), filled(PartDescription, rng)
@@ -109,8 +80,8 @@ def published():
 
 
 @pytest.fixture(scope='module')
-def messages():
-    return published()
+def messages(filled):
+    return published(filled)
 
 
 @pytest.fixture(scope='module')

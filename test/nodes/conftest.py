@@ -14,9 +14,18 @@ from pathlib import Path
 import pytest
 import rclpy
 from action_msgs.msg import GoalStatus
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.parameter import parameter_value_to_python
 from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 from resting_aspects_interfaces.action import DropPart
@@ -415,6 +424,51 @@ def fresh_suite(start, connect, tmp_path_factory):
         return Suite(namespace, logs, start, connect, constants, **simulator)
 
     return fresh_suite
+
+
+class Parameters:
+    """The parameters of a running node, through its services."""
+
+    def __init__(self, client, node):
+        self._client, self._node, self._services = client, node, {}
+
+    def _call(self, kind, name, **fields):
+        if name not in self._services:
+            self._services[name] = self._client.node.create_client(kind, f'{self._node}/{name}')
+        return self._client.call(self._services[name], kind.Request(**fields))
+
+    def names(self):
+        return set(self._call(ListParameters, 'list_parameters').result.names)
+
+    def describe(self, name):
+        (found,) = self._call(DescribeParameters, 'describe_parameters', names=[name]).descriptors
+        return found
+
+    def get(self, name):
+        (value,) = self._call(GetParameters, 'get_parameters', names=[name]).values
+        return parameter_value_to_python(value)
+
+    def set(self, **values):
+        """Set each; the words of what was refused."""
+        results = self._call(SetParameters, 'set_parameters', parameters=messages(values)).results
+        assert len(results) == len(values)
+        return [result.reason for result in results if not result.successful]
+
+    def set_all_or_nothing(self, **values):
+        result = self._call(
+            SetParametersAtomically, 'set_parameters_atomically', parameters=messages(values)
+        ).result
+        return [] if result.successful else [result.reason]
+
+
+def messages(values):
+    return [RosParameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+
+
+@pytest.fixture(scope='session')
+def parameters_of():
+    """Give the parameters of a running node, by a client and the node's name."""
+    return Parameters
 
 
 @pytest.fixture(scope='session')

@@ -1,0 +1,39 @@
+// Prints how probable it is that a robot can pick a part, whenever more of its drops are known:
+//   ros2 run pickable_share pickable_share --ros-args -p part:=l_bracket -p ids:='[1, 3]'
+#include "pickable_share.hpp"
+
+#include <cinttypes>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "rclcpp/rclcpp.hpp"
+
+using resting_aspects_interfaces::msg::AspectDistribution;
+
+int main(int argc, char ** argv)
+{
+  rclcpp::init(argc, argv);
+  const auto node = std::make_shared<rclcpp::Node>("pickable_share");
+  const auto part = node->declare_parameter("part", std::string("l_bracket"));
+  const auto ids = node->declare_parameter("ids", std::vector<std::int64_t>{1});
+
+  const auto print = [&](const AspectDistribution & distribution) {
+      try {
+        RCLCPP_INFO(
+          node->get_logger(), "%s can be picked with probability %.3f (%" PRIu64 " drops%s)",
+          part.c_str(), pickable_share(distribution, ids), distribution.drops,
+          distribution.complete ? "" : " so far");
+      } catch (const std::invalid_argument & error) {
+        RCLCPP_ERROR(node->get_logger(), "parameter ids: %s", error.what());
+      }
+    };
+  // As it is published: the newest comes at once, also to who comes late.
+  const auto latched = rclcpp::QoS(1).reliable().transient_local();
+  const auto subscription = node->create_subscription<AspectDistribution>(
+    "aspect_distributions/" + part, latched, print);
+  rclcpp::spin(node);
+  rclcpp::shutdown();
+  return 0;
+}

@@ -1,0 +1,139 @@
+"""The C++ example: what of it needs no rclcpp, which is not on PyPI, is compiled and run."""
+
+import itertools
+import math
+import os
+import random
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from catkin_pkg.package import parse_package
+from rclpy.serialization import serialize_message
+from resting_aspects_interfaces.msg import Aspect, AspectDistribution
+
+from resting_aspects_ros.nodes.interface import ASPECT_DISTRIBUTIONS
+
+EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'cpp'
+SOURCE = (EXAMPLE / 'src' / 'pickable_share.cpp').read_text(encoding='utf-8')
+PREFIX = Path(sys.prefix)
+# Exact sums in double, so that the order of summation does not matter.
+PROBABILITIES = [0.5, 0.25, 0.125, 0.0625, 0.0]
+
+
+@pytest.fixture(scope='module')
+def compile_cpp():
+    """Run the compiler as strictly as it can be, with what set-up generated and installed."""
+    named = [os.environ.get('CXX', ''), 'c++', 'g++', 'clang++']
+    compiler = next(filter(None, map(shutil.which, filter(None, named))))
+    folders = [PREFIX / 'include', *sorted((PREFIX / 'include').iterdir())]
+    generated = [word for folder in folders for word in ('-isystem', folder)]
+    strict = ('-std=c++17', '-Wall', '-Wextra', '-Wpedantic', '-Wconversion', '-Werror')
+
+    def compile_cpp(*words):
+        return subprocess.run(
+            [compiler, *strict, *generated, f'-I{EXAMPLE / "src"}', *words],
+            capture_output=True,
+            text=True,
+            env={**os.environ, 'LC_ALL': 'C'},
+            check=False,
+        )
+
+    return compile_cpp
+
+
+@pytest.fixture(scope='module')
+def share_of(compile_cpp, tmp_path_factory):
+    """The header's answer about a message that rclpy serialised, as a program prints it."""
+    folder = tmp_path_factory.mktemp('cpp')
+    library = PREFIX / 'lib'
+    done = compile_cpp(
+        *(Path(__file__).with_name('share_of.cpp'), '-o', folder / 'share_of', f'-L{library}'),
+        *('-lresting_aspects_interfaces__rosidl_typesupport_fastrtps_cpp', '-lfastcdr'),
+        f'-Wl,--disable-new-dtags,-rpath,{library}',  # also for what these libraries need
+    )
+    assert done.returncode == 0, done.stderr
+
+    def share_of(message, *ids):
+        (folder / 'message.cdr').write_bytes(serialize_message(message))
+        ended = subprocess.run(
+            [folder / 'share_of', folder / 'message.cdr', *map(str, ids)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert ended.stderr == ''
+        return ended.returncode, ended.stdout.strip()
+
+    return share_of
+
+
+@pytest.fixture
+def distribution(filled):
+    """A distribution whose other fields are not the defaults."""
+    message = filled(AspectDistribution, random.Random(3))
+    message.aspects = [filled(Aspect, random.Random(k)) for k in range(len(PROBABILITIES))]
+    for number, (aspect, probability) in enumerate(
+        zip(message.aspects, PROBABILITIES, strict=True), start=1
+    ):
+        aspect.id, aspect.probability = number, probability
+    return message
+
+
+def test_the_share_of_any_aspects_is_the_sum_of_their_probabilities(share_of, distribution):
+    numbers = range(1, len(PROBABILITIES) + 1)
+    choices = [c for n in (0, 1, 2, 5) for c in itertools.combinations(numbers, n)]
+    assert len(choices) == 17
+    for ids in choices:
+        code, printed = share_of(distribution, *ids)
+        assert (code, float(printed)) == (0, sum(PROBABILITIES[k - 1] for k in ids)), ids
+
+
+def test_an_id_that_is_given_twice_counts_once(share_of, distribution):
+    assert share_of(distribution, 2, 1, 2) == (0, '0.75')
+
+
+@pytest.mark.parametrize('unknown', [0, 6, -1, 2**32 + 1])
+def test_an_id_that_no_aspect_has_is_refused_in_words(share_of, distribution, unknown):
+    words = f'aspect {unknown} is not known, allowed are 1 to 5'
+    assert share_of(distribution, 1, unknown) == (2, words)
+
+
+def test_before_the_first_drop_it_is_not_a_number(share_of, distribution):
+    for aspect in distribution.aspects:
+        aspect.probability = math.nan
+    assert share_of(distribution, 1) == (0, 'nan')
+
+
+def test_of_the_node_only_rclcpp_is_missing_here(compile_cpp):
+    """Where there is an rclcpp, the node is compiled; else nothing after its line is looked at."""
+    done = compile_cpp('-fsyntax-only', EXAMPLE / 'src' / 'pickable_share.cpp')
+    errors = [line for line in done.stderr.splitlines() if 'error' in line]
+    missing = re.compile(r'.*pickable_share\.cpp:\d+:\d+: fatal error: .*rclcpp/rclcpp\.hpp.*')
+    assert done.returncode == 0 or (len(errors) == 1 and missing.fullmatch(errors[0])), done.stderr
+    assert SOURCE.count('#include "') == 2  # ours comes first
+
+
+def test_the_node_subscribes_as_the_classifier_publishes():
+    assert f'"{ASPECT_DISTRIBUTIONS}/" + part' in SOURCE
+    assert 'resting_aspects_interfaces::msg::AspectDistribution' in SOURCE
+    assert 'rclcpp::QoS(1).reliable().transient_local()' in SOURCE
+    # What the node reads of a message is declared.
+    fields = set(re.findall(r'distribution\.(\w+)', SOURCE))
+    assert fields == {'drops', 'complete'} <= set(AspectDistribution.get_fields_and_field_types())
+
+
+def test_package_and_cmake_name_the_same():
+    warnings = []
+    package = parse_package(EXAMPLE / 'package.xml', warnings=warnings)
+    package.validate(warnings=warnings)
+    assert warnings == []
+    cmake = (EXAMPLE / 'CMakeLists.txt').read_text(encoding='utf-8')
+    found = set(re.findall(r'find_package\((\w+) REQUIRED\)', cmake))
+    assert {each.name for each in package.build_depends} | {'ament_cmake'} == found
+    assert f'project({package.name})' in cmake
+    (source,) = re.findall(r'add_executable\(\w+ (\S+)\)', cmake)
+    assert (EXAMPLE / source).is_file()

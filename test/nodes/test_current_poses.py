@@ -1,0 +1,146 @@
+"""current_poses: the newest resting poses, as RViz shows them."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseArray
+
+from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.nodes.current_poses import MOST_SHOWN, CurrentPoses
+from resting_aspects_ros.nodes.interface import CURRENT_POSES, LATCHED, LEAST_BATCH
+
+
+def numbers(pose):
+    """Position and orientation, seven numbers."""
+    return tuple(getattr(pose.position, k) for k in 'xyz') + tuple(
+        getattr(pose.orientation, k) for k in 'xyzw'
+    )
+
+
+def settled(batches, run_id):
+    """The settled poses of a run, drop after drop."""
+    of_run = sorted((b for b in batches if b.run.run_id == run_id), key=lambda b: b.first_drop)
+    return [
+        numbers(entry.pose)
+        for batch in of_run
+        for entry in batch.poses
+        if entry.status == entry.SETTLED
+    ]
+
+
+def drop_and_wait(client, batches, part, drops):
+    """Drop a part; the settled poses of the run when all were heard."""
+    run_id = client.ask(part, drops, seed=[drops]).distribution.run.run_id
+    client.wait(lambda: any(b.last and b.run.run_id == run_id for b in batches), 'last batch')
+    return settled(batches, run_id)
+
+
+def shows(shown, expected):
+    return shown and [numbers(pose) for pose in shown[-1].poses] == expected
+
+
+# Over DDS, from drops
+
+
+@pytest.mark.parametrize('drops', [30, LEAST_BATCH + 20], ids=['few', 'last batch is short'])
+def test_they_are_the_newest_of_the_newest_run(suite, drops):
+    batches = suite.client.poses()
+    shown = suite.client.listen(PoseArray, CURRENT_POSES, LATCHED)
+    for part in ('tetrahedron', 'l_bracket'):
+        expected = drop_and_wait(suite.client, batches, part, drops)[-MOST_SHOWN:]
+        assert len(expected) > drops / 4
+        suite.client.wait(partial(shows, shown, expected), f'poses of {part}')
+        assert shown[-1].header.frame_id == 'tray'
+        assert shown[-1].header.stamp in [batch.header.stamp for batch in batches]
+
+
+def test_who_comes_when_all_is_over_gets_the_newest_once(suite, connect):
+    batches = suite.client.poses()
+    expected = drop_and_wait(suite.client, batches, 'washer', 40)
+    late = connect(suite.namespace)
+    shown = late.listen(PoseArray, CURRENT_POSES, LATCHED)
+    late.wait(partial(shows, shown, expected), 'poses')
+    count = len(shown)
+    late.spin(0.5)
+    assert len(shown) == count
+
+
+# Over DDS, from poses that are given
+
+
+@pytest.fixture
+def current(connect, namespace):
+    """The publisher on a node of its own, and a way to hear what it publishes."""
+    client, listener = connect(namespace), connect(namespace)
+    poses = CurrentPoses(client.node)
+
+    class Current:
+        take = staticmethod(poses.take)
+        publish = staticmethod(poses.publish)
+        spin = staticmethod(listener.spin)
+
+        @staticmethod
+        def listen():
+            heard = listener.listen(PoseArray, CURRENT_POSES, LATCHED)
+            topic = f'{namespace}/{CURRENT_POSES}'
+            listener.wait(lambda: listener.node.count_publishers(topic), 'publisher')
+            client.wait(lambda: client.node.count_subscribers(topic), 'subscription')
+            return heard
+
+        @staticmethod
+        def heard(heard, count):
+            """The first coordinates of what was published last."""
+
+            def whole():
+                poses.publish()
+                return len(heard) == count
+
+            listener.wait(whole, f'{count} messages')
+            return [pose.position.x for pose in heard[-1].poses]
+
+    return Current
+
+
+def batch(first, status):
+    """Poses whose x is their index."""
+    count = len(status)
+    return RestingPoses(
+        first,
+        np.arange(first, first + count)[:, None] * np.array([1.0, 0.0, 0.0]),
+        np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)),
+        np.array(status, dtype=np.uint8),
+        np.zeros(count, dtype=np.uint8),
+        np.zeros(count),
+        np.zeros(count),
+    )
+
+
+def test_only_what_came_to_rest_is_shown_and_not_more_than_can_be_told_apart(current):
+    heard = current.listen()
+    S, U, F = RestStatus.SETTLED, RestStatus.UNSETTLED, RestStatus.FAILED  # noqa: N806
+    current.take('a', batch(0, [S, U, S, F]), Time(sec=1))
+    assert current.heard(heard, 1) == [0, 2]
+    current.take('a', batch(4, [F, S]), Time(sec=2))
+    assert current.heard(heard, 2) == [0, 2, 5]
+    current.take('a', batch(6, [S] * (MOST_SHOWN - 2)), Time(sec=3))
+    assert current.heard(heard, 3) == [2, 5, *range(6, 6 + MOST_SHOWN - 2)]
+    current.take('a', batch(500, [S] * (MOST_SHOWN + 7)), Time(sec=4))
+    assert current.heard(heard, 4) == list(range(507, 507 + MOST_SHOWN))
+    current.take('b', batch(0, [U, S]), Time(sec=5))
+    assert current.heard(heard, 5) == [1]
+    current.take('c', batch(0, [F]), Time(sec=6))
+    assert current.heard(heard, 6) == []
+    assert [message.header.stamp.sec for message in heard] == [1, 2, 3, 4, 5, 6]
+
+
+def test_nothing_is_made_before_somebody_listens(current):
+    for sec in range(5):
+        current.take('a', batch(sec, [RestStatus.SETTLED]), Time(sec=sec))
+        current.publish()
+    heard = current.listen()
+    current.spin(0.5)
+    assert heard == []
+    assert current.heard(heard, 1) == [0, 1, 2, 3, 4]
+    assert heard[0].header.stamp.sec == 4

@@ -1,0 +1,340 @@
+"""Parameters over their ROS services: what they say of themselves, and what may change when."""
+
+import importlib
+import math
+import pkgutil
+import shutil
+import sys
+
+import pytest
+import yaml
+from rcl_interfaces.msg import ParameterType
+from resting_aspects_interfaces.msg import AspectDistribution
+
+from resting_aspects_ros import nodes
+from resting_aspects_ros.config_files import config_folder, parts_folder, surfaces_file
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.nodes.interface import ALL_LATCHED
+from resting_aspects_ros.nodes.parameters import Parameter
+
+FILE = config_folder() / 'resting_aspects.yaml'
+TYPES = {
+    str: ParameterType.PARAMETER_STRING,
+    int: ParameterType.PARAMETER_INTEGER,
+    float: ParameterType.PARAMETER_DOUBLE,
+}
+# rclpy's own.
+EVERY_NODE_HAS = {'use_sim_time', 'start_type_description_service'}
+
+
+def declarations():
+    """The declared parameters of each node of the suite, by its name."""
+    found = {}
+    for module in pkgutil.iter_modules(nodes.__path__):
+        parameters = getattr(
+            importlib.import_module(f'{nodes.__name__}.{module.name}'), 'PARAMETERS', None
+        )
+        if parameters is not None:
+            found[module.name] = {parameter.name: parameter for parameter in parameters}
+    return found
+
+
+DECLARED = declarations()
+SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
+DECLARED_IN_SUITE = [(node, parameter) for node in SUITE for parameter in DECLARED[node].values()]
+
+
+def by_name(value):
+    """The id of a test of a node's parameter."""
+    return getattr(value, 'name', value)
+
+
+@pytest.fixture
+def parameters(suite, parameters_of):
+    """The parameters of each node; they are at their defaults again after the test."""
+    found = {node: parameters_of(suite.client, node) for node in SUITE}
+    before = {
+        (node, p.name): found[node].get(p.name) for node, p in DECLARED_IN_SUITE if p.changeable
+    }
+    yield found
+    for (node, name), value in before.items():
+        if not (node == 'aspect_classifier' and name == 'surface'):  # follows the simulator's
+            assert found[node].set(**{name: value}) == []
+    suite.client.wait(
+        lambda: found['aspect_classifier'].get('surface') == 'rubber_mat', 'surface as before'
+    )
+
+
+# -- the declarations ----------------------------------------------------------------------------
+
+
+def test_the_nodes_of_the_suite_are_found():
+    assert set(DECLARED) >= set(SUITE)
+    assert {name for node in DECLARED.values() for name in node} >= {'surface', 'workers'}
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf, 0.0, 0.5 - 1e-9, 2.0 + 1e-9])
+def test_a_number_out_of_bounds_is_refused_strictly(value):
+    parameter = Parameter('rate', 1.0, 'a rate', bounds=(0.5, 2.0))
+    for allowed in (0.5, 1, 2.0):
+        parameter.check(allowed)
+    with pytest.raises(InvalidValueError) as refused:
+        parameter.check(value)
+    assert str(refused.value) == f'rate is {value!r}, allowed is 0.5 to 2'
+
+
+def test_a_default_is_within_its_bounds():
+    with pytest.raises(InvalidValueError, match='rate is 3'):
+        Parameter('rate', 3, 'a rate', bounds=(1, 2))
+
+
+@pytest.mark.parametrize(('node', 'parameter'), DECLARED_IN_SUITE, ids=by_name)
+def test_a_node_describes_a_parameter_as_it_is_declared(suite, parameters_of, node, parameter):
+    told = parameters_of(suite.client, node).describe(parameter.name)
+    assert told.description == parameter.description != ''
+    assert told.additional_constraints == parameter.allowed
+    assert told.read_only == (not parameter.changeable)
+    assert told.type == TYPES[type(parameter.default)]
+    assert not told.dynamic_typing
+    ranges = [*told.integer_range, *told.floating_point_range]
+    bounds = [(told.from_value, told.to_value) for told in ranges]
+    assert bounds == ([] if parameter.bounds is None else [parameter.bounds])
+    if not isinstance(parameter.default, str):
+        assert bounds, 'a number has bounds'
+
+
+@pytest.mark.parametrize('node', SUITE)
+def test_a_node_has_the_declared_parameters_and_no_other(suite, parameters_of, node):
+    assert parameters_of(suite.client, node).names() == {*DECLARED[node], *EVERY_NODE_HAS}
+
+
+# -- the parameter file --------------------------------------------------------------------------
+
+
+def entries():
+    """What config/resting_aspects.yaml says, by node."""
+    document = yaml.safe_load(FILE.read_text(encoding='utf-8'))
+    assert all(name.startswith('/**/') and list(entry) == ['ros__parameters']
+               for name, entry in document.items())  # fmt: skip
+    return {
+        name.removeprefix('/**/'): entry['ros__parameters'] for name, entry in document.items()
+    }
+
+
+def test_the_file_has_every_parameter_at_its_default():
+    declared = {
+        node: {name: parameter.default for name, parameter in parameters.items()}
+        for node, parameters in DECLARED.items()
+    }
+    assert entries() == declared
+    for node, values in entries().items():
+        for name, value in values.items():
+            assert type(value) is type(declared[node][name]), name
+
+
+def test_every_entry_has_a_comment_with_its_bounds_and_when_it_may_be_set():
+    comments, node, said = {}, '', ''
+    for line in FILE.read_text(encoding='utf-8').splitlines():
+        words = line.strip()
+        if line.startswith('/**/'):
+            node = words.removeprefix('/**/').rstrip(':')
+        elif words.startswith('#'):
+            said += words.removeprefix('#')
+        elif ':' in words and 'ros__parameters' not in words:
+            comments[node, words.split(':')[0]] = said
+            said = ''
+        else:
+            said = ''
+    assert set(comments) == {(node, name) for node, names in DECLARED.items() for name in names}
+    for (node, name), comment in comments.items():
+        parameter = DECLARED[node][name]
+        assert ('any time' in comment.lower()) == parameter.changeable, name
+        if parameter.bounds is not None:
+            assert '{:g} to {:g}'.format(*parameter.bounds) in comment
+
+
+@pytest.fixture
+def start_with_file(run_command, wait):
+    """Start a node with a parameter file, in some namespace."""
+
+    def start_with_file(node, namespace, file):
+        process = run_command(
+            *(sys.executable, '-m', f'resting_aspects_ros.nodes.{node}', '--ros-args'),
+            *('-r', f'__ns:={namespace}', '--params-file', file),
+        )
+        wait(lambda: 'ready' in process.said or not process.running, f'{node} ready')
+        return process
+
+    return start_with_file
+
+
+@pytest.mark.parametrize('below', ['', '/deep/er'])
+def test_nodes_take_their_parameters_from_the_file(
+    start_with_file, connect, parameters_of, namespace, tmp_path, below
+):
+    namespace += below
+    (tmp_path / 'parts').mkdir()
+    shutil.copy(parts_folder() / 'tetrahedron.stl', tmp_path / 'parts')
+    surfaces = surfaces_file().read_text(encoding='utf-8').replace('steel:', 'granite:')
+    (tmp_path / 'surfaces.yaml').write_text(surfaces, encoding='utf-8')
+    changed = {
+        'drop_simulator': {
+            'parts_folder': str(tmp_path / 'parts'),
+            'surfaces_file': str(tmp_path / 'surfaces.yaml'),
+            'surface': 'granite',
+            'workers': 1,
+        },
+        'aspect_classifier': {
+            'surfaces_file': str(tmp_path / 'surfaces.yaml'),
+            'surface': 'granite',
+            'publish_period': 0.5,
+        },
+        'drop_recorder': {'log_folder': str(tmp_path / 'logs')},
+    }
+    document = yaml.safe_load(FILE.read_text(encoding='utf-8'))
+    for node, values in changed.items():
+        given = document[f'/**/{node}']['ros__parameters']
+        assert given.keys() == values.keys()
+        assert all(given[name] != value for name, value in values.items())
+        given.update(values)
+    (tmp_path / 'changed.yaml').write_text(yaml.safe_dump(document), encoding='utf-8')
+    processes = [start_with_file(node, namespace, tmp_path / 'changed.yaml') for node in SUITE]
+    client = connect(namespace)
+    for node, values in changed.items():
+        told = parameters_of(client, node)
+        assert {name: told.get(name) for name in values} == values
+    assert 'ready: 1 parts, 1 workers' in processes[0].said
+    assert client.ask(drops=3).distribution.run.conditions.surface == 'granite'
+    assert all('not known' not in process.said for process in processes)
+
+
+@pytest.mark.parametrize('node', SUITE)
+def test_the_file_as_it_is_changes_nothing(
+    start_with_file, connect, parameters_of, namespace, node
+):
+    process = start_with_file(node, namespace, FILE)
+    assert process.running, process.said
+    told = parameters_of(connect(namespace), node)
+    for name, parameter in DECLARED[node].items():
+        assert told.get(name) == parameter.default
+    assert process.end() == 0
+    assert 'not known' not in process.said
+
+
+def test_neither_file_is_taken_for_the_other(start_with_file, start, namespace):
+    process = start_with_file('aspect_classifier', namespace, surfaces_file())
+    assert process.end(0) == 2
+    assert 'Cannot have a value before ros__parameters' in process.said
+    process = start('aspect_classifier', namespace, {'surfaces_file': FILE}, ready='')
+    assert process.end(0) == 2
+    assert f'surfaces file {FILE}, /**/drop_simulator: must have exactly ' in process.said
+    assert 'Not a ROS parameter file' in surfaces_file().read_text(encoding='utf-8')
+
+
+# -- setting them --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('node', 'parameter'),
+    [pair for pair in DECLARED_IN_SUITE if not pair[1].changeable],
+    ids=by_name,
+)
+def test_what_is_read_only_is_not_set(parameters, node, parameter):
+    before = parameters[node].get(parameter.name)
+    (words,) = parameters[node].set(**{parameter.name: parameter.default})
+    assert words == f'Trying to set a read-only parameter: {parameter.name}.'
+    assert parameters[node].get(parameter.name) == before
+
+
+def test_those_that_can_be_set_are_these():
+    changeable = {(node, p.name) for node, p in DECLARED_IN_SUITE if p.changeable}
+    assert changeable == {
+        ('drop_simulator', 'surface'),
+        ('aspect_classifier', 'surface'),
+        ('aspect_classifier', 'publish_period'),
+        ('drop_recorder', 'log_folder'),
+    }
+
+
+NO_SURFACE = "surface '{}' is not known, allowed is rubber_mat, steel, thrown"
+NO_FOLDER = "log_folder is '{}', allowed is a folder that is there or can be made"
+
+
+@pytest.mark.parametrize(
+    ('node', 'name', 'value', 'words'),
+    [
+        ('drop_simulator', 'surface', 'ice', NO_SURFACE.format('ice')),
+        ('drop_simulator', 'surface', 'steel\n', NO_SURFACE.format('steel\\n')),
+        ('drop_simulator', 'surface', math.nan, "expected 'Type.STRING' got 'Type.DOUBLE'"),
+        ('aspect_classifier', 'surface', 'ice', NO_SURFACE.format('ice')),
+        ('aspect_classifier', 'publish_period', math.nan, 'Min: 0.05, Max: 10.0, value: nan'),
+        ('aspect_classifier', 'publish_period', math.inf, 'Min: 0.05, Max: 10.0, value: inf'),
+        ('aspect_classifier', 'publish_period', -1.0, 'publish_period out of range'),
+        (
+            'aspect_classifier',
+            'publish_period',
+            10.0 + 1e-8,  # which ROS lets pass
+            'publish_period is 10.00000001, allowed is 0.05 to 10',
+        ),
+        ('aspect_classifier', 'publish_period', 1, "expected 'Type.DOUBLE' got 'Type.INTEGER'"),
+        ('drop_recorder', 'log_folder', '', NO_FOLDER.format('')),
+        ('drop_recorder', 'log_folder', str(FILE / 'x'), NO_FOLDER.format(FILE / 'x')),
+        ('drop_recorder', 'log_folder', 'x' * 9000, NO_FOLDER.format('x' * 9000)),
+    ],
+    ids=lambda value: str(value)[:20],
+)
+def test_a_value_that_is_not_allowed_is_refused_in_words(
+    suite, parameters, node, name, value, words
+):
+    before = parameters[node].get(name)
+    (reason,) = parameters[node].set(**{name: value})
+    assert words in reason
+    assert parameters[node].get(name) == before
+    assert suite.processes[node].running
+
+
+def test_of_two_that_are_set_together_none_is_if_one_is_refused(suite, parameters):
+    simulator = parameters['drop_simulator']
+    (words,) = simulator.set_all_or_nothing(surface='steel', workers=1)
+    assert 'read-only' in words
+    classifier = parameters['aspect_classifier']
+    (words,) = classifier.set_all_or_nothing(publish_period=1.0, surface='ice')
+    assert "surface 'ice' is not known" in words
+    assert simulator.get('surface') == 'rubber_mat'
+    assert (
+        classifier.get('publish_period') == DECLARED['aspect_classifier']['publish_period'].default
+    )
+    assert suite.client.drop(drops=2).done
+    assert suite.client.ask(drops=2, only_known=True).distribution.run.conditions.surface == (
+        'rubber_mat'
+    )
+
+
+# -- the others ----------------------------------------------------------------------------------
+
+
+def test_publish_period_says_how_often_a_run_under_way_is_told_of(suite, parameters):
+    heard = suite.client.listen(AspectDistribution, 'aspect_distributions/u_bracket', ALL_LATCHED)
+
+    def told(seed):
+        suite.client.ask('u_bracket', 1500, seed=[seed])
+        suite.client.wait(
+            lambda: any(m.run.seed == seed and m.complete for m in heard), 'last distribution'
+        )
+        return [m.complete for m in heard if m.run.seed == seed]
+
+    assert parameters['aspect_classifier'].set(publish_period=10.0) == []
+    assert told(seed=1) == [True]  # the end is told at once
+    assert parameters['aspect_classifier'].set(publish_period=0.05) == []
+    often = told(seed=2)
+    assert len(often) > 3
+    assert often[-1] is True
+
+
+def test_log_folder_is_that_of_the_runs_that_begin_then(suite, parameters, tmp_path):
+    before = suite.client.ask('washer', 3, seed=[1]).distribution.run.run_id
+    suite.log_of(before)
+    assert parameters['drop_recorder'].set(log_folder=str(tmp_path / 'a' / 'b')) == []
+    after = suite.client.ask('washer', 3, seed=[2]).distribution.run.run_id
+    suite.client.wait(lambda: list((tmp_path / 'a' / 'b').glob(f'*_{after}/metadata.yaml')), 'log')
+    assert [path.name for path in suite.logs.glob('washer_*')] == [suite.log_of(before).name]

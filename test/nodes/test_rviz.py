@@ -1,0 +1,72 @@
+"""RViz's config names what the nodes publish. RViz is not on PyPI, so the config is read."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
+from visualization_msgs.msg import MarkerArray
+
+from resting_aspects_ros.nodes.interface import FRAME, LATCHED, MARKERS
+
+FILE = Path(__file__).resolve().parents[2] / 'rviz' / 'resting_aspects.rviz'
+# The types that these displays of rviz_default_plugins subscribe to.
+TYPES = {
+    'rviz_default_plugins/MarkerArray': 'visualization_msgs/msg/MarkerArray',
+    'rviz_default_plugins/PoseArray': 'geometry_msgs/msg/PoseArray',
+}
+# RViz's words for policies.
+POLICIES = {
+    'History Policy': {'Keep Last': HistoryPolicy.KEEP_LAST},
+    'Reliability Policy': {'Reliable': ReliabilityPolicy.RELIABLE},
+    'Durability Policy': {'Transient Local': DurabilityPolicy.TRANSIENT_LOCAL},
+}
+
+
+@pytest.fixture(scope='module')
+def manager():
+    return yaml.safe_load(FILE.read_text(encoding='utf-8'))['Visualization Manager']
+
+
+@pytest.fixture(scope='module')
+def displays(manager):
+    """The displays that subscribe to something, by topic."""
+    return {each['Topic']['Value']: each for each in manager['Displays'] if 'Topic' in each}
+
+
+def test_it_shows_the_markers_and_the_current_poses(displays):
+    assert set(displays) == {'markers', 'current_poses'}
+    assert all(display['Enabled'] for display in displays.values())
+
+
+def test_each_topic_is_published_by_the_classifier_in_the_type_and_quality_asked_for(
+    suite, displays
+):
+    for topic, display in displays.items():
+        (publisher,) = suite.client.wait(
+            lambda topic=topic: suite.client.node.get_publishers_info_by_topic(
+                suite.client.node.resolve_topic_name(topic)
+            ),
+            topic,
+        )
+        assert publisher.node_name == 'aspect_classifier'
+        assert publisher.topic_type == TYPES[display['Class']]
+        offered, asked = publisher.qos_profile, display['Topic']
+        assert POLICIES['Reliability Policy'][asked['Reliability Policy']] == offered.reliability
+        assert POLICIES['Durability Policy'][asked['Durability Policy']] == offered.durability
+        assert asked['History Policy'] in POLICIES['History Policy']
+        assert asked['Depth'] == LATCHED.depth
+
+
+def test_topics_are_relative_so_that_a_namespace_holds_them(displays):
+    assert not [topic for topic in displays if topic.startswith('/')]
+
+
+def test_frame_and_namespaces_are_those_of_the_messages(suite, manager, displays):
+    assert manager['Global Options']['Fixed Frame'] == FRAME
+    heard = suite.client.listen(MarkerArray, MARKERS, LATCHED)
+    suite.client.ask('tetrahedron', 20)
+    suite.client.wait(lambda: heard, 'markers')
+    assert {marker.header.frame_id for marker in heard[-1].markers} == {FRAME}
+    shown = {marker.ns for marker in heard[-1].markers if marker.ns}
+    assert set(displays[MARKERS]['Namespaces']) == shown
