@@ -5,9 +5,12 @@ import sys
 from pathlib import Path
 
 from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Table
 
 from resting_aspects_ros.commands.convergence import Convergence
 from resting_aspects_ros.commands.outputs import whole_file
+from resting_aspects_ros.commands.surface_text import surface_text
 from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.run import RunDescription
@@ -16,6 +19,8 @@ from resting_aspects_ros.report.table import distribution_table, never_seen_text
 
 # Of a table that goes into a pipe or a file.
 PIPED_WIDTH = 80
+# No table is wider.
+WIDEST = 1000
 
 
 def make_console() -> Console:
@@ -27,10 +32,19 @@ def make_console() -> Console:
     return console
 
 
+def show_table(console: Console, table: Table) -> None:
+    """Print a table whole: where it is wider than the terminal no digit is cut off."""
+    before = console.width
+    options = console.options.update(width=WIDEST)
+    console.width = max(before, Measurement.get(console, options, table).maximum)
+    console.print(table)
+    console.width = before
+
+
 def print_table(distribution: Distribution, title: str) -> None:
     """On standard output, with what is known of aspects that were never seen."""
     console = make_console()
-    console.print(distribution_table(distribution, title))
+    show_table(console, distribution_table(distribution, title))
     if unseen := never_seen_text(distribution):
         console.print(unseen, highlight=False)
 
@@ -49,7 +63,7 @@ class Answer:
     @property
     def title(self) -> str:
         """Part, drops, surface and seed in a line."""
-        surface = self.run.conditions.surface or 'own conditions'
+        surface = surface_text(self.run.conditions)
         drops = self.distribution.drops
         return f'{self.run.part}, {drops} drops on {surface}, seed {self.run.seed}'
 

@@ -32,7 +32,7 @@ def add(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
     # What takes a while to import, which --help does not need.
-    from resting_aspects_ros.commands.answer import make_console
+    from resting_aspects_ros.commands.answer import make_console, show_table
     from resting_aspects_ros.commands.given_part import given_part
     from resting_aspects_ros.core.aspects import find_aspects
     from resting_aspects_ros.report.aspect_table import aspect_table, symmetry_text
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     count, classes = len(aspects), len(aspects.classes())
     title = f'{part.name}: {_number(count, "aspect")} in {_number(classes, "class")}'
     console = make_console()
-    console.print(aspect_table(aspects, title))
+    show_table(console, aspect_table(aspects, title))
     if aspects.symmetry is not None:
         console.print(f'Symmetry: {symmetry_text(aspects.symmetry)}.', highlight=False)
     return 0

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from resting_aspects_ros.commands.answer import make_console
+from resting_aspects_ros.commands.answer import make_console, show_table
 from resting_aspects_ros.commands.given_part import given_part
 from resting_aspects_ros.commands.poses_file import PosesFile, read_poses_file
 from resting_aspects_ros.core.agreement import compare, find_differences
@@ -73,7 +73,7 @@ def _show_clusters(
         sys.stdout.write(to_json(cluster_document(distribution, clusters, tolerance)))
         return
     title = f'{arguments.poses.name}, {poses.drops} poses, {_words(len(clusters), "cluster")}'
-    make_console().print(cluster_table(distribution, clusters, title))
+    show_table(make_console(), cluster_table(distribution, clusters, title))
 
 
 def _show_agreement(
@@ -101,10 +101,10 @@ def _show_agreement(
         return
     console = make_console()
     title = f'{arguments.poses.name}, {poses.drops} poses of {part.name}'
-    console.print(agreement_table(distribution, agreement, clusters, title))
+    show_table(console, agreement_table(distribution, agreement, clusters, title))
     console.print(agreement_line(agreement, differences), markup=False, highlight=False)
     if len(differences):
-        console.print(differences_table(differences, clusters, poses.index, poses.line))
+        show_table(console, differences_table(differences, clusters, poses.index, poses.line))
 
 
 def _cluster_distribution(poses: PosesFile, clusters: Clusters) -> Distribution:

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 
-from resting_aspects_ros.commands.answer import make_console
+from resting_aspects_ros.commands.answer import make_console, show_table
 from resting_aspects_ros.commands.counts_files import read_counts
 from resting_aspects_ros.commands.given_counts import GivenCounts, counted_by_class
 from resting_aspects_ros.core.comparison import compare
@@ -40,7 +40,7 @@ def compare_here(arguments: argparse.Namespace, confidence: float) -> int:
         sys.stdout.write(to_json(comparison_document(comparison, sides, said)))
         return 0
     console = make_console()
-    console.print(comparison_table(comparison, sides, f'A: {a.title}\nB: {b.title}'))
+    show_table(console, comparison_table(comparison, sides, f'A: {a.title}\nB: {b.title}'))
     console.print(measures_text(comparison, sides), markup=False, highlight=False)
     return 0
 

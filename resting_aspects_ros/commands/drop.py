@@ -53,7 +53,7 @@ def add(subparsers: Any) -> None:
         '--confidence',
         metavar='C',
         default='0.95',
-        help='of the intervals, 0.5 to 1 (0.95)',
+        help='of the intervals, more than 0.5 and less than 1 (0.95)',
     )
     who = parser.add_mutually_exclusive_group()
     who.add_argument('--workers', metavar='W', type=whole, help='processes (one per core)')

@@ -21,6 +21,7 @@ from resting_aspects_ros.commands.progress import DropProgress
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import METHOD, Distribution, count_poses, no_drops
 from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.core.intervals import check_confidence
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.drops.campaign import Workers, drop_chunks
 from resting_aspects_ros.drops.ceiling import most_drops
@@ -49,6 +50,7 @@ def drop_here(
     Raises RestingAspectsError: before the first drop for wrong input, and after what was done is
     saved, if not all could be done.
     """
+    check_confidence(confidence)
     part, precision = question.part, question.precision
     empty = no_drops(
         find_aspects(part),

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from resting_aspects_ros.commands.answer import make_console
+from resting_aspects_ros.commands.answer import make_console, show_table
 from resting_aspects_ros.commands.counts_files import read_counts
 from resting_aspects_ros.commands.estimate import ALL
 from resting_aspects_ros.commands.given_counts import GivenCounts
@@ -16,6 +16,7 @@ from resting_aspects_ros.core.comparison import compare_with_exact
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate, estimate
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
+from resting_aspects_ros.core.intervals import Array
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.report.document import to_json
 from resting_aspects_ros.report.estimate_document import against_fields, estimate_document
@@ -53,26 +54,35 @@ def show_estimates(
     as_json: bool,
 ) -> None:
     """On standard output, as a document and nothing else, or as a table."""
-    deviations = {
-        name: compare_with_exact(against.tally, found.probabilities, np.random.default_rng(SEED))
+    by_class = against is not None and against.by_class
+    shares = {
+        name: None if found is None else _of_classes(found) if by_class else found.probabilities
         for name, found in estimates.items()
-        if found is not None and against is not None
+    }
+    deviations = {
+        name: compare_with_exact(against.tally, share, np.random.default_rng(SEED))
+        for name, share in shares.items()
+        if share is not None and against is not None
     }
     if as_json:
         document = estimate_document(part, estimates, reasons)
         if against is not None:
-            document['against'] = against_fields(str(against.path), against.tally, deviations)
+            document['against'] = against_fields(
+                str(against.path), against.tally, deviations, by_class=by_class
+            )
         sys.stdout.write(to_json(document))
         return
     console = make_console()
-    console.print(
+    show_table(
+        console,
         estimate_table(
             aspects,
-            estimates,
+            shares,
             _title(part, against),
             None if against is None else against.tally,
             deviations,
-        )
+            by_class=by_class,
+        ),
     )
     for reason in reasons.values():
         console.print(f'{reason}.', markup=False, highlight=False)
@@ -114,12 +124,24 @@ def _check_same_part(against: GivenCounts, shape: RestingShape) -> None:
             f'--against is {path!r} of {against.part!r} with part_sha256 '
             f'{against.part_sha256!r}, allowed is that of {part.name!r}: {part.part_sha256!r}'
         )
-    ids = tuple(aspect.id for aspect in shape.aspects.aspects)
+    aspects = shape.aspects.aspects
+    if against.by_class:
+        what, many = 'a class', 'classes'
+        ids = tuple(sorted({aspect.symmetry_class for aspect in aspects}))
+    else:
+        what, many = 'an aspect', 'aspects'
+        ids = tuple(aspect.id for aspect in aspects)
     if against.ids != ids:
         raise InvalidValueError(
-            f'--against is {path!r} with the aspects {list(against.ids)}, allowed are those of '
-            f'{part.name}: {list(ids)} (an aspect that was never seen has count 0)'
+            f'--against is {path!r} with the {many} {list(against.ids)}, allowed are those of '
+            f'{part.name}: {list(ids)} ({what} that was never seen has count 0)'
         )
+
+
+def _of_classes(found: Estimate) -> Array:
+    """(c,) probability of each symmetry class, by number from 1."""
+    numbers = [aspect.symmetry_class for aspect in found.aspects.aspects]
+    return np.asarray(np.bincount(numbers, weights=found.probabilities)[1:], dtype=np.float64)
 
 
 def _title(part: Part, against: GivenCounts | None) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from resting_aspects_ros.commands.surface_text import surface_text
 from resting_aspects_ros.core.comparison import Tally
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.drops.run import RunDescription
@@ -57,7 +58,7 @@ class GivenCounts:
         words = [str(self.path), *([self.part] if self.part else [])]
         if self.run is None:
             return ', '.join([*words, f'{self.drops} drops'])
-        surface = self.run.conditions.surface or 'own conditions'
+        surface = surface_text(self.run.conditions)
         return ', '.join([*words, f'{self.drops} drops on {surface}', f'seed {self.run.seed}'])
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from resting_aspects_ros.commands.answer import print_table
 from resting_aspects_ros.commands.logged_run import LogContents, read_contents
+from resting_aspects_ros.commands.surface_text import surface_text
 from resting_aspects_ros.core.distribution import METHOD
 from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.drops.run import RunDescription
@@ -60,7 +61,7 @@ def _state(found: LogContents) -> str:
 
 
 def _conditions(conditions: DropConditions) -> Iterator[tuple[str, str]]:
-    yield 'conditions', conditions.surface or 'own'
+    yield 'conditions', surface_text(conditions)
     for name, quantity in QUANTITIES.items():
         value = f'{getattr(conditions, name):g} {quantity.unit}'.rstrip()
         of = f' ({conditions.height_of.name})' if name == 'height' else ''

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from resting_aspects_ros.commands.answer import print_table
+from resting_aspects_ros.commands.surface_text import surface_text
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import METHOD, Distribution, count_poses, no_drops
 from resting_aspects_ros.core.errors import InvalidValueError
@@ -38,7 +39,7 @@ def merge_logs(logs: Sequence[Path], *, any_engine: bool, as_json: bool) -> int:
         }
         sys.stdout.write(to_json(distribution_document(distribution, fields)))
         return 0
-    surface = run.conditions.surface or 'own conditions'
+    surface = surface_text(run.conditions)
     runs = len({run_id for each in merged for run_id in each.run_ids})
     words = f'{runs} run{"s" if runs > 1 else ""}'
     print_table(distribution, f'{part.name}, {distribution.drops} drops of {words} on {surface}')

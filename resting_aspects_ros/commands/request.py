@@ -16,6 +16,7 @@ from resting_aspects_ros.commands.options import (
 from resting_aspects_ros.commands.outputs import check_output
 from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.drops.conditions import QUANTITIES
 from resting_aspects_ros.drops.run import DEFAULT_SEED
 from resting_aspects_ros.drops.surfaces import Surfaces
 
@@ -52,7 +53,11 @@ def add(subparsers: Any) -> None:
         default='drops',
         help='drops, or an analytic method of `estimate`, which knows no conditions (drops)',
     )
-    parser.add_argument('--only-known', action='store_true', help='do not drop')
+    parser.add_argument(
+        '--only-known',
+        action='store_true',
+        help='do not drop; without --drops and --precision whatever is known will do',
+    )
     parser.add_argument('--json', action='store_true', help='print one JSON document instead')
     parser.add_argument('--picture', metavar='FILE.png', type=Path, help='write a picture')
     add_conditions(parser, "the simulator's default")
@@ -63,16 +68,16 @@ def add(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for what the suite refuses."""
     with Interruption() as stop:
-        if arguments.picture is not None and arguments.method != 'drops':
-            raise InvalidValueError(
-                f'--picture is {str(arguments.picture)!r}, allowed only with --method drops'
-            )
+        if arguments.method != 'drops':
+            _check_alone(arguments)
         check_output('--picture', arguments.picture)
         if arguments.method != 'drops':
             return _estimate(arguments, stop)
         # Also without a surface: wrong values are refused before a suite is looked for.
         conditions = conditions_of(arguments, Surfaces.read(surfaces_file()))
         drops, precision = drops_of(arguments)
+        if arguments.only_known and arguments.drops is None and not precision:
+            drops = 1  # whatever is known
         # A second to import, which --help does not need.
         from resting_aspects_ros.commands.progress import DropProgress
         from resting_aspects_ros.drops.ceiling import most_drops
@@ -104,6 +109,15 @@ def run(arguments: argparse.Namespace) -> int:
             answer.save_picture(arguments.picture)
         answer.print(as_json=arguments.json)
     return 0
+
+
+def _check_alone(arguments: argparse.Namespace) -> None:
+    """Raises InvalidValueError for what an estimator, which knows the part alone, ignores."""
+    of_drops = ('drops', 'precision', 'seed', 'surface', *QUANTITIES, 'height_of', 'picture')
+    for name in of_drops:
+        if (given := getattr(arguments, name)) not in (None, ''):
+            flag = f'--{name.replace("_", "-")}'
+            raise InvalidValueError(f'{flag} is {str(given)!r}, allowed only with --method drops')
 
 
 def _part(client: 'RestingAspectsClient', name: str) -> 'Part | None':

@@ -104,7 +104,7 @@ def mass_properties(
     if mass is None or centre is None or inertia is None:
         raise PartError(
             f'{label} {defect}; either repair the mesh, or give mass, centre_of_mass '
-            'and inertia, all three'
+            'and inertia, all three, in the YAML file beside it'
         )
     if given.centre_of_mass is not None:
         _check_inside(centre, hull_vertices, f'the centre of mass {of}')

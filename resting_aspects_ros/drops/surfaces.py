@@ -10,6 +10,8 @@ from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions, HeightOf
 
 DEFAULT_SURFACE = 'rubber_mat'
+# Conditions that differ in more from every surface are in words their own.
+MOST_NAMED = 4
 
 
 class Surfaces:
@@ -38,6 +40,19 @@ class Surfaces:
             return known
         return dataclasses.replace(conditions, surface='')
 
+    def text(self, conditions: DropConditions) -> str:
+        """Conditions in words: 'steel', or 'steel with friction 0.3 and spin 5 rad/s'."""
+        if conditions.surface:
+            return conditions.surface
+        changes = {name: _changes(known, conditions) for name, known in self._sets.items()}
+        name = min(changes, key=lambda name: (len(changes[name]), name != DEFAULT_SURFACE))
+        if len(changes[name]) > MOST_NAMED:
+            return 'own conditions'
+        if not changes[name]:
+            return name
+        *most, last = changes[name]
+        return f'{name} with {", ".join(most)}{" and " if most else ""}{last}'
+
     @classmethod
     def read(cls, path: Path) -> 'Surfaces':
         """Read a file of the form of config/surfaces.yaml; raises InvalidValueError."""
@@ -52,6 +67,18 @@ class Surfaces:
         if DEFAULT_SURFACE not in sets:
             raise InvalidValueError(f'surfaces file {path} lacks the default, {DEFAULT_SURFACE}')
         return cls(sets)
+
+
+def _changes(known: DropConditions, conditions: DropConditions) -> list[str]:
+    """What differs from a surface, each in words."""
+    changes = [
+        f'{name} {getattr(conditions, name):g} {quantity.unit}'.rstrip()
+        for name, quantity in QUANTITIES.items()
+        if getattr(conditions, name) != getattr(known, name)
+    ]
+    if conditions.height_of != known.height_of:
+        changes.append(f'height of {conditions.height_of.name}')
+    return changes
 
 
 def _conditions(path: Path, name: object, entry: object) -> DropConditions:

@@ -36,18 +36,19 @@ def estimate_document(
 
 
 def against_fields(
-    path: str, tally: Tally, deviations: Mapping[str, Comparison]
+    path: str, tally: Tally, deviations: Mapping[str, Comparison], *, by_class: bool
 ) -> dict[str, object]:
-    """What the methods were held against, and how far off each is.
+    """What the methods were held against, and how far off each is, by aspect or symmetry class.
 
     Shares are of the drops that are in an aspect.
     """
+    many, one = ('classes', 'class') if by_class else ('aspects', 'aspect')
     found = intervals(tally.counts, int(tally.counts.sum()))
     return {
         'file': path,
         'drops': tally.drops,
         'confidence': CONFIDENCE,
-        'aspects': [
+        many: [
             {
                 'id': k,
                 'count': int(count),
@@ -61,7 +62,7 @@ def against_fields(
             name: {
                 'mean_deviation': each.mean_deviation,
                 'largest_deviation': float(np.abs(each.deviation).max()),
-                'largest_aspect': each.largest_aspect,
+                f'largest_{one}': each.largest_aspect,
                 'p_value': each.p_value,
             }
             for name, each in deviations.items()

@@ -72,11 +72,28 @@ def test_against_drops(run, document, tmp_path):
     assert ended.returncode == 0, ended.stderr
     lines = ended.stdout.splitlines()
     assert all(len(line) <= 80 for line in lines)
-    mean, largest = (line.split() for line in lines[-2:])
-    assert (mean[:2], largest[0]) == (['mean', 'deviation'], 'largest')
+    mean, largest, p_value = (line.split() for line in lines[-3:])
+    assert (mean[:2], largest[0]) == (['mean', 'dev.'], 'largest')
+    assert p_value[:2] == ['p', 'value']
     solid_angle = found['against']['methods']['solid_angle']
     assert float(mean[2]) == pytest.approx(100 * solid_angle['mean_deviation'], abs=0.05)
     assert float(largest[1]) == pytest.approx(100 * solid_angle['largest_deviation'], abs=0.05)
+
+
+def test_against_a_count_of_what_looks_alike(run, document, tmp_path):
+    path = tmp_path / 'manual.csv'
+    path.write_text('class,count\n1,72\n2,28\n')
+    found = document('hex_nut', '--against', str(path))
+    assert [(c['id'], c['count']) for c in found['against']['classes']] == [(1, 72), (2, 28)]
+    flat = sum(a['probability'] for a in found['methods']['rolling']['aspects'][:2])
+    said = found['against']['methods']['rolling']
+    assert said['mean_deviation'] == pytest.approx(abs(flat - 0.72))
+    lines = run('estimate', 'hex_nut', '--against', str(path)).stdout.splitlines()
+    assert [line.split()[:2] for line in lines[5:7]] == [['1', '72.0'], ['2', '28.0']]
+    path.write_text('class,count\n1,72\n2,28\n3,1\n')
+    ended = run('estimate', 'hex_nut', '--against', str(path))
+    assert ended.returncode == 2
+    assert 'with the classes [1, 2, 3], allowed are those of hex_nut: [1, 2] ' in ended.stderr
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def test_info_of_a_whole_log(run, log, dropped):
         'whole, 7 messages',
         f'part l_bracket, sha256 {dropped[0].part_sha256}',
         'stl in mm, 20 triangles',
-        'conditions own',
+        'conditions steel with height 0.045 m and friction 0.31',
         'height 0.045 m (LOWEST_POINT)',
         'friction 0.31',
         'seed 77',
