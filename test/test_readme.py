@@ -172,6 +172,8 @@ def test_the_interface_is_listed():
         f'{interface.ASPECT_DISTRIBUTIONS}/<part>',
         f'{interface.PARTS}/<part>',
         interface.MARKERS,
+        interface.RECORDED_RUNS,
+        interface.DIAGNOSTICS,
         interface.PAUSE.replace('~', 'log_replayer'),
         interface.RESUME.replace('~', 'log_replayer'),
         interface.CURRENT_POSES,
