@@ -96,16 +96,18 @@ def unknown_parameters(nodes: Sequence[Node]) -> list[str]:
 def help_text(program: str, parameters: Iterable[Parameter]) -> str:
     """What a node's program says of itself."""
     lines = [f'usage: {program} [--ros-args -p name:=value ... -r __ns:=/namespace]', '']
-    lines += [f'  {p.name:19} {_words(p)} (default {p.default!r})' for p in parameters]
+    lines += [f'  {p.name:19} {_words(p)}' for p in parameters]
     return '\n'.join([*lines, '', 'Ctrl-C ends it.'])
 
 
 def _words(parameter: Parameter) -> str:
-    """The description, with what is allowed."""
+    """The description, with what is allowed, and when."""
     allowed = parameter.allowed
     if parameter.bounds is not None:
         allowed = '{:g} to {:g}'.format(*parameter.bounds)
-    return f'{parameter.description}; {allowed}' if allowed else parameter.description
+    what = f'{parameter.description}; {allowed}' if allowed else parameter.description
+    when = '; can be set while it runs' if parameter.changeable else ''
+    return f'{what} (default {parameter.default!r}{when})'
 
 
 def _refuse(node: Node, check: Callable[[str, Any], object]) -> None:
