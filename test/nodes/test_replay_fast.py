@@ -16,7 +16,7 @@ from resting_aspects_ros.nodes.convert import poses_from
 from resting_aspects_ros.nodes.interface import LEAST_BATCH, POSES
 
 DROPS = 200_000
-COUNT = 600
+COUNT = 300
 LATCHED = DurabilityPolicy.TRANSIENT_LOCAL
 
 
@@ -53,26 +53,30 @@ def test_200_000_drops_are_all_counted_and_all_heard(
     assert distribution.unclassified == times * once.unclassified
 
 
+def in_turn(heard, count):
+    """Whether messages 0 to count - 1 of a loop came in their order, from whichever first."""
+    return heard == [(heard[0] + k) % count for k in range(len(heard))]
+
+
 def test_a_reader_that_is_slow_loses_nothing_of_more_than_it_keeps(
     connect, namespace, replay, written, write_log, tmp_path
 ):
-    """It keeps 40 of 160 batches, and reads each several times over, in 10 ms or more.
+    """It keeps 20 of 80 batches, and takes 6 ms for each, or more on a busy machine.
 
-    Sent at once, as they are without a look at readers, 160 batches take 10 ms in all.
+    When 20 have gone out one follows every 40 ms; sent at once, 80 would take 5 ms in all.
     """
     client, heard = connect(namespace), []
 
     def read(data):
-        for _ in range(3):
-            batch = deserialize_message(data, RestingPoses)
-        heard.append(batch.first_drop)
+        heard.append(deserialize_message(data, RestingPoses).first_drop // LEAST_BATCH)
 
-    qos = QoSProfile(depth=40, durability=LATCHED)
+    qos = QoSProfile(depth=20, durability=LATCHED)
     client.node.create_subscription(RestingPoses, 'resting_poses', read, qos, raw=True)
-    log = write_log(tmp_path, written[:160], depth=40)
-    replay(log, as_fast_as_possible=True)
-    client.wait(lambda: heard and heard[-1] == 159 * LEAST_BATCH, 'last batch')
-    assert heard == [k * LEAST_BATCH for k in range(160)]
+    log = write_log(tmp_path, written[:80], depth=20)
+    replay(log, as_fast_as_possible=True, loop=True)
+    # It may be found at any time.
+    client.wait(lambda: len(heard) >= 2 * 80, 'two rounds')
+    assert in_turn(heard, 80)
 
 
 READER = """
@@ -95,7 +99,7 @@ rclpy.spin(node)
 def test_a_reader_that_stops_gets_all_though_only_the_newest_is_offered(
     run_command, connect, namespace, replay, tmp_path
 ):
-    """It keeps 1000 of 600, 34 kB each, which are more than the system keeps on their way."""
+    """It keeps 1000; 34 kB each are more than the system keeps on their way to it."""
     kind = 'resting_aspects_interfaces/msg/AspectDistribution'
     topic = Topic('/aspect_distributions/nut', kind, Qos(1, durability='transient_local'))
     with RunLog(tmp_path, 'run') as log:
@@ -104,18 +108,15 @@ def test_a_reader_that_stops_gets_all_though_only_the_newest_is_offered(
             log.write(topic, serialize_message(message), k)
     client = connect(namespace)
     reader = run_command(sys.executable, '-c', READER, namespace)
-    client.wait(lambda: client.node.count_subscribers(f'{namespace}{topic.name}'), 'reader')
-    replayer = replay(log.path, as_fast_as_possible=True)
+    replay(log.path, as_fast_as_possible=True, loop=True)
 
     def heard():
         return [int(word) for word in reader.said.split()]
 
-    client.wait(lambda: len(heard()) > 50, 'some of them')
+    client.wait(lambda: len(heard()) > COUNT / 10, 'some of them')
     reader.send(signal.SIGSTOP)
-    client.spin(2.0)
-    assert 'replayed in' not in replayer.said  # it waits
+    client.spin(3.0)  # more than the pause between two rounds
     reader.send(signal.SIGCONT)
-    client.wait(lambda: heard()[-1] == COUNT - 1, 'last')
-    # It may have been found a moment after the first went out.
-    assert heard() == list(range(heard()[0], COUNT))
-    assert heard()[0] < COUNT / 2
+    before = len(heard())
+    client.wait(lambda: len(heard()) > before + COUNT, 'a round more')
+    assert in_turn(heard(), COUNT)
