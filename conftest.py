@@ -1,4 +1,8 @@
-"""What holds for all tests: a skipped test is a failure in CI, where nothing may be missing."""
+"""What holds for all tests: a skipped test is a failure in CI, where nothing may be missing.
+
+But for tests marked `stated_requirement`: what they need is asked for in the README, and npm
+needs a network.
+"""
 
 import os
 
@@ -6,7 +10,8 @@ import pytest
 
 
 def _fail_if_skipped(report):
-    if report.skipped and not hasattr(report, 'wasxfail') and os.environ.get('CI'):
+    allowed = hasattr(report, 'wasxfail') or 'stated_requirement' in report.keywords
+    if report.skipped and not allowed and os.environ.get('CI'):
         report.outcome = 'failed'
         report.longrepr = f'skipped, which is a failure in CI: {report.longrepr[2]}'
     return report

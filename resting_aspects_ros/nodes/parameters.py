@@ -96,7 +96,7 @@ def unknown_parameters(nodes: Sequence[Node]) -> list[str]:
 def help_text(program: str, parameters: Iterable[Parameter]) -> str:
     """What a node's program says of itself."""
     lines = [f'usage: {program} [--ros-args -p name:=value ... -r __ns:=/namespace]', '']
-    lines += [f'  {p.name:19} {_words(p)}' for p in parameters]
+    lines += [f'  {p.name:19} {_words(p)} (default {p.default!r})' for p in parameters]
     return '\n'.join([*lines, '', 'Ctrl-C ends it.'])
 
 
@@ -105,9 +105,8 @@ def _words(parameter: Parameter) -> str:
     allowed = parameter.allowed
     if parameter.bounds is not None:
         allowed = '{:g} to {:g}'.format(*parameter.bounds)
-    what = f'{parameter.description}; {allowed}' if allowed else parameter.description
-    when = '; can be set while it runs' if parameter.changeable else ''
-    return f'{what} (default {parameter.default!r}{when})'
+    when = 'can be set while it runs' if parameter.changeable else ''
+    return '; '.join(filter(None, (parameter.description, allowed, when)))
 
 
 def _refuse(node: Node, check: Callable[[str, Any], object]) -> None:

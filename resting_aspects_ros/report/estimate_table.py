@@ -32,8 +32,8 @@ def estimate_table(
 ) -> Table:
     """A row for each aspect or class, a column for each method, in percent; cells are ASCII.
 
-    Of most parts it fits 80 columns. With drops to hold them against these come first, as shares of
-    the drops that are in an aspect, with their interval, and each method's deviations below.
+    Of most parts it fits 80 columns. With drops to hold them against these come first, as shares
+    of the drops that are in an aspect, with their interval, and each method's deviations below.
 
     Parameters
     ----------

@@ -31,6 +31,9 @@ RUN = {'run_id': '4f1c', 'note': 'café: "yes"\nno'}
 SAFE = 2**53
 
 
+pytestmark = pytest.mark.stated_requirement
+
+
 @pytest.fixture(scope='module')
 def read():
     """Read a log with node."""

@@ -188,6 +188,7 @@ def test_nodes_take_their_parameters_from_the_file(
             'surfaces_file': str(tmp_path / 'surfaces.yaml'),
             'surface': 'granite',
             'publish_period': 0.5,
+            'log_folder': '',
         },
         'drop_recorder': {'log_folder': str(tmp_path / 'logs')},
     }
