@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.logs.recording import RecordedMessage, Recording
+from resting_aspects_ros.nodes.diagnostics import Diagnosis, publish_diagnostics
 from resting_aspects_ros.nodes.interface import PAUSE, RESUME, SERVICES
 from resting_aspects_ros.nodes.parameters import Parameter, declare
 from resting_aspects_ros.nodes.replay import Position, Replay
@@ -54,6 +55,7 @@ class LogReplayer(Node):
         values = declare(self, PARAMETERS)
         _check_rate(values['rate'], values['as_fast_as_possible'])
         recording = Recording(_log(values['log']))
+        self._log = recording.path
         topics, skipped = replayed_topics(recording)
         self._outputs = {
             topic.recorded: self.create_publisher(topic.message, topic.name, topic.qos)
@@ -72,6 +74,7 @@ class LogReplayer(Node):
             if topic.describes_part or topic.holds_poses
         ]
         self._look = self.create_timer(LOOK_PERIOD, self._look_for_others)
+        publish_diagnostics(self, self._diagnose)
         for words in skipped:
             self.get_logger().warning(f'not replayed: {words}')
         self.get_logger().info(
@@ -119,6 +122,17 @@ class LogReplayer(Node):
                 )
                 self._look.cancel()
                 return
+
+    def _diagnose(self) -> Diagnosis:
+        position = self._replay.position
+        values = {
+            'log': self._log,
+            'at': position,
+            'messages published': position.messages,
+            'drops published': position.drops,
+        }
+        words = 'over' if position.over else 'paused' if position.paused else 'replaying'
+        return Diagnosis(words, values)
 
     def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         word = 'paused already' if self._replay.paused else 'paused'

@@ -8,6 +8,7 @@ import struct
 from contextlib import suppress
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from mcap.exceptions import EndOfFile
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
@@ -23,7 +24,13 @@ from std_msgs.msg import String
 
 from resting_aspects_ros.logs.run_log import RunLog
 from resting_aspects_ros.logs.topics import Qos, Topic
-from resting_aspects_ros.nodes.interface import ALL_LATCHED, LATCHED, LEAST_BATCH, POSES
+from resting_aspects_ros.nodes.interface import (
+    ALL_LATCHED,
+    DIAGNOSTICS,
+    LATCHED,
+    LEAST_BATCH,
+    POSES,
+)
 
 DROPS = 2 * LEAST_BATCH + 200
 DISTRIBUTION, PART = 'aspect_distributions/tetrahedron', 'parts/tetrahedron'
@@ -313,3 +320,17 @@ def test_what_cannot_be_replayed_is_said_in_one_line(
     (line,) = [line for line in process.said.splitlines() if line.startswith('error: ')]
     assert words.format(**places) in line
     assert not traceback(process.said)
+
+
+def test_it_says_on_diagnostics_how_far_it_is(connect, namespace, replay, log):
+    client = connect(namespace)
+    said = client.listen(DiagnosticArray, DIAGNOSTICS, 10)
+    replay(log, as_fast_as_possible=True)
+
+    def over():
+        statuses = [status for message in said for status in message.status]
+        own = [s for s in statuses if s.name == f'{namespace[1:]}/log_replayer']
+        return own and own[-1].message == 'over' and own[-1]
+
+    values = {each.key: each.value for each in client.wait(over, 'end of the log').values}
+    assert (values['log'], values['drops published']) == (str(log), str(DROPS))
