@@ -18,6 +18,8 @@ from PIL import Image
         (['--friction', '-1'], ['friction', '-1.0', '0 to 10']),
         (['--picture', 'nowhere/p.png'], ['--picture', "'nowhere/p.png'", 'does not exist']),
         (['--ros-args', '--bogus'], ['--ros-args', "'--bogus'"]),
+        (['--method', 'csa', '--surface', 'ice'], ['--surface', "'ice'", '--method drops']),
+        (['--method', 'csa', '--drops', '9'], ['--drops', "'9'", '--method drops']),
     ],
     ids=' '.join,
 )
