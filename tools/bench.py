@@ -9,6 +9,7 @@ import os
 from bench_command import command
 from bench_estimators import estimators
 from bench_geometry import geometry
+from bench_latency import latency
 from bench_report import Section, machine, markdown, show
 from bench_scaling import scaling
 from bench_suite import begun_pool
@@ -34,6 +35,7 @@ def main() -> None:
         lambda: _scaling(workers),
         geometry,
         estimators,
+        latency,
     ):
         section = measure()
         show(console, section)

@@ -171,9 +171,3 @@ def _process(words: list[str]) -> Iterator[None]:
     finally:
         process.terminate()
         process.wait(DEADLINE)
-
-
-if __name__ == '__main__':
-    section = latency()
-    for row in (section.tables[0].columns, *section.tables[0].rows):
-        print(row)
