@@ -57,7 +57,7 @@ def suite(context: LaunchContext) -> list[Node]:
     """The nodes, with the launch arguments that are their parameters."""
     return [
         node(context, 'drop_simulator', 'parts_folder', 'surface'),
-        node(context, 'aspect_classifier', 'surface'),
+        node(context, 'aspect_classifier', 'surface', 'log_folder'),
         node(context, 'drop_recorder', 'log_folder'),
     ]
 

@@ -83,7 +83,8 @@ def test_executables_are_where_ros2_run_looks(workspace):
     folder = workspace / 'install' / 'resting_aspects_ros' / 'lib' / 'resting_aspects_ros'
     names = {path.name for path in folder.iterdir()}
     assert names == {
-        'resting_aspects', 'drop_simulator', 'aspect_classifier', 'drop_recorder', 'feeder_example'
+        'resting_aspects', 'drop_simulator', 'aspect_classifier', 'drop_recorder',
+        'feeder_example', 'log_replayer'
     }  # fmt: skip
     assert 'usage: resting_aspects' in run_sourced(workspace, f'{folder}/resting_aspects --help')
 

@@ -65,11 +65,15 @@ def test_every_command_is_known_to_the_tests_below():
     known = ['make demo', 'make test', '.venv/bin/resting_aspects ']
     assert all(line.startswith(tuple(known)) for line in commands())
     assert {line.split()[1] for line in commands()} == {
-        'demo', 'test', 'drop', 'aspects', 'estimate', 'compare', 'nodes', 'request'
+        'demo', 'test', 'drop', 'aspects', 'estimate', 'compare', 'nodes', 'request', 'info',
+        'recover'
     }  # fmt: skip
 
 
-@pytest.mark.parametrize('line', [line for line in commands() if ' drop ' in line])
+DROPS = [line for line in commands() if ' drop ' in line and '--from-log' not in line]
+
+
+@pytest.mark.parametrize('line', DROPS)
 def test_drop(line, tmp_path):
     command = here(line) if '--precision' in line else [*here(line), *FEW_DROPS]
     if '--out' in command:
@@ -94,7 +98,7 @@ def test_estimate():
 
 def test_compare(tmp_path):
     (line,) = [line for line in commands() if ' compare ' in line]
-    (drop,) = [line for line in commands() if ' drop ' in line and '--out' in line]
+    (drop,) = [line for line in DROPS if '--out' in line]
     mesh = str(ROOT / 'config' / 'parts' / 'hex_nut.stl')
     words = [mesh if word.endswith('.stl') else word for word in here(drop)]
     run([*words, *FEW_DROPS], cwd=tmp_path)
@@ -124,7 +128,18 @@ def test_nodes_request_and_the_python_client(tmp_path, environment):
         suite.send_signal(signal.SIGINT)
         _, complaints = suite.communicate(timeout=30)
     assert suite.returncode == 0, complaints
-    assert len(list((tmp_path / 'out' / 'logs').glob('l_bracket_*/metadata.yaml'))) == 1
+    (log,) = (tmp_path / 'out' / 'logs').glob('l_bracket_*')
+
+    def of_log(line):
+        words = here(line)
+        return [*words[:-1], os.fspath(log)]
+
+    (info,) = [line for line in commands() if ' info ' in line]
+    assert 'whole, ' in run(of_log(info))
+    (recover,) = [line for line in commands() if ' recover ' in line]
+    assert run(of_log(recover)).startswith(f'{log}: is whole, ')
+    (again,) = [line for line in commands() if '--from-log' in line]
+    assert 'drops in total' in run(of_log(again))
 
 
 def test_make_demo_and_make_test_are_targets_and_ci_runs_the_tests():

@@ -37,7 +37,7 @@ from resting_aspects_ros.nodes.interface import (
     SERVICES,
 )
 from resting_aspects_ros.nodes.own_node import ClientUseError, OwnNode
-from resting_aspects_ros.nodes.question import Question
+from resting_aspects_ros.nodes.question import AnswerTimeoutError, Question
 from resting_aspects_ros.nodes.run_watch import RunWatch
 
 # For what is latched to come, s.
@@ -262,7 +262,13 @@ class RestingAspectsClient:
     def default_conditions(self) -> DropConditions:
         """What the simulator means by no surface."""
         own = self._waiting_node()
-        return conditions_from(own.latched(DropConditionsMsg, DEFAULT_CONDITIONS, PART_TIMEOUT))
+        try:
+            said = own.latched(DropConditionsMsg, DEFAULT_CONDITIONS, PART_TIMEOUT)
+        except AnswerTimeoutError as error:
+            raise AnswerTimeoutError(
+                f'no drop_simulator says which surface is the default, name one: {error}'
+            ) from None
+        return conditions_from(said)
 
     def close(self) -> None:
         """End all that it made; futures that are not done are cancelled."""

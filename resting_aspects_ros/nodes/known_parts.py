@@ -9,7 +9,7 @@ from resting_aspects_ros.core.errors import UnknownPartError
 from resting_aspects_ros.core.part import MAX_NAME, Part
 
 # A simulator's parts come in one after another; after so long without a new one all are there, s.
-QUIET = 3.0
+QUIET = 5.0
 
 
 class KnownParts:

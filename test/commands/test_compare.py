@@ -10,19 +10,19 @@ from builtin_interfaces.msg import Time
 from rclpy.serialization import serialize_message
 from scipy.stats import chi2_contingency, fisher_exact
 
-from resting_aspects_ros.commands.counts_files import DISTRIBUTION, read_counts
+from resting_aspects_ros.commands.counts_files import read_counts
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.logs.run_log import RunLog
-from resting_aspects_ros.logs.topics import Qos, Topic
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, Qos, Topic
 from resting_aspects_ros.nodes.distribution_messages import distribution_msg
 from resting_aspects_ros.report.document import distribution_document, to_json
 
 COUNTS = [60, 55, 48, 25, 12]
 BY_HAND = 'aspect,count\n1,61\n2,70\n3,50\n4,15\n5,14\nunsettled,3\n'
-TOPIC = Topic('/aspect_distributions/l_bracket', DISTRIBUTION, Qos(1))
+TOPIC = Topic('/aspect_distributions/l_bracket', DISTRIBUTION_TYPE, Qos(1))
 
 
 @pytest.fixture(scope='session')

@@ -89,7 +89,9 @@ def test_against_a_count_of_what_looks_alike(run, document, tmp_path):
     said = found['against']['methods']['rolling']
     assert said['mean_deviation'] == pytest.approx(abs(flat - 0.72))
     lines = run('estimate', 'hex_nut', '--against', str(path)).stdout.splitlines()
-    assert [line.split()[:2] for line in lines[5:7]] == [['1', '72.0'], ['2', '28.0']]
+    rows = [line.split()[:2] for line in lines]
+    assert ['1', '72.0'] in rows
+    assert ['2', '28.0'] in rows
     path.write_text('class,count\n1,72\n2,28\n3,1\n')
     ended = run('estimate', 'hex_nut', '--against', str(path))
     assert ended.returncode == 2

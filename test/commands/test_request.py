@@ -121,5 +121,5 @@ def test_a_condition_alone_needs_a_simulator_that_says_of_which_surface(
     ended = run('request', 'tetrahedron', '--friction', '0.4', *ros)
     assert (ended.returncode, ended.stdout) == (1, '')
     (line,) = ended.stderr.splitlines()
-    assert line.startswith('error: nothing came on /request_nobody_')
-    assert line.endswith('/default_conditions, waited 5 s')
+    assert line.startswith('error: no drop_simulator says which surface is the default, name one')
+    assert line.endswith('default_conditions, waited 5 s')
