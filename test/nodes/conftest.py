@@ -38,7 +38,7 @@ from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.release import CHUNK
 from resting_aspects_ros.logs.run_log import RunLog
 from resting_aspects_ros.logs.topics import Qos, Topic
-from resting_aspects_ros.nodes.convert import part_msg, poses_msg, time_msg
+from resting_aspects_ros.nodes.convert import conditions_msg, part_msg, poses_msg, time_msg
 from resting_aspects_ros.nodes.interface import (
     ACTION_SERVICES,
     LEAST_BATCH,
@@ -485,6 +485,12 @@ def counts():
         )
 
     return counts
+
+
+@pytest.fixture
+def quick(surfaces):
+    """Conditions under which a drop takes little time: from a low height, without bounces."""
+    return [conditions_msg(surfaces.get().changed(height=1e-3, restitution=0.0))]
 
 
 @pytest.fixture(scope='session')

@@ -43,12 +43,14 @@ def test_each_topic_is_published_by_the_classifier_in_the_type_and_quality_asked
     suite, displays
 ):
     for topic, display in displays.items():
-        (publisher,) = suite.client.wait(
-            lambda topic=topic: suite.client.node.get_publishers_info_by_topic(
-                suite.client.node.resolve_topic_name(topic)
-            ),
-            topic,
-        )
+
+        def publishers(topic=topic):
+            name = suite.client.node.resolve_topic_name(topic)
+            found = suite.client.node.get_publishers_info_by_topic(name)
+            # A node that is just being discovered has topics before it has a name.
+            return [each for each in found if each.node_name != '_NODE_NAME_UNKNOWN_']
+
+        (publisher,) = suite.client.wait(publishers, topic)
         assert publisher.node_name == 'aspect_classifier'
         assert publisher.topic_type == TYPES[display['Class']]
         offered, asked = publisher.qos_profile, display['Topic']
