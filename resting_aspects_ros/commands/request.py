@@ -76,8 +76,6 @@ def run(arguments: argparse.Namespace) -> int:
         # Also without a surface: wrong values are refused before a suite is looked for.
         conditions = conditions_of(arguments, Surfaces.read(surfaces_file()))
         drops, precision = drops_of(arguments)
-        if arguments.only_known and arguments.drops is None and not precision:
-            drops = 1  # whatever is known
         # A second to import, which --help does not need.
         from resting_aspects_ros.commands.progress import DropProgress
         from resting_aspects_ros.drops.ceiling import most_drops
@@ -94,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
                 with progress:
                     message = client.get_distribution(
                         arguments.part,
-                        drops=drops,
+                        drops=arguments.drops,
                         precision=precision,
                         conditions=conditions if changes or arguments.surface else None,
                         seed=arguments.seed,

@@ -4,7 +4,7 @@ import difflib
 import math
 import os
 import reprlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -132,8 +132,13 @@ class PartLibrary:
         hint = f'; did you mean {close[0]!r}?' if close else ''
         unfit = [sentence for sentence in self.problems() if str(name) in sentence]
         hint += ''.join(f'; {sentence}' for sentence in unfit)
-        registered = ', '.join(names) or f'none, in {str(self.folder)!r}'
-        return f'no part {str(name)[:MAX_NAME]!r} is registered: there are {registered}{hint}'
+        return unknown_part(name, names, f'none, in {str(self.folder)!r}') + hint
+
+
+def unknown_part(name: str, known: Iterable[str], none: str) -> str:
+    """What is said of a name that no part has; none : the words if there are no parts."""
+    names = ', '.join(sorted(known)) or none
+    return f'part {str(name)[:MAX_NAME]!r} is not known, known are {names}'
 
 
 def _read(mesh: Path, sheet: Path | None) -> Part | RestingAspectsError:

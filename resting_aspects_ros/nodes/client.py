@@ -133,7 +133,7 @@ class RestingAspectsClient:
             Registered name; see list_parts.
         drops : int, optional
             At least so many; with a precision at most. None: 1000; with a precision as many as it
-            takes.
+            takes; with only_known any number.
         precision : float
             Half width of all intervals to reach, 0.001 to 0.25; 0: none.
         surface : str

@@ -31,7 +31,9 @@ def distribution_request(
     """The request, as RestingAspectsClient.get_distribution has it, checked."""
     check_name(part)
     if not method:
-        raise InvalidValueError("method is '', allowed is drops or the name of an estimator")
+        raise InvalidValueError(
+            f'method is {method!r}, allowed is drops or the name of an estimator'
+        )
     if asked_estimator(method) is not None:
         return GetDistribution.Request(part=part, method=method)
     if surface and conditions is not None:
@@ -39,7 +41,7 @@ def distribution_request(
             f'surface is {surface!r} and conditions are given, allowed is one of them'
         )
     if drops is None:
-        drops = 0 if precision else DEFAULT_DROPS
+        drops = 0 if precision else 1 if only_known else DEFAULT_DROPS
     drops = most_drops(drops, precision)
     check_drops(drops)
     if seed is not None:
@@ -71,7 +73,9 @@ def pose_request(part: str, orientation: Quaternion | npt.ArrayLike) -> Classify
 
 
 def check_name(part: str) -> None:
-    """Raises UnknownPartError if no part can have this name."""
+    """Raises UnknownPartError if no part can have this name; InvalidValueError for no text."""
+    if not isinstance(part, str):
+        raise InvalidValueError(f'part is {part!r}, allowed is the name of a part')
     if not is_valid_name(part):
         raise UnknownPartError(
             f'part {part[:MAX_NAME]!r} is not known: names of parts are lower case letters, '

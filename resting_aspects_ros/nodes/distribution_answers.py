@@ -105,11 +105,13 @@ class DistributionAnswers:
         return distribution_msg(distribution, run, stamp, True)
 
     def _nothing_known(self, request: GetDistribution.Request, sha: str) -> NotAvailableError:
+        seed = request.seed[0] if request.seed else None
+        with_seed = '' if seed is None else f' with seed {seed}'
         words = (
-            f'no distribution of {request.part} under these conditions over at least '
+            f'no distribution of {request.part} under these conditions{with_seed} over at least '
             f'{request.drops} drops is known, and only_known was asked for'
         )
-        others = self._known.others(request.part, sha)
+        others = self._known.others(request.part, sha, seed)
         if others:
             more = ', ...' if len(others) > MOST_NAMED else ''
             words += f'; known are {", ".join(others[:MOST_NAMED])}{more}'

@@ -93,12 +93,17 @@ class KnownDistributions:
         newest = max(runs, key=lambda run: run.started, default=None)
         return newest.part_sha256 if newest else None
 
-    def others(self, name: str, part_sha256: str) -> list[str]:
-        """What is known of parts of a name, and how it differs from that part; newest first."""
+    def others(self, name: str, part_sha256: str, seed: int | None) -> list[str]:
+        """What is known of parts of a name, and how it differs from that part; newest first.
+
+        With a seed also how it differs from that one's drops from the first on.
+        """
         of_name = [(r, d) for r, d in self._known.values() if r.part == name]
         of_name.sort(key=lambda known: -known[0].started)
         return [
             f'{found.drops} drops on {run.conditions.surface or "own conditions"}'
+            + ('' if seed in (None, run.seed) else f' with seed {run.seed}')
+            + ('' if seed is None or not run.first_drop else f' from drop {run.first_drop} on')
             + ('' if run.part_sha256 == part_sha256 else ' of another version of the part')
             for run, found in of_name
         ]

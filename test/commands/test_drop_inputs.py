@@ -86,7 +86,7 @@ def test_parts_of_another_folder(heights, refused, box, tmp_path):
     (tmp_path / 'mine' / 'brick.yaml').write_text('unit: cm\n', encoding='utf-8')
     assert heights('brick', '--parts', 'mine') == pytest.approx([10 * h for h in BOX])
     line = refused('drop', 'l_bracket', '--parts', 'mine')
-    assert line == "error: no part 'l_bracket' is registered: there are brick"
+    assert line == "error: part 'l_bracket' is not known, known are brick"
 
 
 def test_a_warning_leaves_standard_output_to_the_answer(run, box, tmp_path):
@@ -144,4 +144,4 @@ def test_an_unknown_name_lists_those_that_are_known(refused):
     line = refused('drop', 'l_braket')
     for name in ('angle_45x30x8', 'box_10x20x30', 'l_bracket', 'tetrahedron', 'washer'):
         assert name in line
-    assert "no part 'l_braket' is registered" in line
+    assert "part 'l_braket' is not known" in line

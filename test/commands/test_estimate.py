@@ -42,6 +42,13 @@ def test_some_methods(document):
     assert list(document('l_bracket', '--method', 'rolling, csa')['methods']) == ['csa', 'rolling']
 
 
+def test_the_column_of_one_method_has_its_name(run):
+    headings = run('estimate', 'l_bracket', '--method', 'rolling').stdout
+    assert 'rolling' in headings
+    assert 'roll-' not in headings
+    assert 'roll-' in run('estimate', 'l_bracket').stdout
+
+
 def test_the_table_of_a_cylinder_says_what_is_not_defined(run):
     ended = run('estimate', 'cylinder_d20_h20')
     assert ended.returncode == 0, ended.stderr
@@ -107,7 +114,7 @@ def test_against_a_count_of_what_looks_alike(run, document, tmp_path):
         ),
         (['cylinder_d20_h20', '--method', 'crsa'], 'crsa is not defined for cylinder_d20_h20'),
         (['washer', '--method', 'crsa,stability'], '; stability is not defined for washer'),
-        (['no_such_part'], "no part 'no_such_part' is registered"),
+        (['no_such_part'], "part 'no_such_part' is not known, known are"),
         (['l_bracket', '--against', 'no.csv'], "'no.csv'"),
     ],
 )

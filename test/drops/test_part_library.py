@@ -40,9 +40,9 @@ def test_unknown_part_lists_those_that_are_registered(folder):
     with pytest.raises(UnknownPartError) as caught:
         PartLibrary(folder).load('covre')
     assert str(caught.value) == (
-        "no part 'covre' is registered: there are bush, cover, pin; did you mean 'cover'?"
+        "part 'covre' is not known, known are bush, cover, pin; did you mean 'cover'?"
     )
-    with pytest.raises(UnknownPartError, match=r'there are bush, cover, pin$'):
+    with pytest.raises(UnknownPartError, match=r'known are bush, cover, pin$'):
         PartLibrary(folder).load('xyz')
 
 

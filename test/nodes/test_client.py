@@ -96,6 +96,14 @@ def test_what_is_known_is_answered_without_progress(client):
     assert done == []
 
 
+def test_only_known_without_a_number_takes_what_is_known(client):
+    known = client.get_distribution('hex_nut', drops=7, seed=57)
+    again = client.get_distribution('hex_nut', seed=57, only_known=True)
+    assert (again.run, again.drops) == (known.run, 7)
+    with pytest.raises(NotAvailableError, match=r'at least 8 drops .* known are 7 drops on '):
+        client.get_distribution('hex_nut', drops=8, only_known=True)
+
+
 def test_without_a_number_there_are_1000_drops_and_with_a_precision_as_many_as_it_takes(client):
     assert client.get_distribution('tetrahedron', seed=53).run.drops == 1000
     precise = client.get_distribution('tetrahedron', precision=0.06, seed=54)
@@ -180,12 +188,15 @@ def test_parts_are_listed_and_described(client, suite, part):
     ('ask', 'kind', 'words'),
     [
         (lambda c: c.get_distribution('Nut'), UnknownPartError, "part 'Nut' is not known"),
+        (lambda c: c.get_distribution(None), InvalidValueError, 'part is None, allowed is the'),
+        (lambda c: c.classify_pose(3, [0, 0, 0, 1]), InvalidValueError, 'part is 3, allowed is'),
         (lambda c: c.get_distribution('x', drops=0), InvalidValueError, 'drops is 0, allowed'),
-        (lambda c: c.get_distribution('x', drops=1e3), InvalidValueError, 'drops is 1000.0, all'),
+        (lambda c: c.get_distribution('x', drops=1e3), InvalidValueError, 'allowed is a whole n'),
         (lambda c: c.get_distribution('x', seed=-1), InvalidValueError, 'seed is -1, allowed'),
         (lambda c: c.get_distribution('x', precision=1), InvalidValueError, 'precision is 1, a'),
         (lambda c: c.get_distribution('x', method='guess'), InvalidValueError, "method 'guess'"),
         (lambda c: c.get_distribution('x', method=''), InvalidValueError, "method is ''"),
+        (lambda c: c.get_distribution('x', method=None), InvalidValueError, 'method is None'),
         (lambda c: c.get_distribution('x', timeout=0), InvalidValueError, 'timeout is 0, allowed'),
         (lambda c: c.list_parts(timeout=math.nan), InvalidValueError, 'timeout is nan, allowed'),
         (lambda c: c.classify_pose('x', [0, 0, 0, 2]), InvalidValueError, 'norm 2, allowed'),
@@ -209,7 +220,7 @@ def test_a_surface_and_conditions_are_too_much(nobody, surfaces):
 @pytest.mark.parametrize(
     ('asked', 'kind', 'words'),
     [
-        ({'part': 'gizmo'}, UnknownPartError, "no part 'gizmo' is registered: there are"),
+        ({'part': 'gizmo'}, UnknownPartError, "part 'gizmo' is not known, known are angle"),
         ({'surface': 'ice'}, InvalidValueError, "surface 'ice' is not known, allowed is"),
         ({'seed': 987, 'only_known': True}, NotAvailableError, 'only_known was asked for'),
         ({'part': 'cylinder_d20_h20', 'method': 'crsa'}, InvalidValueError, 'crsa is not def'),

@@ -57,17 +57,17 @@ def test_what_is_known_is_answered_without_a_drop(suite, first, counts):
 @pytest.mark.parametrize(
     ('fields', 'words'),
     [
-        ({'drops': 261}, 'at least 261 drops'),
-        ({'seed': [8]}, 'tetrahedron'),
-        ({'part': 'washer'}, 'washer'),
+        ({'drops': 261}, ['over at least 261 drops is known', ' 260 drops on rubber_mat']),
+        ({'seed': [8]}, ['with seed 8 over', ' 260 drops on rubber_mat with seed 7']),
+        ({'part': 'washer'}, ['no distribution of washer under these conditions over']),
     ],
     ids=['more drops', 'another seed', 'another part'],
 )
 def test_only_known_drops_nothing(suite, first, fields, words):
     answer = suite.client.ask(**{'drops': 260, 'only_known': True, **fields})
     assert answer.status.code == Status.NOT_AVAILABLE
-    assert words in answer.status.message
-    assert 'only_known' in answer.status.message
+    for each in (*words, 'only_known was asked for'):
+        assert each in answer.status.message
 
 
 def test_only_known_of_a_part_that_is_not_offered(suite, first):
@@ -121,6 +121,8 @@ def test_another_seed_is_dropped_if_it_is_given(suite, first, counts):
 def test_drops_from_the_middle_of_a_seed_do_not_answer_for_the_seed(suite, counts):
     slice_of_run = suite.client.drop('box_10x20x30', 30, first_drop=500, seed=5).result
     assert slice_of_run.drops == 30
+    refused = suite.client.ask('box_10x20x30', 30, seed=[5], only_known=True).status
+    assert refused.message.endswith('; known are 30 drops on rubber_mat from drop 500 on')
     answer = suite.client.ask('box_10x20x30', 30, seed=[5])
     assert answer.distribution.run.first_drop == 0
     assert answer.distribution.run.run_id != slice_of_run.run_id
