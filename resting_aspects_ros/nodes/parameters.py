@@ -55,11 +55,18 @@ def declare(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
     """
     declared = {p.name: p for p in parameters}
 
+    def as_declared(given: Iterable[RosParameter]) -> list[RosParameter]:
+        return [_as_declared(declared[p.name], p) if p.name in declared else p for p in given]
+
     def within_bounds(name: str, value: Any) -> None:
         if name in declared and declared[name].bounds is not None:
             declared[name].check(value)
 
     _refuse(node, within_bounds)
+    node.add_pre_set_parameters_callback(as_declared)
+    # Those that are given at the start do not come by there.
+    overrides = node._parameter_overrides  # noqa: SLF001
+    overrides.update({p.name: p for p in as_declared(list(overrides.values()))})
     return {
         name: node.declare_parameter(name, p.default, _descriptor(p)).value
         for name, p in declared.items()
@@ -98,6 +105,16 @@ def help_text(program: str, parameters: Iterable[Parameter]) -> str:
     lines = [f'usage: {program} [--ros-args -p name:=value ... -r __ns:=/namespace]', '']
     lines += [f'  {p.name:19} {_words(p)} (default {p.default!r})' for p in parameters]
     return '\n'.join([*lines, '', 'Ctrl-C ends it.'])
+
+
+def _as_declared(parameter: Parameter, given: RosParameter) -> RosParameter:
+    """ROS takes no 10 for 10.0 and no 1 for [1], which is easily written; both are clear."""
+    if given.type_ == RosParameter.Type.INTEGER:
+        if isinstance(parameter.default, float):
+            return RosParameter(given.name, value=float(given.value))
+        if isinstance(parameter.default, list):
+            return RosParameter(given.name, value=[given.value])
+    return given
 
 
 def _words(parameter: Parameter) -> str:

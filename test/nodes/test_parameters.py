@@ -277,7 +277,8 @@ NO_FOLDER = "log_folder is '{}', allowed is a folder that is there or can be mad
             10.0 + 1e-8,  # which ROS lets pass
             'publish_period is 10.00000001, allowed is 0.05 to 10',
         ),
-        ('aspect_classifier', 'publish_period', 1, "expected 'Type.DOUBLE' got 'Type.INTEGER'"),
+        ('aspect_classifier', 'publish_period', 11, 'Min: 0.05, Max: 10.0, value: 11.0'),
+        ('aspect_classifier', 'publish_period', True, "expected 'Type.DOUBLE' got 'Type.BOOL'"),
         ('drop_recorder', 'log_folder', '', NO_FOLDER.format('')),
         ('drop_recorder', 'log_folder', str(FILE / 'x'), NO_FOLDER.format(FILE / 'x')),
         ('drop_recorder', 'log_folder', 'x' * 9000, NO_FOLDER.format('x' * 9000)),
@@ -292,6 +293,33 @@ def test_a_value_that_is_not_allowed_is_refused_in_words(
     assert words in reason
     assert parameters[node].get(name) == before
     assert suite.processes[node].running
+
+
+def test_a_whole_number_is_a_number(parameters):
+    assert parameters['aspect_classifier'].set(publish_period=2) == []
+    value = parameters['aspect_classifier'].get('publish_period')
+    assert (value, type(value)) == (2.0, float)
+
+
+@pytest.mark.parametrize(
+    ('node', 'name', 'expected', 'ready'),
+    [
+        ('aspect_classifier', 'publish_period', 1.0, 'ready'),
+        ('feeder_example', 'pickable', [1], 'waits for'),
+    ],
+)
+def test_a_1_at_the_start_is_1_0_and_a_list_of_one(
+    start, connect, parameters_of, namespace, node, name, expected, ready
+):
+    start(node, namespace, {name: 1}, ready=ready)
+    value = parameters_of(connect(namespace), node).get(name)
+    assert (list(value) if isinstance(expected, list) else value) == expected
+
+
+def test_a_list_of_texts_for_a_list_of_numbers_is_refused(start, namespace):
+    process = start('feeder_example', namespace, {'pickable': '[a]'}, ready='')
+    assert process.end(0) == 2
+    assert 'pickable' in process.said
 
 
 def test_of_two_that_are_set_together_none_is_if_one_is_refused(suite, parameters):
