@@ -28,7 +28,7 @@ INTERFACES = ROOT / 'resting_aspects_interfaces'
 JAVASCRIPT = ROOT / 'test' / 'logs' / 'js'
 
 PYTHON_VERSION = f'{sys.version_info[0]}.{sys.version_info[1]}'
-HEARTBEAT_S = 10.0
+HEARTBEAT_S = 30.0
 LOG_LINES_SHOWN = 20
 
 Run = Callable[..., None]

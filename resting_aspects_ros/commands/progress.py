@@ -31,7 +31,8 @@ class DropProgress:
         self._what = what
         self._total = total
         self._begun = self._shown = time.monotonic()
-        self._over = self._waited = False
+        self._waited = False
+        self._line = ''  # the last that was printed
         self._bar: Progress | None = None
         self._task: TaskID | None = None
         if sys.stderr.isatty():
@@ -61,13 +62,10 @@ class DropProgress:
                 rate += f', {seconds * (self._total - done) / done:.0f} s left'
             self._bar.update(self._task, completed=done, rate=rate)
         elif now - self._shown >= LINE_PERIOD or done == self._total:
-            self._shown = now
-            if not self._over:
-                print(
-                    f'{self._what}: {done} of {self._total} drops  {rate}'.rstrip(),
-                    file=sys.stderr,
-                )
-            self._over = done == self._total
+            line = f'{self._what}: {done} of {self._total} drops'
+            if line != self._line:  # the rate alone is no news
+                print(f'{line}  {rate}'.rstrip(), file=sys.stderr)
+                self._line, self._shown = line, now
 
     def end(self, done: int) -> None:
         """No more drops come: those that are done are all. Nothing, if none were waited for."""

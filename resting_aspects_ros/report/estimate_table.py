@@ -11,7 +11,7 @@ from resting_aspects_ros.core.intervals import Array, intervals
 from resting_aspects_ros.report.rounding import interval_text, share_text
 from resting_aspects_ros.report.table import NOTHING, down_text, plain_table
 
-# In two lines, so that all methods fit 80 columns.
+# In two lines, so that all methods fit 80 columns; of one alone it is the name.
 _HEADINGS = {
     'solid_angle': 'solid\nangle',
     'stability': 'stab-\nility',
@@ -63,7 +63,8 @@ def estimate_table(
             for each in found
         ]
     for method in shares:
-        table.add_column(_HEADINGS.get(method, method), justify='right', no_wrap=True)
+        heading = method if len(shares) == 1 else _HEADINGS.get(method, method)
+        table.add_column(heading, justify='right', no_wrap=True)
     columns = [_texts(each, len(first)) for each in shares.values()]
     for k, cells in enumerate(first):
         table.add_row(str(k + 1), *cells, *(column[k] for column in columns))

@@ -10,6 +10,8 @@ import threading
 
 import pytest
 
+from resting_aspects_ros.commands import progress
+
 WORDS = ('drop', 'l_bracket', '--drops', 375, '--workers', 2)
 
 
@@ -52,6 +54,17 @@ def test_a_pipe_gets_lines_with_the_rate(run):
         assert re.fullmatch(r'l_bracket: \d+ of 375 drops(  \d+ drops/s)?', line)
     assert re.fullmatch(r'l_bracket: 375 of 375 drops  \d+ drops/s', lines[-1])
     assert sum('375 of' in line for line in lines) == 1
+
+
+def test_a_pipe_is_told_nothing_twice(monkeypatch, capsys):
+    monkeypatch.setattr(progress, 'LINE_PERIOD', 0.0)
+    with progress.DropProgress('part', 10) as shown:
+        for done in (0, 0, 3, 3, 7, 7):
+            shown.update(done)
+        shown.end(7)  # as precise as it was asked for
+        shown.end(7)
+    lines = [line.split('  ')[0] for line in capsys.readouterr().err.splitlines()]
+    assert lines == [f'part: {said} drops' for said in ('0 of 10', '3 of 10', '7 of 10', '7 of 7')]
 
 
 def test_a_terminal_gets_a_bar_with_the_rate_and_standard_output_none(in_terminal):
