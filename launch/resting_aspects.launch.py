@@ -39,6 +39,9 @@ def generate_launch_description() -> LaunchDescription:
                 description=f'surface of requests that name none; {as_in_file}',
             ),
             DeclareLaunchArgument(
+                'workers', default_value='', description=f'processes that drop; {as_in_file}'
+            ),
+            DeclareLaunchArgument(
                 'rviz', default_value='false', choices=['true', 'false'], description='show it'
             ),
             OpaqueFunction(function=suite),
@@ -49,6 +52,15 @@ def generate_launch_description() -> LaunchDescription:
                 arguments=['-d', view],
                 condition=IfCondition(LaunchConfiguration('rviz')),
             ),
+            # Below `tray`, so that it is in no one's way who says where the tray stands: RViz has
+            # no fixed frame of which TF knows nothing.
+            Node(
+                package='tf2_ros',
+                executable='static_transform_publisher',
+                namespace=LaunchConfiguration('namespace'),
+                arguments=['--frame-id', 'tray', '--child-frame-id', 'tray_in_rviz'],
+                condition=IfCondition(LaunchConfiguration('rviz')),
+            ),
         ]
     )
 
@@ -56,7 +68,7 @@ def generate_launch_description() -> LaunchDescription:
 def suite(context: LaunchContext) -> list[Node]:
     """The nodes, with the launch arguments that are their parameters."""
     return [
-        node(context, 'drop_simulator', 'parts_folder', 'surface'),
+        node(context, 'drop_simulator', 'parts_folder', 'surface', 'workers'),
         node(context, 'aspect_classifier', 'surface', 'log_folder'),
         node(context, 'drop_recorder', 'log_folder'),
     ]
@@ -65,9 +77,11 @@ def suite(context: LaunchContext) -> list[Node]:
 def node(context: LaunchContext, executable: str, *arguments: str) -> Node:
     """A node; of the arguments those that are given go before the parameter file."""
     values = {name: LaunchConfiguration(name).perform(context) for name in arguments}
-    # As texts: launch would make a number of a folder that is called 2025.
+    # Typed: launch would make a number of a folder that is called 2025.
     given = {
-        name: ParameterValue(value, value_type=str) for name, value in values.items() if value
+        name: ParameterValue(value, value_type=int if name == 'workers' else str)
+        for name, value in values.items()
+        if value
     }
     return Node(
         package=PACKAGE,

@@ -1,5 +1,6 @@
 """`colcon build`, as with an installed ROS, of what git tracks, on the ROS wheels of .venv."""
 
+import re
 import shutil
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
+ROS_DOC = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
 
 IMPORTS = """
 import resting_aspects_interfaces.msg, resting_aspects_ros
@@ -106,3 +108,15 @@ def test_the_example_is_not_built_with_the_suite(workspace):
     assert (workspace / 'examples' / 'cpp' / 'package.xml').is_file()
     built = {path.name for path in (workspace / 'build').iterdir() if path.is_dir()}
     assert built == {'resting_aspects_ros', 'resting_aspects_interfaces'}
+
+
+def test_colcon_finds_the_example_where_the_docs_name_it(workspace):
+    block = re.search(r'^colcon build (--base-paths .*examples/cpp)$', ROS_DOC, re.MULTILINE)
+    found = run(workspace, *f'python -m colcon list --names-only {block[1]}'.split()).split()
+    assert sorted(found) == [
+        'pickable_share',
+        'resting_aspects_interfaces',
+        'resting_aspects_ros',
+    ]
+    source = (workspace / 'examples' / 'cpp' / 'src' / 'pickable_share.cpp').read_text()
+    assert f'//   {block[0]}\n' in source

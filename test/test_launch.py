@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from resting_aspects_ros.nodes import aspect_classifier, drop_recorder, drop_simulator
+from resting_aspects_ros.nodes.interface import FRAME
 
 ROOT = Path(__file__).resolve().parent.parent
 FILE = ROOT / 'launch' / 'resting_aspects.launch.py'
@@ -66,7 +67,7 @@ runpy.run_path('setup.py')
 def test_the_arguments_are_these_and_each_is_described():
     given = arguments()
     assert set(given) == {
-        'namespace', 'params_file', 'log_folder', 'parts_folder', 'surface', 'rviz'
+        'namespace', 'params_file', 'log_folder', 'parts_folder', 'surface', 'workers', 'rviz'
     }  # fmt: skip
     assert all({'default_value', 'description'} <= set(said) for said in given.values())
     choices = ast.literal_eval(given['rviz']['choices'])
@@ -74,8 +75,8 @@ def test_the_arguments_are_these_and_each_is_described():
     assert given['rviz']['default_value'].value == 'false'
 
 
-def test_the_readme_names_them_all():
-    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+def test_docs_ros_names_them_all():
+    text = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
     sentence = text.split('The launch file takes ')[1].split('installed')[0]
     assert re.findall(r'`(\w+):=', sentence) == list(arguments())
 
@@ -97,7 +98,7 @@ def test_the_nodes_and_their_parameters_are_declared():
 
 def test_an_argument_is_given_to_every_node_that_has_it():
     nodes = started()
-    for argument in ('log_folder', 'parts_folder', 'surface'):
+    for argument in ('log_folder', 'parts_folder', 'surface', 'workers'):
         having = {name for name, parameters in DECLARED.items() if argument in parameters}
         assert having == {name for name, given in nodes.items() if argument in given} != set()
 
@@ -111,12 +112,41 @@ def test_the_programs_are_of_this_package_and_rviz():
         if isinstance(each, ast.Assign) and each.targets[0].id == 'PACKAGE'
     ]
     assert package == 'resting_aspects_ros'
-    (rviz,) = [node for node in calls('Node') if node is not own]
+    rviz, frame = [node for node in calls('Node') if node is not own]
     assert [keywords(rviz)[name].value for name in ('package', 'executable')] == ['rviz2'] * 2
-    (condition,) = calls('IfCondition', keywords(rviz)['condition'])
-    assert [texts(call) for call in calls('LaunchConfiguration', condition)] == [['rviz']]
-    for node in (own, rviz):
+    assert [keywords(frame)[name].value for name in ('package', 'executable')] == [
+        'tf2_ros', 'static_transform_publisher'
+    ]  # fmt: skip
+    for node in (rviz, frame):
+        (condition,) = calls('IfCondition', keywords(node)['condition'])
+        assert [texts(call) for call in calls('LaunchConfiguration', condition)] == [['rviz']]
+    for node in (own, rviz, frame):
         assert texts(keywords(node)['namespace']) == ['namespace']
+
+
+def test_rviz_finds_the_frame_of_the_markers_and_nobody_is_in_its_way():
+    (frame,) = [
+        node
+        for node in calls('Node')
+        if getattr(keywords(node)['package'], 'value', '') == 'tf2_ros'
+    ]
+    words = ast.literal_eval(keywords(frame)['arguments'])
+    given = dict(zip(words[::2], words[1::2], strict=True))
+    assert given['--frame-id'] == FRAME != given['--child-frame-id']
+
+
+def test_a_number_is_given_as_one():
+    (typed,) = calls('ParameterValue')
+    kind = keywords(typed)['value_type']
+    assert ast.unparse(kind) == "int if name == 'workers' else str"
+    of_launch = {name for given in started().values() for name in given}
+    numbers = {
+        parameter.name
+        for module in (drop_simulator, aspect_classifier, drop_recorder)
+        for parameter in module.PARAMETERS
+        if isinstance(parameter.default, int)
+    }
+    assert numbers & of_launch == {'workers'}
 
 
 def test_the_files_are_there_and_installed():
@@ -149,7 +179,7 @@ if importlib.util.find_spec('launch_ros'):
         description = launch_file.generate_launch_description()
         assert {each.name for each in description.get_launch_arguments()} == set(arguments())
         context = LaunchContext()
-        context.launch_configurations.update(dict.fromkeys(arguments(), 'x'))
+        context.launch_configurations.update(dict.fromkeys(arguments(), '1'))
         nodes = launch_file.suite(context)
         assert {node.node_executable for node in nodes} == set(DECLARED)
         assert {node.node_package for node in nodes} == {'resting_aspects_ros'}

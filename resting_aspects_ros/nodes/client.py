@@ -53,14 +53,18 @@ class RestingAspectsClient:
             found = client.get_distribution('l_bracket', drops=1000)
 
     With a node of yours, which you spin, it never spins: every question has a form that ends in
-    ``_async`` and returns a rclpy Future at once. Await it in an async callback, of whatever
-    callback group, or give it to ``rclpy.spin_until_future_complete``::
+    ``_async`` and returns a rclpy Future at once. Await it in an async callback, or give it to
+    ``rclpy.spin_until_future_complete``::
 
         client = RestingAspectsClient(node)
         found = await client.get_distribution_async('l_bracket', drops=1000)
 
+    A callback that awaits holds up all others of its group, if that is mutually exclusive, as the
+    node's own is: give it a ReentrantCallbackGroup, as in docs/ros.md.
+
     Answers are the suite's messages, as they come on its topics, too. To wait no longer cancel the
-    future; what the suite has begun it ends nevertheless, for others may have asked the same.
+    future: who awaits it gets None. What the suite has begun it ends nevertheless, for others may
+    have asked the same.
 
     Parameters
     ----------

@@ -60,7 +60,7 @@ def test_a_folder_without_parts_has_none(tmp_path, where):
     library = PartLibrary(tmp_path / where)
     assert library.names() == []
     assert len(library.problems()) == (where == 'missing')
-    with pytest.raises(UnknownPartError, match='there are none'):
+    with pytest.raises(UnknownPartError, match='known are none'):
         library.load('pin')
 
 

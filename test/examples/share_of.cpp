@@ -1,4 +1,4 @@
-// Reads a distribution as it is on the wire from a file, and prints its share of some aspects:
+// Reads a distribution as it is on the wire from a file, and prints its share of some aspects, and the interval:
 //   share_of FILE [ID ...]
 #include <fstream>
 #include <iomanip>
@@ -25,7 +25,9 @@ int main(int argc, char ** argv)
     ids.push_back(std::stoll(argv[k]));
   }
   try {
-    std::cout << std::setprecision(17) << pickable_share(distribution, ids) << std::endl;
+    const auto share = pickable_share(distribution, ids);
+    std::cout << std::setprecision(17) << share.probability << ' ' << share.lower << ' ' <<
+      share.upper << std::endl;
   } catch (const std::invalid_argument & error) {
     std::cout << error.what() << std::endl;
     return 2;

@@ -14,14 +14,16 @@ import pytest
 from catkin_pkg.package import parse_package
 from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import Aspect, AspectDistribution
+from scipy.stats import binomtest
 
+from resting_aspects_ros.nodes.feeder_example import PARAMETERS
 from resting_aspects_ros.nodes.interface import ASPECT_DISTRIBUTIONS
 
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'cpp'
 SOURCE = (EXAMPLE / 'src' / 'pickable_share.cpp').read_text(encoding='utf-8')
 PREFIX = Path(sys.prefix)
-# Exact sums in double, so that the order of summation does not matter.
-PROBABILITIES = [0.5, 0.25, 0.125, 0.0625, 0.0]
+COUNTS = [8, 4, 2, 1, 0]
+DROPS = 16
 
 
 @pytest.fixture(scope='module')
@@ -75,25 +77,32 @@ def share_of(compile_cpp, tmp_path_factory):
 def distribution(filled):
     """A distribution whose other fields are not the defaults."""
     message = filled(AspectDistribution, random.Random(3))
-    message.aspects = [filled(Aspect, random.Random(k)) for k in range(len(PROBABILITIES))]
-    for number, (aspect, probability) in enumerate(
-        zip(message.aspects, PROBABILITIES, strict=True), start=1
-    ):
-        aspect.id, aspect.probability = number, probability
+    message.aspects = [filled(Aspect, random.Random(k)) for k in range(len(COUNTS))]
+    for number, (aspect, count) in enumerate(zip(message.aspects, COUNTS, strict=True), start=1):
+        aspect.id, aspect.count = number, count
+    message.drops = DROPS
     return message
 
 
-def test_the_share_of_any_aspects_is_the_sum_of_their_probabilities(share_of, distribution):
-    numbers = range(1, len(PROBABILITIES) + 1)
+def numbers_of(printed):
+    return [float(number) for number in printed.split()]
+
+
+def test_the_share_of_any_aspects_and_wilson_s_interval(share_of, distribution):
+    numbers = range(1, len(COUNTS) + 1)
     choices = [c for n in (0, 1, 2, 5) for c in itertools.combinations(numbers, n)]
     assert len(choices) == 17
     for ids in choices:
         code, printed = share_of(distribution, *ids)
-        assert (code, float(printed)) == (0, sum(PROBABILITIES[k - 1] for k in ids)), ids
+        found = binomtest(sum(COUNTS[k - 1] for k in ids), DROPS)
+        interval = found.proportion_ci(method='wilson')
+        expected = [found.statistic, interval.low, interval.high]
+        assert code == 0
+        assert numbers_of(printed) == pytest.approx(expected, abs=1e-12), ids
 
 
 def test_an_id_that_is_given_twice_counts_once(share_of, distribution):
-    assert share_of(distribution, 2, 1, 2) == (0, '0.75')
+    assert numbers_of(share_of(distribution, 2, 1, 2)[1])[0] == 0.75
 
 
 @pytest.mark.parametrize('unknown', [0, 6, -1, 2**32 + 1])
@@ -104,8 +113,13 @@ def test_an_id_that_no_aspect_has_is_refused_in_words(share_of, distribution, un
 
 def test_before_the_first_drop_it_is_not_a_number(share_of, distribution):
     for aspect in distribution.aspects:
-        aspect.probability = math.nan
-    assert share_of(distribution, 1) == (0, 'nan')
+        aspect.count = 0
+    distribution.drops = 0
+    code, printed = share_of(distribution, 1)
+    assert code == 0
+    probability, *interval = numbers_of(printed.replace('-nan', 'nan'))
+    assert math.isnan(probability)
+    assert interval == [0, 1]
 
 
 def test_of_the_node_only_rclcpp_is_missing_here(compile_cpp):
@@ -123,7 +137,16 @@ def test_the_node_subscribes_as_the_classifier_publishes():
     assert 'rclcpp::QoS(1).reliable().transient_local()' in SOURCE
     # What the node reads of a message is declared.
     fields = set(re.findall(r'distribution\.(\w+)', SOURCE))
-    assert fields == {'drops', 'complete'} <= set(AspectDistribution.get_fields_and_field_types())
+    assert (
+        fields
+        == {'drops', 'complete', 'run'}
+        <= set(AspectDistribution.get_fields_and_field_types())
+    )
+
+
+def test_its_parameters_are_those_of_the_example_in_python():
+    declared = re.findall(r'declare_parameter\("(\w+)"', SOURCE)
+    assert declared == [parameter.name for parameter in PARAMETERS]
 
 
 def test_package_and_cmake_name_the_same():

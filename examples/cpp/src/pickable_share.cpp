@@ -1,5 +1,7 @@
-// Prints how probable it is that a robot can pick a part, whenever more of its drops are known:
-//   ros2 run pickable_share pickable_share --ros-args -p part:=l_bracket -p ids:='[1, 3]'
+// Prints how probable it is that a robot can pick a part, whenever more of its drops are known.
+// Build it from the folder of the suite, and run it:
+//   colcon build --base-paths . resting_aspects_interfaces examples/cpp
+//   ros2 run pickable_share pickable_share --ros-args -p part:=l_bracket -p pickable:='[1, 3]'
 #include "pickable_share.hpp"
 
 #include <cinttypes>
@@ -17,16 +19,21 @@ int main(int argc, char ** argv)
   rclcpp::init(argc, argv);
   const auto node = std::make_shared<rclcpp::Node>("pickable_share");
   const auto part = node->declare_parameter("part", std::string("l_bracket"));
-  const auto ids = node->declare_parameter("ids", std::vector<std::int64_t>{1});
+  const auto pickable = node->declare_parameter("pickable", std::vector<std::int64_t>{1});
 
   const auto print = [&](const AspectDistribution & distribution) {
+      if (distribution.drops == 0) {
+        return;  // it says nothing yet
+      }
       try {
+        const auto share = pickable_share(distribution, pickable);
         RCLCPP_INFO(
-          node->get_logger(), "%s can be picked with probability %.3f (%" PRIu64 " drops%s)",
-          part.c_str(), pickable_share(distribution, ids), distribution.drops,
-          distribution.complete ? "" : " so far");
+          node->get_logger(), "%s can be picked with probability %.3f (%.3f to %.3f): %" PRIu64
+          " drops%s on %s", part.c_str(), share.probability, share.lower, share.upper,
+          distribution.drops, distribution.complete ? "" : " so far",
+          distribution.run.conditions.surface.c_str());
       } catch (const std::invalid_argument & error) {
-        RCLCPP_ERROR(node->get_logger(), "parameter ids: %s", error.what());
+        RCLCPP_ERROR(node->get_logger(), "parameter pickable: %s", error.what());
       }
     };
   // As it is published: the newest comes at once, also to who comes late.

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <set>
 #include <stdexcept>
@@ -10,15 +11,20 @@
 
 #include "resting_aspects_interfaces/msg/aspect_distribution.hpp"
 
-// The sum of the aspects' probabilities, 0 to 1, each id once; NaN before the first drop.
-// Throws std::invalid_argument for an id that no aspect of the part has.
-inline double pickable_share(
+struct Share
+{
+  double probability, lower, upper;  // 0 to 1
+};
+
+// The share of all drops that ended in one of the aspects, with its interval (Wilson, 95 %); before
+// the first drop NaN in 0 to 1. Throws std::invalid_argument for an id that no aspect has.
+inline Share pickable_share(
   const resting_aspects_interfaces::msg::AspectDistribution & distribution,
   const std::vector<std::int64_t> & ids)
 {
   const auto & aspects = distribution.aspects;
-  double share = 0.0;
-  for (const auto id : std::set<std::int64_t>(ids.begin(), ids.end())) {
+  double count = 0.0;
+  for (const auto id : std::set<std::int64_t>(ids.begin(), ids.end())) {  // each once
     const auto aspect = std::find_if(
       aspects.begin(), aspects.end(), [id](const auto & each) {return each.id == id;});
     if (aspect == aspects.end()) {
@@ -26,7 +32,10 @@ inline double pickable_share(
         "aspect " + std::to_string(id) + " is not known, allowed are 1 to " +
         std::to_string(aspects.size()));
     }
-    share += aspect->probability;
+    count += static_cast<double>(aspect->count);
   }
-  return share;
+  const double n = static_cast<double>(distribution.drops), p = count / n, z = 1.959963984540054;
+  const double middle = (p + z * z / (2 * n)) / (1 + z * z / n);
+  const double half = z * std::sqrt(p * (1 - p) / n + z * z / (4 * n * n)) / (1 + z * z / n);
+  return {p, std::max(0.0, middle - half), std::min(1.0, middle + half)};
 }
