@@ -111,12 +111,10 @@ def test_the_example_is_not_built_with_the_suite(workspace):
 
 
 def test_colcon_finds_the_example_where_the_docs_name_it(workspace):
-    block = re.search(r'^colcon build (--base-paths .*examples/cpp)$', ROS_DOC, re.MULTILINE)
-    found = run(workspace, *f'python -m colcon list --names-only {block[1]}'.split()).split()
-    assert sorted(found) == [
-        'pickable_share',
-        'resting_aspects_interfaces',
-        'resting_aspects_ros',
-    ]
+    """It then asks for rclcpp, which is not here. After the tests of what the suite alone is."""
+    build = re.search(r'^colcon build --base-paths .*examples/cpp$', ROS_DOC, re.MULTILINE)[0]
     source = (workspace / 'examples' / 'cpp' / 'src' / 'pickable_share.cpp').read_text()
-    assert f'//   {block[0]}\n' in source
+    assert f'//   {build}\n' in source
+    printed = run(workspace, 'sh', '-c', f'python -m {build} || true')
+    assert 'Starting >>> pickable_share' in printed
+    assert 'rclcpp' in printed
