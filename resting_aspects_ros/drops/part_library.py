@@ -69,18 +69,24 @@ class PartLibrary:
             if file.suffix.lower() in ('.yaml', '.yml')
             and not (file.suffix == '.yaml' and file.stem in by_stem)
         ]
-        for stem, files in by_stem.items():
+        return found + list(dict.fromkeys(self.not_registered().values()))
+
+    def not_registered(self) -> dict[str, str]:
+        """Return why, in a sentence, by the name of each mesh that is not registered as a part."""
+        where = f'in {str(self.folder)!r}'
+        found: dict[str, str] = {}
+        for stem, files in self._by_stem().items():
             names = ', '.join(file.name for file in files)
             if not is_valid_name(stem):
-                found.append(
-                    f'{names} {where} is not registered: a part is named with lower '
-                    f'case letters, digits and _, a letter first, at most {MAX_NAME} '
-                    'characters'
+                why = (
+                    f'{names} {where} is not registered: a part is named with lower case letters, '
+                    f'digits and _, a letter first, at most {MAX_NAME} characters'
                 )
             elif len(files) > 1:
-                found.append(
-                    f'{names} {where} are not registered: only one mesh can be the part {stem!r}'
-                )
+                why = f'{names} {where} are not registered: only one mesh can be the part {stem!r}'
+            else:
+                continue
+            found |= {file.name: why for file in files}
         return found
 
     def load(self, name: str) -> Part:
