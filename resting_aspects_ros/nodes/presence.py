@@ -8,7 +8,11 @@ are alive.
 import time
 
 from rclpy.duration import Duration
-from rclpy.event_handler import QoSLivelinessChangedInfo, SubscriptionEventCallbacks
+from rclpy.event_handler import (
+    QoSLivelinessChangedInfo,
+    QoSSubscriptionMatchedInfo,
+    SubscriptionEventCallbacks,
+)
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import LivelinessPolicy, QoSProfile
@@ -24,28 +28,37 @@ SURE = 1.5 * LEASE
 
 
 class Living:
-    """The nodes of a kind that are alive in the namespace of a node.
+    """The nodes of a kind that are alive in the namespace of a node, also of its own process.
 
-    count : int
-        How many there are now.
     was_there : bool
         Whether there has been one.
     """
 
     def __init__(self, node: Node, kind: str) -> None:
-        self.count = 0
         self.was_there = False
+        self._there = self._dead = 0
         node.create_subscription(
             Empty,
             f'{PRESENCE}/{kind}',
             lambda _: None,
             _qos(),
-            event_callbacks=SubscriptionEventCallbacks(liveliness=self._changed),
+            event_callbacks=SubscriptionEventCallbacks(
+                matched=self._matched, liveliness=self._changed
+            ),
         )
 
+    @property
+    def count(self) -> int:
+        """How many there are now."""
+        return max(0, self._there - self._dead)
+
+    def _matched(self, event: QoSSubscriptionMatchedInfo) -> None:
+        self._there = event.current_count
+        self.was_there = True
+
     def _changed(self, event: QoSLivelinessChangedInfo) -> None:
-        self.count = event.alive_count
-        self.was_there = self.was_there or self.count > 0
+        # Those of its own process are not among the living here: DDS knows that they are.
+        self._dead = event.not_alive_count
 
 
 class Alone:

@@ -84,7 +84,7 @@ class RunProgress:
             return f'{name} was broken off: {of_run(self.run, len(self.seen))}'
         lost = sum(end - first for first, end in self.missing())
         total = counted(self.end - self.run.first_drop, 'drop', 'drops')
-        return f'{name} has lost {lost} of {total}, not to be had again'
+        return f'{name} has lost {lost} of {total}, which are not to be had'
 
 
 class RunTracker:
@@ -214,7 +214,7 @@ class RunTracker:
         if code == Status.BUSY:
             progress.goes_on()
         elif code != Status.OK:
-            self._node.get_logger().error(f'{_drops(goal)} are not to be had again: {complaint}')
+            self._node.get_logger().error(f'{_drops(goal)} are not to be had: {complaint}')
 
 
 def _drops(goal: DropPart.Goal) -> str:
