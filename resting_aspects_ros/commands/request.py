@@ -120,12 +120,12 @@ def _check_alone(arguments: argparse.Namespace) -> None:
 
 def _part(client: 'RestingAspectsClient', name: str) -> 'Part | None':
     """As it is offered; what is known of it is answered also if it is not."""
-    from resting_aspects_ros.client import NotAvailableError
+    from resting_aspects_ros.client import NotAvailableError, UnknownPartError
 
     try:
         return client.get_part(name)
-    except NotAvailableError as error:
-        _warn(f'no picture of the part, which no simulator offers: {error}')
+    except (NotAvailableError, UnknownPartError) as error:
+        _warn(f'no picture of the part: {error}')
         return None
 
 

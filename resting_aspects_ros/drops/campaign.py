@@ -100,7 +100,7 @@ def drop_chunks(
                 raise EngineError(
                     f'{deaths} worker processes died in a row {_near(first, asked)}'
                 ) from None
-            warn(f'a worker died {_near(first, asked)}')
+            warn(f'a worker died {_near(first, asked)}: its drops are made again')
             workers.replace(executor)
         finally:
             futures.close()

@@ -69,18 +69,24 @@ class PartLibrary:
             if file.suffix.lower() in ('.yaml', '.yml')
             and not (file.suffix == '.yaml' and file.stem in by_stem)
         ]
-        for stem, files in by_stem.items():
+        return found + list(dict.fromkeys(self.not_registered().values()))
+
+    def not_registered(self) -> dict[str, str]:
+        """Return why, in a sentence, by the name of each mesh that is not registered as a part."""
+        where = f'in {str(self.folder)!r}'
+        found: dict[str, str] = {}
+        for stem, files in self._by_stem().items():
             names = ', '.join(file.name for file in files)
             if not is_valid_name(stem):
-                found.append(
-                    f'{names} {where} is not registered: a part is named with lower '
-                    f'case letters, digits and _, a letter first, at most {MAX_NAME} '
-                    'characters'
+                why = (
+                    f'{names} {where} is not registered: a part is named with lower case letters, '
+                    f'digits and _, a letter first, at most {MAX_NAME} characters'
                 )
             elif len(files) > 1:
-                found.append(
-                    f'{names} {where} are not registered: only one mesh can be the part {stem!r}'
-                )
+                why = f'{names} {where} are not registered: only one mesh can be the part {stem!r}'
+            else:
+                continue
+            found |= {file.name: why for file in files}
         return found
 
     def load(self, name: str) -> Part:
@@ -132,10 +138,10 @@ class PartLibrary:
         hint = f'; did you mean {close[0]!r}?' if close else ''
         unfit = [sentence for sentence in self.problems() if str(name) in sentence]
         hint += ''.join(f'; {sentence}' for sentence in unfit)
-        return unknown_part(name, names, f'none, in {str(self.folder)!r}') + hint
+        return unknown_part_text(name, names, f'none, in {str(self.folder)!r}') + hint
 
 
-def unknown_part(name: str, known: Iterable[str], none: str) -> str:
+def unknown_part_text(name: str, known: Iterable[str], none: str) -> str:
     """What is said of a name that no part has; none : the words if there are no parts."""
     names = ', '.join(sorted(known)) or none
     return f'part {str(name)[:MAX_NAME]!r} is not known, known are {names}'

@@ -20,6 +20,7 @@ from resting_aspects_ros.nodes.distribution_answers import DistributionAnswers
 from resting_aspects_ros.nodes.distribution_outputs import PUBLISH_PERIOD, DistributionOutputs
 from resting_aspects_ros.nodes.drop_requests import DropRequests
 from resting_aspects_ros.nodes.interface import (
+    ASPECT_CLASSIFIER,
     CLASSIFY_POSE,
     GET_DISTRIBUTION,
     LIST_PARTS,
@@ -33,6 +34,7 @@ from resting_aspects_ros.nodes.memory import Memory
 from resting_aspects_ros.nodes.parameters import Parameter, declare
 from resting_aspects_ros.nodes.part_lookup import PartLookup
 from resting_aspects_ros.nodes.pose_answers import answer_pose
+from resting_aspects_ros.nodes.presence import Alone
 from resting_aspects_ros.nodes.requests import (
     answering,
 )
@@ -41,6 +43,7 @@ from resting_aspects_ros.nodes.run_accounts import (
     RunAccount,
     newest_distribution,
 )
+from resting_aspects_ros.nodes.run_health import RunHealth
 from resting_aspects_ros.nodes.run_tracker import RunProgress, RunTracker
 from resting_aspects_ros.nodes.spin import run_node
 from resting_aspects_ros.nodes.topic_watch import TopicWatch
@@ -69,7 +72,7 @@ class AspectClassifier(Node):
     """
 
     def __init__(self) -> None:
-        super().__init__('aspect_classifier')
+        super().__init__(ASPECT_CLASSIFIER)
         values = declare(self, PARAMETERS)
         surfaces = Surfaces.read(Path(values['surfaces_file'] or surfaces_file()))
         self._parts = KnownParts()
@@ -78,11 +81,12 @@ class AspectClassifier(Node):
         self._over: dict[str, Future] = {}  # run id -> done when the run is over
         self._outputs = DistributionOutputs(self, self._parts)
         self._tracker = RunTracker(self, self._run_over)
+        self._health = RunHealth(self, self._tracker)
         self._requests = DropRequests(self, self._over_future)
         self._memory = Memory(
             self,
             Path(values['log_folder']) if values['log_folder'] else None,
-            self._known.add,
+            self._known,
             self._remember,
         )
         self._lookup = PartLookup(self, self._parts, self._requests.simulator_is_there)
@@ -96,7 +100,6 @@ class AspectClassifier(Node):
             self._lookup,
         )
         self._drops = Meter()
-        self._lost = 0  # runs of which drops are not to be had
         self._watch = TopicWatch(
             self, PARTS, PartDescription, self._part_described, gone=self._parts.remove
         )
@@ -108,7 +111,7 @@ class AspectClassifier(Node):
         serve(GetDistribution, GET_DISTRIBUTION, self._get_distribution)
         serve(ClassifyPose, CLASSIFY_POSE, self._classify_pose)
         self.create_service(ListParts, LIST_PARTS, self._list_parts, qos_profile=SERVICES)
-        publish_diagnostics(self, self._diagnose)
+        publish_diagnostics(self, self._diagnose, Alone(self, ASPECT_CLASSIFIER))
         self.get_logger().info('ready')
 
     def destroy_node(self) -> None:
@@ -164,8 +167,7 @@ class AspectClassifier(Node):
             return
         account.over = True
         if progress.lost:
-            self._lost += 1
-            account.problem = f'drops of run {progress.run.run_id} were lost and are not to be had'
+            account.problem = progress.loss
         self._advance(account)
 
     def _advance(self, account: RunAccount) -> None:
@@ -177,6 +179,7 @@ class AspectClassifier(Node):
             if account.over and part is not None:
                 # The description that is latched is of another version: this one is gone.
                 account.problem = f'run {run.run_id} is of another version of {run.part}, ignored'
+                self.get_logger().warning(account.problem)
                 self._end(account)
             return
         account.count(aspects)
@@ -190,8 +193,6 @@ class AspectClassifier(Node):
     def _end(self, account: RunAccount) -> None:
         """Tell those who wait for it that a run is over."""
         del self._accounts[account.run.run_id]
-        if account.problem:
-            self.get_logger().warning(account.problem)
         self._over_future(account.run.run_id).set_result(account)
 
     def _over_future(self, run_id: str) -> Future:
@@ -200,20 +201,15 @@ class AspectClassifier(Node):
         return self._over.setdefault(run_id, Future())
 
     def _diagnose(self) -> Diagnosis:
-        missing = self._tracker.missing()
         accounts = self._accounts.values()
         values = {
-            'runs under way': len(accounts),
             'drops received': self._drops.total,
             'drops per second': self._drops.rate(),
             'drops not counted yet': sum(len(p) for each in accounts for p in each.waiting),
-            'missing drops': missing,
-            'runs with lost drops': self._lost,
             'distributions known': len(self._known),
+            **self._health.values(),
         }
-        if missing:
-            return Diagnosis.warning(f'{missing} drops are missing, they are asked for', values)
-        return Diagnosis(f'{len(accounts)} runs under way' if accounts else 'idle', values)
+        return Diagnosis(self._health.state, values, self._health.warnings())
 
     # Services
 

@@ -22,6 +22,7 @@ from resting_aspects_ros.core.distribution import METHOD
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.nodes.client_requests import (
+    absent_part,
     check_name,
     check_timeout,
     distribution_request,
@@ -261,7 +262,10 @@ class RestingAspectsClient:
         """The part itself, mesh and mass properties, as the simulator describes it."""
         check_name(part)
         own = self._waiting_node()
-        return part_from(own.latched(PartDescription, f'{PARTS}/{part}', PART_TIMEOUT))
+        try:
+            return part_from(own.latched(PartDescription, f'{PARTS}/{part}', PART_TIMEOUT))
+        except AnswerTimeoutError as error:
+            raise absent_part(own.node, part, error) from None
 
     def default_conditions(self) -> DropConditions:
         """What the simulator means by no surface."""

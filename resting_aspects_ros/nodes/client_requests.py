@@ -5,16 +5,25 @@ import math
 import numpy as np
 import numpy.typing as npt
 from geometry_msgs.msg import Quaternion
+from rclpy.node import Node
+from resting_aspects_interfaces.msg import PartDescription
 from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution
 
-from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError
+from resting_aspects_ros.core.errors import (
+    InvalidValueError,
+    RestingAspectsError,
+    UnknownPartError,
+)
 from resting_aspects_ros.core.part import MAX_NAME, is_valid_name
 from resting_aspects_ros.core.pose_query import unit_orientation
 from resting_aspects_ros.drops.ceiling import most_drops
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.run import DEFAULT_DROPS, check_drops, check_seed
 from resting_aspects_ros.nodes.convert import conditions_msg
-from resting_aspects_ros.nodes.requests import asked_estimator
+from resting_aspects_ros.nodes.interface import DROP_SIMULATOR, PARTS
+from resting_aspects_ros.nodes.question import AnswerTimeoutError
+from resting_aspects_ros.nodes.requests import asked_estimator, unknown_part
+from resting_aspects_ros.nodes.topic_watch import published_parts
 
 
 def distribution_request(
@@ -88,3 +97,16 @@ def check_timeout(timeout: float | None) -> None:
     number = isinstance(timeout, int | float) and not isinstance(timeout, bool)
     if timeout is not None and not (number and 0 < timeout < math.inf):
         raise InvalidValueError(f'timeout is {timeout!r}, allowed is more than 0 s, or None')
+
+
+def absent_part(node: Node, part: str, late: AnswerTimeoutError) -> RestingAspectsError:
+    """Why the description of a part did not come in time: ``late``, or what is behind that."""
+    offered = published_parts(node, PARTS, PartDescription)
+    if part in offered:
+        return late
+    if offered:
+        return unknown_part(part, offered)
+    return AnswerTimeoutError(
+        f'no {DROP_SIMULATOR} is there that offers {part}: {late}; start the suite with '
+        '"resting_aspects nodes"'
+    )

@@ -1,35 +1,49 @@
 """What a node says of itself on /diagnostics, once a second."""
 
+import dataclasses
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from resting_aspects_ros.nodes.interface import DIAGNOSTICS
+from resting_aspects_ros.nodes.presence import Alone
 
 PERIOD = 1.0
 DEPTH = 10
+# As diagnostic_updater has it for what is no device.
+HARDWARE_ID = 'none'
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """How a node is: a line for a person, and values by name."""
+    """How a node is.
 
-    message: str
+    state : what it does, in words; empty: nothing
+    values : by name
+    warnings : it works, and somebody should know
+    errors : something is lost, or will be
+    """
+
+    state: str
     values: Mapping[str, object]
-    level: bytes = DiagnosticStatus.OK
+    warnings: Sequence[str] = ()
+    errors: Sequence[str] = ()
 
-    @classmethod
-    def warning(cls, message: str, values: Mapping[str, object]) -> 'Diagnosis':
-        """It works, and somebody should know."""
-        return cls(message, values, DiagnosticStatus.WARN)
+    @property
+    def level(self) -> bytes:
+        """As in DiagnosticStatus."""
+        if self.errors:
+            return bytes(DiagnosticStatus.ERROR)
+        return bytes(DiagnosticStatus.WARN if self.warnings else DiagnosticStatus.OK)
 
-    @classmethod
-    def error(cls, message: str, values: Mapping[str, object]) -> 'Diagnosis':
-        """Something is lost, or will be."""
-        return cls(message, values, DiagnosticStatus.ERROR)
+    @property
+    def message(self) -> str:
+        """A line for a person: what is wrong first."""
+        words = [*self.errors, *self.warnings, *([self.state] if self.state else [])]
+        return '; '.join(words) or 'idle'
 
 
 class Meter:
@@ -50,16 +64,24 @@ class Meter:
         return f'{(self.total - total) / max(now - then, 1e-9):.0f}'
 
 
-def publish_diagnostics(node: Node, diagnose: Callable[[], Diagnosis]) -> None:
-    """Publish what ``diagnose`` gives under the node's name, from now on."""
+def publish_diagnostics(
+    node: Node, diagnose: Callable[[], Diagnosis], alone: Alone | None = None
+) -> None:
+    """Publish what ``diagnose`` gives under the node's name, from now on.
+
+    alone : adds what is wrong if there are others of the node's kind
+    """
     publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS, DEPTH)
 
     def publish() -> None:
         found = diagnose()
+        if alone is not None:
+            found = _with_others(found, alone)
         status = DiagnosticStatus(
             level=found.level,
             name=node.get_fully_qualified_name().removeprefix('/'),
             message=found.message,
+            hardware_id=HARDWARE_ID,
             values=[KeyValue(key=key, value=str(value)) for key, value in found.values.items()],
         )
         message = DiagnosticArray(status=[status])
@@ -67,3 +89,12 @@ def publish_diagnostics(node: Node, diagnose: Callable[[], Diagnosis]) -> None:
         publisher.publish(message)
 
     node.create_timer(PERIOD, publish)
+
+
+def _with_others(found: Diagnosis, alone: Alone) -> Diagnosis:
+    words = alone.look()
+    if not words:
+        return found
+    if alone.harmless:
+        return dataclasses.replace(found, warnings=[words, *found.warnings])
+    return dataclasses.replace(found, errors=[words, *found.errors])

@@ -1,6 +1,5 @@
 """The node that writes a log of every run: its poses, its distributions, and the part."""
 
-import os
 import sys
 from collections import deque
 from pathlib import Path
@@ -17,13 +16,14 @@ from resting_aspects_interfaces.msg import (
 )
 from resting_aspects_interfaces.srv import GetDistribution
 
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
 from resting_aspects_ros.nodes.convert import conditions_msg, nanoseconds
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, Meter, publish_diagnostics
 from resting_aspects_ros.nodes.interface import (
     ALL_LATCHED,
     ASPECT_DISTRIBUTIONS,
+    DROP_RECORDER,
     GET_DISTRIBUTION,
     LATCHED,
     PARTS,
@@ -32,11 +32,15 @@ from resting_aspects_ros.nodes.interface import (
     RESTING_POSES,
     SERVICES,
 )
+from resting_aspects_ros.nodes.log_folder import check_log_folder
 from resting_aspects_ros.nodes.open_log import OpenLog
 from resting_aspects_ros.nodes.parameters import Parameter, declare, on_change
+from resting_aspects_ros.nodes.presence import Alone
+from resting_aspects_ros.nodes.run_health import RunHealth
 from resting_aspects_ros.nodes.run_tracker import RunProgress, RunTracker
 from resting_aspects_ros.nodes.spin import run_node
 from resting_aspects_ros.nodes.topic_watch import TopicWatch
+from resting_aspects_ros.nodes.words import counted, of_run
 
 PARAMETERS = (
     Parameter(
@@ -57,10 +61,10 @@ class DropRecorder(Node):
     """Subscribes to resting_poses, parts/* and aspect_distributions/*; writes one MCAP a run."""
 
     def __init__(self) -> None:
-        super().__init__('drop_recorder')
+        super().__init__(DROP_RECORDER)
         values = declare(self, PARAMETERS)
         self._take_folder(values['log_folder'])
-        on_change(self, 'log_folder', _check_folder, self._take_folder)
+        on_change(self, 'log_folder', check_log_folder, self._take_folder)
         self._logs: dict[str, OpenLog] = {}
         self._parts: dict[str, tuple[PartDescription, bytes]] = {}
         # Distributions can come before the poses that they count.
@@ -69,6 +73,7 @@ class DropRecorder(Node):
         self._error = ''  # the newest, until a log is whole again
         self._recorded = self.create_publisher(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
         self._tracker = RunTracker(self, self._run_over)
+        self._health = RunHealth(self, self._tracker)
         self._classifier = self.create_client(
             GetDistribution, GET_DISTRIBUTION, qos_profile=SERVICES
         )
@@ -84,7 +89,8 @@ class DropRecorder(Node):
         self._poses = Topic(self.resolve_topic_name(RESTING_POSES), POSES_TYPE, _qos(POSES))
         self.create_subscription(RestingPoses, RESTING_POSES, self._batch, POSES, raw=True)
         self.create_timer(CLOSE_PERIOD, self._close_whole)
-        publish_diagnostics(self, self._diagnose)
+        alone = Alone(self, DROP_RECORDER, harmless='each writes a log of every run')
+        publish_diagnostics(self, self._diagnose, alone)
         self.get_logger().info(f'ready: logs go to {self._folder}')
 
     def destroy_node(self) -> None:
@@ -195,7 +201,11 @@ class DropRecorder(Node):
         folder = log.close()
         self._report(log, always=True)
         if folder is not None:
-            self.get_logger().info(f'run {run_id} of {log.run.part} is in {folder}')
+            words = f'is in {folder}'
+            if not log.closed_whole:
+                what = 'is not whole' if log.run_over else 'was broken off'
+                words = f'{what}: {of_run(log.run, log.drops)} are in {folder}, which is closed'
+            self.get_logger().info(f'run {run_id} of {log.run.part} {words}')
 
     def _report(self, log: OpenLog, *, always: bool = False) -> None:
         """Tell how far the log is, at its turning points; and once what went wrong."""
@@ -210,7 +220,6 @@ class DropRecorder(Node):
             self._recorded.publish(log.message())
 
     def _diagnose(self) -> Diagnosis:
-        missing = self._tracker.missing()
         files = [str(log.folder) for log in self._logs.values()]
         values = {
             'drops recorded': self._drops.total,
@@ -218,30 +227,16 @@ class DropRecorder(Node):
             'logs open': len(files),
             'log files': ', '.join(files),
             'log folder': self._folder,
-            'missing drops': missing,
+            **self._health.values(),
         }
-        if self._error:
-            return Diagnosis.error(self._error, values)
-        if missing:
-            return Diagnosis.warning(f'{missing} drops are missing, they are asked for', values)
-        return Diagnosis(f'{len(files)} logs open' if files else 'idle', values)
+        state = self._health.state
+        if files and not state:
+            state = counted(len(files), 'log open', 'logs open')
+        errors = [self._error] if self._error else []
+        return Diagnosis(state, values, self._health.warnings(), errors)
 
     def _now(self) -> int:
         return int(self.get_clock().now().nanoseconds)
-
-
-def _check_folder(path: str) -> None:
-    """At the start it may not be there yet, as a disk that is mounted later; it is told then."""
-    folder = Path(path).absolute()
-    try:
-        there = next(each for each in (folder, *folder.parents) if each.exists())
-        allowed = bool(path) and there.is_dir() and os.access(there, os.W_OK)
-    except (OSError, ValueError):  # a name that is too long, a folder that cannot be looked into
-        allowed = False
-    if not allowed:
-        raise InvalidValueError(
-            f'log_folder is {path!r}, allowed is a folder that is there or can be made'
-        )
 
 
 def _qos(profile: QoSProfile) -> Qos:

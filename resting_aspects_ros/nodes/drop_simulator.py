@@ -1,7 +1,6 @@
 """The node that drops parts: it offers them, drops them, and publishes where they rest."""
 
 import sys
-import time
 import uuid
 from collections import OrderedDict
 from contextlib import aclosing
@@ -20,7 +19,7 @@ from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import count_poses, no_drops
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.drops.ceiling import most_drops
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.part_library import PartLibrary
@@ -32,15 +31,18 @@ from resting_aspects_ros.nodes.batches import Batches
 from resting_aspects_ros.nodes.convert import poses_msg, status
 from resting_aspects_ros.nodes.default_conditions import SURFACE, OfferedDefault
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, Meter, publish_diagnostics
+from resting_aspects_ros.nodes.goal_progress import GoalProgress
 from resting_aspects_ros.nodes.interface import (
     ACTION_SERVICES,
     DROP_PART,
+    DROP_SIMULATOR,
     POSES,
     RESTING_POSES,
     batch_size,
 )
 from resting_aspects_ros.nodes.parameters import Parameter, declare
 from resting_aspects_ros.nodes.part_offers import PartOffers
+from resting_aspects_ros.nodes.presence import Alone
 from resting_aspects_ros.nodes.recordings import Recordings
 from resting_aspects_ros.nodes.requests import (
     BusyError,
@@ -49,6 +51,7 @@ from resting_aspects_ros.nodes.requests import (
     error_status,
 )
 from resting_aspects_ros.nodes.spin import run_node
+from resting_aspects_ros.nodes.words import counted, listed, of_run, run_values, under_way
 from resting_aspects_ros.nodes.workers import Workers
 
 PARAMETERS = (
@@ -69,13 +72,13 @@ class DropSimulator(Node):
     """Serves drop_part; publishes parts/<part>, resting_poses and default_conditions."""
 
     def __init__(self) -> None:
-        super().__init__('drop_simulator')
+        super().__init__(DROP_SIMULATOR)
         values = declare(self, PARAMETERS)
         self._library = PartLibrary(_folder(values['parts_folder'] or parts_folder()))
         self._surfaces = Surfaces.read(Path(values['surfaces_file'] or surfaces_file()))
         self._default = OfferedDefault(self, self._surfaces)
         self._workers = Workers(self, values['workers'] or default_workers())
-        self._goals = 0
+        self._goals: list[GoalProgress] = []
         self._runs: OrderedDict[str, RunDescription] = OrderedDict()
         self._published: dict[str, int] = {}  # run under way -> index after its last drop so far
         self._counted_with = AspectSet('', ())
@@ -93,8 +96,10 @@ class DropSimulator(Node):
             result_timeout=RESULT_TIMEOUT,
             **ACTION_SERVICES,
         )
-        publish_diagnostics(self, self._diagnose)
-        self.get_logger().info(f'ready: {len(self._parts)} parts, {self._workers.count} workers')
+        publish_diagnostics(self, self._diagnose, Alone(self, DROP_SIMULATOR))
+        parts = counted(len(self._parts), 'part', 'parts')
+        workers = counted(self._workers.count, 'worker', 'workers')
+        self.get_logger().info(f'ready: {parts}, {workers}')
 
     def destroy_node(self) -> None:
         """Also ends the workers; what they are dropping is given up."""
@@ -103,10 +108,11 @@ class DropSimulator(Node):
         super().destroy_node()
 
     async def _execute(self, handle: ServerGoalHandle) -> DropPart.Result:
-        result = DropPart.Result()
-        self._goals += 1
+        progress = GoalProgress(handle)
+        result = progress.result
+        self._goals.append(progress)
         try:
-            await self._drop_and_note(handle, result)
+            await self._drop_and_note(handle, progress)
             result.status = status(Status.OK)
             handle.succeed()
         except CanceledError as error:
@@ -122,45 +128,44 @@ class DropSimulator(Node):
             result.status = status(Status.FAILED, f'unexpected: {error!r}')
             handle.abort()
         finally:
-            self._goals -= 1
+            self._goals.remove(progress)
         return result
 
-    async def _drop_and_note(self, handle: ServerGoalHandle, result: DropPart.Result) -> None:
+    async def _drop_and_note(self, handle: ServerGoalHandle, progress: GoalProgress) -> None:
         try:
-            await self._drop(handle, result)
+            await self._drop(handle, progress)
         finally:
-            await self._recordings.note(result)
+            await self._recordings.note(progress.result)
 
-    async def _drop(self, handle: ServerGoalHandle, result: DropPart.Result) -> None:
+    async def _drop(self, handle: ServerGoalHandle, progress: GoalProgress) -> None:
         """Make the drops of a goal and publish them; fills the result as it goes."""
-        if self._goals > MOST_GOALS:
+        if len(self._goals) > MOST_GOALS:
             raise BusyError(f'{MOST_GOALS} drop_part goals are under way, try again later')
         goal = handle.request
         job, asked, run = self._plan(goal)
-        result.run_id = run.run_id
+        progress.begin(asked)
         new = not goal.run_id
         batches = Batches(batch_size(asked.drops))
         counted = no_drops(self._aspects(asked)) if asked.precision else None
-        begun = time.monotonic()
         try:
             if new:
                 self._published[run.run_id] = run.first_drop
             async with aclosing(self._workers.chunks(job, asked)) as chunks:
                 async for chunk in chunks:
-                    _count(result, chunk)
                     self._drops.add(len(chunk))
                     for batch in batches.add(chunk):
                         self._publish(batch, run, last=False)
                         if new:
                             self._published[run.run_id] = batch.end
-                    _feed_back(handle, result.drops, asked.drops, time.monotonic() - begun)
+                    progress.add(chunk)
                     if counted is not None:
                         counted += count_poses(counted.aspects, chunk)
                         if counted.stops(asked.precision, asked.drops):
                             break
-                    if handle.is_cancel_requested and result.drops < asked.drops:
+                    done = progress.result.drops
+                    if handle.is_cancel_requested and done < asked.drops:
                         raise CanceledError(
-                            f'canceled after {result.drops} of {asked.drops} drops; those are kept'
+                            f'canceled after {of_run(asked, done)}; those are kept'
                         )
         finally:
             # Drops that are published again do not end their run.
@@ -169,14 +174,19 @@ class DropSimulator(Node):
                 del self._published[run.run_id]
 
     def _diagnose(self) -> Diagnosis:
+        runs = [progress.so_far for progress in self._goals if progress.so_far is not None]
+        not_offered = self._parts.not_offered
         values = {
-            'runs under way': self._goals,
             'drops made': self._drops.total,
             'drops per second': self._drops.rate(),
             'workers': self._workers.count,
+            'workers that died': self._workers.died,
             'parts offered': len(self._parts),
+            **run_values(runs),
+            **listed({f'not offered: {name}': why for name, why in not_offered.items()}),
         }
-        return Diagnosis(f'{self._goals} runs under way' if self._goals else 'idle', values)
+        words = counted(len(not_offered), 'mesh is not offered', 'meshes are not offered')
+        return Diagnosis(under_way(runs), values, [words] if not_offered else [])
 
     def _aspects(self, run: RunDescription) -> AspectSet:
         """Those of the run's part; kept, since a large mesh takes seconds."""
@@ -224,18 +234,6 @@ def _folder(path: str | Path) -> Path:
     if not Path(path).is_dir():
         raise InvalidValueError(f'parts_folder is {str(path)!r}, must be a folder that is there')
     return Path(path)
-
-
-def _count(result: DropPart.Result, chunk: RestingPoses) -> None:
-    result.drops += len(chunk)
-    result.settled += int((chunk.status == RestStatus.SETTLED).sum())
-    result.unsettled += int((chunk.status == RestStatus.UNSETTLED).sum())
-    result.failed += int((chunk.status == RestStatus.FAILED).sum())
-
-
-def _feed_back(handle: ServerGoalHandle, done: int, total: int, seconds: float) -> None:
-    rate = done / seconds if seconds > 0 else 0.0
-    handle.publish_feedback(DropPart.Feedback(done=done, total=total, drops_per_second=rate))
 
 
 def main() -> int:

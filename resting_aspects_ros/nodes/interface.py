@@ -2,6 +2,11 @@
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+DROP_SIMULATOR = 'drop_simulator'
+ASPECT_CLASSIFIER = 'aspect_classifier'
+DROP_RECORDER = 'drop_recorder'
+LOG_REPLAYER = 'log_replayer'
+
 DROP_PART = 'drop_part'
 GET_DISTRIBUTION = 'get_distribution'
 CLASSIFY_POSE = 'classify_pose'
@@ -13,6 +18,8 @@ MARKERS = 'markers'
 RECORDED_RUNS = 'recorded_runs'
 # Not relative: where ROS looks for it.
 DIAGNOSTICS = '/diagnostics'
+# Hidden, + /<kind of node>, see presence.py.
+PRESENCE = '_present'
 # Of log_replayer, below its name.
 PAUSE = '~/pause'
 RESUME = '~/resume'

@@ -5,9 +5,8 @@ from collections.abc import Mapping
 
 from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.errors import UnknownPartError
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.drops.part_library import unknown_part
+from resting_aspects_ros.nodes.requests import unknown_part
 
 # A simulator's parts come in one after another; after so long without a new one all are there, s.
 QUIET = 5.0
@@ -73,5 +72,4 @@ def asked_part(parts: Mapping[str, Part], name: str) -> Part:
     """The part of a name; raises UnknownPartError, which lists the others."""
     if name in parts:
         return parts[name]
-    none = 'none: no simulator has offered any yet'
-    raise UnknownPartError(unknown_part(name, parts, none))
+    raise unknown_part(name, parts)

@@ -14,12 +14,14 @@ from std_srvs.srv import Trigger
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.logs.recording import RecordedMessage, Recording
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, publish_diagnostics
-from resting_aspects_ros.nodes.interface import PAUSE, RESUME, SERVICES
+from resting_aspects_ros.nodes.interface import LOG_REPLAYER, PAUSE, RESUME, SERVICES
 from resting_aspects_ros.nodes.parameters import Parameter, declare
+from resting_aspects_ros.nodes.presence import announce
 from resting_aspects_ros.nodes.replay import Position, Replay
 from resting_aspects_ros.nodes.replay_pace import FastestPace, Pace, RecordedPace
 from resting_aspects_ros.nodes.replay_topics import ReplayedTopic, replayed_topics
 from resting_aspects_ros.nodes.spin import run_node
+from resting_aspects_ros.nodes.words import counted
 
 LEAST_RATE, MOST_RATE = 0.001, 1000.0
 PARAMETERS = (
@@ -51,7 +53,7 @@ class LogReplayer(Node):
         watch: Callable[[Position], object] = lambda _: None,
     ) -> None:
         overrides = [RosParameter(name, value=value) for name, value in (given or {}).items()]
-        super().__init__('log_replayer', parameter_overrides=overrides)
+        super().__init__(LOG_REPLAYER, parameter_overrides=overrides)
         values = declare(self, PARAMETERS)
         _check_rate(values['rate'], values['as_fast_as_possible'])
         recording = Recording(_log(values['log']))
@@ -74,11 +76,13 @@ class LogReplayer(Node):
             if topic.describes_part or topic.holds_poses
         ]
         self._look = self.create_timer(LOOK_PERIOD, self._look_for_others)
+        announce(self, LOG_REPLAYER)
         publish_diagnostics(self, self._diagnose)
         for words in skipped:
             self.get_logger().warning(f'not replayed: {words}')
         self.get_logger().info(
-            f'ready: {recording.path}, {len(topics)} topics, {self._replay.position.length:.3f} s'
+            f'ready: {recording.path}, {counted(len(topics), "topic", "topics")}, '
+            f'{self._replay.position.length:.3f} s'
         )
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = self.create_timer(0.0, self._step, clock=clock)
@@ -102,8 +106,9 @@ class LogReplayer(Node):
             self._step_after(min(wait, WATCH_PERIOD))
         if position.over:
             self.get_logger().info(
-                f'replayed in {time.monotonic() - self._begun:.3f} s: {position.messages} '
-                f'messages, {position.drops} drops; what is latched stays until Ctrl-C'
+                f'replayed in {time.monotonic() - self._begun:.3f} s: '
+                f'{counted(position.messages, "message", "messages")}, '
+                f'{counted(position.drops, "drop", "drops")}; what is latched stays until Ctrl-C'
             )
 
     def _step_after(self, wait: int) -> None:
@@ -130,27 +135,33 @@ class LogReplayer(Node):
             'at': position,
             'messages published': position.messages,
             'drops published': position.drops,
+            'round': position.round,
         }
-        words = 'over' if position.over else 'paused' if position.paused else 'replaying'
-        return Diagnosis(words, values)
+        state = 'over' if position.over else 'paused' if position.paused else 'replaying'
+        return Diagnosis(state, values)
 
     def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        word = 'paused already' if self._replay.paused else 'paused'
+        if self._replay.paused:
+            return self._answer(response, 'paused already')
         self._replay.pause()
-        return self._answer(response, word)
+        return self._answer(response, 'paused', new=True)
 
     def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        word = 'resumed' if self._replay.paused else 'not paused'
-        if self._replay.paused:
-            self._replay.resume()
-            self._step_after(0)
-        return self._answer(response, word)
+        if not self._replay.paused:
+            return self._answer(response, 'not paused')
+        self._replay.resume()
+        self._step_after(0)
+        return self._answer(response, 'resumed', new=True)
 
-    def _answer(self, response: Trigger.Response, word: str) -> Trigger.Response:
+    def _answer(
+        self, response: Trigger.Response, word: str, *, new: bool = False
+    ) -> Trigger.Response:
         position = self._replay.position
         self._watch(position)
         response.success = not position.over
         response.message = f'{"over" if position.over else word}, at {position}'
+        if new and not position.over:
+            self.get_logger().info(response.message)
         return response
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 from rclpy.node import Node
 
 from resting_aspects_ros import __version__
-from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.errors import RestingAspectsError
-from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.logs.indexed_log import IndexedLog, NoIndexError
 from resting_aspects_ros.logs.outcome import Outcome
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE
 from resting_aspects_ros.nodes.distribution_messages import serialized_distribution
+from resting_aspects_ros.nodes.run_accounts import KnownDistributions
+from resting_aspects_ros.nodes.words import counted
 
 # Logs that are read, the newest of those that are there; 1000 take some 10 s.
 MOST_LOGS = 1000
@@ -29,7 +29,7 @@ class Memory:
     ----------
     folder : Path, optional
         None: there is nothing to remember.
-    take : called with the run and the distribution of each log that is whole
+    known : takes the distribution of each log that is whole
     loaded : called once all are read
     """
 
@@ -37,12 +37,12 @@ class Memory:
         self,
         node: Node,
         folder: Path | None,
-        take: Callable[[RunDescription, Distribution], None],
+        known: KnownDistributions,
         loaded: Callable[[], None],
     ) -> None:
         self._node = node
         self._folder = folder
-        self._take = take
+        self._known = known
         self._loaded = loaded
         self._logs = _newest_logs(folder) if folder else []
         self._total = len(self._logs)
@@ -86,23 +86,28 @@ class Memory:
             self._other_versions += 1  # its aspects may have other ids
         elif complete:
             self._taken += 1
-            self._take(run, distribution)
+            self._known.add(run, distribution)
 
     def _tell(self) -> None:
         if not self._total:
             return
         seconds = time.monotonic() - self._begun
-        words = f'{self._taken} distributions of earlier runs in {self._folder}, read in '
-        self._node.get_logger().info(f'{words}{seconds:.1f} s')
+        logs = counted(self._taken, 'log of an earlier run', 'logs of earlier runs')
+        known = counted(len(self._known), 'distribution is', 'distributions are')
+        self._node.get_logger().info(
+            f'{logs} in {self._folder} read in {seconds:.1f} s: {known} known, the longest of '
+            'those that begin with the same drops'
+        )
         if self._broken_off:
+            logs = counted(self._broken_off, 'log', 'logs')
             self._node.get_logger().warning(
-                f'{self._broken_off} logs in {self._folder} were broken off and are not used: '
-                '"resting_aspects recover" makes them whole'
+                f'{logs} in {self._folder}, broken off, not used: "resting_aspects recover" makes '
+                'a log whole'
             )
         if self._other_versions:
+            logs = counted(self._other_versions, 'log', 'logs')
             self._node.get_logger().warning(
-                f'{self._other_versions} logs in {self._folder} are of other versions of the '
-                'suite, or damaged, and are not used'
+                f'{logs} in {self._folder}, of another version of the suite or damaged, not used'
             )
 
 

@@ -112,6 +112,11 @@ class OpenLog:
         return self._asked
 
     @property
+    def run_over(self) -> bool:
+        """Whether no poses come any more."""
+        return self._over_at is not None
+
+    @property
     def done(self) -> bool:
         """All is there, or has been waited for long enough."""
         if self._over_at is None:

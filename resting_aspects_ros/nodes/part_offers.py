@@ -15,13 +15,18 @@ SCAN_PERIOD = 2.0
 
 
 class PartOffers:
-    """Publishes parts/<part> for every part of a library, now and when the folder changes."""
+    """Publishes parts/<part> for every part of a library, now and when the folder changes.
+
+    not_offered : dict
+        Why not, of each mesh of which no part can be made: by part, or by file if that names none.
+    """
 
     def __init__(self, node: Node, library: PartLibrary) -> None:
         self._node = node
         self._library = library
         self._offered: dict[str, tuple[str, Publisher]] = {}
         self._complaints: set[str] = set()
+        self.not_offered: dict[str, str] = {}
         self._scan()
         node.create_timer(SCAN_PERIOD, self._scan)
 
@@ -43,13 +48,16 @@ class PartOffers:
 
     def _scan(self) -> None:
         names = self._library.names()
+        not_offered = self._library.not_registered()
         for problem in self._library.problems():
             self._complain(problem)
         for name in names:
             try:
                 self.offer(self._library.load(name))
             except RestingAspectsError as error:
+                not_offered[name] = str(error)
                 self._complain(str(error))
+        self.not_offered = not_offered
         for name in set(self._offered) - set(names):
             self._node.destroy_publisher(self._offered.pop(name)[1])
 

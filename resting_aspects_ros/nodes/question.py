@@ -93,15 +93,20 @@ class Question:
         if self._watch is not None and self._watch.last > self._last:
             self._last, self._period = self._watch.last, ASK_PERIOD
         if self._asked and self._timeout is not None and now >= self._begun + self._timeout:
-            state = f': {self._watch.state}' if self._watch and self._watch.state else ''
             self._fail(
                 AnswerTimeoutError(
                     f'{self._client.service_name} did not give {self._what}, waited '
-                    f'{self._timeout:g} s{state}'
+                    f'{self._timeout:g} s{self._state()}'
                 )
             )
         elif now >= self._last + self._period:
             self._ask(now)
+
+    def _state(self) -> str:
+        """Why there may be no answer yet, if that is known."""
+        if not self._client.service_is_ready():
+            return ': no aspect_classifier is there any more'
+        return f': {self._watch.state}' if self._watch and self._watch.state else ''
 
     def _ask(self, now: float) -> None:
         """Ask, if there is a classifier."""

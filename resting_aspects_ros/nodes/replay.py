@@ -24,12 +24,14 @@ class Position:
     seconds : of the log that are over, s
     length : of the log, s
     messages, drops : published since it began, the last time
+    round : 1 for the first, one more each time that a loop begins again
     """
 
     seconds: float
     length: float
     messages: int
     drops: int
+    round: int
     paused: bool
     over: bool
 
@@ -61,6 +63,7 @@ class Replay:
         self._pace = pace
         self._loop = loop
         self._paused_at: int | None = None
+        self._round = 0
         self._begin()
 
     @property
@@ -84,6 +87,7 @@ class Replay:
             length / NANOSECONDS,
             self._sent,
             self._drops,
+            self._round,
             self.paused,
             self.over,
         )
@@ -114,6 +118,7 @@ class Replay:
         self._messages = self._recording.messages(self._names, first=self._parts)
         self._next = next(self._messages, None)
         self._sent = self._drops = 0
+        self._round += 1
         self._pace.begin(self._span.start, time.monotonic_ns() + PAUSE_BEFORE)
 
     def _send(self, message: RecordedMessage, now: int) -> None:

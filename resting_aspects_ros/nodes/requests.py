@@ -1,6 +1,6 @@
 """What services and actions share: what may be asked for, and how errors are answered."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -17,6 +17,7 @@ from resting_aspects_ros.core.errors import (
 from resting_aspects_ros.core.estimators.estimate import METHODS
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError
 from resting_aspects_ros.drops.conditions import DropConditions
+from resting_aspects_ros.drops.part_library import unknown_part_text
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.convert import conditions_from, status
 
@@ -93,3 +94,9 @@ def asked_estimator(method: str) -> str | None:
             f'method {method!r} is not known, allowed are {METHOD}, {", ".join(METHODS)}'
         )
     return method
+
+
+def unknown_part(name: str, known: Iterable[str]) -> UnknownPartError:
+    """The error for a name that is none of those."""
+    none = 'none: no simulator has offered any yet'
+    return UnknownPartError(unknown_part_text(name, known, none))

@@ -17,6 +17,7 @@ from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.nodes.convert import conditions_msg, run_from
 from resting_aspects_ros.nodes.drop_goals import drop_result
 from resting_aspects_ros.nodes.interface import ACTION_SERVICES, DROP_PART
+from resting_aspects_ros.nodes.words import counted, of_run
 
 # Missing drops are asked for so many times in a row without getting any, then they are lost.
 MOST_REPAIRS = 3
@@ -75,6 +76,16 @@ class RunProgress:
         """Something is missing, and asking again did not bring it."""
         return self.repairs >= MOST_REPAIRS and not self.repairing and bool(self.missing())
 
+    @property
+    def loss(self) -> str:
+        """What of it is lost, in words."""
+        name = f'run {self.run.run_id} of {self.run.part}'
+        if self.silent:
+            return f'{name} was broken off: {of_run(self.run, len(self.seen))}'
+        lost = sum(end - first for first, end in self.missing())
+        total = counted(self.end - self.run.first_drop, 'drop', 'drops')
+        return f'{name} has lost {lost} of {total}, which are not to be had'
+
 
 class RunTracker:
     """Follows runs through their batches; asks the simulator again for drops that were lost.
@@ -85,11 +96,16 @@ class RunTracker:
     Parameters
     ----------
     over : called once for each run when it is complete or lost, and then marked closed
+
+    problem : what the newest run lost that is lost, in words, until a run is complete; else empty
+    lost : runs that are lost
     """
 
     def __init__(self, node: Node, over: Callable[[RunProgress], None]) -> None:
         self._node = node
         self._over = over
+        self.problem = ''
+        self.lost = 0
         self._client = ActionClient(node, DropPart, DROP_PART, **ACTION_SERVICES)
         self._runs: OrderedDict[str, RunProgress] = OrderedDict()
         node.create_timer(CHECK_PERIOD, self._check)
@@ -100,8 +116,11 @@ class RunTracker:
 
     def missing(self) -> int:
         """Drops that were published and have not been seen, of all runs that are not over."""
-        open_runs = (progress for progress in self._runs.values() if not progress.closed)
-        return sum(end - first for each in open_runs for first, end in each.missing())
+        return sum(end - first for each in self._open() for first, end in each.missing())
+
+    def under_way(self) -> list[tuple[RunDescription, int]]:
+        """The runs that are not over, and how many drops of each have been seen."""
+        return [(progress.run, len(progress.seen)) for progress in self._open()]
 
     def accept(self, batch: RestingPosesMsg) -> list[tuple[RunProgress, list[tuple[int, int]]]]:
         """The runs that a batch is news for, and the ranges of its drops that each had not seen.
@@ -131,9 +150,16 @@ class RunTracker:
             return
         if progress.complete or progress.lost:
             progress.closed = True
+            self.problem = progress.loss if progress.lost else ''
+            if progress.lost:
+                self.lost += 1
+                self._node.get_logger().warning(self.problem)
             self._over(progress)
         elif progress.missing():
             self._repair(progress)
+
+    def _open(self) -> list[RunProgress]:
+        return [progress for progress in self._runs.values() if not progress.closed]
 
     def _find(self, run: RunDescription) -> RunProgress:
         known = self._runs.get(run.run_id)
@@ -160,9 +186,6 @@ class RunTracker:
         if progress.repairing or not self._client.server_is_ready():
             return  # _check comes back to it
         run, (first, end) = progress.run, progress.missing()[0]
-        self._node.get_logger().warning(
-            f'drops {first} to {end - 1} of run {run.run_id} ({run.part}) were lost, asking again'
-        )
         progress.repairing = True
         progress.repairs += 1
         goal = DropPart.Goal(
@@ -174,6 +197,7 @@ class RunTracker:
             seed=run.seed,
             run_id=run.run_id,
         )
+        self._node.get_logger().warning(f'{_drops(goal)} were lost, asking again')
         executor = self._node.executor
         assert executor is not None  # this is called by it
         executor.create_task(self._ask_again, progress, goal)
@@ -190,6 +214,9 @@ class RunTracker:
         if code == Status.BUSY:
             progress.goes_on()
         elif code != Status.OK:
-            self._node.get_logger().error(
-                f'lost drops of run {progress.run.run_id} are not to be had: {complaint}'
-            )
+            self._node.get_logger().error(f'{_drops(goal)} are not to be had: {complaint}')
+
+
+def _drops(goal: DropPart.Goal) -> str:
+    last = goal.first_drop + goal.drops - 1
+    return f'drops {goal.first_drop} to {last} of run {goal.run_id} ({goal.part})'

@@ -37,11 +37,8 @@ class TopicWatch:
         qos: QoSProfile = LATCHED,
     ) -> None:
         self._node = node
-        self._prefix = node.resolve_topic_name(f'{prefix}/part').removesuffix('part')
+        self._prefix = prefix
         self._type = message_type
-        self._type_name = '{}/msg/{}'.format(
-            message_type.__module__.split('.')[0], message_type.__name__
-        )
         self._received = received
         self._gone = gone
         self._raw = raw
@@ -51,22 +48,16 @@ class TopicWatch:
 
     def topic(self, part: str) -> str:
         """The topic's full name."""
-        return self._prefix + part
+        return self._node.resolve_topic_name(f'{self._prefix}/{part}')
 
     @property
     def type_name(self) -> str:
         """Such as resting_aspects_interfaces/msg/PartDescription."""
-        return self._type_name
+        return _type_name(self._type)
 
     def look(self) -> None:
         """Look for new topics now."""
-        published = {
-            name.removeprefix(self._prefix)
-            for name, types in self._node.get_topic_names_and_types()
-            if name.startswith(self._prefix)
-            and self._type_name in types
-            and self._node.count_publishers(name)
-        }
+        published = published_parts(self._node, self._prefix, self._type)
         for part in published - set(self._subscriptions):
             self._subscriptions[part] = self._node.create_subscription(
                 self._type,
@@ -78,3 +69,19 @@ class TopicWatch:
         for part in set(self._subscriptions) - published:
             self._node.destroy_subscription(self._subscriptions.pop(part))
             self._gone(part)
+
+
+def published_parts(node: Node, prefix: str, message_type: Any) -> set[str]:
+    """The parts of which somebody publishes a topic <prefix>/<part> of that type."""
+    beginning = node.resolve_topic_name(f'{prefix}/part').removesuffix('part')
+    return {
+        name.removeprefix(beginning)
+        for name, types in node.get_topic_names_and_types()
+        if name.startswith(beginning)
+        and _type_name(message_type) in types
+        and node.count_publishers(name)
+    }
+
+
+def _type_name(message_type: Any) -> str:
+    return f'{message_type.__module__.split(".")[0]}/msg/{message_type.__name__}'

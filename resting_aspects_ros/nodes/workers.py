@@ -20,11 +20,14 @@ class Workers:
 
     count : int
         How many processes.
+    died : int
+        How many were replaced because they died.
     """
 
     def __init__(self, node: Node, count: int) -> None:
         self._node = node
         self.count = count
+        self.died = 0
         self._processes = ProcessWorkers(count)
 
     def stop(self) -> None:
@@ -35,9 +38,8 @@ class Workers:
         self, job: DropJob, asked: RunDescription
     ) -> AsyncGenerator[RestingPoses, None]:
         """Chunks of drops in their order; EngineError if the workers fail or die."""
-        warn = self._node.get_logger().warning
         try:
-            with closing(drop_chunks(job, asked, self._processes, warn)) as steps:
+            with closing(drop_chunks(job, asked, self._processes, self._warn)) as steps:
                 for step in steps:
                     if isinstance(step, PoolFuture):
                         await self._done(step)
@@ -45,6 +47,10 @@ class Workers:
                         yield step
         except EngineError as error:
             raise EngineError(f'{error}; what was done until then is kept') from error
+
+    def _warn(self, death: str) -> None:
+        self.died += 1
+        self._node.get_logger().warning(death)
 
     async def _done(self, future: 'PoolFuture[RestingPoses]') -> None:
         """Wait for a worker without holding up the node."""

@@ -228,7 +228,9 @@ def test_what_was_not_handed_over_is_dropped_again_when_workers_die(campaign, de
     workers = Mortal(None, death)
     chunks, warnings, error = campaign(workers)
     assert [chunk.first_drop for chunk in chunks] == [10, CHUNK, 2 * CHUNK, 3 * CHUNK]
-    assert warnings == [f'a worker died near drop {CHUNK} of tetrahedron']
+    assert warnings == [
+        f'a worker died near drop {CHUNK} of tetrahedron: its drops are made again'
+    ]
     assert (error, workers.replaced) == (None, 1)
 
 
@@ -250,7 +252,7 @@ def test_workers_that_die_again_and_again_end_it_in_words(campaign):
     chunks, warnings, error = campaign(workers)
     assert [chunk.first_drop for chunk in chunks] == [10]
     near = f'near drop {CHUNK} of tetrahedron'
-    assert warnings == [f'a worker died {near}'] * (MOST_DEATHS - 1)
+    assert warnings == [f'a worker died {near}: its drops are made again'] * (MOST_DEATHS - 1)
     assert error == f'{MOST_DEATHS} worker processes died in a row {near}'
 
 

@@ -29,6 +29,8 @@ from resting_aspects_ros.drops.worker_pool import (
     stop_pool,
 )
 
+DEATH = 'a worker died near drop 0 of tetrahedron: its drops are made again'
+
 
 @pytest.fixture(scope='module')
 def planned(part, surfaces):
@@ -158,7 +160,7 @@ def test_runs_that_share_a_pool_lose_nothing_when_a_worker_is_killed(
     kill_one(workers.executor)
     for run in runs:
         assert_same_poses(RestingPoses.join([s for s in run if not isinstance(s, Future)]), here)
-    assert warnings == ['a worker died near drop 0 of tetrahedron'] * 2
+    assert warnings == [DEATH] * 2
 
 
 def test_a_worker_that_dies_while_it_is_begun_is_replaced(planned, workers, monkeypatch):
@@ -174,7 +176,7 @@ def test_a_worker_that_dies_while_it_is_begun_is_replaced(planned, workers, monk
     warnings = []
     steps = drop_chunks(job, asked, workers, warnings.append)
     poses = RestingPoses.join([step for step in steps if not isinstance(step, Future)])
-    assert (len(poses), warnings) == (3 * CHUNK, ['a worker died near drop 0 of tetrahedron'])
+    assert (len(poses), warnings) == (3 * CHUNK, [DEATH])
 
 
 def parent(*, then):

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 import rclpy
 from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import (
     DescribeParameters,
     GetParameters,
@@ -41,6 +42,7 @@ from resting_aspects_ros.logs.topics import Qos, Topic
 from resting_aspects_ros.nodes.convert import conditions_msg, part_msg, poses_msg, time_msg
 from resting_aspects_ros.nodes.interface import (
     ACTION_SERVICES,
+    DIAGNOSTICS,
     LEAST_BATCH,
     POSES,
     RESTING_POSES,
@@ -424,6 +426,42 @@ def fresh_suite(start, connect, tmp_path_factory):
         return Suite(namespace, logs, start, connect, constants, **simulator)
 
     return fresh_suite
+
+
+class Diagnostics:
+    """The newest status of each node of a suite."""
+
+    def __init__(self, client):
+        self._client = client
+        self._newest = {}
+        client.node.create_subscription(DiagnosticArray, DIAGNOSTICS, self._take, 100)
+
+    def _take(self, message):
+        self._newest.update({status.name: status for status in message.status})
+
+    def wait(self, node, holds, what):
+        """The level, the message and the values of a node, once they are as they should be."""
+        name = f'{self._client.node.get_namespace()[1:]}/{node}'
+
+        def found():
+            status = self._newest.get(name)
+            if status is None:
+                return None
+            assert status.hardware_id == 'none'
+            values = {each.key: each.value for each in status.values}
+            told = (status.level, status.message, values)
+            return told if holds(*told) else None
+
+        try:
+            return self._client.wait(found, what)
+        except AssertionError:
+            raise AssertionError(f'{what}: {self._newest.get(name)}') from None
+
+
+@pytest.fixture(scope='session')
+def diagnostics_of():
+    """Listen to what the nodes in the namespace of a client say of themselves."""
+    return Diagnostics
 
 
 class Parameters:

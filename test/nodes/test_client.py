@@ -14,6 +14,8 @@ from geometry_msgs.msg import Quaternion
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.task import Future
+from resting_aspects_interfaces.srv import ListParts
 
 from resting_aspects_ros.client import (
     AnswerTimeoutError,
@@ -27,8 +29,10 @@ from resting_aspects_ros.client import (
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.estimators.estimate import estimate
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
+from resting_aspects_ros.nodes import client as nodes_client
 from resting_aspects_ros.nodes import question
 from resting_aspects_ros.nodes.convert import run_from
+from resting_aspects_ros.nodes.interface import SERVICES
 
 DEADLINE = 60.0
 
@@ -179,6 +183,15 @@ def test_parts_are_listed_and_described(client, suite, part):
     listed = {each.name: each.part_sha256 for each in client.list_parts()}
     assert listed == {name: each.part_sha256 for name, each in suite.client.parts().items()}
     assert client.get_part('hex_nut').part_sha256 == part('hex_nut').part_sha256
+
+
+def test_a_part_that_is_not_there_or_nobody_offers(client, nobody, monkeypatch):
+    client.get_part('washer')  # from now on the parts of the suite are found
+    monkeypatch.setattr(nodes_client, 'PART_TIMEOUT', 0.5)
+    with pytest.raises(UnknownPartError, match=r"part 'gizmo' is not known, known are .*washer$"):
+        client.get_part('gizmo')
+    with pytest.raises(AnswerTimeoutError, match=r'^no drop_simulator is there that offers gizmo'):
+        nobody.get_part('gizmo')
 
 
 # What is refused
@@ -395,6 +408,29 @@ def test_a_timeout_passes_where_simulated_time_stands_still(namespace, suite):
         executor.shutdown()
     finally:
         node.destroy_node()
+
+
+def test_a_timeout_says_that_nobody_is_there_any_more(connect, namespace, monkeypatch):
+    monkeypatch.setattr(question, 'ASK_PERIOD', DEADLINE)  # it is not asked again
+    spinner = connect(namespace)
+    asked = []
+
+    async def never(request, response):
+        asked.append(request)
+        await Future()
+        return response
+
+    service = spinner.node.create_service(ListParts, 'list_parts', never, qos_profile=SERVICES)
+    with RestingAspectsClient(spinner.node) as client:
+        spinner.wait(client._services['list_parts'].service_is_ready, 'service found')
+        answer = client.list_parts_async(timeout=4)
+        spinner.wait(lambda: asked, 'question')
+        spinner.node.destroy_service(service)
+        spinner.wait(answer.done, 'timeout')
+    assert str(answer.exception()) == (
+        f'{namespace}/list_parts did not give the list of parts, waited 4 s: no aspect_classifier '
+        'is there any more'
+    )
 
 
 def test_a_timeout_says_how_far_the_drops_are_and_the_run_goes_on(client, suite, frozen):

@@ -1,54 +1,30 @@
 """/diagnostics: what each node says of itself, and a disk that is full."""
 
+import re
 import resource
+import signal
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from resting_aspects_interfaces.msg import Status
-
-from resting_aspects_ros.nodes.interface import DIAGNOSTICS
 
 
 @pytest.fixture(scope='module')
-def heard(suite):
-    """The newest status of each node, by its name."""
-    newest = {}
-
-    def take(message):
-        for status in message.status:
-            newest[status.name] = status
-
-    suite.client.node.create_subscription(DiagnosticArray, DIAGNOSTICS, take, 10)
-    return newest
+def told(suite, diagnostics_of):
+    return diagnostics_of(suite.client)
 
 
-def of(suite, heard, node):
-    return heard.get(f'{suite.namespace[1:]}/{node}')
-
-
-def values(status):
-    return {each.key: each.value for each in status.values}
-
-
-def wait_for(suite, heard, node, holds, what):
-    """The node's status, once it is as it should be."""
-
-    def found():
-        status = of(suite, heard, node)
-        return status if status is not None and holds(status) else None
-
-    return suite.client.wait(found, what)
-
-
-def test_nodes_say_what_they_do_once_a_second(suite, heard):
+def test_nodes_say_what_they_do_once_a_second(suite, told):
     drop = suite.client.dropping('tetrahedron', 500_000, seed=1)  # until it is canceled
     for node in ('drop_simulator', 'aspect_classifier', 'drop_recorder'):
-        status = wait_for(
-            suite, heard, node, lambda s: int(values(s)['drops per second']) > 0, node
+        level, message, values = told.wait(
+            node, lambda _, __, values: int(values['drops per second']) > 0, node
         )
-        assert status.level == DiagnosticStatus.OK
-        assert status.message in ('1 runs under way', '1 logs open')
-    file = values(of(suite, heard, 'drop_recorder'))['log files']
+        assert level == DiagnosticStatus.OK
+        assert re.fullmatch(r'tetrahedron: \d+ of 500000 drops', message)
+        assert values['runs under way'] == '1'
+        assert re.fullmatch(rf'{message}, run \w+', values['run 1'])
+    file = values['log files']
     drop.cancel()
     suite.client.wait(lambda: drop.done, 'canceled run')
     assert drop.result.log == file
@@ -57,11 +33,37 @@ def test_nodes_say_what_they_do_once_a_second(suite, heard):
         ('aspect_classifier', 'drops received'),
         ('drop_recorder', 'drops recorded'),
     ):
-        status = wait_for(suite, heard, node, lambda s: s.message == 'idle', f'{node} idle')
-        assert int(values(status)[key]) == drop.result.drops
+        _, _, values = told.wait(node, lambda _, message, __: message == 'idle', f'{node} idle')
+        assert int(values[key]) == drop.result.drops
 
 
-def test_a_full_disk_stops_the_log_and_not_the_answer(suite, heard):
+def test_each_run_under_way_is_named(suite, told):
+    drops = [suite.client.dropping('tetrahedron', 400_000, seed=seed) for seed in (11, 12)]
+    suite.client.wait(lambda: all(drop.accepted for drop in drops), 'goals taken')
+    for node in ('drop_simulator', 'aspect_classifier', 'drop_recorder'):
+        _, message, values = told.wait(
+            node, lambda _, __, values: values['runs under way'] == '2', node
+        )
+        assert re.fullmatch(r'tetrahedron: \d+ of 400000 drops, and 1 more run', message)
+        assert values['run 1'].startswith(message.partition(',')[0])
+        assert values['run 2'].startswith('tetrahedron: ')
+    for drop in drops:
+        drop.cancel()
+    suite.client.wait(lambda: all(drop.done for drop in drops), 'canceled runs')
+    for drop in drops:
+        suite.log_of(drop.result.run_id)
+
+
+def test_workers_that_died_are_counted(suite, told):
+    assert suite.processes['drop_simulator'].send_to_workers(signal.SIGKILL) >= 1
+    assert suite.client.drop('tetrahedron', 5, seed=13).outcome == 'succeeded'
+    level, _, _ = told.wait(
+        'drop_simulator', lambda _, __, values: int(values['workers that died']) > 0, 'deaths'
+    )
+    assert level == DiagnosticStatus.OK
+
+
+def test_a_full_disk_stops_the_log_and_not_the_answer(suite, told):
     recorder = suite.processes['drop_recorder']
     # As a quota: no file of the recorder grows beyond this.
     _, hard = resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE)
@@ -71,10 +73,17 @@ def test_a_full_disk_stops_the_log_and_not_the_answer(suite, heard):
     words = f'log {drop.result.log}'
     assert drop.result.log_error.startswith(words)
     assert drop.result.log_error.endswith('cannot be written: File too large')
-    status = wait_for(
-        suite, heard, 'drop_recorder', lambda s: s.level == DiagnosticStatus.ERROR, 'error'
+    told.wait(
+        'drop_recorder',
+        lambda *told: (
+            told[:2]
+            == (
+                DiagnosticStatus.ERROR,
+                f'run {drop.result.run_id} is not recorded: {drop.result.log_error}',
+            )
+        ),
+        'error',
     )
-    assert status.message == (f'run {drop.result.run_id} is not recorded: {drop.result.log_error}')
     answer = suite.client.ask('tetrahedron', 2000, seed=[3])
     assert answer.status.code == Status.OK
     assert answer.status.message.startswith('the run is not recorded: log ')
@@ -84,7 +93,7 @@ def test_a_full_disk_stops_the_log_and_not_the_answer(suite, heard):
     again = suite.client.drop('tetrahedron', 300, seed=4)
     assert (again.result.log_error, again.result.log != '') == ('', True)
     suite.log_of(again.result.run_id)
-    wait_for(suite, heard, 'drop_recorder', lambda s: s.level == DiagnosticStatus.OK, 'well')
+    told.wait('drop_recorder', lambda level, *_: level == DiagnosticStatus.OK, 'well')
     assert recorder.running
 
 

@@ -1,13 +1,16 @@
 """All nodes in one process: `resting_aspects nodes`, asked by `resting_aspects request`."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
 
 import pytest
+from resting_aspects_interfaces.msg import RecordedRun
 
 from resting_aspects_ros.drops.release import CHUNK
+from resting_aspects_ros.nodes.interface import ALL_LATCHED, RECORDED_RUNS
 
 COMMAND = [sys.executable, '-m', 'resting_aspects_ros.cli']
 
@@ -75,6 +78,19 @@ def test_it_ends_in_order_while_drops_are_under_way(
     else:
         code = nodes.end(getattr(signal, way))
     assert_ended_in_order(nodes, code, wait, traceback)
+
+
+def test_a_run_that_ctrl_c_breaks_off_is_named_with_its_log(nodes, connect, namespace, wait):
+    client = connect(namespace)
+    begun = client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
+    client.dropping('tetrahedron', 100_000)
+    client.wait(lambda: begun, 'log begun')
+    assert nodes.end(signal.SIGINT) == 0
+    words = (
+        rf'run {begun[0].run_id} of tetrahedron was broken off: \d+ of 100000 drops are in '
+        rf'{begun[0].log}, which is closed'
+    )
+    wait(lambda: re.search(words, nodes.said), 'word of it')
 
 
 def test_workers_do_not_outlive_a_simulator_that_is_killed(start, connect, namespace, wait):

@@ -204,7 +204,7 @@ def test_nodes_take_their_parameters_from_the_file(
     for node, values in changed.items():
         told = parameters_of(client, node)
         assert {name: told.get(name) for name in values} == values
-    assert 'ready: 1 parts, 1 workers' in processes[0].said
+    assert 'ready: 1 part, 1 worker' in processes[0].said
     assert client.ask(drops=3).distribution.run.conditions.surface == 'granite'
     assert all('not known' not in process.said for process in processes)
 
@@ -282,6 +282,8 @@ NO_FOLDER = "log_folder is '{}', allowed is a folder that is there or can be mad
         ('drop_recorder', 'log_folder', '', NO_FOLDER.format('')),
         ('drop_recorder', 'log_folder', str(FILE / 'x'), NO_FOLDER.format(FILE / 'x')),
         ('drop_recorder', 'log_folder', 'x' * 9000, NO_FOLDER.format('x' * 9000)),
+        # Its permissions say that it can be made.
+        ('drop_recorder', 'log_folder', '/proc/x/y', NO_FOLDER.format('/proc/x/y') + ': No such'),
     ],
     ids=lambda value: str(value)[:20],
 )

@@ -3,6 +3,7 @@
 import shutil
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from resting_aspects_interfaces.msg import PartDescription, Status
 
 from resting_aspects_ros.config_files import parts_folder
@@ -116,6 +117,21 @@ def test_a_mesh_that_is_broken_is_told_once_and_harms_no_other_part(suite, liste
     listed('box_10x20x30', 'tetrahedron')
     assert simulator.said.count('broken.stl') == 1
     (folder / 'broken.stl').unlink()
+
+
+def test_meshes_that_are_not_offered_are_told_while_they_are_there(suite, folder, diagnostics_of):
+    told = diagnostics_of(suite.client)
+    (folder / 'empty.stl').write_bytes(b'no mesh either')
+    shutil.copy(parts_folder() / 'washer.stl', folder / 'My Washer.stl')
+    words = '2 meshes are not offered'
+    level, _, values = told.wait('drop_simulator', lambda _, m, __: m == words, words)
+    assert level == DiagnosticStatus.WARN
+    assert 'empty.stl' in values['not offered: empty']
+    assert 'a part is named with lower case' in values['not offered: My Washer.stl']
+    (folder / 'empty.stl').unlink()
+    told.wait('drop_simulator', lambda _, m, __: m == '1 mesh is not offered', 'one')
+    (folder / 'My Washer.stl').unlink()
+    told.wait('drop_simulator', lambda level, *_: level == DiagnosticStatus.OK, 'none')
 
 
 def test_a_part_that_is_asked_for_while_parts_come_in_is_waited_for(fresh_suite):

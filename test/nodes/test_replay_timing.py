@@ -81,7 +81,7 @@ def test_messages_are_as_far_apart_as_they_were_recorded_by_the_rate(
 
 def test_a_pause_holds_it_up_and_then_it_goes_on_as_recorded(client, heard, replay, log, call):
     rate = 0.5
-    replay(log, rate=rate)
+    replayer = replay(log, rate=rate)
     assert call('resume')[:2] == (True, 'not paused')
     client.wait(lambda: len(heard) >= 5, 'some batches')
     success, words, seconds, length, drops = call('pause')
@@ -106,11 +106,16 @@ def test_a_pause_holds_it_up_and_then_it_goes_on_as_recorded(client, heard, repl
     client.wait(lambda: call('pause')[1] == 'over', 'end')
     for name in ('pause', 'resume'):
         assert call(name) == (False, 'over', *[pytest.approx(LENGTH)] * 2, COUNT * LEAST_BATCH)
+    for word in ('paused', 'resumed'):
+        told = f']: {word}, at {seconds:.3f} s of {LENGTH:.3f} s, {drops:.0f} drops'
+        client.wait(lambda told=told: told in replayer.said, told)
+    assert not re.search(r'\]: (paused already|not paused|over)', replayer.said)
 
 
 def test_a_loop_publishes_the_same_again_and_a_classifier_counts_it_once(
-    start, client, heard, replay, log, written, call
+    start, client, heard, replay, log, written, call, diagnostics_of
 ):
+    told = diagnostics_of(client)
     start('aspect_classifier', client.node.get_namespace())
     distributions = client.listen(
         AspectDistribution, 'aspect_distributions/tetrahedron', ALL_LATCHED
@@ -122,6 +127,13 @@ def test_a_loop_publishes_the_same_again_and_a_classifier_counts_it_once(
     assert rounds == (written * (len(rounds) // COUNT + 1))[: len(rounds)]
     times = sent(heard)
     assert times[COUNT] - times[COUNT - 1] > 1.0  # a second, and the gap before the first
+    told.wait(
+        'log_replayer',
+        lambda _, message, values: (
+            (message, values['round']) == ('paused', str(len(rounds) // COUNT + 1))
+        ),
+        'round',
+    )
     drops = COUNT * LEAST_BATCH
     client.wait(lambda: distributions and distributions[-1].complete, 'complete distribution')
     assert {one.drops for one in distributions if one.complete} == {drops}

@@ -1,5 +1,6 @@
 """Requests that come at the same time, clients that leave, and suites side by side."""
 
+import re
 import signal
 import sys
 
@@ -75,7 +76,12 @@ def test_a_worker_that_dies_costs_no_drop(suite):
     done = [feedback.done for feedback in drop.feedback]
     assert done
     assert done == [125, 250, 375, 500][: len(done)]
-    assert 'a worker died near drop' in simulator.said
+    suite.client.wait(
+        lambda: re.search(
+            r'a worker died near drop \d+ of tetrahedron: its drops are made again', simulator.said
+        ),
+        'word of it',
+    )
 
 
 def test_a_worker_that_dies_while_it_has_nothing_to_do_costs_nothing(suite):

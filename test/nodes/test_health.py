@@ -1,0 +1,123 @@
+"""What nodes notice of each other: a simulator that is gone, and others of their kind."""
+
+import itertools
+import re
+import signal
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+
+SILENCE = 5.0
+QUICK = {'run_tracker.SILENCE': SILENCE, 'run_tracker.CHECK_PERIOD': 0.2}
+CONSUMERS = ('aspect_classifier', 'drop_recorder')
+
+
+@pytest.fixture(scope='module')
+def suite(fresh_suite):
+    return fresh_suite(dict.fromkeys(CONSUMERS, QUICK))
+
+
+@pytest.fixture(scope='module')
+def told(suite, diagnostics_of):
+    return diagnostics_of(suite.client)
+
+
+@pytest.fixture
+def begin(suite, told, seeds=itertools.count(1)):  # noqa: B008 - one for all tests is meant
+    """Begin a run that does not end by itself, seen by all; its id."""
+
+    def begin():
+        seed = next(seeds)
+        heard = suite.client.poses()
+        suite.client.dropping('tetrahedron', 500_000, seed=seed)
+
+        def run_ids():
+            return [batch.run.run_id for batch in heard if batch.run.seed == seed]
+
+        run_id = suite.client.wait(run_ids, 'first batch')[0]
+        for node in CONSUMERS:
+            told.wait(node, lambda _, __, v: run_id in v.get('run 1', ''), f'{node} has it')
+            told.wait(node, lambda _, __, v: v['drop_simulators'] == '1', f'{node} sees it')
+        return run_id
+
+    return begin
+
+
+def test_a_run_that_is_broken_off_is_told_until_another_is_whole(suite, told, begin):
+    run_id = begin()
+    assert suite.processes['drop_simulator'].end(signal.SIGTERM) == 0
+    words = rf'run {run_id} of tetrahedron was broken off: \d+ of 500000 drops'
+    for node in CONSUMERS:
+        level, message, values = told.wait(
+            node, lambda _, message, __: 'was broken off' in message, f'{node} tells'
+        )
+        assert level == DiagnosticStatus.WARN
+        assert re.fullmatch(rf'no drop_simulator; {words}(; 1 log open)?', message)
+        assert (values['runs under way'], values['runs with lost drops']) == ('0', '1')
+        said = suite.processes[node]
+        suite.client.wait(lambda said=said: re.search(words, said.said), f'log of {node}')
+        assert len(re.findall(words, said.said)) == 1
+        assert len(re.findall('no drop_simulator any more: tetrahedron: ', said.said)) == 1
+    suite.start_again('drop_simulator')
+    for node in CONSUMERS:
+        told.wait(node, lambda _, message, __: re.match(words, message), f'{node} sees another')
+    suite.client.drop('tetrahedron', 5, seed=100)
+    for node in CONSUMERS:
+        told.wait(node, lambda level, *_: level == DiagnosticStatus.OK, f'{node} is well')
+
+
+def test_a_replayer_is_a_source_too(
+    suite, told, start, batches, write_log, tmp_path_factory, wait
+):
+    assert suite.processes['drop_simulator'].end(signal.SIGTERM) == 0
+    for node in CONSUMERS:
+        told.wait(node, lambda *told: told[:2] == (DiagnosticStatus.WARN, 'no drop_simulator'), '')
+    log = write_log(tmp_path_factory.mktemp('replayed'), batches(2))
+    replayer = start('log_replayer', suite.namespace, {'log': log})
+    for node in CONSUMERS:
+        told.wait(node, lambda level, *_: level == DiagnosticStatus.OK, f'{node} is well')
+    assert replayer.end() == 0
+    suite.start_again('drop_simulator')
+
+
+# Last: for 20 s a node that was killed is taken for present by ROS.
+def test_a_simulator_that_is_killed_is_missed(suite, told, begin):
+    begin()
+    suite.processes['drop_simulator'].end(signal.SIGKILL)
+    for node in CONSUMERS:
+        level, message, _ = told.wait(
+            node, lambda _, __, values: values['drop_simulators'] == '0', f'{node} misses it'
+        )
+        assert level == DiagnosticStatus.WARN
+        assert message.startswith('no drop_simulator')
+        assert suite.processes[node].running
+
+
+@pytest.mark.parametrize(
+    ('node', 'level', 'words'),
+    [
+        ('drop_simulator', DiagnosticStatus.ERROR, 'use another namespace or ROS_DOMAIN_ID'),
+        ('aspect_classifier', DiagnosticStatus.ERROR, 'use another namespace or ROS_DOMAIN_ID'),
+        ('drop_recorder', DiagnosticStatus.WARN, 'each writes a log of every run'),
+    ],
+)
+def test_two_of_a_kind_tell_of_each_other(
+    start, connect, diagnostics_of, namespace, tmp_path, node, level, words
+):
+    client = connect(namespace)
+    told = diagnostics_of(client)
+    parameters = {} if node == 'drop_simulator' else {'log_folder': tmp_path}
+
+    def begin():
+        return start(node, namespace, parameters, {'presence.SURE': 0.5})
+
+    words = f'2 {node}s in namespace {namespace}: {words}'
+    first, second = begin(), begin()
+    for each in (first, second):
+        client.wait(lambda each=each: words in each.said, 'words in the log')
+    assert told.wait(node, lambda _, m, __: m != 'idle', 'diagnosis')[:2] == (level, words)
+    assert second.end() == 0
+    told.wait(node, lambda *told: told[:2] == (DiagnosticStatus.OK, 'idle'), 'alone again')
+    assert first.said.count(words) == 1
+    begin()
+    client.wait(lambda: first.said.count(words) == 2, 'words again')
