@@ -3,8 +3,8 @@
 import sys
 import time
 import uuid
-from collections import OrderedDict
 from contextlib import aclosing
+from functools import partial
 from pathlib import Path
 
 from rclpy.action import ActionServer, CancelResponse
@@ -48,6 +48,8 @@ from resting_aspects_ros.nodes.requests import (
     asked_conditions,
     error_status,
 )
+from resting_aspects_ros.nodes.shared_work import SharedWork
+from resting_aspects_ros.nodes.simulated_runs import SimulatedRuns
 from resting_aspects_ros.nodes.spin import run_node
 from resting_aspects_ros.nodes.workers import Workers
 
@@ -59,8 +61,6 @@ PARAMETERS = (
 )
 # Goals that are worked on at the same time; they share the workers chunk by chunk.
 MOST_GOALS = 16
-# Descriptions of so many runs are kept, to publish drops of them again.
-RUNS_KEPT = 10_000
 # A result is kept so long for a client that asks late, s.
 RESULT_TIMEOUT = 300
 
@@ -76,8 +76,8 @@ class DropSimulator(Node):
         self._default = OfferedDefault(self, self._surfaces)
         self._workers = Workers(self, values['workers'] or default_workers())
         self._goals = 0
-        self._runs: OrderedDict[str, RunDescription] = OrderedDict()
-        self._published: dict[str, int] = {}  # run under way -> index after its last drop so far
+        self._runs = SimulatedRuns()
+        self._repairs: SharedWork[DropPart.Result] = SharedWork(self)
         self._counted_with = AspectSet('', ())
         self._drops = Meter()
         self._recordings = Recordings(self)
@@ -138,13 +138,31 @@ class DropSimulator(Node):
         goal = handle.request
         job, asked, run = self._plan(goal)
         result.run_id = run.run_id
-        new = not goal.run_id
+        drop = partial(self._make, handle, result, job, asked, run)
+        if not goal.run_id:
+            await drop()
+            return
+        # What one consumer has lost others often have lost, too, and each asks for it.
+        key = (run.run_id, asked.first_drop, asked.end, asked.precision)
+        made = await self._repairs.do(key, drop)
+        result.drops, result.settled = made.drops, made.settled
+        result.unsettled, result.failed = made.unsettled, made.failed
+
+    async def _make(
+        self,
+        handle: ServerGoalHandle,
+        result: DropPart.Result,
+        job: DropJob,
+        asked: RunDescription,
+        run: RunDescription,
+    ) -> DropPart.Result:
+        new = not handle.request.run_id
         batches = Batches(batch_size(asked.drops))
         counted = no_drops(self._aspects(asked)) if asked.precision else None
         begun = time.monotonic()
         try:
             if new:
-                self._published[run.run_id] = run.first_drop
+                self._runs.reached(run, run.first_drop)
             async with aclosing(self._workers.chunks(job, asked)) as chunks:
                 async for chunk in chunks:
                     _count(result, chunk)
@@ -152,7 +170,7 @@ class DropSimulator(Node):
                     for batch in batches.add(chunk):
                         self._publish(batch, run, last=False)
                         if new:
-                            self._published[run.run_id] = batch.end
+                            self._runs.reached(run, batch.end)
                     _feed_back(handle, result.drops, asked.drops, time.monotonic() - begun)
                     if counted is not None:
                         counted += count_poses(counted.aspects, chunk)
@@ -166,7 +184,8 @@ class DropSimulator(Node):
             # Drops that are published again do not end their run.
             self._publish(batches.rest(asked.first_drop), run, last=new)
             if new:
-                del self._published[run.run_id]
+                self._runs.over(run)
+        return result
 
     def _diagnose(self) -> Diagnosis:
         values = {
@@ -200,19 +219,7 @@ class DropSimulator(Node):
             run_id=goal.run_id or uuid.uuid4().hex[:12],
             started=self.get_clock().now().nanoseconds,
         )
-        run = self._runs.setdefault(asked.run_id, asked)
-        if run.sequence() != asked.sequence():
-            raise InvalidValueError(
-                f'run {run.run_id} is of {run.part} under other conditions, of another seed or of '
-                'another version of the part: only its own drops can be published again'
-            )
-        if asked.end > self._published.get(goal.run_id, asked.end):
-            raise BusyError(
-                f'run {goal.run_id} is under way, its drops from '
-                f'{self._published[goal.run_id]} on are yet to come'
-            )
-        while len(self._runs) > RUNS_KEPT:
-            self._runs.popitem(last=False)
+        run = self._runs.find(goal, asked)
         self._parts.offer(part)
         return job, asked, run
 
