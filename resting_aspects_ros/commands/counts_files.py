@@ -9,6 +9,7 @@ from resting_aspects_ros.commands.counts_csv import read_csv
 from resting_aspects_ros.commands.counts_document import read_document
 from resting_aspects_ros.commands.csv_file import open_text
 from resting_aspects_ros.commands.given_counts import GivenCounts, check_counts
+from resting_aspects_ros.commands.log_warning import warn_if_unfinished
 from resting_aspects_ros.core.comparison import Tally
 from resting_aspects_ros.core.errors import InvalidValueError, LogError
 from resting_aspects_ros.logs.log_reader import is_log, last_message
@@ -55,6 +56,7 @@ def _read_log(path: Path) -> GivenCounts:
         raise InvalidValueError(
             f'log {str(path)!r} holds a distribution that cannot be read: {error}'
         ) from None
+    warn_if_unfinished(path)
     aspects = distribution.aspects.aspects
     return GivenCounts(
         path,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from resting_aspects_ros.commands.given_part import given_part
+from resting_aspects_ros.commands.log_warning import warn_if_unfinished
 from resting_aspects_ros.commands.options import conditions_of, drops_of
 from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.core.errors import InvalidValueError, LogError
@@ -89,6 +90,7 @@ def _logged(arguments: argparse.Namespace, drops: int, precision: float) -> Drop
         raise InvalidValueError(f'--from-log is {str(log)!r}, which holds no drops')
     if part is None or part.part_sha256 != run.part_sha256:
         raise InvalidValueError(f'--from-log is {str(log)!r}, which does not describe its part')
+    warn_if_unfinished(log)
     if arguments.drops is None and arguments.precision is None:
         # Of a run that was broken off those that are there.
         drops, precision = run.drops if run.precision else contents.outcome.drops, run.precision

@@ -16,7 +16,7 @@ def add(subparsers: Any) -> None:
         'info',
         help='show what is in a log',
         description='Part, conditions, seed, versions, number of poses, and the distribution\n'
-        'that a log holds, whole or broken off.',
+        'that a log holds, closed or broken off.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -7,7 +7,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from resting_aspects_ros.commands.answer import print_table
-from resting_aspects_ros.commands.logged_run import LogContents, read_contents
+from resting_aspects_ros.commands.logged_run import LogContents, read_contents, rest_of_run
 from resting_aspects_ros.commands.surface_text import surface_text
 from resting_aspects_ros.core.distribution import METHOD
 from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions
@@ -44,6 +44,8 @@ def _lines(found: LogContents) -> Iterator[tuple[str, str]]:
     yield 'part', f'{run.part}, sha256 {run.part_sha256}'
     if part is not None:
         yield '', f'{part.mesh_format} in {part.unit}, {len(part.faces)} triangles'
+    else:
+        yield '', 'not described in this log'
     yield from _conditions(run.conditions)
     yield 'seed', str(run.seed)
     yield 'drops', _drops(run, found)
@@ -56,8 +58,8 @@ def _state(found: LogContents) -> str:
     if found.being_written:
         return 'being written'
     if not found.finished:
-        return 'broken off ("resting_aspects recover" makes it readable for all)'
-    return 'whole' if found.outcome.whole else 'finished, without all drops of its run'
+        return 'broken off ("resting_aspects recover" closes it, so that all can read it)'
+    return 'closed'
 
 
 def _conditions(conditions: DropConditions) -> Iterator[tuple[str, str]]:
@@ -74,7 +76,7 @@ def _drops(run: RunDescription, found: LogContents) -> str:
         words += f', from drop {run.first_drop} on'
     if run.precision:
         words += f', to a precision of {run.precision:g}'
-    return words
+    return words + (rest_of_run(run, found.outcome) if found.finished else '')
 
 
 def _when(started: int) -> str:

@@ -41,10 +41,13 @@ class LoggedRun:
         """Note what a message says; raises LogError if it cannot be read."""
         try:
             if type_name == POSES_TYPE:
-                self.run, first, drops, last = serialized_batch(data)
-                self._seen.add(first, first + drops)
-                if last:
-                    self._end = first + drops
+                run, first, drops, last = serialized_batch(data)
+                # Later ones can be of other runs, whose drops filled gaps of this one.
+                self.run = self.run or run
+                end = first + drops
+                self._seen.add(max(first, self.run.first_drop), min(end, self.run.end))
+                if last and run.run_id == self.run.run_id:
+                    self._end = end
             elif type_name == PART_TYPE:
                 self.part = serialized_part(data)
             elif type_name == DISTRIBUTION_TYPE:
@@ -55,9 +58,11 @@ class LoggedRun:
     def outcome(self) -> Outcome:
         """How many drops there are, and whether it is all of them, and the part."""
         run, part = self.run, self.part
-        if run is None or self._end is None or part is None:
+        if run is None or part is None:
             return Outcome(len(self._seen), whole=False)
-        missing = self._seen.missing(run.first_drop, max(self._end, self._seen.end))
+        # Without a last batch it can have all drops, too: if the end was asked for again.
+        end = run.end if self._end is None else max(self._end, self._seen.end)
+        missing = self._seen.missing(run.first_drop, end)
         whole = not missing and part.part_sha256 == run.part_sha256
         return Outcome(len(self._seen), whole)
 
@@ -78,15 +83,23 @@ class LogContents:
     outcome: Outcome
 
 
+def rest_of_run(run: RunDescription, outcome: Outcome) -> str:
+    """Why a log does not have all drops that were asked for, in words to come after how many."""
+    if outcome.drops >= run.drops or run.precision:
+        return ''
+    return ', where the run ended' if outcome.whole else ', the others are not in this log'
+
+
 def read_contents(log: Path) -> LogContents:
-    """What is in a log, whole or broken off; raises LogError."""
+    """What is in a log, closed or broken off; raises LogError."""
     try:
         with IndexedLog(log) as indexed:
             outcome = Outcome.of(indexed.notes())
             if outcome is not None:
                 run = LoggedRun()
-                for type_name in TYPES:
-                    data = indexed.last(type_name)
+                batch = indexed.first(POSES_TYPE)
+                others = [(name, indexed.last(name)) for name in (PART_TYPE, DISTRIBUTION_TYPE)]
+                for type_name, data in ((POSES_TYPE, batch), *others):
                     if data is not None:
                         run.take(type_name, data)
                 messages = indexed.counts().total()

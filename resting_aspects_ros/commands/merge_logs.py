@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from resting_aspects_ros.commands.answer import print_table
+from resting_aspects_ros.commands.log_warning import warn_if_unfinished
 from resting_aspects_ros.commands.surface_text import surface_text
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import METHOD, Distribution, count_poses, no_drops
@@ -28,6 +29,8 @@ def merge_logs(logs: Sequence[Path], *, any_engine: bool, as_json: bool) -> int:
         raise InvalidValueError(f'{_named(logs)} hold no drops: allowed are logs of runs')
     run = merged[0].run
     part = _part(logs, run.part_sha256)
+    for log in logs:
+        warn_if_unfinished(log)
     distribution = _counted(part, merged)
     if as_json:
         fields = {

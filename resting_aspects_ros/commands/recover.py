@@ -1,4 +1,4 @@
-"""`resting_aspects recover`: make logs whole again that were broken off."""
+"""`resting_aspects recover`: close logs that were broken off."""
 
 import argparse
 from pathlib import Path
@@ -14,10 +14,11 @@ def add(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'recover',
-        help='make logs whole that a crash broke off',
+        help='close logs that a crash broke off',
         description='Rebuild index, summary and metadata.yaml of logs whose recorder was killed.\n'
-        'Every message that is whole in the file is kept. Logs that are whole, and those\n'
-        'that are being written, stay as they are.',
+        'Every message that is in the file in full is kept, and a classifier that is\n'
+        'started uses the drops. Logs that are closed stay as they are, and those that\n'
+        'are being written are refused.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from resting_aspects_ros.commands.logged_run import TYPES, LoggedRun
+from resting_aspects_ros.commands.logged_run import TYPES, LoggedRun, rest_of_run
 from resting_aspects_ros.core.errors import LogError, RestingAspectsError
 from resting_aspects_ros.logs.outcome import OUTCOME
 from resting_aspects_ros.logs.recovery import DAMAGED, BrokenLog
@@ -31,9 +31,9 @@ def recover_logs(logs: Sequence[Path]) -> int:
 def _recover(log: Path) -> str:
     """What was done."""
     broken = BrokenLog(log)
-    if broken.whole:
-        return f'is whole, {broken.extent.messages} messages'
     words, notes = _account(broken)
+    if broken.closed:
+        return f'is closed already, {broken.extent.messages} messages, {words}'
     broken.recover(notes)
     found = broken.extent
     words = f'{found.messages} messages recovered, {words}'
@@ -58,6 +58,4 @@ def _account(broken: BrokenLog) -> tuple[str, dict[str, dict[str, str]]]:
         return 'no drops', {}
     outcome = logged.outcome()
     words = f'{outcome.drops} of {logged.run.drops} drops of {logged.run.part}'
-    if outcome.whole:
-        words += ', the run is whole'
-    return words, {OUTCOME: outcome.record()}
+    return words + rest_of_run(logged.run, outcome), {OUTCOME: outcome.record()}

@@ -29,7 +29,7 @@ def add(subparsers: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        'log', metavar='LOG', type=Path, help='folder of a run, or an .mcap file, whole or not'
+        'log', metavar='LOG', type=Path, help='folder of a run, or an .mcap file, closed or not'
     )
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument(

@@ -1,4 +1,4 @@
-"""What a whole log says, found by the index at its end: the rest of the file is not read."""
+"""What a closed log says, found by the index at its end: the rest of the file is not read."""
 
 import struct
 from collections import Counter
@@ -18,7 +18,7 @@ class NoIndexError(LogError):
 
 
 class IndexedLog:
-    """A whole log, open for reading; use it with `with`.
+    """A closed log, open for reading; use it with `with`.
 
     log : Path
         The folder of a run, or its MCAP file.
@@ -107,7 +107,7 @@ class IndexedLog:
         if summary is None or summary.statistics is None:
             raise NoIndexError(
                 f'log {str(self.path)!r} has no index: it was broken off, or is being written '
-                '("resting_aspects recover" makes it whole)'
+                '("resting_aspects recover" closes it)'
             )
         return reader, summary
 

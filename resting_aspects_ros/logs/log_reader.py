@@ -3,6 +3,7 @@
 import os
 import struct
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -11,6 +12,7 @@ from mcap.records import Channel, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader
 
 from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.logs.file_lock import is_locked
 from resting_aspects_ros.logs.schemas import load_schema
 
 _SUFFIX = '.mcap'
@@ -96,17 +98,36 @@ def records(path: Path) -> Iterator[McapRecord]:
     Raises LogError if it cannot be read, or is damaged before its end.
     """
     try:
-        with path.open('rb') as file:
+        with _opened(path) as file:
             try:
                 yield from StreamReader(file, validate_crcs=True).records
             except _CUT as error:
                 if _is_finished(file):
                     raise ValueError('a record does not end within the file') from error
-    except OSError as error:
-        raise LogError(f'log {str(path)!r} cannot be read: {error.strerror}') from None
+    except LogError:
+        raise
     except Exception as error:
         # Whatever the parser or the decompressor makes of it.
         raise LogError(f'log {str(path)!r} is damaged, or no MCAP file: {error}') from error
+
+
+def _locked(path: Path) -> bool:
+    with _opened(path) as file:
+        return is_locked(file)
+
+
+def _has_end(path: Path) -> bool:
+    with _opened(path) as file:
+        return _is_finished(file)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[BinaryIO]:
+    try:
+        with path.open('rb') as file:
+            yield file
+    except OSError as error:
+        raise LogError(f'log {str(path)!r} cannot be read: {error.strerror}') from None
 
 
 def _is_finished(file: BinaryIO) -> bool:
@@ -114,6 +135,26 @@ def _is_finished(file: BinaryIO) -> bool:
     size = file.seek(0, os.SEEK_END)
     file.seek(max(0, size - len(_END)))
     return size > len(_END) and file.read() == _END
+
+
+def is_being_written(path: Path) -> bool:
+    """Whether a process is writing a file of a log now; LogError if it cannot be read."""
+    return any(_locked(file) for file in log_files(path))
+
+
+def unfinished(path: Path) -> str:
+    """What it means that a log has no end, in a line for a person; empty if it has one.
+
+    Raises LogError if it cannot be read.
+    """
+    if is_being_written(path):
+        return f'log {str(path)!r} is being written: what it holds by now is used'
+    if all(_has_end(file) for file in log_files(path)):
+        return ''
+    return (
+        f'log {str(path)!r} was broken off: what it holds is used '
+        '("resting_aspects recover" closes it)'
+    )
 
 
 def check_definition(path: Path, type_name: str, type_hash: str | None) -> None:

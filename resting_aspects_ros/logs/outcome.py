@@ -30,6 +30,9 @@ class Outcome:
         return cls(int(drops), values['whole'] == 'true')
 
 
-def is_whole(folder: Path) -> bool:
-    """Whether the log in a folder holds all drops of its run, as its metadata.yaml says."""
-    return custom_data(folder).get(f'{OUTCOME}.whole') == 'true'
+def recorded_outcome(folder: Path) -> Outcome | None:
+    """What metadata.yaml says of the log in a folder; None if it does not."""
+    custom = custom_data(folder)
+    start = f'{OUTCOME}.'
+    values = {key.removeprefix(start): value for key, value in custom.items()}
+    return Outcome.of({OUTCOME: values})

@@ -1,4 +1,4 @@
-"""Make a log whole again that was broken off: index, summary and metadata.yaml.
+"""Close a log that was broken off: index, summary and metadata.yaml.
 
 What is read is copied message by message; nothing is decoded, so any log of ROS 2 will do.
 """
@@ -18,8 +18,12 @@ from mcap.writer import Writer
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.logs.bag_metadata import BagMetadata, TopicCount, write_metadata
-from resting_aspects_ros.logs.file_lock import is_locked
-from resting_aspects_ros.logs.log_reader import check_definition, one_file, written_hash
+from resting_aspects_ros.logs.log_reader import (
+    check_definition,
+    is_being_written,
+    one_file,
+    written_hash,
+)
 from resting_aspects_ros.logs.mcap_file import ROSBAG2, finish_file, register_channel, start_file
 from resting_aspects_ros.logs.topics import Qos, qos_profiles
 
@@ -65,8 +69,8 @@ class BrokenLog:
         self.extent = self._measure()
 
     @property
-    def whole(self) -> bool:
-        """Nothing is missing, neither in the file nor beside it."""
+    def closed(self) -> bool:
+        """It has its end, can be read up to there, and has metadata.yaml beside it."""
         found = self.extent
         beside = self._folder is None or (self._folder / 'metadata.yaml').is_file()
         return found.finished and not found.lost_chunks and beside
@@ -74,8 +78,7 @@ class BrokenLog:
     @property
     def being_written(self) -> bool:
         """Whether a process is writing it now."""
-        with self.path.open('rb') as file:
-            return is_locked(file)
+        return is_being_written(self.path)
 
     def messages(self, types: Collection[str]) -> Iterator[tuple[str, bytes]]:
         """Type and CDR of each message of these types, in the order of the file.
@@ -91,7 +94,7 @@ class BrokenLog:
                 yield self._schema(record.channel_id).name, record.data
 
     def recover(self, notes: Mapping[str, dict[str, str]]) -> None:
-        """Write the file anew, whole, and metadata.yaml if the log is a folder.
+        """Write the file anew, with its end, and metadata.yaml if the log is a folder.
 
         The new file takes the place of the old one when it is on the disk. The old one is kept,
         as `.damaged`, if more than its end cannot be read.

@@ -12,6 +12,7 @@ from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, ListPa
 
 from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.convert import part_from, poses_from, status
 from resting_aspects_ros.nodes.default_conditions import SURFACE, FollowedDefault
@@ -80,7 +81,7 @@ class AspectClassifier(Node):
         self._accounts: dict[str, RunAccount] = {}  # of runs that are not over
         self._over: dict[str, Future] = {}  # run id -> done when the run is over
         self._outputs = DistributionOutputs(self, self._parts)
-        self._tracker = RunTracker(self, self._run_over)
+        self._tracker = RunTracker(self, self._run_over, self._is_known)
         self._health = RunHealth(self, self._tracker)
         self._requests = DropRequests(self, self._over_future)
         self._memory = Memory(
@@ -161,9 +162,16 @@ class AspectClassifier(Node):
             self._advance(account)
             self._tracker.settle(progress)
 
+    def _is_known(self, run: RunDescription) -> bool | None:
+        """Whether all of a run is known from its log; None while the logs are read."""
+        return None if self._memory.loading else self._known.has_all(run)
+
     def _run_over(self, progress: RunProgress) -> None:
         account = self._accounts.get(progress.run.run_id)
         if account is None:
+            return
+        if not (progress.complete or progress.lost):
+            del self._accounts[progress.run.run_id]  # it is known, and nobody waits for it
             return
         account.over = True
         if progress.lost:

@@ -17,6 +17,7 @@ from resting_aspects_interfaces.msg import (
 from resting_aspects_interfaces.srv import GetDistribution
 
 from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
 from resting_aspects_ros.nodes.convert import conditions_msg, nanoseconds
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, Meter, publish_diagnostics
@@ -72,7 +73,7 @@ class DropRecorder(Node):
         self._drops = Meter()
         self._error = ''  # the newest, until a log is whole again
         self._recorded = self.create_publisher(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
-        self._tracker = RunTracker(self, self._run_over)
+        self._tracker = RunTracker(self, self._run_over, self._is_recorded)
         self._health = RunHealth(self, self._tracker)
         self._classifier = self.create_client(
             GetDistribution, GET_DISTRIBUTION, qos_profile=SERVICES
@@ -116,8 +117,7 @@ class DropRecorder(Node):
             if new or not message.poses:
                 drops = sum(end - first for first, end in new)
                 stamp = nanoseconds(message.header.stamp)
-                log.write_poses(self._poses, data, self._now(), stamp, drops)
-                self._drops.add(drops)
+                self._drops.add(log.write_poses(self._poses, data, self._now(), stamp, drops))
                 self._report(log, always=message.last)
             self._tracker.settle(progress)
 
@@ -167,6 +167,9 @@ class DropRecorder(Node):
         log.has_distribution = log.has_distribution or message.complete
         self._report(log)
 
+    def _is_recorded(self, run: RunDescription) -> bool:
+        return self._logs[run.run_id].earlier is not None
+
     def _run_over(self, progress: RunProgress) -> None:
         self._logs[progress.run.run_id].run_is_over(whole=progress.complete)
 
@@ -205,6 +208,8 @@ class DropRecorder(Node):
             if not log.closed_whole:
                 what = 'is not whole' if log.run_over else 'was broken off'
                 words = f'{what}: {of_run(log.run, log.drops)} are in {folder}, which is closed'
+            elif log.parts:
+                words += f'; {", ".join(map(str, log.parts))} may be deleted: less of it is there'
             self.get_logger().info(f'run {run_id} of {log.run.part} {words}')
 
     def _report(self, log: OpenLog, *, always: bool = False) -> None:
@@ -212,7 +217,7 @@ class DropRecorder(Node):
         new_error = bool(log.error) and not log.reported
         if new_error:
             log.reported = True
-            self._error = f'run {log.run.run_id} is not recorded: {log.error}'
+            self._error = log.problem()
             self.get_logger().error(self._error)
         elif log.closed_whole:
             self._error = ''  # it works again
@@ -220,7 +225,7 @@ class DropRecorder(Node):
             self._recorded.publish(log.message())
 
     def _diagnose(self) -> Diagnosis:
-        files = [str(log.folder) for log in self._logs.values()]
+        files = [str(log.folder) for log in self._logs.values() if log.being_written]
         values = {
             'drops recorded': self._drops.total,
             'drops per second': self._drops.rate(),

@@ -102,7 +102,7 @@ class DropRequests:
         if account.problem:
             raise EngineError(account.problem)
         if result.log_error:
-            account.note = f'the run is not recorded: {result.log_error}'
+            account.note = f'not all of the run is recorded: {result.log_error}'
         return account
 
     async def simulator(self) -> None:

@@ -2,8 +2,8 @@
 
 import sys
 import uuid
-from collections import OrderedDict
 from contextlib import aclosing
+from functools import partial
 from pathlib import Path
 
 from rclpy.action import ActionServer, CancelResponse
@@ -50,6 +50,8 @@ from resting_aspects_ros.nodes.requests import (
     asked_conditions,
     error_status,
 )
+from resting_aspects_ros.nodes.shared_work import SharedWork
+from resting_aspects_ros.nodes.simulated_runs import SimulatedRuns
 from resting_aspects_ros.nodes.spin import run_node
 from resting_aspects_ros.nodes.words import counted, listed, of_run, run_values, under_way
 from resting_aspects_ros.nodes.workers import Workers
@@ -62,8 +64,6 @@ PARAMETERS = (
 )
 # Goals that are worked on at the same time; they share the workers chunk by chunk.
 MOST_GOALS = 16
-# Descriptions of so many runs are kept, to publish drops of them again.
-RUNS_KEPT = 10_000
 # A result is kept so long for a client that asks late, s.
 RESULT_TIMEOUT = 300
 
@@ -79,8 +79,8 @@ class DropSimulator(Node):
         self._default = OfferedDefault(self, self._surfaces)
         self._workers = Workers(self, values['workers'] or default_workers())
         self._goals: list[GoalProgress] = []
-        self._runs: OrderedDict[str, RunDescription] = OrderedDict()
-        self._published: dict[str, int] = {}  # run under way -> index after its last drop so far
+        self._runs = SimulatedRuns()
+        self._repairs: SharedWork[DropPart.Result] = SharedWork(self)
         self._counted_with = AspectSet('', ())
         self._drops = Meter()
         self._recordings = Recordings(self)
@@ -143,20 +143,39 @@ class DropSimulator(Node):
             raise BusyError(f'{MOST_GOALS} drop_part goals are under way, try again later')
         goal = handle.request
         job, asked, run = self._plan(goal)
+        progress.result.run_id = run.run_id
+        drop = partial(self._make, handle, progress, job, asked, run)
+        if not goal.run_id:
+            await drop()
+            return
+        # What one consumer has lost others often have lost, too, and each asks for it.
+        key = (run.run_id, asked.first_drop, asked.end, asked.precision)
+        result, made = progress.result, await self._repairs.do(key, drop)
+        result.drops, result.settled = made.drops, made.settled
+        result.unsettled, result.failed = made.unsettled, made.failed
+
+    async def _make(
+        self,
+        handle: ServerGoalHandle,
+        progress: GoalProgress,
+        job: DropJob,
+        asked: RunDescription,
+        run: RunDescription,
+    ) -> DropPart.Result:
         progress.begin(asked)
-        new = not goal.run_id
+        new = not handle.request.run_id
         batches = Batches(batch_size(asked.drops))
         counted = no_drops(self._aspects(asked)) if asked.precision else None
         try:
             if new:
-                self._published[run.run_id] = run.first_drop
+                self._runs.reached(run, run.first_drop)
             async with aclosing(self._workers.chunks(job, asked)) as chunks:
                 async for chunk in chunks:
                     self._drops.add(len(chunk))
                     for batch in batches.add(chunk):
                         self._publish(batch, run, last=False)
                         if new:
-                            self._published[run.run_id] = batch.end
+                            self._runs.reached(run, batch.end)
                     progress.add(chunk)
                     if counted is not None:
                         counted += count_poses(counted.aspects, chunk)
@@ -171,7 +190,8 @@ class DropSimulator(Node):
             # Drops that are published again do not end their run.
             self._publish(batches.rest(asked.first_drop), run, last=new)
             if new:
-                del self._published[run.run_id]
+                self._runs.over(run)
+        return progress.result
 
     def _diagnose(self) -> Diagnosis:
         runs = [progress.so_far for progress in self._goals if progress.so_far is not None]
@@ -210,19 +230,7 @@ class DropSimulator(Node):
             run_id=goal.run_id or uuid.uuid4().hex[:12],
             started=self.get_clock().now().nanoseconds,
         )
-        run = self._runs.setdefault(asked.run_id, asked)
-        if run.sequence() != asked.sequence():
-            raise InvalidValueError(
-                f'run {run.run_id} is of {run.part} under other conditions, of another seed or of '
-                'another version of the part: only its own drops can be published again'
-            )
-        if asked.end > self._published.get(goal.run_id, asked.end):
-            raise BusyError(
-                f'run {goal.run_id} is under way, its drops from '
-                f'{self._published[goal.run_id]} on are yet to come'
-            )
-        while len(self._runs) > RUNS_KEPT:
-            self._runs.popitem(last=False)
+        run = self._runs.find(goal, asked)
         self._parts.offer(part)
         return job, asked, run
 

@@ -12,6 +12,7 @@ from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import Trigger
 
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.logs.log_reader import unfinished
 from resting_aspects_ros.logs.recording import RecordedMessage, Recording
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, publish_diagnostics
 from resting_aspects_ros.nodes.interface import LOG_REPLAYER, PAUSE, RESUME, SERVICES
@@ -78,6 +79,8 @@ class LogReplayer(Node):
         self._look = self.create_timer(LOOK_PERIOD, self._look_for_others)
         announce(self, LOG_REPLAYER)
         publish_diagnostics(self, self._diagnose)
+        if words := unfinished(recording.path):
+            self.get_logger().warning(words)
         for words in skipped:
             self.get_logger().warning(f'not replayed: {words}')
         self.get_logger().info(

@@ -2,24 +2,30 @@
 
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from rclpy.node import Node
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.logs.indexed_log import IndexedLog, NoIndexError
+from resting_aspects_ros.logs.log_reader import is_being_written
 from resting_aspects_ros.logs.outcome import Outcome
-from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, POSES_TYPE
+from resting_aspects_ros.nodes.convert import serialized_batch
 from resting_aspects_ros.nodes.distribution_messages import serialized_distribution
+from resting_aspects_ros.nodes.first_drops import count_first_drops
 from resting_aspects_ros.nodes.run_accounts import KnownDistributions
 from resting_aspects_ros.nodes.words import counted
 
 # Logs that are read, the newest of those that are there; 1000 take some 10 s.
 MOST_LOGS = 1000
-# <part>_<start>_<run id>, see logs.run_log.run_folder_name.
+# <part>_<start>_<run id>, see logs.run_log.run_folder_name; _<number> after it is another log.
 _STARTED = re.compile(r'_(\d{8}T\d{6}Z)_')
+_RUN = re.compile(r'.*_\d{8}T\d{6}Z_[^_]*')
 
 
 class Memory:
@@ -29,7 +35,8 @@ class Memory:
     ----------
     folder : Path, optional
         None: there is nothing to remember.
-    known : takes the distribution of each log that is whole
+    known : takes the distribution of each log that is closed; of one that holds only a part of
+        its run, that of its first drops
     loaded : called once all are read
     """
 
@@ -45,48 +52,75 @@ class Memory:
         self._known = known
         self._loaded = loaded
         self._logs = _newest_logs(folder) if folder else []
+        self._parts: list[tuple[Path, RunDescription]] = []  # logs with a part of their run
+        self._whole: set[str] = set()  # names of runs, as folders have them, that a log has whole
+        self._broken_off: list[Path] = []
         self._total = len(self._logs)
         self._begun = time.monotonic()
-        self._taken = self._broken_off = self._other_versions = 0
-        # A log at each turn of the executor: others get theirs in between.
-        self._timer = node.create_timer(0.0, self._read_next)
+        self._taken = self._other_versions = 0
+        self._steps = self._read_all()
+        self._timer = node.create_timer(0.0, self._step)
 
     @property
     def loading(self) -> str:
         """How far it is, in words; empty when all is read."""
-        if not self._logs:
+        left = len(self._logs) + len(self._parts)
+        if not left:
             return ''
-        done = self._total - len(self._logs)
+        done = self._total - left
         return f'loading: {done} of {self._total} logs of earlier runs are read, ask again soon'
 
-    def _read_next(self) -> None:
-        if self._logs:
-            self._read(self._logs.pop())
-        if not self._logs:
-            self._node.destroy_timer(self._timer)
-            self._tell()
-            self._loaded()
-
-    def _read(self, log: Path) -> None:
-        try:
-            with IndexedLog(log) as indexed:
-                outcome = Outcome.of(indexed.notes())
-                data = indexed.last(DISTRIBUTION_TYPE)
-            if outcome is None or not outcome.whole or data is None:
-                return
-            distribution, run, complete = serialized_distribution(data)
-        except NoIndexError:
-            self._broken_off += 1
+    def _step(self) -> None:
+        """A log, or a batch of one, at each turn of the executor: others get theirs in between."""
+        for _ in self._steps:
             return
+        self._node.destroy_timer(self._timer)
+        self._tell()
+        self._loaded()
+
+    def _read_all(self) -> Iterator[None]:
+        while self._logs:
+            with self._reading(self._logs[-1]):
+                self._read(self._logs[-1])
+            self._logs.pop()
+            yield
+        while self._parts:
+            log, run = self._parts[-1]
+            with self._reading(log):
+                if _run_name(log) not in self._whole:
+                    self._known.add(run, (yield from count_first_drops(log, run)))
+                    self._taken += 1
+            self._parts.pop()
+
+    @contextmanager
+    def _reading(self, log: Path) -> Iterator[None]:
+        try:
+            yield
+        except NoIndexError:
+            if not is_being_written(log):
+                self._broken_off.append(log)
         except (RestingAspectsError, RuntimeError) as error:  # the second is all that rclpy raises
             self._other_versions += 1
             self._node.get_logger().debug(f'log {log} is not used: {error}')
+
+    def _read(self, log: Path) -> None:
+        with IndexedLog(log) as indexed:
+            outcome = Outcome.of(indexed.notes())
+            batch, last = indexed.first(POSES_TYPE), indexed.last(DISTRIBUTION_TYPE)
+        if outcome is None or batch is None:
             return
+        run = serialized_batch(batch)[0]
         if run.suite_version != __version__:
             self._other_versions += 1  # its aspects may have other ids
-        elif complete:
-            self._taken += 1
-            self._known.add(run, distribution)
+            return
+        if outcome.whole and last is not None:
+            distribution, run, complete = serialized_distribution(last)
+            if complete:
+                self._whole.add(_run_name(log))
+                self._taken += 1
+                self._known.add(run, distribution)
+                return
+        self._parts.append((log, run))
 
     def _tell(self) -> None:
         if not self._total:
@@ -98,17 +132,26 @@ class Memory:
             f'{logs} in {self._folder} read in {seconds:.1f} s: {known} known, the longest of '
             'those that begin with the same drops'
         )
-        if self._broken_off:
-            logs = counted(self._broken_off, 'log', 'logs')
+        # Those of runs that another log has whole are of no use to anybody.
+        broken_off = [log for log in self._broken_off if _run_name(log) not in self._whole]
+        if broken_off:
+            logs = counted(len(broken_off), 'log', 'logs')
             self._node.get_logger().warning(
-                f'{logs} in {self._folder}, broken off, not used: "resting_aspects recover" makes '
-                'a log whole'
+                f'{logs} in {self._folder}, broken off, not used: "resting_aspects recover" '
+                'closes a log, then the drops that it holds are'
             )
         if self._other_versions:
             logs = counted(self._other_versions, 'log', 'logs')
             self._node.get_logger().warning(
-                f'{logs} in {self._folder}, of another version of the suite or damaged, not used'
+                f'{logs} in {self._folder}, not used: of another version of the suite, damaged, '
+                'or without the part or the first drops'
             )
+
+
+def _run_name(log: Path) -> str:
+    """The name that all logs of a run begin with."""
+    found = _RUN.match(log.name)
+    return found.group() if found else log.name
 
 
 def _newest_logs(folder: Path) -> list[Path]:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import time
+from contextlib import suppress
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from resting_aspects_interfaces.msg import PartDescription, RecordedRun
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.drops.run import RunDescription
-from resting_aspects_ros.logs.outcome import OUTCOME, Outcome, is_whole
+from resting_aspects_ros.logs.outcome import OUTCOME, Outcome, recorded_outcome
 from resting_aspects_ros.logs.run_log import RunLog, run_folder_name
 from resting_aspects_ros.logs.topics import Topic
 from resting_aspects_ros.nodes.convert import NANOSECONDS
@@ -25,9 +26,9 @@ class OpenLog:
     """The log of a run and what it still waits for.
 
     A log that cannot be written takes nothing more; ``error`` says why. Nothing here raises.
-    A run that was broken off in an earlier log gets one of its own beside it, with a number after
-    its name; one that an earlier log holds whole gets none, and ``earlier`` is where it is.
-    ``folder`` is that of the log.
+    A run of which earlier logs hold only a part, ``parts``, gets one of its own beside them, with
+    a number after its name; one that an earlier log holds whole gets none, and ``earlier`` is
+    where it is. ``folder`` is that of the log.
     """
 
     def __init__(self, folder: Path, run: RunDescription) -> None:
@@ -39,6 +40,7 @@ class OpenLog:
         self.drops = 0  # that are written
         self.closed_whole = False
         self.earlier: Path | None = None
+        self.parts: list[Path] = []
         self._whole = False
         self._asked = False
         self._over_at: float | None = None
@@ -47,17 +49,24 @@ class OpenLog:
         started = datetime.fromtimestamp(run.started / NANOSECONDS, timezone.utc)
         try:
             name = run_folder_name(run.part, started, run.run_id)
-            earlier = _earlier_logs(folder, name)
-            self.earlier = next((log for log in earlier if is_whole(log)), None)
-            if self.earlier is not None:
-                self.folder = self.earlier
-                return
-            number = f'_{len(earlier) + 1}' if earlier else ''
+            for log in _earlier_logs(folder, name):
+                outcome = recorded_outcome(log)
+                if outcome is not None and outcome.whole:
+                    self.earlier = self.folder = log
+                    self.drops = outcome.drops
+                    return
+                self.parts.append(log)
+            number = f'_{len(self.parts) + 1}' if self.parts else ''
             self.folder = folder / (name + number)
             self._log = RunLog(folder, name + number)
             self._log.add_metadata('run', _as_text(run))
         except LogError as error:
-            self.error = str(error)
+            self._fail(error)
+
+    @property
+    def being_written(self) -> bool:
+        """Whether it takes what comes."""
+        return self._log is not None and not self.error
 
     def write(self, topic: Topic, data: bytes, log_time: int, publish_time: int) -> None:
         """Write a message so that it survives the death of this process."""
@@ -67,14 +76,16 @@ class OpenLog:
             self._log.write(topic, data, log_time, publish_time)
             self._log.flush()
         except LogError as error:
-            self.error = str(error)
+            self._fail(error)
 
     def write_poses(
         self, topic: Topic, data: bytes, log_time: int, publish_time: int, drops: int
-    ) -> None:
-        """Write a batch, in which so many drops are new."""
+    ) -> int:
+        """Write a batch, in which so many drops are new; how many were written."""
         self.write(topic, data, log_time, publish_time)
-        self.drops += 0 if self.error else drops
+        written = drops if self.being_written else 0
+        self.drops += written
+        return written
 
     def write_part(self, topic: Topic, data: bytes, part: PartDescription, log_time: int) -> None:
         """Write the part's description, and its mesh as a file."""
@@ -87,7 +98,7 @@ class OpenLog:
             self._log.flush()
             self.has_part = True
         except LogError as error:
-            self.error = str(error)
+            self._fail(error)
 
     def run_is_over(self, *, whole: bool) -> None:
         """No poses come any more; whether all that were published are here."""
@@ -103,6 +114,13 @@ class OpenLog:
             whole=self.closed_whole or self.earlier is not None,
             error=self.error,
         )
+
+    def problem(self) -> str:
+        """What an error means for the run, in words."""
+        run = f'run {self.run.run_id} of {self.run.part}'
+        if self.drops:
+            return f'only {self.drops} drops of {run} are recorded: {self.error}'
+        return f'{run} is not recorded: {self.error}'
 
     def lacks_distribution(self) -> bool:
         """Whether the last distribution should have come by now; True once."""
@@ -122,22 +140,28 @@ class OpenLog:
         if self._over_at is None:
             return False
         waited = time.monotonic() - self._over_at > END_TIMEOUT
-        nothing_to_do = self._log is None or bool(self.error)
-        return waited or nothing_to_do or (self.has_part and self.has_distribution)
+        return waited or not self.being_written or (self.has_part and self.has_distribution)
 
     def close(self) -> Path | None:
         """Finish the log; the run's folder, or None if there is no whole log."""
-        if self._log is None:
+        if self._log is None or self.error:
             return None
         whole = self._whole and self.has_part
         try:
-            if not self.error:
-                self._log.add_metadata(OUTCOME, Outcome(self.drops, whole).record())
+            self._log.add_metadata(OUTCOME, Outcome(self.drops, whole).record())
             folder = self._log.close()
         except LogError as error:
-            self.error = self.error or str(error)
-        self.closed_whole = whole and not self.error
-        return None if self.error else folder
+            self._fail(error)
+            return None
+        self.closed_whole = whole
+        return folder
+
+    def _fail(self, error: LogError) -> None:
+        """Let go of the file, so that what is in it can be recovered."""
+        self.error = str(error)
+        if self._log is not None:
+            with suppress(LogError):
+                self._log.close()
 
 
 def _earlier_logs(folder: Path, name: str) -> list[Path]:

@@ -54,7 +54,7 @@ class KnownDistributions:
         """Take the distribution of a run that is over."""
         if distribution.drops == 0:
             return  # it was canceled at once
-        key = (run.part_sha256, run.conditions.values(), run.seed, run.first_drop)
+        key = _key(run)
         before = self._known.pop(key, None)
         if before is not None and before[1].drops > distribution.drops:
             run, distribution = before
@@ -86,6 +86,11 @@ class KnownDistributions:
             )
         ]
         return max(fitting, key=lambda found: found[1].drops, default=None)
+
+    def has_all(self, run: RunDescription) -> bool:
+        """Whether all drops that were asked for in a run are known."""
+        found = self._known.get(_key(run))
+        return found is not None and found[0].run_id == run.run_id and found[1].drops >= run.drops
 
     def sha_of(self, name: str) -> str | None:
         """The newest version of a part of which a distribution is known."""
@@ -120,6 +125,10 @@ class KnownDistributions:
     def has(self, part_sha256: str) -> bool:
         """Whether any is known of a part."""
         return any(run.part_sha256 == part_sha256 for run, _ in self._known.values())
+
+
+def _key(run: RunDescription) -> tuple[object, ...]:
+    return run.part_sha256, run.conditions.values(), run.seed, run.first_drop
 
 
 def newest_distribution(

@@ -14,7 +14,7 @@ from resting_aspects_interfaces.msg import Status
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.drops.coverage import Coverage
 from resting_aspects_ros.drops.run import RunDescription
-from resting_aspects_ros.nodes.convert import conditions_msg, run_from
+from resting_aspects_ros.nodes.convert import conditions_msg, run_from, run_msg
 from resting_aspects_ros.nodes.drop_goals import drop_result
 from resting_aspects_ros.nodes.interface import ACTION_SERVICES, DROP_PART
 from resting_aspects_ros.nodes.words import counted, of_run
@@ -95,15 +95,23 @@ class RunTracker:
 
     Parameters
     ----------
-    over : called once for each run when it is complete or lost, and then marked closed
+    over : called once for each run when it is complete, lost or known, and then marked closed
+    known : whether all drops of a run are known already, so that those that are missing here are
+        not asked for; None while that is not clear
 
     problem : what the newest run lost that is lost, in words, until a run is complete; else empty
     lost : runs that are lost
     """
 
-    def __init__(self, node: Node, over: Callable[[RunProgress], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        over: Callable[[RunProgress], None],
+        known: Callable[[RunDescription], bool | None],
+    ) -> None:
         self._node = node
         self._over = over
+        self._known = known
         self.problem = ''
         self.lost = 0
         self._client = ActionClient(node, DropPart, DROP_PART, **ACTION_SERVICES)
@@ -148,14 +156,15 @@ class RunTracker:
         """After a batch was dealt with: end the run, or ask for what is missing."""
         if progress.closed:
             return
-        if progress.complete or progress.lost:
+        known = self._known(progress.run) if progress.missing() else False
+        if progress.complete or progress.lost or known:
             progress.closed = True
             self.problem = progress.loss if progress.lost else ''
             if progress.lost:
                 self.lost += 1
                 self._node.get_logger().warning(self.problem)
             self._over(progress)
-        elif progress.missing():
+        elif progress.missing() and known is False:
             self._repair(progress)
 
     def _open(self) -> list[RunProgress]:
@@ -196,6 +205,7 @@ class RunTracker:
             first_drop=first,
             seed=run.seed,
             run_id=run.run_id,
+            run=[run_msg(run)],
         )
         self._node.get_logger().warning(f'{_drops(goal)} were lost, asking again')
         executor = self._node.executor

@@ -201,11 +201,19 @@ def test_a_log_that_was_broken_off_has_what_was_written_and_that_is_said(
     write_csv(tmp_path, BY_HAND)
     found, said = compared('run', 'm.csv')
     assert counts_of(found, 'a') == [70, 50, 40, 20, 4]
-    assert said == "warning: 'run' is not complete: it counts 185 of 200 drops\n"
-    log.path.write_bytes(log.path.read_bytes()[:-100])
+    being_written = "warning: log 'run' is being written: what it holds by now is used\n"
+    incomplete = "warning: 'run' is not complete: it counts {} of 200 drops\n"
+    assert said == being_written + incomplete.format(185)
+    content = log.path.read_bytes()
+    log.close()
+    log.path.write_bytes(content[:-100])
     found, said = compared('run', 'm.csv')
     assert counts_of(found, 'a') == [7, 5, 4, 2, 1]
-    assert said == "warning: 'run' is not complete: it counts 20 of 200 drops\n"
+    broken_off = (
+        "warning: log 'run' was broken off: what it holds is used "
+        '("resting_aspects recover" closes it)\n'
+    )
+    assert said == broken_off + incomplete.format(20)
 
 
 def test_what_is_no_log_with_a_distribution(refused, write_log, tmp_path):

@@ -14,6 +14,7 @@ from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.drops.engine import drop_chunk
 from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.release import CHUNK
+from resting_aspects_ros.logs.file_lock import lock_file
 from resting_aspects_ros.logs.outcome import OUTCOME, Outcome
 from resting_aspects_ros.logs.run_log import RunLog
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Qos, Topic
@@ -72,7 +73,7 @@ def test_info_of_a_whole_log(run, log, dropped):
     assert (ended.returncode, ended.stderr) == (0, '')
     lines = [' '.join(line.split()) for line in ended.stdout.splitlines()]
     for line in (
-        'whole, 7 messages',
+        'closed, 7 messages',
         f'part l_bracket, sha256 {dropped[0].part_sha256}',
         'stl in mm, 20 triangles',
         'conditions steel with height 0.045 m and friction 0.31',
@@ -108,7 +109,7 @@ def test_info_of_a_log_that_was_broken_off(run, log):
     assert ended.returncode == 0
     lines = [' '.join(line.split()) for line in ended.stdout.splitlines()]
     for line in (
-        'broken off ("resting_aspects recover" makes it readable for all), 5 messages',
+        'broken off ("resting_aspects recover" closes it, so that all can read it), 5 messages',
         'drops 200 of 300',
         'Distribution of 200 drops, counted before the run was over',
     ):
@@ -128,21 +129,93 @@ def test_recover_says_what_each_log_holds(run, log, tmp_path):
     whole, two, three = log('whole'), log('two', 2), log('three', 3)
     before = (whole / 'whole_0.mcap').read_bytes()
     ended = run('recover', whole, two, tmp_path / 'nowhere', three)
+    of_two = '200 of 300 drops of l_bracket, the others are not in this log'
     assert ended.stdout.splitlines() == [
-        f'{whole}: is whole, 7 messages',
-        f'{two}: 5 messages recovered, 200 of 300 drops of l_bracket',
-        f'{three}: 7 messages recovered, 300 of 300 drops of l_bracket, the run is whole',
+        f'{whole}: is closed already, 7 messages, 300 of 300 drops of l_bracket',
+        f'{two}: 5 messages recovered, {of_two}',
+        f'{three}: 7 messages recovered, 300 of 300 drops of l_bracket',
     ]
     assert ended.returncode == 1
     nowhere = str(tmp_path / 'nowhere')
     assert ended.stderr == f'error: log {nowhere!r} cannot be read: No such file or directory\n'
     assert (whole / 'whole_0.mcap').read_bytes() == before
     assert run('recover', two, three).stdout.splitlines() == [
-        f'{two}: is whole, 5 messages',
-        f'{three}: is whole, 7 messages',
+        f'{two}: is closed already, 5 messages, {of_two}',
+        f'{three}: is closed already, 7 messages, 300 of 300 drops of l_bracket',
     ]
     lines = [' '.join(line.split()) for line in run('info', two).stdout.splitlines()]
-    assert 'finished, without all drops of its run, 5 messages' in lines
+    assert 'closed, 5 messages' in lines
+    assert 'drops 200 of 300, the others are not in this log' in lines
+
+
+def test_of_a_run_that_was_ended_before_its_last_drop_all_is_there(run, dropped, part, tmp_path):
+    run_of, poses = dropped
+    with RunLog(tmp_path, 'run') as log:
+        log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
+        batch = poses_msg(poses.between(0, 100), run_of, Time(), True)
+        log.write(POSES, serialize_message(batch), 2)
+    words = '100 of 300 drops of l_bracket, where the run ended'
+    assert run('recover', 'run').stdout == f'run: is closed already, 2 messages, {words}\n'
+    lines = [' '.join(line.split()) for line in run('info', 'run').stdout.splitlines()]
+    assert 'drops 100 of 300, where the run ended' in lines
+    assert json.loads(run('info', 'run', '--json').stdout)['log']['whole']
+
+
+def test_a_gap_that_drops_of_another_run_filled_is_none(run, dropped, part, tmp_path):
+    """As of a simulator that knew only what it was asked for: a log tells of the run it is of."""
+    own, poses = dropped
+    other = dataclasses.replace(own, run_id='another', first_drop=100, drops=200)
+    log = RunLog(tmp_path, 'run')
+    log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
+    for run_of, first, end in ((own, 0, 100), (other, 100, 300)):
+        batch = poses_msg(poses.between(first, end), run_of, Time(), run_of is other)
+        log.write(POSES, serialize_message(batch), 2)
+    log.flush()
+    content = log.path.read_bytes()
+    log.close()
+    log.path.write_bytes(content)
+    (log.path.parent / 'metadata.yaml').unlink()
+    for state in ('broken off', 'closed'):
+        document = json.loads(run('info', 'run', '--json').stdout)
+        assert document['log']['finished'] == (state == 'closed')
+        assert (document['log']['whole'], document['log']['poses']) == (True, DROPS)
+        assert (document['run_id'], document['first_drop'], document['drops_asked']) == (
+            '4f1c',
+            0,
+            DROPS,
+        )
+        run('recover', 'run')
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['compare', 'LOG', 'LOG'],
+        ['merge', 'LOG'],
+        ['drop', '--drops', '1', '--from-log', 'LOG'],
+        ['estimate', 'l_bracket', '--against', 'LOG'],
+    ],
+    ids=lambda words: words[0],
+)
+def test_of_a_log_without_its_end_a_line_says_what_is_used(run, log, words):
+    closed, cut = log('closed'), log('cut', 2)
+
+    def said(folder):
+        ended = run(*(folder if word == 'LOG' else word for word in words))
+        assert ended.returncode == 0, ended.stderr
+        return ended.stderr
+
+    assert 'being written' not in said(closed)
+    assert 'broken off' not in said(closed)
+    assert (
+        f"warning: log '{cut}' was broken off: what it holds is used "
+        '("resting_aspects recover" closes it)\n'
+    ) in said(cut)
+    (file,) = cut.glob('*.mcap')
+    with file.open('rb') as writer:
+        lock_file(writer)
+        words_of_it = f"warning: log '{cut}' is being written: what it holds by now is used\n"
+        assert words_of_it in said(cut)
 
 
 def test_recover_keeps_messages_that_this_version_cannot_read(run, tmp_path):

@@ -1,4 +1,4 @@
-"""Logs that were broken off, made whole, and read with rosbags, which knows nothing of us."""
+"""Logs that were broken off, closed, and read with rosbags, which knows nothing of us."""
 
 import random
 import signal
@@ -61,7 +61,7 @@ def information(folder):
     return yaml.safe_load(text)['rosbag2_bagfile_information']
 
 
-def test_a_log_cut_anywhere_is_whole_again_with_all_that_was_flushed(tmp_path):
+def test_a_log_cut_anywhere_is_closed_with_all_that_was_flushed(tmp_path):
     log, ends = write(tmp_path / 'made')
     log.close()
     content = log.path.read_bytes()
@@ -74,7 +74,7 @@ def test_a_log_cut_anywhere_is_whole_again_with_all_that_was_flushed(tmp_path):
         folder.mkdir(parents=True)
         (folder / 'run_0.mcap').write_bytes(content[:size])
         broken = BrokenLog(folder)
-        assert not broken.whole
+        assert not broken.closed
         broken.recover(OUTCOME)
         found = messages_of(folder)
         flushed = sum(end <= size for end in ends)
@@ -92,7 +92,7 @@ def test_a_log_cut_anywhere_is_whole_again_with_all_that_was_flushed(tmp_path):
         assert information(folder)['custom_data']['outcome.drops'] == '7'
         assert sorted(each.name for each in folder.iterdir()) == ['metadata.yaml', 'run_0.mcap']
         again = BrokenLog(folder)
-        assert (again.whole, again.extent.messages) == (True, len(found))
+        assert (again.closed, again.extent.messages) == (True, len(found))
 
 
 def test_a_recovered_log_says_of_its_topics_what_the_first_one_did(tmp_path):
@@ -115,7 +115,7 @@ def test_what_is_lost_in_the_middle_costs_no_more_than_itself(tmp_path):
         content[content.index(chunk.data) + 20] ^= 0xFF
     log.path.write_bytes(content)
     broken = BrokenLog(log.path.parent)
-    assert (broken.whole, broken.extent.lost_chunks) == (False, 2)
+    assert (broken.closed, broken.extent.lost_chunks) == (False, 2)
     broken.recover({})
     lost = {(PART.name, 50), (POSES.name, 103)}
     kept = [each for each in expected(8) if each[:2] not in lost]
@@ -145,7 +145,7 @@ def test_a_log_that_is_being_written_is_left_alone(tmp_path):
     log.write(POSES, data(9), 200)
     log.close()
     closed = BrokenLog(log.path.parent)
-    assert (closed.being_written, closed.whole, closed.extent.messages) == (False, True, 10)
+    assert (closed.being_written, closed.closed, closed.extent.messages) == (False, True, 10)
 
 
 def test_a_log_of_any_topics_of_ros_can_be_recovered(tmp_path):

@@ -6,7 +6,9 @@ import signal
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from resting_aspects_interfaces.msg import Status
+from resting_aspects_interfaces.msg import RecordedRun, Status
+
+from resting_aspects_ros.nodes.interface import ALL_LATCHED, RECORDED_RUNS
 
 
 @pytest.fixture(scope='module')
@@ -68,25 +70,30 @@ def test_a_full_disk_stops_the_log_and_not_the_answer(suite, told):
     # As a quota: no file of the recorder grows beyond this.
     _, hard = resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE)
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (40_000, hard))
-    drop = suite.client.drop('tetrahedron', 2000, seed=2)
-    assert (drop.result.status.code, drop.result.drops) == (Status.OK, 2000)
+    recorded = suite.client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
+    drop = suite.client.dropping('tetrahedron', 500_000, seed=2)  # until it is canceled
+    suite.client.wait(lambda: any(run.error for run in recorded), 'error')
+    written = next(run.drops for run in recorded if run.error)
+    _, message, values = told.wait(
+        'drop_recorder', lambda level, *_: level == DiagnosticStatus.ERROR, 'error'
+    )
+    assert not drop.done
+    assert (values['logs open'], values['log files']) == ('0', '')
+    in_logs = {run.run_id: run.drops for run in recorded}  # the newest of each
+    assert int(values['drops recorded']) == sum(in_logs.values())
+    drop.cancel()
+    suite.client.wait(lambda: drop.done, 'canceled run')
+    assert drop.result.drops > written > 0
     words = f'log {drop.result.log}'
     assert drop.result.log_error.startswith(words)
     assert drop.result.log_error.endswith('cannot be written: File too large')
-    told.wait(
-        'drop_recorder',
-        lambda *told: (
-            told[:2]
-            == (
-                DiagnosticStatus.ERROR,
-                f'run {drop.result.run_id} is not recorded: {drop.result.log_error}',
-            )
-        ),
-        'error',
+    assert message == (
+        f'only {written} drops of run {drop.result.run_id} of tetrahedron are recorded: '
+        f'{drop.result.log_error}'
     )
     answer = suite.client.ask('tetrahedron', 2000, seed=[3])
     assert answer.status.code == Status.OK
-    assert answer.status.message.startswith('the run is not recorded: log ')
+    assert answer.status.message.startswith('not all of the run is recorded: log ')
     assert answer.distribution.drops == 2000
     # There is space again: the next run is recorded, and the error is over.
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (hard, hard))
@@ -95,6 +102,29 @@ def test_a_full_disk_stops_the_log_and_not_the_answer(suite, told):
     suite.log_of(again.result.run_id)
     told.wait('drop_recorder', lambda level, *_: level == DiagnosticStatus.OK, 'well')
     assert recorder.running
+
+
+def test_drops_that_are_not_recorded_are_not_counted_as_such(suite, told, tmp_path, parameters_of):
+    recorded = suite.client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
+    recorder = parameters_of(suite.client, 'drop_recorder')
+    assert recorder.set(log_folder=str(tmp_path / 'disk')) == []
+    (tmp_path / 'disk').write_bytes(b'')  # no folder can be made there any more
+    drop = suite.client.drop('tetrahedron', 300, seed=6)
+    assert drop.result.log_error
+    _, message, values = told.wait(
+        'drop_recorder', lambda level, *_: level == DiagnosticStatus.ERROR, 'error'
+    )
+    assert message == (
+        f'run {drop.result.run_id} of tetrahedron is not recorded: {drop.result.log_error}'
+    )
+    assert (values['logs open'], values['log files']) == ('0', '')
+    suite.client.wait(
+        lambda: drop.result.run_id in {run.run_id for run in recorded}, 'word of the run'
+    )
+    in_logs = {run.run_id: run.drops for run in recorded}  # the newest of each
+    assert in_logs[drop.result.run_id] == 0
+    assert int(values['drops recorded']) == sum(in_logs.values())
+    assert recorder.set(log_folder=str(suite.logs)) == []
 
 
 def test_without_a_recorder_a_result_says_so_and_does_not_wait(suite):

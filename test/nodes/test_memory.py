@@ -4,9 +4,20 @@ import re
 import shutil
 
 import pytest
+from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, DropConditions, Status
 
+from resting_aspects_ros.commands.recover_logs import recover_logs
 from resting_aspects_ros.config_files import parts_folder
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.distribution import count_poses
+from resting_aspects_ros.drops.engine import drop_chunk
+from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.drops.release import CHUNK
+from resting_aspects_ros.logs.outcome import OUTCOME, Outcome
+from resting_aspects_ros.logs.run_log import RunLog
+from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
+from resting_aspects_ros.nodes.convert import part_msg, poses_msg, time_msg
 from resting_aspects_ros.nodes.interface import LATCHED
 
 SEED = 5
@@ -56,10 +67,14 @@ def without_stamp(distribution):
 
 
 def known(suite, wait, part='tetrahedron', drops=300, **fields):
+    return answered(suite.client, wait, part, drops, **fields)
+
+
+def answered(client, wait, part='tetrahedron', drops=300, **fields):
     """The answer, once the logs are read."""
 
     def answered():
-        answer = suite.client.ask(part, drops, only_known=True, **fields)
+        answer = client.ask(part, drops, only_known=True, **fields)
         return answer if answer.status.code != Status.LOADING else None
 
     return wait(answered, 'logs read')
@@ -142,6 +157,52 @@ def test_a_log_that_was_broken_off_is_not_believed_until_it_is_recovered(
     assert 'broken off, not used' in classifier.said
     answer = client.ask('tetrahedron', 300, only_known=True)
     assert answer.status.code == Status.NOT_AVAILABLE
+    assert classifier.end() == 0
+    recover_logs([tmp_path / log.name])
+    classifier = start('aspect_classifier', namespace, {'log_folder': tmp_path})
+    client.forget()
+    assert answered(client, wait).distribution.drops == 300
+    assert 'broken off' not in classifier.said
+
+
+def test_logs_that_are_no_loss_are_not_told_of(
+    suite, first, wait, start, connect, namespace, tmp_path
+):
+    """One that was broken off beside one with the whole run, and one that is being written."""
+    log = suite.log_of(first.run.run_id)
+    shutil.copytree(log, tmp_path / log.name)
+    shutil.copytree(log, tmp_path / f'{log.name}_2')
+    (file,) = (tmp_path / log.name).glob('*.mcap')
+    file.write_bytes(file.read_bytes()[:-100])
+    being_written = RunLog(tmp_path, 'tetrahedron_20300101T000000Z_4f1c')
+    classifier = start('aspect_classifier', namespace, {'log_folder': tmp_path})
+    assert answered(connect(namespace), wait).distribution.drops == 300
+    assert 'not used' not in classifier.said
+    being_written.close()
+
+
+def test_of_a_log_without_all_of_its_run_the_first_drops_are_known(
+    part, surfaces, wait, start, connect, namespace, tmp_path
+):
+    tetrahedron = part('tetrahedron')
+    job, run = plan_run(
+        tetrahedron, surfaces.get(), seed=SEED, drops=300, run_id='4f1c', started=10**18
+    )
+    poses = drop_chunk(job, 0, CHUNK)
+    with RunLog(tmp_path, 'tetrahedron_20200101T000000Z_4f1c') as log:
+        described = Topic('/parts/tetrahedron', PART_TYPE, Qos(1))
+        log.write(described, serialize_message(part_msg(tetrahedron)), 1)
+        for first, end in ((0, 40), (110, CHUNK), (40, 100)):  # 100 to 109 are not there
+            batch = poses_msg(poses.between(first, end), run, time_msg(1), False)
+            log.write(Topic('/resting_poses', POSES_TYPE, Qos(2000)), serialize_message(batch), 2)
+        log.add_metadata(OUTCOME, Outcome(CHUNK - 10, whole=False).record())
+    start('aspect_classifier', namespace, {'log_folder': tmp_path})
+    client = connect(namespace)
+    found = answered(client, wait, drops=100, seed=[SEED]).distribution
+    counted = count_poses(find_aspects(tetrahedron), poses.between(0, 100))
+    assert (found.drops, found.complete, found.run.drops) == (100, True, 300)
+    assert [aspect.count for aspect in found.aspects] == counted.counts.tolist()
+    assert answered(client, wait, drops=101).status.code == Status.NOT_AVAILABLE
 
 
 def test_two_hundred_logs_are_read_in_the_background(

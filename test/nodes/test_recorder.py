@@ -168,7 +168,9 @@ def test_a_folder_that_cannot_be_written_is_told_and_harms_nothing(suite, start,
     answer = suite.client.ask('tetrahedron', 3, seed=[6])
     assert answer.status.code == Status.OK
     run_id = answer.distribution.run.run_id
-    suite.client.wait(lambda: f'run {run_id} is not recorded: ' in recorder.said, 'error')
+    suite.client.wait(
+        lambda: f'run {run_id} of tetrahedron is not recorded: ' in recorder.said, 'error'
+    )
     assert str(tmp_path / 'file') in recorder.said
     assert recorder.running
     suite.log_of(run_id)  # of the recorder that can write
@@ -197,6 +199,7 @@ def test_a_recorder_that_is_killed_and_started_again_has_all_of_the_run(
     suite.client.wait(lambda: drop.done, 'goal')
     suite.client.wait(lambda: f'run {run_id} of tetrahedron is in ' in second.said, 'whole log')
     broken_off, whole = logs()
+    assert f'is in {whole}; {broken_off} may be deleted: less of it is there' in second.said
     assert whole.name == f'{broken_off.name}_2'
     assert not (broken_off / 'metadata.yaml').exists()
     batches = read(whole)[f'{suite.namespace}/resting_poses']

@@ -212,6 +212,7 @@ def test_a_log_that_was_broken_off_is_replayed_as_far_as_it_is_whole(
     found = client.wait(counted, 'two batches')[0]
     assert not found.complete
     assert f' {2 * LEAST_BATCH} drops; ' in replayer.said
+    assert f"log '{cut}' was broken off: what it holds is used" in replayer.said
 
 
 def test_other_topics_are_replayed_in_the_namespace_of_the_suite(
