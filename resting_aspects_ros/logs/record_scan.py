@@ -138,6 +138,8 @@ class _Scan:
         end = start + _HEAD + length
         if stream.count != length or end > self._stop:
             return None
+        if opcode == Opcode.MESSAGE and not self._leads_on(end):
+            return None  # any length fits a message
         return Piece(start, end, record, self._content(start, end, record))
 
     def _allowed(self, opcode: int) -> bool:
