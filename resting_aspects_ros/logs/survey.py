@@ -51,12 +51,12 @@ class Extent:
 
     def losses(self) -> list[str]:
         """What is lost, in words."""
-        counted = {
-            'chunks': self.lost_chunks,
-            'messages of unknown topics': self.lost_messages,
-            'bytes in between': self.lost_bytes,
-        }
-        words = [f'{number} {what}' for what, number in counted.items() if number]
+        counted = (
+            (self.lost_chunks, 'chunk', ''),
+            (self.lost_messages, 'message', ' of unknown topics'),
+            (self.lost_bytes, 'byte', ' in between'),
+        )
+        words = [f'{n} {what}{"s" * (n > 1)}{more}' for n, what, more in counted if n]
         return [*words, *(f'attachment {name!r}' for name in self.lost_attachments)]
 
 

@@ -154,7 +154,7 @@ def test_recover_says_what_is_lost_and_where_the_old_file_is(run, log, tmp_path)
     file.write_bytes(content)
     ended = run('recover', folder)
     assert (ended.returncode, ended.stderr) == (0, '')
-    words = '200 of 300 drops of l_bracket; damaged, lost: 1 chunks; the old file is'
+    words = '200 of 300 drops of l_bracket; damaged, lost: 1 chunk; the old file is'
     assert ended.stdout == f'{folder}: 5 messages recovered, {words} run_0.mcap.damaged\n'
     assert (folder / 'run_0.mcap.damaged').read_bytes() == content
     assert run('recover', folder).stdout == f'{folder}: is whole, 5 messages\n'

@@ -126,7 +126,7 @@ def test_messages_whose_topic_is_lost_are_told_and_the_old_file_is_kept(sample):
     broken = BrokenLog(sample.copy(content))
     assert (broken.extent.messages, broken.extent.lost_messages) == (1, 5)
     assert broken.recover({}) is not None
-    assert broken.extent.losses() == ['1 chunks', '5 messages of unknown topics']
+    assert broken.extent.losses() == ['1 chunk', '5 messages of unknown topics']
     # At the end of a log that was finished the definition is repeated.
     folder = sample.flipped((start + end) // 2)
     assert BrokenLog(folder).recover({}) is not None
