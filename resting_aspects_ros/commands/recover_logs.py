@@ -7,7 +7,7 @@ from pathlib import Path
 from resting_aspects_ros.commands.logged_run import TYPES, LoggedRun, rest_of_run
 from resting_aspects_ros.core.errors import LogError, RestingAspectsError
 from resting_aspects_ros.logs.outcome import OUTCOME
-from resting_aspects_ros.logs.recovery import DAMAGED, BrokenLog
+from resting_aspects_ros.logs.recovery import BrokenLog
 
 
 def recover_logs(logs: Sequence[Path]) -> int:
@@ -34,14 +34,11 @@ def _recover(log: Path) -> str:
     words, notes = _account(broken)
     if broken.closed:
         return f'is closed already, {broken.extent.messages} messages, {words}'
-    broken.recover(notes)
-    found = broken.extent
-    words = f'{found.messages} messages recovered, {words}'
-    if found.lost_chunks:
-        words += (
-            f'; {found.lost_chunks} chunks in the middle are damaged, the old file is '
-            f'{broken.path.name}{DAMAGED}'
-        )
+    kept = broken.recover(notes)
+    words = f'{broken.extent.messages} messages recovered, {words}'
+    if kept is not None:
+        lost = ', '.join(broken.extent.losses()) or 'nothing that can be named'
+        words += f'; damaged, lost: {lost}; the old file is {kept.name}'
     return words
 
 

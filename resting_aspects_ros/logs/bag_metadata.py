@@ -105,14 +105,24 @@ def write_metadata(folder: Path, metadata: BagMetadata) -> None:
     _sync_folder(folder.parent)
 
 
+def read_information(folder: Path) -> object:
+    """What metadata.yaml has under `rosbag2_bagfile_information`; None if it cannot be read."""
+    file = folder / _FILE_NAME
+    try:
+        if not file.is_file():
+            return None  # nothing, or a pipe, which would be waited for without end
+        return yaml.safe_load(file.read_text(encoding='utf-8'))['rosbag2_bagfile_information']
+    except (OSError, ValueError, yaml.YAMLError, LookupError, TypeError):
+        return None
+
+
 def custom_data(folder: Path) -> dict[str, str]:
     """The custom data in a bag's metadata.yaml; empty if it has none, or none that can be read."""
-    try:
-        content = yaml.safe_load((folder / _FILE_NAME).read_text(encoding='utf-8'))
-        data = content['rosbag2_bagfile_information']['custom_data']
-        return {str(name): str(value) for name, value in data.items()}
-    except (OSError, ValueError, yaml.YAMLError, LookupError, TypeError, AttributeError):
-        return {}
+    information = read_information(folder)
+    data = information.get('custom_data') if isinstance(information, dict) else None
+    return (
+        {str(name): str(value) for name, value in data.items()} if isinstance(data, dict) else {}
+    )
 
 
 def _sync_folder(folder: Path) -> None:

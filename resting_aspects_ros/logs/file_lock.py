@@ -1,14 +1,18 @@
-"""Who writes a log holds a lock on its file until the process ends, however it ends."""
+"""Who writes or recovers a log holds a lock on its file, until the process ends at the latest."""
 
 import fcntl
-from contextlib import suppress
 from typing import IO
 
 
-def lock_file(file: IO[bytes]) -> None:
-    """Lock a file that was just made; without one where the file system has no locks."""
-    with suppress(OSError):
+def lock_file(file: IO[bytes]) -> bool:
+    """Lock a file; False if another has. Where the file system has no locks none is taken."""
+    try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True
 
 
 def is_locked(file: IO[bytes]) -> bool:

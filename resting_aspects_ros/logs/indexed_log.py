@@ -1,16 +1,15 @@
 """What a closed log says, found by the index at its end: the rest of the file is not read."""
 
-import struct
 from collections import Counter
 from pathlib import Path
 from types import TracebackType
 
-from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
 from mcap.summary import Summary
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.logs.log_reader import check_definition, one_file, written_hash
+from resting_aspects_ros.logs.mcap_file import summary_start
 
 
 class NoIndexError(LogError):
@@ -101,8 +100,10 @@ class IndexedLog:
     def _open(self) -> tuple[SeekingReader, Summary]:
         try:
             reader = SeekingReader(self._file, validate_crcs=True)
-            summary = reader.get_summary()
-        except (McapError, struct.error, ValueError, OSError):
+            summary = reader.get_summary() if summary_start(self._file) is not None else None
+        except OSError as error:
+            raise LogError(f'log {str(self.path)!r} cannot be read: {error.strerror}') from None
+        except Exception:  # noqa: BLE001 - whatever the parser makes of what has no checksum
             summary = None
         if summary is None or summary.statistics is None:
             raise NoIndexError(

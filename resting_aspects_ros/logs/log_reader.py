@@ -83,10 +83,16 @@ def one_file(path: Path) -> Path:
 
 
 def log_files(path: Path) -> list[Path]:
-    """The MCAP files of a log, by name; LogError for a folder without any."""
+    """The MCAP files of a log, by name.
+
+    Raises LogError for a folder without any, and for what is neither folder nor file: a pipe would
+    be waited for without end.
+    """
     if not path.is_dir():
+        if path.exists() and not path.is_file():
+            raise LogError(f'log {str(path)!r} is neither a file nor a folder')
         return [path]
-    found = sorted(path.glob(f'*{_SUFFIX}'))
+    found = sorted(file for file in path.glob(f'*{_SUFFIX}') if file.is_file())
     if not found:
         raise LogError(f'folder {str(path)!r} is no log: no {_SUFFIX} file is in it')
     return found

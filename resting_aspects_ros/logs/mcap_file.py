@@ -1,21 +1,28 @@
 """What every MCAP file of the suite has: its profile, its channels, and its end."""
 
 import os
+import struct
+import zlib
 from typing import BinaryIO
 
+from mcap.opcode import Opcode
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.logs.bag_metadata import BagMetadata, TopicCount
 from resting_aspects_ros.logs.topics import yaml_text
 
+MAGIC = b'\x89MCAP0\r\n'
+# The footer: opcode, length, where the summary begins and where its offsets do, and its checksum.
+_FOOTER = struct.Struct('<BQQQI')
 # The record in which rosbag2 keeps a bag's metadata.yaml.
 ROSBAG2 = 'rosbag2'
 
 
 def start_file(stream: BinaryIO) -> Writer:
     """Begin a file; OSError if it cannot be written."""
-    writer = Writer(stream, compression=CompressionType.ZSTD)
+    # With checksums over all of it, a flipped bit anywhere is found.
+    writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
     library = f'resting_aspects_ros {__version__}; {LIBRARY_IDENTIFIER}'
     writer.start(profile='ros2', library=library)
     writer.flush()
@@ -40,3 +47,18 @@ def finish_file(writer: Writer, stream: BinaryIO, metadata: BagMetadata) -> None
     stream.flush()
     os.fsync(stream.fileno())
     stream.close()
+
+
+def summary_start(file: BinaryIO) -> int | None:
+    """Where the summary with the index begins; None if there is none, or it is damaged."""
+    size = file.seek(0, os.SEEK_END)
+    file.seek(max(0, size - _FOOTER.size - len(MAGIC)))
+    end = file.read()
+    if len(end) < _FOOTER.size + len(MAGIC) or end[_FOOTER.size :] != MAGIC:
+        return None
+    opcode, length, start, _, crc = _FOOTER.unpack(end[: _FOOTER.size])
+    if (opcode, length) != (Opcode.FOOTER, _FOOTER.size - 9) or not 0 < start < size:
+        return None
+    file.seek(start)
+    summary = file.read(size - len(MAGIC) - 4 - start)
+    return int(start) if crc in (0, zlib.crc32(summary)) else None

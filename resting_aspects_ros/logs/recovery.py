@@ -3,21 +3,26 @@
 What is read is copied message by message; nothing is decoded, so any log of ROS 2 will do.
 """
 
-import os
+import uuid
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import suppress
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO, TypeGuard
+from typing import Any, BinaryIO
 
 import yaml
 from mcap.exceptions import InvalidMagic
-from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 from mcap.writer import Writer
 
 from resting_aspects_ros.core.errors import LogError
-from resting_aspects_ros.logs.bag_metadata import BagMetadata, TopicCount, write_metadata
+from resting_aspects_ros.logs.bag_metadata import (
+    BagMetadata,
+    TopicCount,
+    read_information,
+    write_metadata,
+)
+from resting_aspects_ros.logs.damaged_file import keep_damaged
+from resting_aspects_ros.logs.file_lock import lock_file
 from resting_aspects_ros.logs.log_reader import (
     check_definition,
     is_being_written,
@@ -25,31 +30,12 @@ from resting_aspects_ros.logs.log_reader import (
     written_hash,
 )
 from resting_aspects_ros.logs.mcap_file import ROSBAG2, finish_file, register_channel, start_file
+from resting_aspects_ros.logs.record_scan import scan
+from resting_aspects_ros.logs.survey import Extent, Survey
 from resting_aspects_ros.logs.topics import Qos, qos_profiles
 
-# A log in which more than its end was lost is kept under this name.
-DAMAGED = '.damaged'
 # Of a channel that does not say what was offered: what rosbag2 takes for it.
 _DEFAULT_QOS = Qos(10)
-
-
-@dataclass
-class Extent:
-    """How much of a file can be read.
-
-    lost_bytes : int
-        After the last record that is whole; those of an index that is only half there included.
-    lost_chunks : int
-        Whole in length, and not in what they hold: none of their messages can be had.
-    finished : bool
-        The file has its end.
-    """
-
-    messages: int = 0
-    attachments: int = 0
-    lost_bytes: int = 0
-    lost_chunks: int = 0
-    finished: bool = False
 
 
 class BrokenLog:
@@ -64,16 +50,29 @@ class BrokenLog:
     def __init__(self, log: Path) -> None:
         self.path = one_file(log)
         self._folder = log if log.is_dir() else None
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
-        self.extent = self._measure()
+        with self._reading() as file:
+            self._state = _state(self.path)
+            try:
+                self._survey = Survey(file)
+            except InvalidMagic:
+                raise LogError(f'{str(self.path)!r} is no MCAP file') from None
+
+    @property
+    def extent(self) -> Extent:
+        """How much of it can be read."""
+        return self._survey.extent
 
     @property
     def closed(self) -> bool:
-        """It has its end, can be read up to there, and has metadata.yaml beside it."""
-        found = self.extent
-        beside = self._folder is None or (self._folder / 'metadata.yaml').is_file()
-        return found.finished and not found.lost_chunks and beside
+        """Nothing is missing or wrong, neither in the file nor beside it; all of it is read."""
+        if not self.extent.finished or self.extent.damaged:
+            return False
+        if self._folder is None:
+            return True
+        metadata = BagMetadata(self.path.name)
+        for _ in self._contents(metadata, {}):
+            pass
+        return read_information(self._folder) == metadata.information()
 
     @property
     def being_written(self) -> bool:
@@ -85,36 +84,40 @@ class BrokenLog:
 
         Raises LogError if one was written with another definition than the installed one.
         """
-        for channel in self._channels.values():
-            schema = self._schemas.get(channel.schema_id)
+        for channel in self._survey.channels.values():
+            schema = self._survey.schemas.get(channel.schema_id)
             if schema is not None and schema.name in types:
                 check_definition(self.path, schema.name, written_hash(channel))
-        for record in self._records(Extent()):
-            if self._is_known(record) and self._schema(record.channel_id).name in types:
-                yield self._schema(record.channel_id).name, record.data
+        for record in self._records():
+            if isinstance(record, Message) and self._survey.is_known(record.channel_id):
+                name = self._schema(record.channel_id).name
+                if name in types:
+                    yield name, record.data
 
-    def recover(self, notes: Mapping[str, dict[str, str]]) -> None:
+    def recover(self, notes: Mapping[str, dict[str, str]]) -> Path | None:
         """Write the file anew, with its end, and metadata.yaml if the log is a folder.
 
-        The new file takes the place of the old one when it is on the disk. The old one is kept,
-        as `.damaged`, if more than its end cannot be read.
+        The new file takes the place of the old one when it is on the disk. The old one is kept
+        if more of it is damaged than the end that was broken off.
 
         notes : mapping
             Records of free text by name, written instead of those of the same name.
 
-        Raises LogError if it cannot be written, or a process is writing it; then all is as it was.
+        Returns where the old file is kept; None if it is not. Raises LogError if the file cannot
+        be written, or a process is writing it; then it is as it was. If metadata.yaml alone cannot
+        be written, the file is the new one, and recovering it again does the rest.
         """
-        if self.being_written:
-            raise LogError(f'log {str(self.path)!r} is being written, allowed is one that is not')
-        new = self.path.with_name(f'{self.path.name}.recovering')
+        new = self.path.with_name(f'{self.path.name}.{uuid.uuid4().hex}.recovering')
         try:
-            with new.open('wb') as stream:
-                metadata = self._copy(stream, notes)
-            if self.extent.lost_chunks:
-                os.link(self.path, self.path.with_name(self.path.name + DAMAGED))
-            new.replace(self.path)
-            if self._folder is not None:
-                write_metadata(self._folder, metadata)
+            with self._locked():
+                self._check_unchanged()
+                with new.open('xb') as stream:
+                    metadata = self._copy(stream, notes)
+                self._check_unchanged()  # where the file system has no locks
+                kept = keep_damaged(self.path) if self.extent.damaged else None
+                new.replace(self.path)
+                if self._folder is not None:
+                    write_metadata(self._folder, metadata)
         except OSError as error:
             raise LogError(
                 f'log {str(self.path)!r} cannot be written: {error.strerror or error}'
@@ -122,83 +125,72 @@ class BrokenLog:
         finally:
             with suppress(OSError):
                 new.unlink()
+        return kept
 
-    def _measure(self) -> Extent:
-        extent = Extent()
-        for record in self._records(extent):
-            if isinstance(record, Schema):
-                self._schemas[record.id] = record
-            elif isinstance(record, Channel):
-                self._channels[record.id] = record
-            elif isinstance(record, Message):
-                extent.messages += 1
-            elif isinstance(record, Attachment):
-                extent.attachments += 1
-        return extent
+    @contextmanager
+    def _locked(self) -> Iterator[None]:
+        """Keep all others from writing or recovering the file; LogError if one does."""
+        with self.path.open('rb') as file:
+            if not lock_file(file):
+                raise LogError(
+                    f'log {str(self.path)!r} is being written, allowed is one that is not'
+                )
+            yield
 
-    def _records(self, extent: Extent) -> Iterator[McapRecord]:
-        """All records that can be read, those in chunks one by one; notes in extent what cannot.
+    def _check_unchanged(self) -> None:
+        if _state(self.path) != self._state:
+            raise LogError(f'log {str(self.path)!r} was written meanwhile, it is left as it is')
 
-        Those at the end of the file come too: they repeat the schemas and channels.
-        """
+    @contextmanager
+    def _reading(self) -> Iterator[BinaryIO]:
         try:
             with self.path.open('rb') as file:
-                yield from self._read(file, extent)
+                yield file
         except OSError as error:
             raise LogError(f'log {str(self.path)!r} cannot be read: {error.strerror}') from None
 
-    def _read(self, file: BinaryIO, extent: Extent) -> Iterator[McapRecord]:
-        size = file.seek(0, os.SEEK_END)
-        file.seek(0)
-        whole_until = 0
-        records = iter(StreamReader(file, emit_chunks=True).records)
-        while True:
-            try:
-                record = next(records)
-            except StopIteration:
-                extent.finished = True
-                return
-            except OSError:
-                raise
-            except InvalidMagic:
-                if whole_until == 0:
-                    raise LogError(f'{str(self.path)!r} is no MCAP file') from None
-                break
-            except Exception:  # noqa: BLE001 - whatever the parser makes of half a record
-                break
-            whole_until = file.tell()
-            if isinstance(record, Chunk):
-                try:
-                    inner = breakup_chunk(record, validate_crc=True)
-                except Exception:  # noqa: BLE001 - or the decompressor
-                    extent.lost_chunks += 1
-                    continue
-                yield from inner
-            else:
+    def _records(self) -> Iterator[McapRecord]:
+        """All records that can be read, those in chunks one by one."""
+        with self._reading() as file:
+            for piece in scan(file, self._survey.stop):
+                yield from piece.content or ()
+
+    def _contents(
+        self, metadata: BagMetadata, notes: Mapping[str, dict[str, str]]
+    ) -> Iterator[McapRecord]:
+        """What a recovered file holds, in its order; it is counted in metadata."""
+        for record in self._records():
+            if isinstance(record, Message) and self._survey.is_known(record.channel_id):
+                topic = self._survey.channels[record.channel_id].topic
+                metadata.topics.setdefault(topic, self._topic(record.channel_id))
+                record.log_time = max(record.log_time, metadata.end or 0)
+                metadata.count(topic, record.log_time)
                 yield record
-        extent.lost_bytes = size - whole_until
+            elif isinstance(record, Attachment):
+                yield record
+            elif isinstance(record, Metadata) and record.name not in {ROSBAG2, *notes}:
+                yield _counted(record, metadata)
+        for name, values in notes.items():
+            yield _counted(Metadata(name, values), metadata)
 
     def _copy(self, stream: BinaryIO, notes: Mapping[str, dict[str, str]]) -> BagMetadata:
         writer = start_file(stream)
         metadata = BagMetadata(self.path.name)
         channels: dict[int, int] = {}
         schemas: dict[int, int] = {}
-        for record in self._records(Extent()):
-            if self._is_known(record):
+        for record in self._contents(metadata, notes):
+            if isinstance(record, Message):
                 if record.channel_id not in channels:
                     channels[record.channel_id] = self._register(
-                        writer, record.channel_id, schemas, metadata
+                        writer, record.channel_id, schemas
                     )
-                topic = self._channels[record.channel_id].topic
-                log_time = max(record.log_time, metadata.end or 0)
                 writer.add_message(
                     channels[record.channel_id],
-                    log_time,
+                    record.log_time,
                     record.data,
                     record.publish_time,
                     record.sequence,
                 )
-                metadata.count(topic, log_time)
             elif isinstance(record, Attachment):
                 writer.add_attachment(
                     record.create_time,
@@ -207,42 +199,38 @@ class BrokenLog:
                     record.media_type,
                     record.data,
                 )
-            elif isinstance(record, Metadata) and record.name not in {ROSBAG2, *notes}:
-                _note(writer, metadata, record.name, record.metadata)
-        for name, values in notes.items():
-            _note(writer, metadata, name, values)
+            elif isinstance(record, Metadata):
+                writer.add_metadata(record.name, record.metadata)
         finish_file(writer, stream, metadata)
         return metadata
 
-    def _register(
-        self, writer: Writer, channel_id: int, schemas: dict[int, int], metadata: BagMetadata
-    ) -> int:
-        channel = self._channels[channel_id]
+    def _register(self, writer: Writer, channel_id: int, schemas: dict[int, int]) -> int:
         schema = self._schema(channel_id)
         if schema.id not in schemas:
             schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
-        count = TopicCount(
-            channel.topic,
-            schema.name,
-            _offered(channel),
-            channel.metadata.get('topic_type_hash', ''),
-        )
-        metadata.topics[channel.topic] = count
-        return register_channel(writer, schemas[schema.id], count)
+        return register_channel(writer, schemas[schema.id], self._topic(channel_id))
 
-    def _is_known(self, record: McapRecord) -> TypeGuard[Message]:
-        """Whether it is a message, and what it is of was not lost."""
-        if not isinstance(record, Message) or record.channel_id not in self._channels:
-            return False
-        return self._channels[record.channel_id].schema_id in self._schemas
+    def _topic(self, channel_id: int) -> TopicCount:
+        channel = self._survey.channels[channel_id]
+        type_hash = channel.metadata.get('topic_type_hash', '')
+        return TopicCount(
+            channel.topic, self._schema(channel_id).name, _offered(channel), type_hash
+        )
 
     def _schema(self, channel_id: int) -> Schema:
-        return self._schemas[self._channels[channel_id].schema_id]
+        return self._survey.schemas[self._survey.channels[channel_id].schema_id]
 
 
-def _note(writer: Writer, metadata: BagMetadata, name: str, values: dict[str, str]) -> None:
-    writer.add_metadata(name, values)
-    metadata.custom.update({f'{name}.{key}': value for key, value in values.items()})
+def _counted(note: Metadata, metadata: BagMetadata) -> Metadata:
+    values = note.metadata.items()
+    metadata.custom.update({f'{note.name}.{key}': value for key, value in values})
+    return note
+
+
+def _state(path: Path) -> tuple[int, ...]:
+    """What tells a file from one that took its place, or was written to."""
+    found = path.stat()
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def _offered(channel: Channel) -> list[dict[str, Any]]:

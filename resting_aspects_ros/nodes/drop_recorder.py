@@ -214,6 +214,7 @@ class DropRecorder(Node):
 
     def _report(self, log: OpenLog, *, always: bool = False) -> None:
         """Tell how far the log is, at its turning points; and once what went wrong."""
+        self.get_logger().debug(f'{log.drops} drops are in {log.folder}')
         new_error = bool(log.error) and not log.reported
         if new_error:
             log.reported = True

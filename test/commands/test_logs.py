@@ -218,6 +218,21 @@ def test_of_a_log_without_its_end_a_line_says_what_is_used(run, log, words):
         assert words_of_it in said(cut)
 
 
+def test_recover_says_what_is_lost_and_where_the_old_file_is(run, log, tmp_path):
+    folder = log()
+    file = folder / 'run_0.mcap'
+    content = bytearray(file.read_bytes())
+    at = content.index(b'\x04\0\0\0zstd', content.index(b'\x04\0\0\0zstd') + 9)
+    content[at + 40] ^= 1  # in the second batch
+    file.write_bytes(content)
+    ended = run('recover', folder)
+    assert (ended.returncode, ended.stderr) == (0, '')
+    words = '200 of 300 drops of l_bracket; damaged, lost: 1 chunk; the old file is'
+    assert ended.stdout == f'{folder}: 5 messages recovered, {words} run_0.mcap.damaged\n'
+    assert (folder / 'run_0.mcap.damaged').read_bytes() == content
+    assert run('recover', folder).stdout == f'{folder}: is whole, 5 messages\n'
+
+
 def test_recover_keeps_messages_that_this_version_cannot_read(run, tmp_path):
     log = RunLog(tmp_path, 'run')
     log.write(POSES, b'\0\1\0\0of another time', 1)

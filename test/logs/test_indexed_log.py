@@ -1,5 +1,7 @@
 """What a whole log says by its index, and that a log without one is told from it."""
 
+import os
+
 import pytest
 
 from resting_aspects_ros.core.errors import LogError
@@ -58,6 +60,26 @@ def test_a_log_without_its_end_has_no_index(log, tmp_path):
         cut.write_bytes(content[:size])
         with pytest.raises(NoIndexError, match=words):
             IndexedLog(cut)
+
+
+def test_an_index_with_a_wrong_byte_is_none(log):
+    log.close()
+    content = log.path.read_bytes()
+    start = int.from_bytes(content[-28:-20], 'little')
+    for at in range(start, len(content), 53):
+        damaged = bytearray(content)
+        damaged[at] ^= 0x10
+        log.path.write_bytes(damaged)
+        with pytest.raises(NoIndexError):
+            IndexedLog(log.path)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / 'a.mcap')
+    with pytest.raises(LogError, match=r'no \.mcap file is in it'):
+        IndexedLog(tmp_path)
+    with pytest.raises(LogError, match='is neither a file nor a folder'):
+        IndexedLog(tmp_path / 'a.mcap')
 
 
 def test_what_is_not_there(tmp_path):

@@ -1,9 +1,7 @@
 """A log of every run, read back with an independent reader and compared with what was heard."""
 
-import random
 import re
 import signal
-import time
 from datetime import datetime, timezone
 
 import numpy as np
@@ -14,8 +12,6 @@ from rosbags.highlevel import AnyReader
 
 from resting_aspects_ros.config_files import parts_folder
 from resting_aspects_ros.logs.bag_metadata import custom_data
-from resting_aspects_ros.logs.recovery import BrokenLog
-from resting_aspects_ros.nodes.convert import conditions_msg
 from resting_aspects_ros.nodes.interface import LATCHED, LEAST_BATCH
 
 DROPS = 2 * LEAST_BATCH + 20
@@ -238,40 +234,3 @@ def test_a_recorder_that_is_stopped_in_the_middle_closes_a_log_that_can_be_read(
     outcome = custom_data(folder)
     assert outcome['outcome.whole'] == 'false'
     assert int(outcome['outcome.drops']) == sum(len(batch.poses) for batch in batches)
-
-
-@pytest.mark.timeout(600)
-def test_of_a_recorder_killed_at_twenty_random_moments_every_log_can_be_recovered(
-    fresh_suite, start, tmp_path, surfaces
-):
-    suite = fresh_suite()
-    suite.processes['drop_recorder'].end()
-    quick = [conditions_msg(surfaces.get().changed(height=1e-3, restitution=0.0))]
-    heard = suite.client.poses()
-    drop = suite.client.dropping('tetrahedron', 20_000, seed=1, conditions=quick)
-    suite.client.wait(lambda: drop.done, 'run', seconds=300)
-    run_id = drop.result.run_id
-    suite.client.wait(lambda: heard and heard[-1].last, 'last batch')
-    batches = [plain(batch) for batch in heard]
-    rng = random.Random(7)
-    kept = []
-    for _ in range(20):
-        recorder = start('drop_recorder', suite.namespace, {'log_folder': tmp_path})
-        before = len(kept)
-        # The simulator has the batches of the run still: each recorder writes a log of its own.
-        suite.client.wait(lambda n=before: len(list(tmp_path.iterdir())) > n, 'log')
-        time.sleep(rng.uniform(0, 0.2))  # the moment itself, not something that is waited for
-        recorder.end(signal.SIGKILL)
-        number = f'_{before + 1}' if before else ''
-        (log,) = tmp_path.glob(f'*_{run_id}{number}')
-        BrokenLog(log).recover({})
-        recovered = read(log).get(f'{suite.namespace}/resting_poses', [])
-        assert [plain(batch) for batch in recovered] == batches[: len(recovered)]
-        kept.append(len(recovered))
-    # Moments at which some of it was written, and not all.
-    assert any(0 < number < len(batches) for number in kept), kept
-    start('drop_recorder', suite.namespace, {'log_folder': tmp_path})
-    suite.client.wait(lambda: list(tmp_path.glob(f'*_{run_id}_21/metadata.yaml')), 'whole log')
-    (log,) = tmp_path.glob(f'*_{run_id}_21')
-    whole = read(log)[f'{suite.namespace}/resting_poses']
-    assert [plain(batch) for batch in whole] == batches

@@ -1,0 +1,98 @@
+"""A recorder that is killed at any moment: what it has written survives it, to the batch."""
+
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from resting_aspects_interfaces.msg import RestingPoses
+from rosbags.highlevel import AnyReader
+
+from resting_aspects_ros.logs.recovery import BrokenLog
+from resting_aspects_ros.nodes.interface import LEAST_BATCH, POSES, RESTING_POSES
+
+KILLS = 20
+BATCHES = 40
+
+# Imports once what takes seconds; starts a recorder at each line of input, one after the other.
+RECORDERS = """
+import os, sys
+from resting_aspects_ros.nodes import drop_recorder
+for line in sys.stdin:
+    output, *words = line.split()
+    pid = os.fork()
+    if not pid:
+        for stream in (1, 2):
+            os.dup2(os.open(output, os.O_WRONLY | os.O_CREAT | os.O_APPEND), stream)
+        sys.argv[1:] = words
+        sys.exit(drop_recorder.main())
+    print(pid, flush=True)
+    os.waitpid(pid, 0)
+"""
+
+
+@pytest.fixture
+def start_recorder(tmp_path):
+    """Start a recorder that tells what it has written; its pid, and the file of what it says."""
+    with subprocess.Popen(
+        [sys.executable, '-c', RECORDERS],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+
+        def start_recorder(namespace, number):
+            output = tmp_path / f'said_{number}.txt'
+            name = f'{namespace[1:]}.drop_recorder'
+            words = f'-r __ns:={namespace} -p log_folder:={tmp_path} --log-level {name}:=debug'
+            print(f'{output} --ros-args {words}', file=process.stdin, flush=True)
+            return int(process.stdout.readline()), output
+
+        yield start_recorder
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def batches_in(log, topic):
+    """The batches of poses in a log, in CDR."""
+    with AnyReader([log]) as reader:
+        connections = [each for each in reader.connections if each.topic == topic]
+        return [bytes(data) for *_, data in reader.messages(connections)] if connections else []
+
+
+def test_of_a_recorder_killed_at_random_moments_all_that_it_told_is_recovered(
+    connect, start_recorder, namespace, batches, tmp_path
+):
+    client = connect(namespace)
+    published = list(batches(BATCHES, 'killed'))
+    publisher = client.node.create_publisher(RestingPoses, RESTING_POSES, POSES)
+    for data in published:
+        publisher.publish(data)  # it has them still for each recorder, which writes its own log
+    rng = random.Random(7)
+    kept = []
+    for number in range(1, KILLS + 1):
+        pid, output = start_recorder(namespace, number)
+        end = f'killed_{number}' if number > 1 else 'killed'
+        client.wait(lambda end=end: list(tmp_path.glob(f'*_{end}/*.mcap')), 'log')
+        time.sleep(rng.uniform(0, 0.1))  # the moment itself, not something that is waited for
+        os.kill(pid, signal.SIGKILL)
+        # What it said is all there once it is gone.
+        client.wait(lambda pid=pid: not Path(f'/proc/{pid}').exists(), 'its end')
+        found = re.findall(r' (\d+) drops are in .*\n', output.read_text())
+        told = max(map(int, found), default=0)
+        (log,) = tmp_path.glob(f'*_{end}')
+        BrokenLog(log).recover({})
+        recovered = batches_in(log, f'{namespace}/{RESTING_POSES}')
+        assert recovered == published[: len(recovered)]
+        # A batch may be written and not told yet.
+        assert len(recovered) - 1 <= told / LEAST_BATCH <= len(recovered)
+        kept.append(len(recovered))
+    # Moments at which some of it was written, and not all.
+    assert any(0 < number < BATCHES for number in kept), kept
