@@ -1,6 +1,7 @@
 """What a client asks for, checked before anything is sent."""
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,8 +29,18 @@ def distribution_request(
     method: str,
     only_known: bool,
 ) -> GetDistribution.Request:
-    """The request, as RestingAspectsClient.get_distribution has it, checked."""
+    """The request, as RestingAspectsClient.get_distribution has it, checked.
+
+    rclpy does not check fields: what is of another type than they are would end the process.
+    """
     check_name(part)
+    _check_text('method', method)
+    _check_text('surface', surface)
+    _check_conditions(conditions)
+    drops, precision, seed = _plain(drops), _plain(precision), _plain(seed)
+    only_known = _plain(only_known)
+    if not isinstance(only_known, bool):
+        raise InvalidValueError(f'only_known is {only_known!r}, allowed is True or False')
     if not method:
         raise InvalidValueError("method is '', allowed is drops or the name of an estimator")
     if asked_estimator(method) is not None:
@@ -38,10 +49,7 @@ def distribution_request(
         raise InvalidValueError(
             f'surface is {surface!r} and conditions are given, allowed is one of them'
         )
-    if drops is None:
-        drops = 0 if precision else DEFAULT_DROPS
-    drops = most_drops(drops, precision)
-    check_drops(drops)
+    drops = _asked_drops(drops, precision)
     if seed is not None:
         check_seed(seed)
     return GetDistribution.Request(
@@ -61,17 +69,24 @@ def pose_request(part: str, orientation: Quaternion | npt.ArrayLike) -> Classify
     check_name(part)
     if isinstance(orientation, Quaternion):
         orientation = [getattr(orientation, axis) for axis in 'xyzw']
-    numbers = np.asarray(orientation, dtype=np.float64)
-    if numbers.shape != (4,):
+    try:
+        xyzw = np.asarray(orientation, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
         raise InvalidValueError(
-            f'orientation has the shape {numbers.shape}, allowed is (4,): x, y, z, w'
+            f'orientation is {orientation!r}, allowed are 4 numbers: x, y, z, w'
+        ) from None
+    if xyzw.shape != (4,):
+        raise InvalidValueError(
+            f'orientation has the shape {xyzw.shape}, allowed is (4,): x, y, z, w'
         )
-    xyzw = dict(zip('xyzw', unit_orientation(numbers).tolist(), strict=True))
-    return ClassifyPose.Request(part=part, orientation=Quaternion(**xyzw))
+    fields = dict(zip('xyzw', unit_orientation(xyzw).tolist(), strict=True))
+    return ClassifyPose.Request(part=part, orientation=Quaternion(**fields))
 
 
 def check_name(part: str) -> None:
     """Raises UnknownPartError if no part can have this name."""
+    if not isinstance(part, str):
+        raise InvalidValueError(f'part is {part!r}, allowed is a name')
     if not is_valid_name(part):
         raise UnknownPartError(
             f'part {part[:MAX_NAME]!r} is not known: names of parts are lower case letters, '
@@ -81,6 +96,48 @@ def check_name(part: str) -> None:
 
 def check_timeout(timeout: float | None) -> None:
     """Raises InvalidValueError if nobody can wait so long, s."""
-    number = isinstance(timeout, int | float) and not isinstance(timeout, bool)
-    if timeout is not None and not (number and 0 < timeout < math.inf):
+    if timeout is not None and not (_is_number(_plain(timeout)) and 0 < timeout < math.inf):
         raise InvalidValueError(f'timeout is {timeout!r}, allowed is more than 0 s, or None')
+
+
+def check_progress(progress: object) -> None:
+    """Raises InvalidValueError if it cannot be called."""
+    if progress is not None and not callable(progress):
+        raise InvalidValueError(f'progress is {progress!r}, allowed is a function, or None')
+
+
+def _asked_drops(drops: int | None, precision: float) -> int:
+    if not _is_number(precision):
+        raise InvalidValueError(f'precision is {precision!r}, allowed is a number')
+    if drops is None:
+        drops = 0 if precision else DEFAULT_DROPS
+    if type(drops) is not int or drops > 0:
+        check_drops(drops)
+    drops = most_drops(drops, precision)
+    check_drops(drops)
+    return drops
+
+
+def _check_conditions(conditions: object) -> None:
+    if conditions is None:
+        return
+    if not isinstance(conditions, DropConditions):
+        raise InvalidValueError(
+            f'conditions is {conditions!r}, allowed is DropConditions, or None'
+        )
+    _check_text('surface of conditions', conditions.surface)
+
+
+def _check_text(name: str, text: object) -> None:
+    """Not only a text: ROS sends what is before a NUL only, and that may be another name."""
+    if not isinstance(text, str) or not text.isprintable():
+        raise InvalidValueError(f'{name} is {text!r}, allowed is printable text')
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _plain(value: Any) -> Any:
+    """A number or truth of numpy as Python's; anything else as it is."""
+    return value.item() if isinstance(value, np.generic) else value

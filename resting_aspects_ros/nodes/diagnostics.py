@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from resting_aspects_ros.nodes.callbacks import guarded, steady_timer
 from resting_aspects_ros.nodes.interface import DIAGNOSTICS
 
 PERIOD = 1.0
@@ -66,4 +67,4 @@ def publish_diagnostics(node: Node, diagnose: Callable[[], Diagnosis]) -> None:
         message.header.stamp = node.get_clock().now().to_msg()
         publisher.publish(message)
 
-    node.create_timer(PERIOD, publish)
+    steady_timer(node, PERIOD, guarded(node, 'diagnostics are not published', publish))

@@ -198,7 +198,7 @@ class DropSimulator(Node):
             first_drop=goal.first_drop,
             precision=goal.precision,
             run_id=goal.run_id or uuid.uuid4().hex[:12],
-            started=self.get_clock().now().nanoseconds,
+            started=time.time_ns(),  # not ROS time, which may stand still
         )
         run = self._runs.setdefault(asked.run_id, asked)
         if run.sequence() != asked.sequence():

@@ -2,6 +2,7 @@
 
 import re
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,15 +10,18 @@ from rclpy.node import Node
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.core.distribution import Distribution
-from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.logs.indexed_log import IndexedLog, NoIndexError
 from resting_aspects_ros.logs.outcome import Outcome
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE
+from resting_aspects_ros.nodes.callbacks import guarded, steady_timer
 from resting_aspects_ros.nodes.distribution_messages import serialized_distribution
 
-# Logs that are read, the newest of those that are there; 1000 take some 10 s.
+# Logs that are read at most; 1000 take some 10 s.
 MOST_LOGS = 1000
+# A log at each turn of the executor: others get theirs in between, s.
+READ_PERIOD = 0.0
 # <part>_<start>_<run id>, see logs.run_log.run_folder_name.
 _STARTED = re.compile(r'_(\d{8}T\d{6}Z)_')
 
@@ -25,11 +29,14 @@ _STARTED = re.compile(r'_(\d{8}T\d{6}Z)_')
 class Memory:
     """Reads the logs in a folder one by one, newest first, while the node does its work.
 
+    If there are more than MOST_LOGS, as many of each part are read.
+
     Parameters
     ----------
     folder : Path, optional
         None: there is nothing to remember.
-    take : called with the run and the distribution of each log that is whole
+    take : called with the run and the distribution of each log that is whole; raises
+        InvalidValueError if it cannot be used
     loaded : called once all are read
     """
 
@@ -44,12 +51,13 @@ class Memory:
         self._folder = folder
         self._take = take
         self._loaded = loaded
-        self._logs = _newest_logs(folder) if folder else []
+        logs = _logs_in(folder) if folder else []
+        self._logs, self._unread = logs[-MOST_LOGS:], len(logs[:-MOST_LOGS])
         self._total = len(self._logs)
         self._begun = time.monotonic()
         self._taken = self._broken_off = self._other_versions = 0
-        # A log at each turn of the executor: others get theirs in between.
-        self._timer = node.create_timer(0.0, self._read_next)
+        read = guarded(node, 'earlier runs are not used', self._read_next)
+        self._timer = steady_timer(node, READ_PERIOD, read)
 
     @property
     def loading(self) -> str:
@@ -78,15 +86,23 @@ class Memory:
         except NoIndexError:
             self._broken_off += 1
             return
-        except (RestingAspectsError, RuntimeError) as error:  # the second is all that rclpy raises
+        except Exception as error:  # noqa: BLE001 - whatever is in a log, the suite starts
             self._other_versions += 1
-            self._node.get_logger().debug(f'log {log} is not used: {error}')
+            self._node.get_logger().debug(f'log {log} is not used: {error!r}')
             return
         if run.suite_version != __version__:
             self._other_versions += 1  # its aspects may have other ids
         elif complete:
-            self._taken += 1
+            self._use(log, run, distribution)
+
+    def _use(self, log: Path, run: RunDescription, distribution: Distribution) -> None:
+        try:
             self._take(run, distribution)
+        except InvalidValueError as error:
+            self._other_versions += 1
+            self._node.get_logger().warning(f'log {log} is not used: {error}')
+        else:
+            self._taken += 1
 
     def _tell(self) -> None:
         if not self._total:
@@ -94,6 +110,11 @@ class Memory:
         seconds = time.monotonic() - self._begun
         words = f'{self._taken} distributions of earlier runs in {self._folder}, read in '
         self._node.get_logger().info(f'{words}{seconds:.1f} s')
+        if self._unread:
+            self._node.get_logger().warning(
+                f'{self._unread} logs in {self._folder} are not read: allowed are {MOST_LOGS}, '
+                'of each part the newest'
+            )
         if self._broken_off:
             self._node.get_logger().warning(
                 f'{self._broken_off} logs in {self._folder} were broken off and are not used: '
@@ -106,8 +127,8 @@ class Memory:
             )
 
 
-def _newest_logs(folder: Path) -> list[Path]:
-    """Folders of logs, the newest last."""
+def _logs_in(folder: Path) -> list[Path]:
+    """Folders of logs; last the newest of each part, before them the second of each, and so on."""
     try:
         found = [path for path in folder.iterdir() if _STARTED.search(path.name) and path.is_dir()]
     except OSError:
@@ -116,4 +137,10 @@ def _newest_logs(folder: Path) -> list[Path]:
     def started(path: Path) -> str:
         return _STARTED.findall(path.name)[-1]
 
-    return sorted(found, key=started)[-MOST_LOGS:]
+    newer: Counter[str] = Counter()  # logs of a part that are newer than the one in turn
+    turn: dict[Path, int] = {}
+    for path in sorted(found, key=started, reverse=True):
+        part = path.name[: path.name.rindex(f'_{started(path)}_')]
+        turn[path] = newer[part]
+        newer[part] += 1
+    return sorted(turn, key=lambda path: (-turn[path], started(path)))

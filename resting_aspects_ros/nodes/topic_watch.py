@@ -7,6 +7,8 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from resting_aspects_ros.core.part import is_valid_name
+from resting_aspects_ros.nodes.callbacks import guarded, steady_timer, subscribe
 from resting_aspects_ros.nodes.interface import LATCHED
 
 # How often new topics are looked for, s. rclpy has no event for it.
@@ -47,7 +49,7 @@ class TopicWatch:
         self._raw = raw
         self._qos = qos
         self._subscriptions: dict[str, Any] = {}
-        node.create_timer(PERIOD, self.look)
+        steady_timer(node, PERIOD, guarded(node, 'topics are not looked for', self.look))
 
     def topic(self, part: str) -> str:
         """The topic's full name."""
@@ -64,11 +66,13 @@ class TopicWatch:
             name.removeprefix(self._prefix)
             for name, types in self._node.get_topic_names_and_types()
             if name.startswith(self._prefix)
+            and is_valid_name(name.removeprefix(self._prefix))
             and self._type_name in types
             and self._node.count_publishers(name)
         }
         for part in published - set(self._subscriptions):
-            self._subscriptions[part] = self._node.create_subscription(
+            self._subscriptions[part] = subscribe(
+                self._node,
                 self._type,
                 self.topic(part),
                 partial(self._received, part),

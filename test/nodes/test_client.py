@@ -341,7 +341,8 @@ def test_nothing_is_left_of_a_question_that_is_over_or_canceled(suite, spun):
     assert (answer.cancelled(), heard) == (True, [])
     open_yet = spun.get_distribution_async('washer', drops=12, timeout=60)
     spun.close()
-    assert open_yet.cancelled()
+    with pytest.raises(ClientUseError, match='this client is closed'):
+        open_yet.result()
     assert not set(entities(suite.client.node)) & set(before[-3:])
 
 
