@@ -164,6 +164,7 @@ def poses_from(msg: RestingPosesMsg) -> RestingPoses:
 
 def _check_poses(poses: RestingPoses) -> None:
     """Raises InvalidValueError for codes that are none, and for a part at rest nowhere."""
+    check_first_drop(poses.first_drop, len(poses))
     settled = poses.status == RestStatus.SETTLED
     with np.errstate(over='ignore', invalid='ignore'):  # what is as long as that is refused
         norm = np.linalg.norm(poses.orientation, axis=1)
