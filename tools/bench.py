@@ -10,6 +10,7 @@ from bench_command import command
 from bench_estimators import estimators
 from bench_geometry import geometry
 from bench_latency import latency
+from bench_memory import memory
 from bench_report import Section, machine, markdown, show
 from bench_scaling import scaling
 from bench_suite import begun_pool
@@ -36,6 +37,7 @@ def main() -> None:
         geometry,
         estimators,
         latency,
+        memory,
     ):
         section = measure()
         show(console, section)

@@ -27,6 +27,8 @@ DROPS = 1000
 # More than are made while it is measured.
 MANY_DROPS = 2_000_000
 DEADLINE = 60.0
+# DDS can lose a call on a machine that is very busy; more than this are no accident.
+MOST_LOST = 10
 # A service that does nothing, spun as the nodes of the suite are.
 TRIGGER = """
 import rclpy
@@ -74,6 +76,8 @@ def latency() -> Section:
         'others; by medians, then by the 99th percentiles. *During a run*: of another seed, on '
         'all cores. Aim: ratios of at most 1.5.'
     )
+    if client.lost:
+        note += f' {client.lost} calls had no answer in {DEADLINE:g} s and were repeated.'
     return Section('Latency', note, [table], {'latency': found})
 
 
@@ -81,6 +85,7 @@ class _Client:
     """Calls both services."""
 
     def __init__(self) -> None:
+        self.lost = 0  # calls without an answer
         self._node = rclpy.create_node('bench')
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
@@ -115,23 +120,32 @@ class _Client:
         self._until(has_begun)
 
     def measure(self, what: str) -> tuple[list[float], list[float]]:
-        """Seconds of each call, in ms."""
+        """The times of the calls of each, ms."""
         nothing, ours = [], []
         for _ in track(range(CALLS), f'latency, {what}', transient=True):
-            begun = time.perf_counter()
-            assert self._call(self._trigger, Trigger.Request()) is not None
-            middle = time.perf_counter()
-            answer = self._call(self._ask, _request())
-            end = time.perf_counter()
-            assert answer is not None
-            assert answer.status.code == Status.OK
-            nothing.append(1e3 * (middle - begun))
-            ours.append(1e3 * (end - middle))
+            nothing.append(self._timed(self._trigger, Trigger.Request())[1])
+            answer, time_taken = self._timed(self._ask, _request())
+            if answer.status.code != Status.OK:
+                raise SystemExit(f'get_distribution: {answer.status.message}')
+            ours.append(time_taken)
         return nothing, ours
 
+    def _timed(self, client: Any, request: Any) -> tuple[Any, float]:
+        """The response and how long it took, ms; asked again if there is none."""
+        while self.lost <= MOST_LOST:
+            begun = time.perf_counter()
+            answer = self._call(client, request)
+            if answer is not None:
+                return answer, 1e3 * (time.perf_counter() - begun)
+            self.lost += 1
+        raise SystemExit(f'{self.lost} calls had no answer in {DEADLINE:g} s')
+
     def _call(self, client: Any, request: Any) -> Any:
+        """The response, or None if there is none in time."""
         answer: Future = client.call_async(request)
         self._executor.spin_until_future_complete(answer, timeout_sec=DEADLINE)
+        if not answer.done():
+            client.remove_pending_request(answer)
         return answer.result()
 
     def _until(self, holds: Callable[[], bool]) -> None:

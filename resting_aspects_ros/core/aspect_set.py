@@ -15,6 +15,8 @@ from resting_aspects_ros.core.symmetry import Symmetry
 # within hundredths of a degree of a facet, on the margin of its shape; what is further off lies
 # on no facet.
 POSE_ANGLE = np.radians(3.0)
+# Aspects that were found twice are the same if their down directions differ by no more than this.
+SAME_DIRECTION = 1e-3
 # Within a dome meshed in steps of an angle no direction is further from a flat than this part of
 # the step: the flats around a corner are seen from it under 1 / sqrt(3) of it if they are alike.
 _DOME_REACH = 0.75
@@ -98,6 +100,14 @@ class AspectSet:
 
     def __len__(self) -> int:
         return len(self.aspects)
+
+    def is_like(self, other: 'AspectSet') -> bool:
+        """Whether an id means the same aspect in both: there are as many, in the same places."""
+        pairs = zip(self.aspects, other.aspects, strict=False)
+        return len(self) == len(other) and all(
+            bool(np.linalg.norm(one.down_in_part - another.down_in_part) <= SAME_DIRECTION)
+            for one, another in pairs
+        )
 
     def classify(self, orientation: Array) -> npt.NDArray[np.int64]:
         """(n,) ids of the aspects that poses are in; 0 where none fits.

@@ -11,10 +11,15 @@ from resting_aspects_interfaces.msg import PartDescription, PartSummary, Resting
 from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, ListParts
 
 from resting_aspects_ros.config_files import surfaces_file
-from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.drops.surfaces import Surfaces
-from resting_aspects_ros.nodes.convert import part_from, poses_from, status
+from resting_aspects_ros.nodes.callbacks import subscribe
+from resting_aspects_ros.nodes.convert import (
+    check_description,
+    part_from,
+    poses_from,
+    status,
+)
 from resting_aspects_ros.nodes.default_conditions import SURFACE, FollowedDefault
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, Meter, publish_diagnostics
 from resting_aspects_ros.nodes.distribution_answers import DistributionAnswers
@@ -77,7 +82,7 @@ class AspectClassifier(Node):
         values = declare(self, PARAMETERS)
         surfaces = Surfaces.read(Path(values['surfaces_file'] or surfaces_file()))
         self._parts = KnownParts()
-        self._known = KnownDistributions()
+        self._known = KnownDistributions(self._parts.aspects)
         self._accounts: dict[str, RunAccount] = {}  # of runs that are not over
         self._over: dict[str, Future] = {}  # run id -> done when the run is over
         self._outputs = DistributionOutputs(self, self._parts)
@@ -104,7 +109,7 @@ class AspectClassifier(Node):
         self._watch = TopicWatch(
             self, PARTS, PartDescription, self._part_described, gone=self._parts.remove
         )
-        self.create_subscription(RestingPoses, RESTING_POSES, self._batch, POSES)
+        subscribe(self, RestingPoses, RESTING_POSES, self._batch, POSES)
         # In the node's own group a request that waits would hold up everything it waits for.
         serve = partial(
             self.create_service, qos_profile=SERVICES, callback_group=ReentrantCallbackGroup()
@@ -124,12 +129,13 @@ class AspectClassifier(Node):
     # Topics
 
     def _part_described(self, name: str, message: PartDescription) -> None:
-        try:
-            part = part_from(message)
-        except RestingAspectsError as error:
-            self.get_logger().error(f'the description of {name} cannot be used: {error}')
-            return
+        check_description(message, name)
+        part = part_from(message)
         self._parts.describe(part)
+        for run in self._known.check(part.part_sha256):
+            self.get_logger().warning(
+                f'the log of run {run.run_id} is not used: it counts other aspects than {name} has'
+            )
         self._outputs.offer(name)  # before the first run, so that who listens hears all of it
         self._show_known(part.part_sha256)
         for account in list(self._accounts.values()):
@@ -148,12 +154,8 @@ class AspectClassifier(Node):
             self._outputs.restore(*known)
 
     def _batch(self, message: RestingPoses) -> None:
-        try:
-            arrivals = self._tracker.accept(message)
-        except RestingAspectsError as error:
-            self.get_logger().error(f'a batch of resting poses cannot be used: {error}')
-            return
         poses = poses_from(message)
+        arrivals = self._tracker.accept(message)
         self._outputs.poses.take(message.run.run_id, poses, message.header.stamp)
         for progress, new in arrivals:
             account = self._accounts.setdefault(progress.run.run_id, RunAccount(progress.run))

@@ -24,6 +24,7 @@ from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.nodes.client_requests import (
     absent_part,
     check_name,
+    check_progress,
     check_timeout,
     distribution_request,
     pose_request,
@@ -37,7 +38,7 @@ from resting_aspects_ros.nodes.interface import (
     PARTS,
     SERVICES,
 )
-from resting_aspects_ros.nodes.own_node import ClientUseError, OwnNode
+from resting_aspects_ros.nodes.own_node import CLOSED, ClientUseError, OwnNode
 from resting_aspects_ros.nodes.question import AnswerTimeoutError, Question
 from resting_aspects_ros.nodes.run_watch import RunWatch
 
@@ -114,7 +115,7 @@ class RestingAspectsClient:
                 (LIST_PARTS, ListParts),
             )
         }
-        self._open: set[Future] = set()
+        self._open: set[Question] = set()
 
     def get_distribution(
         self,
@@ -135,7 +136,8 @@ class RestingAspectsClient:
         Parameters
         ----------
         part : str
-            Registered name; see list_parts.
+            Registered name; see list_parts. No name has a NUL: it is refused here, because ROS
+            sends what is before it only, so that the suite could not see it.
         drops : int, optional
             At least so many; with a precision at most. None: 1000; with a precision as many as it
             takes; with only_known any number.
@@ -195,6 +197,7 @@ class RestingAspectsClient:
     ) -> Future:
         """The same, as a Future."""
         self._check(timeout)
+        check_progress(progress)
         request = distribution_request(
             part,
             drops=drops,
@@ -279,9 +282,10 @@ class RestingAspectsClient:
         return conditions_from(said)
 
     def close(self) -> None:
-        """End all that it made; futures that are not done are cancelled."""
-        for answer in list(self._open):
-            answer.cancel()
+        """End all that it made; who awaits an answer gets a ClientUseError."""
+        for question in list(self._open):
+            question.fail(ClientUseError(CLOSED))
+            question.answer.exception()  # else rclpy complains if nobody awaits it
         for service in self._services.values():
             self._node.destroy_client(service)
         self._services.clear()
@@ -302,7 +306,7 @@ class RestingAspectsClient:
     def _check(self, timeout: float | None) -> None:
         check_timeout(timeout)
         if not self._services:
-            raise ClientUseError('this client is closed')
+            raise ClientUseError(CLOSED)
         if self._own is not None and not self._own.is_spun:
             raise ClientUseError(
                 'this client spins only while it waits, so the future would never be done: '
@@ -322,6 +326,6 @@ class RestingAspectsClient:
     def _ask(self, service: str, *asked: Any, **more: Any) -> Future:
         client = self._services[service]
         question = Question(self._node, self._group, client, *asked, warn=self._warn, **more)
-        self._open.add(question.answer)
-        question.answer.add_done_callback(self._open.discard)
+        self._open.add(question)
+        question.answer.add_done_callback(lambda _: self._open.discard(question))
         return question.answer

@@ -1,6 +1,7 @@
 """What a client asks for, checked before anything is sent."""
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -37,8 +38,18 @@ def distribution_request(
     method: str,
     only_known: bool,
 ) -> GetDistribution.Request:
-    """The request, as RestingAspectsClient.get_distribution has it, checked."""
+    """The request, as RestingAspectsClient.get_distribution has it, checked.
+
+    rclpy does not check fields: what is of another type than they are would end the process.
+    """
     check_name(part)
+    _check_text('method', method)
+    _check_text('surface', surface)
+    _check_conditions(conditions)
+    drops, precision, seed = _plain(drops), _plain(precision), _plain(seed)
+    only_known = _plain(only_known)
+    if not isinstance(only_known, bool):
+        raise InvalidValueError(f'only_known is {only_known!r}, allowed is True or False')
     if not method:
         raise InvalidValueError(
             f'method is {method!r}, allowed is drops or the name of an estimator'
@@ -49,10 +60,7 @@ def distribution_request(
         raise InvalidValueError(
             f'surface is {surface!r} and conditions are given, allowed is one of them'
         )
-    if drops is None:
-        drops = 0 if precision else 1 if only_known else DEFAULT_DROPS
-    drops = most_drops(drops, precision)
-    check_drops(drops)
+    drops = _asked_drops(drops, precision, only_known=only_known)
     if seed is not None:
         check_seed(seed)
     return GetDistribution.Request(
@@ -72,13 +80,18 @@ def pose_request(part: str, orientation: Quaternion | npt.ArrayLike) -> Classify
     check_name(part)
     if isinstance(orientation, Quaternion):
         orientation = [getattr(orientation, axis) for axis in 'xyzw']
-    numbers = np.asarray(orientation, dtype=np.float64)
-    if numbers.shape != (4,):
+    try:
+        xyzw = np.asarray(orientation, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
         raise InvalidValueError(
-            f'orientation has the shape {numbers.shape}, allowed is (4,): x, y, z, w'
+            f'orientation is {orientation!r}, allowed are 4 numbers: x, y, z, w'
+        ) from None
+    if xyzw.shape != (4,):
+        raise InvalidValueError(
+            f'orientation has the shape {xyzw.shape}, allowed is (4,): x, y, z, w'
         )
-    xyzw = dict(zip('xyzw', unit_orientation(numbers).tolist(), strict=True))
-    return ClassifyPose.Request(part=part, orientation=Quaternion(**xyzw))
+    fields = dict(zip('xyzw', unit_orientation(xyzw).tolist(), strict=True))
+    return ClassifyPose.Request(part=part, orientation=Quaternion(**fields))
 
 
 def check_name(part: str) -> None:
@@ -94,8 +107,7 @@ def check_name(part: str) -> None:
 
 def check_timeout(timeout: float | None) -> None:
     """Raises InvalidValueError if nobody can wait so long, s."""
-    number = isinstance(timeout, int | float) and not isinstance(timeout, bool)
-    if timeout is not None and not (number and 0 < timeout < math.inf):
+    if timeout is not None and not (_is_number(_plain(timeout)) and 0 < timeout < math.inf):
         raise InvalidValueError(f'timeout is {timeout!r}, allowed is more than 0 s, or None')
 
 
@@ -110,3 +122,46 @@ def absent_part(node: Node, part: str, late: AnswerTimeoutError) -> RestingAspec
         f'no {DROP_SIMULATOR} is there that offers {part}: {late}; start the suite with '
         '"resting_aspects nodes"'
     )
+
+
+def check_progress(progress: object) -> None:
+    """Raises InvalidValueError if it cannot be called."""
+    if progress is not None and not callable(progress):
+        raise InvalidValueError(f'progress is {progress!r}, allowed is a function, or None')
+
+
+def _asked_drops(drops: int | None, precision: float, *, only_known: bool) -> int:
+    if not _is_number(precision):
+        raise InvalidValueError(f'precision is {precision!r}, allowed is a number')
+    if drops is None:
+        drops = 0 if precision else 1 if only_known else DEFAULT_DROPS
+    if type(drops) is not int or drops > 0:
+        check_drops(drops)
+    drops = most_drops(drops, precision)
+    check_drops(drops)
+    return drops
+
+
+def _check_conditions(conditions: object) -> None:
+    if conditions is None:
+        return
+    if not isinstance(conditions, DropConditions):
+        raise InvalidValueError(
+            f'conditions is {conditions!r}, allowed is DropConditions, or None'
+        )
+    _check_text('surface of conditions', conditions.surface)
+
+
+def _check_text(name: str, text: object) -> None:
+    """Not only a text: ROS sends what is before a NUL only, and that may be another name."""
+    if not isinstance(text, str) or not text.isprintable():
+        raise InvalidValueError(f'{name} is {text!r}, allowed is printable text')
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _plain(value: Any) -> Any:
+    """A number or truth of numpy as Python's; anything else as it is."""
+    return value.item() if isinstance(value, np.generic) else value

@@ -14,10 +14,14 @@ from resting_aspects_interfaces.msg import (
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 from std_msgs.msg import Header
 
-from resting_aspects_ros.core.part import Part, part_from_bytes
-from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.mesh_file import FORMATS
+from resting_aspects_ros.core.part import Part, is_valid_name, part_from_bytes
+from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
+from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE
 from resting_aspects_ros.drops import conditions as drop_conditions
 from resting_aspects_ros.drops.run import RunDescription as Run
+from resting_aspects_ros.drops.run import check_drops, check_first_drop, check_run_id
 from resting_aspects_ros.nodes.interface import FRAME
 
 NANOSECONDS = 1_000_000_000
@@ -72,7 +76,14 @@ def run_msg(run: Run) -> RunDescription:
 
 
 def run_from(msg: RunDescription) -> Run:
-    """Raises InvalidValueError if its conditions are not allowed."""
+    """Raises InvalidValueError if no run has this description."""
+    if not msg.run_id:
+        raise InvalidValueError("run_id is '', allowed is that of a run")
+    check_run_id(msg.run_id)
+    if not is_valid_name(msg.part):
+        raise InvalidValueError(f'part of run {msg.run_id} is {msg.part!r}, allowed is a name')
+    check_drops(msg.drops)
+    check_first_drop(msg.first_drop, msg.drops)
     return Run(
         run_id=msg.run_id,
         part=msg.part,
@@ -135,10 +146,10 @@ def _resting_pose_msg(
 
 
 def poses_from(msg: RestingPosesMsg) -> RestingPoses:
-    """The poses of a batch."""
+    """The poses of a batch; raises InvalidValueError if a part cannot lie so."""
     position = [(p.pose.position.x, p.pose.position.y, p.pose.position.z) for p in msg.poses]
     orientation = [(o.x, o.y, o.z, o.w) for o in (entry.pose.orientation for entry in msg.poses)]
-    return RestingPoses(
+    poses = RestingPoses(
         first_drop=msg.first_drop,
         position=np.array(position, dtype=np.float64).reshape(-1, 3),
         orientation=np.array(orientation, dtype=np.float64).reshape(-1, 4),
@@ -147,6 +158,32 @@ def poses_from(msg: RestingPosesMsg) -> RestingPoses:
         time_to_rest=np.array([p.time_to_rest for p in msg.poses], dtype=np.float64),
         energy_growth=np.array([p.energy_growth for p in msg.poses], dtype=np.float64),
     )
+    _check_poses(poses)
+    return poses
+
+
+def _check_poses(poses: RestingPoses) -> None:
+    """Raises InvalidValueError for codes that are none, and for a part at rest nowhere."""
+    check_first_drop(poses.first_drop, len(poses))
+    settled = poses.status == RestStatus.SETTLED
+    with np.errstate(over='ignore', invalid='ignore'):  # what is as long as that is refused
+        norm = np.linalg.norm(poses.orientation, axis=1)
+    for name, values, allowed, right in (
+        ('status', poses.status, 'a code', np.isin(poses.status, list(RestStatus))),
+        ('decided_by', poses.decided_by, 'a code', np.isin(poses.decided_by, list(DecidedBy))),
+        ('position', poses.position, 'finite', np.isfinite(poses.position).all(1) | ~settled),
+        (
+            'orientation',
+            poses.orientation,
+            'a unit quaternion',
+            (np.abs(norm - 1) <= LENGTH_TOLERANCE) | ~settled,
+        ),
+    ):
+        for k in np.flatnonzero(~right)[:1].tolist():
+            found = values[k].tolist()
+            raise InvalidValueError(
+                f'{name} of drop {poses.first_drop + k} is {found}, allowed is {allowed}'
+            )
 
 
 def part_msg(part: Part) -> PartDescription:
@@ -163,6 +200,15 @@ def part_msg(part: Part) -> PartDescription:
         centre_of_mass=Point(x=x, y=y, z=z),
         inertia=part.inertia[np.triu_indices(3)],
     )
+
+
+def check_description(msg: PartDescription, name: str) -> None:
+    """Raises InvalidValueError if a description on parts/<name> is of another part."""
+    if msg.name != name or msg.format not in FORMATS:
+        raise InvalidValueError(
+            f'part {name!r} is described as {msg.name!r} in the format {msg.format!r}, allowed is '
+            f'its own name, and {", ".join(FORMATS)}'
+        )
 
 
 def part_from(msg: PartDescription) -> Part:

@@ -9,9 +9,10 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.task import Future
 from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
 
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.surfaces import DEFAULT_SURFACE, Surfaces
+from resting_aspects_ros.nodes.callbacks import subscribe
 from resting_aspects_ros.nodes.convert import conditions_from, conditions_msg
 from resting_aspects_ros.nodes.interface import DEFAULT_CONDITIONS, LATCHED
 from resting_aspects_ros.nodes.parameters import Parameter, on_change
@@ -60,7 +61,7 @@ class FollowedDefault:
         self._conditions = surfaces.get(node.get_parameter(SURFACE.name).value)
         on_change(node, SURFACE.name, self._check, self._take)
         self._heard = Future()  # done with the first word of a simulator
-        node.create_subscription(DropConditionsMsg, DEFAULT_CONDITIONS, self._hear, LATCHED)
+        subscribe(node, DropConditionsMsg, DEFAULT_CONDITIONS, self._hear, LATCHED)
 
     @property
     def is_heard(self) -> bool:
@@ -77,11 +78,7 @@ class FollowedDefault:
         return bool(self._node.count_publishers(DEFAULT_CONDITIONS))
 
     def _hear(self, message: DropConditionsMsg) -> None:
-        try:
-            conditions = conditions_from(message)
-        except RestingAspectsError as error:
-            self._node.get_logger().error(f'default_conditions cannot be used: {error}')
-            return
+        conditions = conditions_from(message)
         if conditions.surface != self._conditions.surface:
             self._node.get_logger().info(
                 f'surface is {conditions.surface!r}, as the simulator says; '

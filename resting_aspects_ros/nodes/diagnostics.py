@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from resting_aspects_ros.nodes.callbacks import guarded, steady_timer
 from resting_aspects_ros.nodes.interface import DIAGNOSTICS
 from resting_aspects_ros.nodes.presence import Alone
 
@@ -88,7 +89,7 @@ def publish_diagnostics(
         message.header.stamp = node.get_clock().now().to_msg()
         publisher.publish(message)
 
-    node.create_timer(PERIOD, publish)
+    steady_timer(node, PERIOD, guarded(node, 'diagnostics are not published', publish))
 
 
 def _with_others(found: Diagnosis, alone: Alone) -> Diagnosis:

@@ -17,6 +17,7 @@ from std_msgs.msg import Header
 from resting_aspects_ros.core import aspect_set
 from resting_aspects_ros.core.aspect_set import AspectSet, Sweep
 from resting_aspects_ros.core.distribution import METHOD, Distribution
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.estimators.estimate import Estimate
 from resting_aspects_ros.core.intervals import Interval
 from resting_aspects_ros.core.part import Part
@@ -131,8 +132,11 @@ def _aspect_fields(aspect: aspect_set.Aspect) -> dict[str, object]:
 
 
 def distribution_from(msg: AspectDistribution) -> Distribution:
-    """The counts and aspects of a message; its probabilities follow from them."""
-    return Distribution(
+    """The counts and aspects of a message; its probabilities follow from them.
+
+    Raises InvalidValueError if they cannot be those of a distribution.
+    """
+    found = Distribution(
         _aspects_from(msg),
         np.array([a.count for a in msg.aspects], dtype=np.int64),
         unclassified=msg.unclassified,
@@ -143,6 +147,14 @@ def distribution_from(msg: AspectDistribution) -> Distribution:
         confidence=msg.confidence,
         by_precision=msg.run.precision > 0,
     )
+    ids = [aspect.id for aspect in msg.aspects]
+    if found.drops != msg.drops or ids != list(range(1, len(ids) + 1)):
+        raise InvalidValueError(
+            f'distribution of run {msg.run.run_id} has {found.drops} drops in the aspects {ids}, '
+            f'allowed are its {msg.drops} drops, in aspects from 1 on'
+        )
+    found.intervals()  # raises, too
+    return found
 
 
 def serialized_distribution(data: bytes) -> tuple[Distribution, Run, bool]:

@@ -7,6 +7,7 @@ from visualization_msgs.msg import MarkerArray
 
 from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.drops.run import RunDescription
+from resting_aspects_ros.nodes.callbacks import guarded, steady_timer
 from resting_aspects_ros.nodes.convert import NANOSECONDS
 from resting_aspects_ros.nodes.current_poses import CurrentPoses
 from resting_aspects_ros.nodes.distribution_messages import distribution_msg
@@ -42,7 +43,8 @@ class DistributionOutputs:
         self.poses = CurrentPoses(node)
         self._shown: tuple[str, PartMarkers] | None = None  # part_sha256, its markers
         period = node.get_parameter(PUBLISH_PERIOD.name).value
-        self._timer = node.create_timer(period, self.publish)
+        publish = guarded(node, 'distributions are not published', self.publish)
+        self._timer = steady_timer(node, period, publish)
         on_change(node, PUBLISH_PERIOD.name, PUBLISH_PERIOD.check, self._set_period)
 
     def offer(self, part: str) -> Publisher:

@@ -1,6 +1,7 @@
 """The node that writes a log of every run: its poses, its distributions, and the part."""
 
 import sys
+import time
 from collections import deque
 from pathlib import Path
 
@@ -16,10 +17,15 @@ from resting_aspects_interfaces.msg import (
 )
 from resting_aspects_interfaces.srv import GetDistribution
 
-from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
-from resting_aspects_ros.nodes.convert import conditions_msg, nanoseconds
+from resting_aspects_ros.nodes.callbacks import guarded, steady_timer, subscribe
+from resting_aspects_ros.nodes.convert import (
+    check_description,
+    conditions_msg,
+    nanoseconds,
+    poses_from,
+)
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, Meter, publish_diagnostics
 from resting_aspects_ros.nodes.interface import (
     ALL_LATCHED,
@@ -88,8 +94,9 @@ class DropRecorder(Node):
             qos=ALL_LATCHED,
         )
         self._poses = Topic(self.resolve_topic_name(RESTING_POSES), POSES_TYPE, _qos(POSES))
-        self.create_subscription(RestingPoses, RESTING_POSES, self._batch, POSES, raw=True)
-        self.create_timer(CLOSE_PERIOD, self._close_whole)
+        subscribe(self, RestingPoses, RESTING_POSES, self._batch, POSES, raw=True)
+        close = guarded(self, 'logs are not closed', self._close_whole)
+        steady_timer(self, CLOSE_PERIOD, close)
         alone = Alone(self, DROP_RECORDER, harmless='each writes a log of every run')
         publish_diagnostics(self, self._diagnose, alone)
         self.get_logger().info(f'ready: logs go to {self._folder}')
@@ -107,11 +114,8 @@ class DropRecorder(Node):
 
     def _batch(self, data: bytes) -> None:
         message = deserialize_message(data, RestingPoses)
-        try:
-            arrivals = self._tracker.accept(message)
-        except RestingAspectsError as error:
-            self.get_logger().error(f'a batch of resting poses cannot be used: {error}')
-            return
+        poses_from(message)  # what cannot be counted is asked for again, as what is lost
+        arrivals = self._tracker.accept(message)
         for progress, new in arrivals:
             log = self._log(progress)
             if new or not message.poses:
@@ -138,7 +142,9 @@ class DropRecorder(Node):
         return self._logs[run.run_id]
 
     def _part_described(self, name: str, data: bytes) -> None:
-        self._parts[name] = (deserialize_message(data, PartDescription), data)
+        message = deserialize_message(data, PartDescription)
+        check_description(message, name)
+        self._parts[name] = (message, data)
         for log in self._logs.values():
             if log.run.part == name:
                 self._write_part(log, *self._parts[name])
@@ -146,7 +152,9 @@ class DropRecorder(Node):
     def _write_part(self, log: OpenLog, part: PartDescription, data: bytes) -> None:
         if log.has_part or part.part_sha256 != log.run.part_sha256:
             return
-        topic = Topic(self._part_watch.topic(part.name), self._part_watch.type_name, _qos(LATCHED))
+        topic = Topic(
+            self._part_watch.topic(log.run.part), self._part_watch.type_name, _qos(LATCHED)
+        )
         log.write_part(topic, data, part, self._now())
         self._report(log)
 
@@ -157,12 +165,14 @@ class DropRecorder(Node):
             self._early.append((message, data))
         else:
             self._write_distribution(log, message, data)
+            if log.done:  # a result waits for it
+                self._close(log.run.run_id)
 
     def _write_distribution(self, log: OpenLog, message: AspectDistribution, data: bytes) -> None:
-        if log.run.run_id != message.run.run_id:
+        if (log.run.run_id, log.run.part) != (message.run.run_id, message.run.part):
             return
         watch = self._distribution_watch
-        topic = Topic(watch.topic(message.run.part), watch.type_name, _qos(LATCHED))
+        topic = Topic(watch.topic(log.run.part), watch.type_name, _qos(LATCHED))
         log.write(topic, data, self._now(), nanoseconds(message.header.stamp))
         log.has_distribution = log.has_distribution or message.complete
         self._report(log)
@@ -190,7 +200,7 @@ class DropRecorder(Node):
             if found.run.run_id == run.run_id and run.run_id in self._logs:
                 self._write_distribution(log, found, serialize_message(found))
 
-        asked.add_done_callback(answered)
+        asked.add_done_callback(guarded(self, 'a distribution is not recorded', answered))
 
     def _close_whole(self) -> None:
         for log in self._logs.values():
@@ -242,7 +252,7 @@ class DropRecorder(Node):
         return Diagnosis(state, values, self._health.warnings(), errors)
 
     def _now(self) -> int:
-        return int(self.get_clock().now().nanoseconds)
+        return time.time_ns()  # not ROS time, which may stand still
 
 
 def _qos(profile: QoSProfile) -> Qos:

@@ -1,6 +1,7 @@
 """The node that drops parts: it offers them, drops them, and publishes where they rest."""
 
 import sys
+import time
 import uuid
 from contextlib import aclosing
 from functools import partial
@@ -228,7 +229,7 @@ class DropSimulator(Node):
             first_drop=goal.first_drop,
             precision=goal.precision,
             run_id=goal.run_id or uuid.uuid4().hex[:12],
-            started=self.get_clock().now().nanoseconds,
+            started=time.time_ns(),  # not ROS time, which may stand still
         )
         run = self._runs.find(goal, asked)
         self._parts.offer(part)

@@ -12,6 +12,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.intervals import Interval
+from resting_aspects_ros.nodes.callbacks import steady_timer, subscribe
 from resting_aspects_ros.nodes.client_requests import check_name
 from resting_aspects_ros.nodes.distribution_messages import distribution_from
 from resting_aspects_ros.nodes.interface import ASPECT_DISTRIBUTIONS, LATCHED
@@ -42,21 +43,21 @@ class FeederExample(Node):
         self._newest: AspectDistribution | None = None
         self._said: set[str] = set()
         self._rate = self.create_publisher(Float64MultiArray, EXPECTED_PICK_RATE, LATCHED)
-        self._input = self.create_subscription(
-            AspectDistribution, f'{ASPECT_DISTRIBUTIONS}/{self._part}', self._take, LATCHED
+        self._input = subscribe(
+            self, AspectDistribution, f'{ASPECT_DISTRIBUTIONS}/{self._part}', self._take, LATCHED
         )
-        self._patience = self.create_timer(PATIENCE, self._nothing_yet)
+        self._patience = steady_timer(self, PATIENCE, self._nothing_yet)
         self.get_logger().info(f'waits for {self._input.topic_name}')
 
     def _take(self, message: AspectDistribution) -> None:
         """Publish what a distribution says of the pickable aspects."""
         if message.drops == 0:
             return  # canceled before its first drop: it says nothing
+        there = {aspect.id for aspect in message.aspects}
+        share = distribution_from(message).together(there.intersection(self._pickable))
         self._patience.cancel()
         before, self._newest = self._newest, message
         self._compare(before or message, message)
-        there = {aspect.id for aspect in message.aspects}
-        share = distribution_from(message).together(there.intersection(self._pickable))
         layout = MultiArrayLayout(dim=[MultiArrayDimension(label=LABEL, size=3, stride=3)])
         data = [share.probability, share.lower, share.upper]
         self._rate.publish(Float64MultiArray(layout=layout, data=data))

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import Trigger
@@ -14,6 +13,7 @@ from std_srvs.srv import Trigger
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.logs.log_reader import unfinished
 from resting_aspects_ros.logs.recording import RecordedMessage, Recording
+from resting_aspects_ros.nodes.callbacks import steady_timer
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, publish_diagnostics
 from resting_aspects_ros.nodes.interface import LOG_REPLAYER, PAUSE, RESUME, SERVICES
 from resting_aspects_ros.nodes.parameters import Parameter, declare
@@ -76,7 +76,7 @@ class LogReplayer(Node):
             for topic in topics
             if topic.describes_part or topic.holds_poses
         ]
-        self._look = self.create_timer(LOOK_PERIOD, self._look_for_others)
+        self._look = steady_timer(self, LOOK_PERIOD, self._look_for_others)
         announce(self, LOG_REPLAYER)
         publish_diagnostics(self, self._diagnose)
         if words := unfinished(recording.path):
@@ -87,8 +87,7 @@ class LogReplayer(Node):
             f'ready: {recording.path}, {counted(len(topics), "topic", "topics")}, '
             f'{self._replay.position.length:.3f} s'
         )
-        clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = self.create_timer(0.0, self._step, clock=clock)
+        self._timer = steady_timer(self, 0.0, self._step)
 
     def _fastest(self, topics: list[ReplayedTopic]) -> Pace:
         return FastestPace(

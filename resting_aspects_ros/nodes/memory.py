@@ -2,6 +2,7 @@
 
 import re
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,20 +10,23 @@ from pathlib import Path
 from rclpy.node import Node
 
 from resting_aspects_ros import __version__
-from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.logs.indexed_log import IndexedLog, NoIndexError
 from resting_aspects_ros.logs.log_reader import is_being_written
 from resting_aspects_ros.logs.outcome import Outcome
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, POSES_TYPE
+from resting_aspects_ros.nodes.callbacks import guarded, steady_timer
 from resting_aspects_ros.nodes.convert import serialized_batch
 from resting_aspects_ros.nodes.distribution_messages import serialized_distribution
 from resting_aspects_ros.nodes.first_drops import count_first_drops
 from resting_aspects_ros.nodes.run_accounts import KnownDistributions
 from resting_aspects_ros.nodes.words import counted
 
-# Logs that are read, the newest of those that are there; 1000 take some 10 s.
+# Logs that are read at most; 1000 take some 10 s.
 MOST_LOGS = 1000
+# A log, or a batch of one, at each turn of the executor: others get theirs in between, s.
+READ_PERIOD = 0.0
 # <part>_<start>_<run id>, see logs.run_log.run_folder_name; _<number> after it is another log.
 _STARTED = re.compile(r'_(\d{8}T\d{6}Z)_')
 _RUN = re.compile(r'.*_\d{8}T\d{6}Z_[^_]*')
@@ -30,6 +34,8 @@ _RUN = re.compile(r'.*_\d{8}T\d{6}Z_[^_]*')
 
 class Memory:
     """Reads the logs in a folder one by one, newest first, while the node does its work.
+
+    If there are more than MOST_LOGS, as many of each part are read.
 
     Parameters
     ----------
@@ -51,15 +57,17 @@ class Memory:
         self._folder = folder
         self._known = known
         self._loaded = loaded
-        self._logs = _newest_logs(folder) if folder else []
+        logs = _logs_in(folder) if folder else []
+        self._logs, self._unread = logs[-MOST_LOGS:], len(logs[:-MOST_LOGS])
         self._parts: list[tuple[Path, RunDescription]] = []  # logs with a part of their run
         self._whole: set[str] = set()  # names of runs, as folders have them, that a log has whole
         self._broken_off: list[Path] = []
         self._total = len(self._logs)
         self._begun = time.monotonic()
-        self._taken = self._other_versions = 0
+        self._taken = self._unused = 0
         self._steps = self._read_all()
-        self._timer = node.create_timer(0.0, self._step)
+        step = guarded(node, 'earlier runs are not used', self._step)
+        self._timer = steady_timer(node, READ_PERIOD, step)
 
     @property
     def loading(self) -> str:
@@ -75,6 +83,8 @@ class Memory:
         for _ in self._steps:
             return
         self._node.destroy_timer(self._timer)
+        self._logs.clear()  # one that went away just now ends the reading
+        self._parts.clear()
         self._tell()
         self._loaded()
 
@@ -99,28 +109,37 @@ class Memory:
         except NoIndexError:
             if not is_being_written(log):
                 self._broken_off.append(log)
-        except (RestingAspectsError, RuntimeError) as error:  # the second is all that rclpy raises
-            self._other_versions += 1
-            self._node.get_logger().debug(f'log {log} is not used: {error}')
+        except InvalidValueError as error:
+            self._unused += 1
+            self._node.get_logger().warning(f'log {log} is not used: {error}')
+        except Exception as error:  # noqa: BLE001 - whatever is in a log, the suite starts
+            self._unused += 1
+            self._node.get_logger().debug(f'log {log} is not used: {error!r}')
 
     def _read(self, log: Path) -> None:
         with IndexedLog(log) as indexed:
             outcome = Outcome.of(indexed.notes())
             batch, last = indexed.first(POSES_TYPE), indexed.last(DISTRIBUTION_TYPE)
-        if outcome is None or batch is None:
-            return
-        run = serialized_batch(batch)[0]
-        if run.suite_version != __version__:
-            self._other_versions += 1  # its aspects may have other ids
+        if outcome is None:
             return
         if outcome.whole and last is not None:
             distribution, run, complete = serialized_distribution(last)
             if complete:
-                self._whole.add(_run_name(log))
-                self._taken += 1
-                self._known.add(run, distribution)
+                if self._is_of_this_version(run):
+                    self._known.add(run, distribution)
+                    self._whole.add(_run_name(log))
+                    self._taken += 1
                 return
-        self._parts.append((log, run))
+        if batch is not None:
+            run = serialized_batch(batch)[0]
+            if self._is_of_this_version(run):
+                self._parts.append((log, run))
+
+    def _is_of_this_version(self, run: RunDescription) -> bool:
+        if run.suite_version != __version__:
+            self._unused += 1  # its aspects may have other ids
+            return False
+        return True
 
     def _tell(self) -> None:
         if not self._total:
@@ -132,6 +151,12 @@ class Memory:
             f'{logs} in {self._folder} read in {seconds:.1f} s: {known} known, the longest of '
             'those that begin with the same drops'
         )
+        if self._unread:
+            logs = counted(self._unread, 'log', 'logs')
+            self._node.get_logger().warning(
+                f'{logs} in {self._folder}, not read: allowed are {MOST_LOGS}, of each part the '
+                'newest'
+            )
         # Those of runs that another log has whole are of no use to anybody.
         broken_off = [log for log in self._broken_off if _run_name(log) not in self._whole]
         if broken_off:
@@ -140,8 +165,8 @@ class Memory:
                 f'{logs} in {self._folder}, broken off, not used: "resting_aspects recover" '
                 'closes a log, then the drops that it holds are'
             )
-        if self._other_versions:
-            logs = counted(self._other_versions, 'log', 'logs')
+        if self._unused:
+            logs = counted(self._unused, 'log', 'logs')
             self._node.get_logger().warning(
                 f'{logs} in {self._folder}, not used: of another version of the suite, damaged, '
                 'or without the part or the first drops'
@@ -154,8 +179,8 @@ def _run_name(log: Path) -> str:
     return found.group() if found else log.name
 
 
-def _newest_logs(folder: Path) -> list[Path]:
-    """Folders of logs, the newest last."""
+def _logs_in(folder: Path) -> list[Path]:
+    """Folders of logs; last the newest of each part, before them the second of each, and so on."""
     try:
         found = [path for path in folder.iterdir() if _STARTED.search(path.name) and path.is_dir()]
     except OSError:
@@ -164,4 +189,10 @@ def _newest_logs(folder: Path) -> list[Path]:
     def started(path: Path) -> str:
         return _STARTED.findall(path.name)[-1]
 
-    return sorted(found, key=started)[-MOST_LOGS:]
+    newer: Counter[str] = Counter()  # logs of a part that are newer than the one in turn
+    turn: dict[Path, int] = {}
+    for path in sorted(found, key=started, reverse=True):
+        part = path.name[: path.name.rindex(f'_{started(path)}_')]
+        turn[path] = newer[part]
+        newer[part] += 1
+    return sorted(turn, key=lambda path: (-turn[path], started(path)))

@@ -165,12 +165,15 @@ class OpenLog:
 
 
 def _earlier_logs(folder: Path, name: str) -> list[Path]:
-    """The logs of the same run that are there already, in their order."""
+    """The logs of the same run that are there already, in their order; may raise LogError."""
     found = []
     log = folder / name
-    while log.exists():
-        found.append(log)
-        log = folder / f'{name}_{len(found) + 1}'
+    try:
+        while log.exists():
+            found.append(log)
+            log = folder / f'{name}_{len(found) + 1}'
+    except OSError as error:  # a name that is too long, a disk that is gone
+        raise LogError(f'log {log} cannot be written: {error.strerror}') from None
     return found
 
 

@@ -5,17 +5,18 @@ from collections.abc import Callable, Sequence
 from typing import Any
 from uuid import uuid4
 
-from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.nodes.callbacks import steady_timer
 from resting_aspects_ros.nodes.interface import LATCHED
 from resting_aspects_ros.nodes.question import AnswerTimeoutError
 
 SPIN_PERIOD = 0.1
+CLOSED = 'this client is closed'
 
 
 class ClientUseError(RestingAspectsError):
@@ -85,9 +86,8 @@ class OwnNode:
         """The latched message of a topic; AnswerTimeoutError if none comes in the time."""
         message = Future()
         late = AnswerTimeoutError(f'nothing came on {topic}, waited {seconds:g} s')
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
         heard = self.node.create_subscription(kind, topic, message.set_result, LATCHED)
-        timer = self.node.create_timer(seconds, lambda: message.set_exception(late), clock=steady)
+        timer = steady_timer(self.node, seconds, lambda: message.set_exception(late))
         try:
             return self.wait(lambda: message)
         finally:
@@ -102,4 +102,4 @@ class OwnNode:
 
     def _check_open(self) -> None:
         if not self._context.ok():
-            raise ClientUseError('this client is closed')
+            raise ClientUseError(CLOSED)

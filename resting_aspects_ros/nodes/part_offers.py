@@ -7,6 +7,7 @@ from resting_aspects_interfaces.msg import PartDescription
 from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.part_library import PartLibrary
+from resting_aspects_ros.nodes.callbacks import guarded, steady_timer
 from resting_aspects_ros.nodes.convert import part_msg
 from resting_aspects_ros.nodes.interface import LATCHED, PARTS
 
@@ -28,7 +29,7 @@ class PartOffers:
         self._complaints: set[str] = set()
         self.not_offered: dict[str, str] = {}
         self._scan()
-        node.create_timer(SCAN_PERIOD, self._scan)
+        steady_timer(node, SCAN_PERIOD, guarded(node, 'parts are not looked for', self._scan))
 
     def __len__(self) -> int:
         return len(self._offered)

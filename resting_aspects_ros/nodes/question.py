@@ -7,11 +7,12 @@ from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 from resting_aspects_interfaces.msg import Status
 
+from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.nodes.callbacks import steady_timer
 from resting_aspects_ros.nodes.requests import NotAvailableError, status_error
 from resting_aspects_ros.nodes.run_watch import RunWatch
 
@@ -76,15 +77,14 @@ class Question:
         self._watch = watch
         self._asked: list[Future] = []
         self._period = 0.0
+        self._loading = ''  # what the classifier reads first, in words
         self._begun = self._last = time.monotonic()
         # Held for good by whoever is the first to end it: an answer, a deadline or a cancel.
         self._end = threading.Lock()
         # Without an executor: its callbacks run at once, whoever spins the node by then.
         self.answer = Future()
         self.answer.add_done_callback(self._stop)
-        # Not the node's clock: simulated time may stand still.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = node.create_timer(LOOK_PERIOD, self._look, group, steady)
+        self._timer = steady_timer(node, LOOK_PERIOD, self._look, group)
         self._look()
 
     def _look(self) -> None:
@@ -93,7 +93,7 @@ class Question:
         if self._watch is not None and self._watch.last > self._last:
             self._last, self._period = self._watch.last, ASK_PERIOD
         if self._asked and self._timeout is not None and now >= self._begun + self._timeout:
-            self._fail(
+            self.fail(
                 AnswerTimeoutError(
                     f'{self._client.service_name} did not give {self._what}, waited '
                     f'{self._timeout:g} s{self._state()}'
@@ -106,7 +106,8 @@ class Question:
         """Why there may be no answer yet, if that is known."""
         if not self._client.service_is_ready():
             return ': no aspect_classifier is there any more'
-        return f': {self._watch.state}' if self._watch and self._watch.state else ''
+        state = (self._watch.state if self._watch else '') or self._loading
+        return f': {state}' if state else ''
 
     def _ask(self, now: float) -> None:
         """Ask, if there is a classifier."""
@@ -119,11 +120,11 @@ class Question:
             self._asked.append(asked)
             asked.add_done_callback(self._take)
         elif self._asked:
-            self._fail(
+            self.fail(
                 NotAvailableError(f'the classifier went away while {self._what} was asked for')
             )
         elif now >= self._begun + patience:
-            self._fail(
+            self.fail(
                 AnswerTimeoutError(
                     f'no aspect_classifier answers on {self._client.service_name}, waited '
                     f'{patience:g} s: start the suite with "resting_aspects nodes"'
@@ -134,6 +135,7 @@ class Question:
         response = asked.result()
         if response.status.code == Status.LOADING:
             self._last, self._period = time.monotonic(), LOADING_PERIOD
+            self._loading = response.status.message
             return
         if not self._end.acquire(blocking=False):
             return  # the other answer to what was asked twice
@@ -148,7 +150,8 @@ class Question:
         else:
             self.answer.set_result(found)
 
-    def _fail(self, error: NotAvailableError) -> None:
+    def fail(self, error: RestingAspectsError) -> None:
+        """Answer with an error, unless it is over."""
         if self._end.acquire(blocking=False):
             self.answer.set_exception(error)
 

@@ -8,11 +8,12 @@ from rclpy.task import Future
 from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import RecordedRun
 
+from resting_aspects_ros.nodes.callbacks import subscribe
 from resting_aspects_ros.nodes.interface import ALL_LATCHED, RECORDED_RUNS
 from resting_aspects_ros.nodes.waiting import wait_for
 
-# A recorder that is there has written the last batch of a run so soon, s. One that is slow costs
-# a result this much, and is not waited for any longer.
+# A recorder that is there has closed the log of a run so soon, s. One that is slow, or that waits
+# for a classifier, costs a result this much, and is not waited for any longer.
 TIMEOUT = 2.0
 RUNS_KEPT = 1000
 
@@ -24,7 +25,7 @@ class Recordings:
         self._node = node
         self._runs: OrderedDict[str, RecordedRun] = OrderedDict()
         self._news = Future()
-        node.create_subscription(RecordedRun, RECORDED_RUNS, self._recorded, ALL_LATCHED)
+        subscribe(node, RecordedRun, RECORDED_RUNS, self._recorded, ALL_LATCHED)
 
     async def note(self, result: DropPart.Result) -> None:
         """Say in the result of a run where its log is, and whether that has gone wrong."""
@@ -40,7 +41,8 @@ class Recordings:
         if not result.drops or not self._node.count_publishers(topic):
             return True
         found = self._runs.get(result.run_id)
-        return found is not None and (bool(found.error) or found.drops >= result.drops)
+        # After the last batch the disk can still be full: the end of a log takes room, too.
+        return found is not None and (bool(found.error) or bool(found.whole))
 
     def _recorded(self, message: RecordedRun) -> None:
         self._runs[message.run_id] = message

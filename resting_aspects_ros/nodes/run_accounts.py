@@ -1,10 +1,11 @@
 """What the classifier knows of runs: the distribution of each, under way or finished."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.distribution import Distribution, count_poses, no_drops
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.stopping import is_precise
 from resting_aspects_ros.drops.conditions import DropConditions
@@ -45,15 +46,31 @@ class RunAccount:
 
 
 class KnownDistributions:
-    """Finished distributions; of those that begin with the same drop the one with most drops."""
+    """Finished distributions; of those that begin with the same drop the one with most drops.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    aspects_of : gives the aspects of a version of a part, by its part_sha256; None while it has
+        not been described
+    """
+
+    def __init__(self, aspects_of: Callable[[str], AspectSet | None]) -> None:
+        self._aspects_of = aspects_of
         self._known: dict[tuple[object, ...], tuple[RunDescription, Distribution]] = {}
 
     def add(self, run: RunDescription, distribution: Distribution) -> None:
-        """Take the distribution of a run that is over."""
+        """Take the distribution of a run that is over.
+
+        Raises InvalidValueError if it is not over the aspects that the part has.
+        """
         if distribution.drops == 0:
             return  # it was canceled at once
+        aspects = self._aspects_of(run.part_sha256)
+        if aspects is not None and not aspects.is_like(distribution.aspects):
+            raise InvalidValueError(
+                f'run {run.run_id} counts other aspects than {run.part} has, allowed are its '
+                f'{len(aspects)}'
+            )
         key = _key(run)
         before = self._known.pop(key, None)
         if before is not None and before[1].drops > distribution.drops:
@@ -61,6 +78,15 @@ class KnownDistributions:
         self._known[key] = (run, distribution)
         while len(self._known) > MOST_KNOWN:
             self._known.pop(next(iter(self._known)))
+
+    def check(self, part_sha256: str) -> list[RunDescription]:
+        """Forget what is not over the aspects of a part that is described now; the runs of it."""
+        of_part = {k: v for k, v in self._known.items() if v[0].part_sha256 == part_sha256}
+        aspects = self._aspects_of(part_sha256) if of_part else None
+        if aspects is None:
+            return []
+        unlike = [k for k, (_, each) in of_part.items() if not aspects.is_like(each.aspects)]
+        return [self._known.pop(key)[0] for key in unlike]
 
     def find(
         self,
@@ -101,6 +127,9 @@ class KnownDistributions:
     def others(self, name: str, part_sha256: str, seed: int | None) -> list[str]:
         """What is known of parts of a name, and how it differs from that part; newest first.
 
+        part_sha256 : str
+            Empty: no version is known that counts.
+
         With a seed also how it differs from that one's drops from the first on.
         """
         of_name = [(r, d) for r, d in self._known.values() if r.part == name]
@@ -109,7 +138,11 @@ class KnownDistributions:
             f'{found.drops} drops on {run.conditions.surface or "own conditions"}'
             + ('' if seed in (None, run.seed) else f' with seed {run.seed}')
             + ('' if seed is None or not run.first_drop else f' from drop {run.first_drop} on')
-            + ('' if run.part_sha256 == part_sha256 else ' of another version of the part')
+            + (
+                ' of another version of the part'
+                if part_sha256 not in ('', run.part_sha256)
+                else ''
+            )
             for run, found in of_name
         ]
 

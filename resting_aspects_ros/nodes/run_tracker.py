@@ -14,6 +14,7 @@ from resting_aspects_interfaces.msg import Status
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.drops.coverage import Coverage
 from resting_aspects_ros.drops.run import RunDescription
+from resting_aspects_ros.nodes.callbacks import guarded, steady_timer
 from resting_aspects_ros.nodes.convert import conditions_msg, run_from, run_msg
 from resting_aspects_ros.nodes.drop_goals import drop_result
 from resting_aspects_ros.nodes.interface import ACTION_SERVICES, DROP_PART
@@ -116,7 +117,9 @@ class RunTracker:
         self.lost = 0
         self._client = ActionClient(node, DropPart, DROP_PART, **ACTION_SERVICES)
         self._runs: OrderedDict[str, RunProgress] = OrderedDict()
-        node.create_timer(CHECK_PERIOD, self._check)
+        steady_timer(
+            node, CHECK_PERIOD, guarded(node, 'lost drops are not looked for', self._check)
+        )
 
     def destroy(self) -> None:
         """End the action client."""

@@ -7,6 +7,8 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from resting_aspects_ros.core.part import is_valid_name
+from resting_aspects_ros.nodes.callbacks import guarded, steady_timer, subscribe
 from resting_aspects_ros.nodes.interface import LATCHED
 
 # How often new topics are looked for, s. rclpy has no event for it.
@@ -44,7 +46,7 @@ class TopicWatch:
         self._raw = raw
         self._qos = qos
         self._subscriptions: dict[str, Any] = {}
-        node.create_timer(PERIOD, self.look)
+        steady_timer(node, PERIOD, guarded(node, 'topics are not looked for', self.look))
 
     def topic(self, part: str) -> str:
         """The topic's full name."""
@@ -59,7 +61,8 @@ class TopicWatch:
         """Look for new topics now."""
         published = published_parts(self._node, self._prefix, self._type)
         for part in published - set(self._subscriptions):
-            self._subscriptions[part] = self._node.create_subscription(
+            self._subscriptions[part] = subscribe(
+                self._node,
                 self._type,
                 self.topic(part),
                 partial(self._received, part),
@@ -78,6 +81,7 @@ def published_parts(node: Node, prefix: str, message_type: Any) -> set[str]:
         name.removeprefix(beginning)
         for name, types in node.get_topic_names_and_types()
         if name.startswith(beginning)
+        and is_valid_name(name.removeprefix(beginning))
         and _type_name(message_type) in types
         and node.count_publishers(name)
     }

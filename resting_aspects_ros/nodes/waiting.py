@@ -3,12 +3,14 @@
 from rclpy.node import Node
 from rclpy.task import Future
 
+from resting_aspects_ros.nodes.callbacks import steady_timer
+
 
 async def wait_for(node: Node, future: Future, seconds: float) -> bool:
     """Wait until the future is done, but not longer; returns whether it is done."""
     either = Future(executor=node.executor)
     future.add_done_callback(lambda _: _finish(either))
-    timer = node.create_timer(seconds, lambda: _finish(either))
+    timer = steady_timer(node, seconds, lambda: _finish(either))
     try:
         await either
     finally:

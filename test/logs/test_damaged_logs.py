@@ -86,7 +86,7 @@ def sample(tmp_path_factory):
 
 def test_a_log_that_nobody_harmed_is_whole(sample):
     log = BrokenLog(sample.copy(sample.content, sample.metadata))
-    assert log.whole
+    assert log.closed
     assert not log.extent.damaged
     assert log.extent.losses() == []
 
@@ -100,13 +100,13 @@ def test_a_bit_of_a_chunks_head_costs_that_chunk_and_the_old_file_is_kept(sample
         folder = sample.flipped(start + bit // 8, 1 << bit % 8)
         before = (folder / 'run_0.mcap').read_bytes()
         broken = BrokenLog(folder)
-        assert not broken.whole
+        assert not broken.closed
         kept = broken.recover({})
         assert kept == folder / 'run_0.mcap.damaged'
         assert kept.read_bytes() == before
         assert messages_of(folder) == others, bit
         assert broken.extent.messages == len(others)
-        assert BrokenLog(folder).whole
+        assert BrokenLog(folder).closed
 
 
 def test_the_same_without_the_end_of_the_log(sample):
@@ -154,9 +154,9 @@ def test_a_log_with_a_wrong_byte_is_not_whole_until_it_is_recovered(sample, plac
     at, kept = PLACES[place]
     folder = sample.flipped(at(sample.content))
     broken = BrokenLog(folder)
-    assert not broken.whole
+    assert not broken.closed
     assert (broken.recover({}) is not None) == kept
-    assert BrokenLog(folder).whole
+    assert BrokenLog(folder).closed
     lost = sample.messages[3:4] if place == 'chunk' else []
     assert messages_of(folder) == [each for each in sample.messages if each not in lost]
 
@@ -176,10 +176,10 @@ def test_a_log_with_a_wrong_byte_is_not_whole_until_it_is_recovered(sample, plac
 def test_a_log_with_another_metadata_yaml_is_not_whole_until_it_is_recovered(sample, damage):
     folder = sample.copy(sample.content, damage(sample.metadata))
     broken = BrokenLog(folder)
-    assert not broken.whole
+    assert not broken.closed
     assert broken.recover({}) is None
     assert (folder / 'metadata.yaml').read_text() == sample.metadata
-    assert BrokenLog(folder).whole
+    assert BrokenLog(folder).closed
 
 
 @pytest.mark.parametrize('with_metadata', [True, False])
@@ -211,7 +211,7 @@ def test_a_log_of_another_writer_is_held_to_its_index(tmp_path, crcs):
             writer.flush()
         writer.finish()
     content = file.read_bytes()
-    assert BrokenLog(file).whole
+    assert BrokenLog(file).closed
     for at in (
         record(content, STATISTICS)[0] + 9,
         record(content, CHUNK_INDEX, 1)[0] + 9 + 16,
@@ -220,7 +220,7 @@ def test_a_log_of_another_writer_is_held_to_its_index(tmp_path, crcs):
         damaged = bytearray(content)
         damaged[at] ^= 0x80
         file.write_bytes(damaged)
-        assert not BrokenLog(file).whole, at
+        assert not BrokenLog(file).closed, at
 
 
 def test_messages_outside_of_chunks_are_recovered_around_the_damage(tmp_path):
@@ -307,7 +307,7 @@ def test_where_metadata_yaml_cannot_be_written_recovering_again_does_the_rest(sa
     with pytest.raises(LogError, match='cannot be written: Is a directory'):
         BrokenLog(folder).recover({})
     broken = BrokenLog(folder)
-    assert (broken.extent.finished, broken.whole) == (True, False)
+    assert (broken.extent.finished, broken.closed) == (True, False)
     (folder / 'metadata.yaml').rmdir()
     broken.recover({})
     assert messages_of(folder) == sample.messages
@@ -316,7 +316,7 @@ def test_where_metadata_yaml_cannot_be_written_recovering_again_does_the_rest(sa
 def test_a_pipe_is_not_waited_for(sample):
     folder = sample.copy(sample.content)
     os.mkfifo(folder / 'metadata.yaml')
-    assert not BrokenLog(folder).whole
+    assert not BrokenLog(folder).closed
     os.mkfifo(folder / 'a.mcap')
     assert BrokenLog(folder).extent.finished  # the file beside it
     with pytest.raises(LogError, match='is neither a file nor a folder'):
@@ -379,4 +379,4 @@ def test_nothing_that_can_be_read_is_lost_whatever_happens_to_a_log(sample, seed
         assert Counter(there) <= Counter(found)
     else:
         assert kept.read_bytes() == content
-    assert BrokenLog(folder).whole
+    assert BrokenLog(folder).closed

@@ -144,7 +144,7 @@ def run(box, surfaces):
 
 
 def test_the_newest_that_is_complete_goes_before_those_under_way(box, run):
-    known, sha = KnownDistributions(), box.part_sha256
+    known, sha = KnownDistributions(lambda _: None), box.part_sha256
     one, two, three = (counted(box, k, 0, 0, 0, 0, 0) for k in (1, 2, 3))
     under_way = [
         RunAccount(run(7), one),
@@ -160,6 +160,31 @@ def test_the_newest_that_is_complete_goes_before_those_under_way(box, run):
     known.add(run(3, 'another'), two)
     assert newest_distribution(known, under_way, sha) is three
     assert newest_distribution(known, under_way, 'another') is two
+
+
+def test_only_what_counts_the_aspects_of_the_part_is_known(box, run):
+    described = {}
+    known, sha = KnownDistributions(described.get), box.part_sha256
+    fewer = AspectSet(sha, box.aspects[:5])
+    known.add(run(1), counted(box, 1, 0, 0, 0, 0, 0))
+    known.add(run(2), counted(fewer, 1, 0, 0, 0, 0))
+    assert known.check(sha) == []
+    described[sha] = box
+    assert known.check(sha) == [run(2)]
+    assert len(known) == 1
+    with pytest.raises(InvalidValueError, match='run run2 counts other aspects than box_10x20x30'):
+        known.add(run(2), counted(fewer, 1, 0, 0, 0, 0))
+    turned = AspectSet(sha, box.aspects[::-1])
+    with pytest.raises(InvalidValueError, match='allowed are its 6'):
+        known.add(run(3), counted(turned, 1, 0, 0, 0, 0, 0))
+
+
+def test_another_version_is_named_only_where_one_is_known(box, run):
+    known = KnownDistributions(lambda _: None)
+    known.add(run(1), counted(box, 1, 0, 0, 0, 0, 0))
+    words = '1 drops on rubber_mat'
+    assert known.others(BOX, box.part_sha256) == known.others(BOX, '') == [words]
+    assert known.others(BOX, 'another') == [f'{words} of another version of the part']
 
 
 # Over DDS

@@ -225,6 +225,77 @@ def test_wrong_values_are_refused_before_anything_is_sent(nobody, ask, kind, wor
     assert words in str(error.value)
 
 
+# What rclpy would not refuse: in a process of its own, since it would end it.
+ODD_TYPES = """
+import numpy as np
+from geometry_msgs.msg import Quaternion
+from rclpy.serialization import serialize_message
+from resting_aspects_ros.client import RestingAspectsError
+from resting_aspects_ros.nodes.client_requests import distribution_request, pose_request
+from resting_aspects_ros.nodes.client_requests import check_progress, check_timeout
+
+good = dict(
+    part='x', drops=5, precision=0.0, surface='', conditions=None, seed=None, method='drops',
+    only_known=False,
+)
+bad = dict(
+    part=[None, 5, b'x', 'a\\0b', ['x']],
+    drops=['5', 5.0, True, np.bool_(True), float('nan'), [], np.array([1, 2]), 10**400],
+    precision=['x', None, True, float('nan'), 1j, []],
+    surface=[None, 5, b'steel', 'a\\0b', '\\ud800'],
+    conditions=['rubber_mat', 5, {}],
+    seed=['1', 1.0, True, 2**64],
+    method=[None, 5, 'a\\0b'],
+    only_known=[1, 0, None, 'yes', np.int64(1)],
+)
+orientations = ['abc', None, 5, {}, 1j, [[0, 0], [1]], 10**400, ['a', 0, 0, 1], Quaternion(x='a')]
+
+def refused(name, value, make):
+    try:
+        serialize_message(make())
+    except RestingAspectsError as error:
+        assert 'allowed' in str(error) or 'names of parts are' in str(error), error
+        assert name in str(error), error
+    else:
+        raise SystemExit(f'{name} = {value!r} was taken')
+
+for precision in (0.0, 0.05):
+    for name, values in bad.items():
+        for value in values:
+            asked = {**good, 'precision': precision, name: value}
+            refused(name, value, lambda: distribution_request(**asked))
+for value in orientations:
+    refused('orientation', value, lambda: pose_request('x', value))
+for check in (check_timeout, check_progress):
+    for value in ('5', True, [], float('nan')):
+        refused(check.__name__.removeprefix('check_'), value, lambda: check(value))
+taken = dict(
+    drops=np.int64(5), precision=np.float32(0.05), seed=np.uint8(3), only_known=np.bool_(True)
+)
+request = distribution_request(**{**good, **taken})
+serialize_message(request)
+assert (request.drops, list(request.seed), request.only_known) == (5, [3], True)
+serialize_message(pose_request('x', np.float32([0, 0, 0, 1])))
+check_timeout(np.float32(1.5))
+check_timeout(np.int64(2))
+print('all')
+"""
+
+
+def test_values_of_another_type_are_refused_in_words():
+    done = subprocess.run(
+        [sys.executable, '-c', ODD_TYPES], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout) == (0, 'all\n'), done.stderr
+
+
+@pytest.mark.parametrize('asked', [{'part': 'tetrahedron\0x'}, {'surface': 'steel\0x'}])
+def test_a_name_with_a_nul_is_refused(client, asked):
+    """ROS would send what is before it, which is the name of something else."""
+    with pytest.raises(RestingAspectsError, match=r'x00x.*(allowed is|names of parts are)'):
+        client.get_distribution(**{'part': 'tetrahedron', 'drops': 5} | asked)
+
+
 def test_a_surface_and_conditions_are_too_much(nobody, surfaces):
     with pytest.raises(InvalidValueError, match="surface is 'steel' and conditions are given"):
         nobody.get_distribution('x', surface='steel', conditions=surfaces.get('steel'))
@@ -322,6 +393,28 @@ def test_an_async_callback_awaits_one_answer_after_the_other(cell, wait):
     assert isinstance(refused, UnknownPartError)
 
 
+def test_who_awaits_an_answer_hears_that_the_client_is_closed(cell, wait, frozen):
+    frozen()  # so that there is none
+    client = RestingAspectsClient(cell)
+    said = []
+
+    async def work():
+        timer.cancel()
+        answer = client.get_distribution_async('tetrahedron', drops=5, seed=79)
+        said.append('asked')
+        try:
+            said.append(await answer)
+        except RestingAspectsError as error:
+            said.append(error)
+
+    timer = cell.create_timer(0.01, work)
+    wait(lambda: said, 'question')
+    client.close()
+    wait(lambda: len(said) == 2, 'error')
+    assert isinstance(said[1], ClientUseError)
+    assert str(said[1]) == 'this client is closed'
+
+
 def test_many_questions_at_once(cell, wait):
     client = RestingAspectsClient(cell)
     answers = [client.list_parts_async() for _ in range(30)]
@@ -365,7 +458,8 @@ def test_nothing_is_left_of_a_question_that_is_over_or_canceled(suite, spun):
     assert (answer.cancelled(), heard) == (True, [])
     open_yet = spun.get_distribution_async('washer', drops=12, timeout=60)
     spun.close()
-    assert open_yet.cancelled()
+    with pytest.raises(ClientUseError, match='this client is closed'):
+        open_yet.result()
     assert not set(entities(suite.client.node)) & set(before[-3:])
 
 

@@ -1,6 +1,7 @@
 """The suite's types and ROS messages say the same, field for field, through real CDR."""
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -109,7 +110,14 @@ def test_a_batch_without_poses_makes_the_round_trip():
 
 
 @given(
-    st.lists(st.tuples(*[st.floats(allow_nan=False)] * 9, st.sampled_from(RestStatus)), max_size=4)
+    st.lists(
+        # Where a part is said to be at rest, it must be somewhere.
+        st.tuples(
+            *[st.floats(allow_nan=False)] * 9,
+            st.sampled_from([RestStatus.UNSETTLED, RestStatus.FAILED]),
+        ),
+        max_size=4,
+    )
 )
 def test_any_poses_keep_every_bit(rows):
     table = np.array([row[:9] for row in rows]).reshape(-1, 9)
@@ -124,6 +132,75 @@ def test_any_poses_keep_every_bit(rows):
     )
     message = over_the_wire(convert.poses_msg(poses, RUN, convert.time_msg(0), last=False))
     assert_same_fields(convert.poses_from(message), poses)
+
+
+@pytest.mark.parametrize(
+    ('field', 'value', 'words'),
+    [
+        ('pose.orientation.x', math.nan, 'orientation of drop 1099511627776 is [nan, '),
+        ('pose.orientation.w', 1e308, 'orientation of drop 1099511627776 is ['),
+        ('pose.orientation.w', 1.01, 'allowed is a unit quaternion'),
+        ('pose.position.z', math.inf, 'position of drop 1099511627776 is ['),
+        ('status', 77, 'status of drop 1099511627776 is 77, allowed is a code'),
+        ('decided_by', 99, 'decided_by of drop 1099511627776 is 99, allowed is a code'),
+    ],
+)
+def test_poses_in_which_nothing_can_rest_are_refused(field, value, words):
+    message = convert.poses_msg(POSES, RUN, convert.time_msg(0), last=True)
+    message.poses[0].status = RestStatus.SETTLED
+    *path, name = field.split('.')
+    setattr(functools.reduce(getattr, path, message.poses[0]), name, value)
+    with pytest.raises(InvalidValueError) as error:
+        convert.poses_from(message)
+    assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ('field', 'value'),
+    [
+        ('run_id', ''),
+        ('run_id', '../../tmp/evil'),
+        ('run_id', 'a' * 300),
+        ('part', '../../etc/x'),
+        ('drops', 0),
+        ('first_drop', MOST_SEED),
+    ],
+)
+def test_a_description_of_no_run_is_refused(field, value):
+    message = convert.run_msg(RUN)
+    setattr(message, field, value)
+    with pytest.raises(InvalidValueError, match=r'.* is .*, allowed (is|are) '):
+        convert.run_from(message)
+
+
+@pytest.mark.parametrize(('field', 'value'), [('name', '../z'), ('format', '../z')])
+def test_a_description_of_another_part_than_its_topic_s_is_refused(part, field, value):
+    message = convert.part_msg(part('tetrahedron'))
+    convert.check_description(message, 'tetrahedron')
+    setattr(message, field, value)
+    with pytest.raises(InvalidValueError, match="part 'tetrahedron' is described as"):
+        convert.check_description(message, 'tetrahedron')
+
+
+@pytest.mark.parametrize(
+    ('field', 'value', 'words'),
+    [
+        ('interval', '', "interval is '', allowed is"),
+        ('confidence', 7.0, 'confidence is 7.0, allowed is'),
+        ('failed', 1, 'allowed are its 1010 drops'),
+        ('aspects', [], 'in the aspects []'),
+    ],
+)
+def test_a_distribution_that_cannot_be_is_refused(part, field, value, words):
+    aspects = find_aspects(part('tetrahedron'))
+    counts = np.array([1010] + [0] * (len(aspects) - 1))
+    message = distribution_msg(
+        Distribution(aspects, counts, 0, 0, 0), RUN, convert.time_msg(0), complete=True
+    )
+    setattr(message, field, value)
+    with pytest.raises(InvalidValueError) as error:
+        distribution_from(message)
+    assert words in str(error.value)
 
 
 @pytest.mark.parametrize('name', ['l_bracket', 'hex_nut', 'u_bracket'])

@@ -127,6 +127,23 @@ def test_drops_that_are_not_recorded_are_not_counted_as_such(suite, told, tmp_pa
     assert recorder.set(log_folder=str(suite.logs)) == []
 
 
+def test_a_disk_that_is_full_at_the_end_of_a_run_is_in_its_result(suite):
+    """All drops are in the log, and what closes it is not."""
+    first = suite.client.drop('tetrahedron', 5, seed=10).result
+    (file,) = suite.log_of(first.run_id).glob('*.mcap')
+    size = file.stat().st_size
+    recorder = suite.processes['drop_recorder']
+    _, hard = resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE)
+    # The same once more, but for the last of the index.
+    resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (size - 500, hard))
+    try:
+        drop = suite.client.drop('tetrahedron', 5, seed=11)
+    finally:
+        resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (hard, hard))
+    assert (drop.result.status.code, drop.result.drops) == (Status.OK, 5)
+    assert drop.result.log_error.endswith('cannot be written: File too large')
+
+
 def test_without_a_recorder_a_result_says_so_and_does_not_wait(suite):
     assert suite.processes['drop_recorder'].end() == 0
     suite.client.wait(

@@ -5,9 +5,15 @@ import re
 import shutil
 
 import pytest
-from rclpy.serialization import serialize_message
-from resting_aspects_interfaces.msg import AspectDistribution, DropConditions, Status
+from rclpy.serialization import deserialize_message, serialize_message
+from resting_aspects_interfaces.msg import (
+    AspectDistribution,
+    DropConditions,
+    PartDescription,
+    Status,
+)
 
+from resting_aspects_ros.client import AnswerTimeoutError, RestingAspectsClient
 from resting_aspects_ros.commands.recover_logs import recover_logs
 from resting_aspects_ros.config_files import parts_folder
 from resting_aspects_ros.core.aspects import find_aspects
@@ -15,9 +21,10 @@ from resting_aspects_ros.core.distribution import count_poses
 from resting_aspects_ros.drops.engine import drop_chunk
 from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.release import CHUNK
+from resting_aspects_ros.logs.log_reader import last_message
 from resting_aspects_ros.logs.outcome import OUTCOME, Outcome
 from resting_aspects_ros.logs.run_log import RunLog
-from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Qos, Topic
 from resting_aspects_ros.nodes.convert import part_msg, poses_msg, time_msg
 from resting_aspects_ros.nodes.interface import LATCHED
 
@@ -207,6 +214,127 @@ def test_of_a_log_without_all_of_its_run_the_first_drops_are_known(
     assert (found.drops, found.complete, found.run.drops) == (100, True, 300)
     assert [aspect.count for aspect in found.aspects] == counted.counts.tolist()
     assert answered(client, wait, drops=101).status.code == Status.NOT_AVAILABLE
+
+
+def with_distribution(log, folder, change):
+    """A copy of a log, with another distribution; it is read no further than that."""
+    data = last_message(log, DISTRIBUTION_TYPE)
+    message = deserialize_message(data, AspectDistribution)
+    change(message)
+    topic = Topic('/cell/aspect_distributions/tetrahedron', DISTRIBUTION_TYPE, Qos(1))
+    with RunLog(folder, f'tetrahedron_20300101T000000Z_{message.run.run_id}') as copy:
+        copy.write(topic, serialize_message(message), 10**18)
+        copy.add_metadata(OUTCOME, Outcome(message.drops, whole=True).record())
+
+
+def fewer(message):
+    """And more drops than the good one: it would be the answer."""
+    last = message.aspects.pop()
+    message.unclassified += last.count + 10
+    message.drops += 10
+    message.run.run_id, message.run.seed = 'fewer', SEED + 10
+
+
+def turned(message):
+    message.aspects[0].down_in_part.x += 0.1
+    message.aspects[0].count += 20
+    message.drops += 20
+    message.run.run_id, message.run.seed = 'turned', SEED + 20
+
+
+def odd(run_id, field, value):
+    """Change what is at a place; 'aspects.count' is of the first."""
+
+    def change(message):
+        entry, _, name = field.rpartition('.')
+        setattr(message.aspects[0] if entry else message, name, value)
+        message.run.run_id = run_id
+
+    return change
+
+
+ODD = [
+    fewer,
+    turned,
+    odd('none', 'aspects', []),
+    odd('sweep', 'aspects.sweep', 200),
+    odd('count', 'aspects.count', 2**63),
+    odd('interval', 'interval', 'bogus'),
+    odd('confidence', 'confidence', 7.0),
+]
+
+
+def test_logs_that_do_not_fit_the_part_are_not_used(
+    suite, first, start, connect, namespace, tmp_path, part, wait
+):
+    log = suite.log_of(first.run.run_id)
+    shutil.copytree(log, tmp_path / log.name)
+    for change in ODD:
+        with_distribution(log, tmp_path, change)
+    client = connect(namespace)
+    publisher = client.node.create_publisher(PartDescription, 'parts/tetrahedron', LATCHED)
+    publisher.publish(part_msg(part('tetrahedron')))
+    classifier = start('aspect_classifier', namespace, {'log_folder': tmp_path})
+    client.wait(lambda: 'tetrahedron' in client.parts(), 'part')
+
+    def answered():
+        answer = client.ask('tetrahedron', 300, only_known=True)
+        return answer if answer.status.code != Status.LOADING else None
+
+    assert wait(answered, 'logs read').distribution.run == first.run
+    assert classifier.running
+    # Of those that could be read: before the part was described, or after.
+    told = 'counts other aspects than tetrahedron has'
+    wait(lambda: classifier.said.count(told) == 2, 'word of it')
+
+
+def test_of_too_many_logs_the_newest_of_each_part_are_read(
+    suite, first, start, connect, namespace, tmp_path
+):
+    box = suite.client.ask('box_10x20x30', 5).distribution.run
+    for run_id in (first.run.run_id, box.run_id):
+        log = suite.log_of(run_id)
+        shutil.copytree(log, tmp_path / log.name)
+    log = suite.log_of(first.run.run_id)
+    for k in range(5):
+        shutil.copytree(log, tmp_path / f'tetrahedron_20300101T{k:06}Z_{k}')
+    limit = {'memory.MOST_LOGS': 2}
+    classifier = start('aspect_classifier', namespace, {'log_folder': tmp_path}, limit)
+    client = connect(namespace)
+    client.wait(lambda: 'not read: ' in classifier.said, 'word of it')
+    assert f'5 logs in {tmp_path}, not read: ' in classifier.said
+    answer = client.ask('box_10x20x30', 5, only_known=True)
+    assert answer.distribution.run == box
+    assert client.ask('tetrahedron', 300, only_known=True).status.code == Status.OK
+
+
+def test_until_the_logs_are_read_the_answer_is_that_they_are_being_read(
+    suite, first, start, connect, namespace, tmp_path, wait
+):
+    for k in range(3):
+        shutil.copytree(
+            suite.log_of(first.run.run_id), tmp_path / f'tetrahedron_20200101T{k:06}Z_{k}'
+        )
+    # None is read before the test is over.
+    never = {'memory.READ_PERIOD': 3600.0, 'known_parts.QUIET': 0.0}
+    classifier = start('aspect_classifier', namespace, {'log_folder': tmp_path}, never)
+    client = connect(namespace)
+    for only_known in (True, False):
+        status = client.ask('tetrahedron', 300, only_known=only_known).status
+        assert status.code == Status.LOADING
+        assert status.message == ('loading: 0 of 3 logs of earlier runs are read, ask again soon')
+    with RestingAspectsClient(ros_args=['-r', f'__ns:={namespace}']) as other:
+
+        def words():
+            """What a client says that waited for nothing."""
+            with pytest.raises(AnswerTimeoutError) as error:
+                other.get_distribution('tetrahedron', drops=300, timeout=1)
+            return str(error.value)
+
+        # Before it has found the classifier it says that there is none.
+        ending = ', waited 1 s: loading: 0 of 3 logs of earlier runs are read, ask again soon'
+        wait(lambda: words().endswith(ending), 'words of the client')
+    assert classifier.running
 
 
 def test_two_hundred_logs_are_read_in_the_background(

@@ -1,0 +1,73 @@
+"""Callbacks of the suite's nodes: what others publish must not end a node, nor a clock of theirs.
+
+rclpy ends the process with an exception that leaves a callback, and its timers stand still while
+nobody publishes simulated time.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+
+from resting_aspects_ros.core.errors import RestingAspectsError
+
+
+def subscribe(
+    node: Node,
+    kind: Any,
+    topic: str,
+    take: Callable[[Any], object],
+    qos: QoSProfile,
+    *,
+    raw: bool = False,
+) -> Subscription:
+    """Subscribe; a message for which ``take`` raises is dropped, and that is logged.
+
+    raw : bool
+        ``take`` gets the message's bytes.
+    """
+    lost = f'a message on {node.resolve_topic_name(topic)} is not used'
+    return node.create_subscription(kind, topic, guarded(node, lost, take), qos, raw=raw)
+
+
+def guarded(node: Node, lost: str, act: Callable[..., object]) -> Callable[..., None]:
+    """The callback, without its exceptions: of each kind the first is logged.
+
+    lost : str
+        What is not done then, in words.
+    """
+    said: set[object] = set()
+
+    def callback(*given: Any) -> None:
+        try:
+            act(*given)
+        except Exception as error:  # noqa: BLE001 - the edge: nothing that comes in ends the node
+            if (kind := _kind(error)) not in said:
+                said.add(kind)
+                known = isinstance(error, RestingAspectsError)
+                words = str(error) if known else f'unexpected: {error!r}'
+                node.get_logger().error(f'{lost}: {words} (said once)')
+
+    return callback
+
+
+def steady_timer(
+    node: Node, seconds: float, act: Callable[[], object], group: CallbackGroup | None = None
+) -> Timer:
+    """A timer that goes on where simulated time stands still."""
+    clock = Clock(clock_type=ClockType.STEADY_TIME)
+    return node.create_timer(seconds, act, group, clock)
+
+
+def _kind(error: Exception) -> object:
+    """Where it was raised: of the next message the words have other values."""
+    place = error.__traceback__
+    while place is not None and place.tb_next is not None:
+        place = place.tb_next
+    at = place and (place.tb_frame.f_code.co_filename, place.tb_lineno)
+    return type(error), at

@@ -1,0 +1,178 @@
+"""Messages that nobody should send: dropped and told, and the nodes go on."""
+
+import copy
+import math
+import os
+
+import pytest
+from rclpy.serialization import deserialize_message
+from resting_aspects_interfaces.msg import (
+    AspectDistribution,
+    PartDescription,
+    RestingPoses,
+    Status,
+)
+from std_msgs.msg import Float64MultiArray
+
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.distribution import count_poses
+from resting_aspects_ros.nodes.convert import part_msg, poses_from, run_from, time_msg
+from resting_aspects_ros.nodes.distribution_messages import distribution_msg
+from resting_aspects_ros.nodes.interface import ALL_LATCHED, LATCHED, LEAST_BATCH, POSES
+
+# What is changed in a batch, and to what.
+ODD_BATCHES = [
+    ('poses.pose.orientation.x', math.nan),
+    ('poses.pose.orientation.w', 1e308),
+    ('poses.pose.position.z', math.inf),
+    ('poses.status', 77),
+    ('run.part', '../../etc/x'),
+    ('run.run_id', '../../x'),
+    ('run.run_id', 'a' * 300),
+    ('run.drops', 0),
+    ('first_drop', 2**64 - 1),
+    ('run.first_drop', 2**64 - 1),
+    ('run.conditions.height', math.nan),
+]
+
+
+@pytest.fixture
+def client(connect, namespace):
+    return connect(namespace)
+
+
+@pytest.fixture
+def batch(batches):
+    """Make the one batch of a run."""
+
+    def batch(run_id):
+        (data,) = batches(1, run_id)
+        return deserialize_message(data, RestingPoses)
+
+    return batch
+
+
+@pytest.fixture
+def described(client, part):
+    """The tetrahedron, as a simulator describes it."""
+    publisher = client.node.create_publisher(PartDescription, 'parts/tetrahedron', LATCHED)
+    publisher.publish(part_msg(part('tetrahedron')))
+    return publisher
+
+
+def changed(message, path, value):
+    """The message with one field changed; that of its first pose if the path begins so."""
+    message = copy.deepcopy(message)
+    *path, name = path.split('.')
+    entry = message
+    for step in path:
+        entry = getattr(entry, step)
+        if step == 'poses':
+            entry = entry[0]
+    setattr(entry, name, value)
+    return message
+
+
+def distribution(part, batch):
+    """Of all poses of a batch."""
+    counted = count_poses(find_aspects(part('tetrahedron')), poses_from(batch))
+    return distribution_msg(counted, run_from(batch.run), time_msg(1), complete=True)
+
+
+def log_of(client, folder, run_id):
+    """The folder of a run's log, once it is whole."""
+    found = client.wait(lambda: list(folder.glob(f'*_{run_id}/metadata.yaml')), f'log of {run_id}')
+    return found[0].parent
+
+
+def test_an_odd_batch_ends_no_node_and_the_next_is_counted(
+    start, client, namespace, batch, part, described, tmp_path
+):
+    nodes = [
+        start(node, namespace, {'log_folder': tmp_path})
+        for node in ('aspect_classifier', 'drop_recorder')
+    ]
+    # A topic of no part there can be.
+    nobody = client.node.create_publisher(PartDescription, 'parts/Zz', LATCHED)
+    nobody.publish(part_msg(part('tetrahedron')))
+    out = client.node.create_publisher(RestingPoses, 'resting_poses', POSES)
+    for turn in ('first', 'second'):
+        for k, (path, value) in enumerate(ODD_BATCHES):
+            out.publish(changed(batch(f'odd_{turn}_{k}'), path, value))
+        out.publish(batch(f'good_{turn}'))
+        log_of(client, tmp_path, f'good_{turn}')
+
+    def known():
+        answer = client.ask('tetrahedron', LEAST_BATCH, only_known=True)
+        return answer.status.code == Status.OK and answer.distribution
+
+    assert client.wait(known, 'distribution').drops == LEAST_BATCH
+    assert list(client.parts()) == ['tetrahedron']
+    assert {path.name.partition('Z_')[2] for path in tmp_path.iterdir()} == {
+        'good_first',
+        'good_second',
+    }
+    for node in nodes:
+        assert node.running
+        # Each kind is told once, however many come.
+        told = node.said.count(f'a message on {namespace}/resting_poses is not used: orientation')
+        assert told == 1, node.said
+
+
+def test_odd_distributions_and_descriptions_end_no_recorder(
+    start, client, namespace, batch, described, part, tmp_path
+):
+    recorder = start('drop_recorder', namespace, {'log_folder': tmp_path})
+    strange = client.node.create_publisher(PartDescription, 'parts/zz', LATCHED)
+    message = part_msg(part('tetrahedron'))
+    message.name = '../z'
+    strange.publish(message)
+    client.wait(lambda: "part 'zz' is described as '../z'" in recorder.said, 'word of it')
+    out = client.node.create_publisher(RestingPoses, 'resting_poses', POSES)
+    topic = 'aspect_distributions/tetrahedron'
+    counts = client.node.create_publisher(AspectDistribution, topic, ALL_LATCHED)
+    good = batch('good')
+    out.publish(good)
+    elsewhere = distribution(part, good)
+    elsewhere.run.part = '../x y'
+    counts.publish(elsewhere)
+    counts.publish(distribution(part, good))
+    log_of(client, tmp_path, 'good')
+    assert recorder.running
+
+
+def test_an_odd_distribution_does_not_end_the_feeder_example(
+    start, client, namespace, batch, part
+):
+    rates = client.listen(Float64MultiArray, 'expected_pick_rate', LATCHED)
+    feeder = start('feeder_example', namespace, {'part': 'tetrahedron'}, ready='waits for')
+    topic = 'aspect_distributions/tetrahedron'
+    counts = client.node.create_publisher(AspectDistribution, topic, LATCHED)
+    odd = distribution(part, batch('odd'))
+    odd.interval = ''
+    counts.publish(odd)
+    client.wait(
+        lambda: f'a message on {namespace}/{topic} is not used: ' in feeder.said, 'word of it'
+    )
+    good = distribution(part, batch('good'))
+    counts.publish(good)
+    client.wait(lambda: rates, 'rate')
+    assert rates[0].data[0] == good.aspects[0].probability
+    assert feeder.running
+
+
+def test_a_log_folder_that_cannot_be_looked_into_costs_the_log_only(
+    start, client, namespace, batch, described, tmp_path
+):
+    """A name that is too long with the log's in it: so would a disk be that is gone."""
+    longest = os.pathconf(tmp_path, 'PC_PATH_MAX') - 20
+    deep = tmp_path
+    while (left := longest - len(str(deep))) > 1:
+        deep /= 'x' * min(left - 1, 250)
+    deep.mkdir(parents=True)
+    recorder = start('drop_recorder', namespace, {'log_folder': deep})
+    out = client.node.create_publisher(RestingPoses, 'resting_poses', POSES)
+    out.publish(batch('good'))
+    client.wait(lambda: f'is not recorded: log {deep}' in recorder.said, 'word of it')
+    assert 'cannot be written: File name too long' in recorder.said
+    assert recorder.running

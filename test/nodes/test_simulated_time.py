@@ -1,0 +1,46 @@
+"""Nodes with use_sim_time where nobody publishes a clock: they go on."""
+
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from resting_aspects_interfaces.msg import AspectDistribution, Status
+
+from resting_aspects_ros.logs.indexed_log import IndexedLog
+from resting_aspects_ros.nodes.interface import DIAGNOSTICS, LATCHED
+
+NODES = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
+YEAR = 365 * 86_400
+
+
+def test_nodes_work_where_simulated_time_stands_still(
+    start, connect, namespace, parameters_of, tmp_path
+):
+    client = connect(namespace)
+    processes = [
+        start(node, namespace, {'use_sim_time': 'true', **folder})
+        for node, folder in (
+            ('drop_simulator', {}),
+            ('aspect_classifier', {'log_folder': tmp_path}),
+            ('drop_recorder', {'log_folder': tmp_path}),
+        )
+    ]
+    assert parameters_of(client, 'drop_recorder').get('use_sim_time')
+    heard = client.listen(AspectDistribution, 'aspect_distributions/tetrahedron', LATCHED)
+    diagnoses = client.listen(DiagnosticArray, DIAGNOSTICS, 10)
+    answer = client.ask('tetrahedron', 20)
+    assert answer.status.code == Status.OK
+    run = answer.distribution.run
+    assert abs(run.started.sec - time.time()) < YEAR
+    client.wait(lambda: heard and heard[-1].complete, 'distribution on its topic')
+    client.wait(lambda: list(tmp_path.glob(f'*_{run.run_id}/metadata.yaml')), 'log')
+    with IndexedLog(next(tmp_path.glob('*'))) as log:
+        assert abs(log.span[0] / 1e9 - time.time()) < YEAR
+    # Stamps of messages are ROS time, as everywhere.
+    assert answer.distribution.header.stamp.sec == 0
+
+    def all_heard():
+        names = [status.name for message in diagnoses for status in message.status]
+        return all(names.count(f'{namespace[1:]}/{node}') >= 2 for node in NODES)
+
+    client.wait(all_heard, 'diagnostics')
+    assert all(process.running for process in processes)
