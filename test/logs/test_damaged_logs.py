@@ -84,7 +84,7 @@ def sample(tmp_path_factory):
     return Sample(tmp_path_factory.mktemp('logs'))
 
 
-def test_a_log_that_nobody_harmed_is_whole(sample):
+def test_a_log_that_nobody_harmed_is_closed(sample):
     log = BrokenLog(sample.copy(sample.content, sample.metadata))
     assert log.closed
     assert not log.extent.damaged
@@ -150,7 +150,7 @@ PLACES = {
 
 
 @pytest.mark.parametrize('place', PLACES)
-def test_a_log_with_a_wrong_byte_is_not_whole_until_it_is_recovered(sample, place):
+def test_a_log_with_a_wrong_byte_is_not_closed_until_it_is_recovered(sample, place):
     at, kept = PLACES[place]
     folder = sample.flipped(at(sample.content))
     broken = BrokenLog(folder)
@@ -173,7 +173,7 @@ def test_a_log_with_a_wrong_byte_is_not_whole_until_it_is_recovered(sample, plac
         lambda text: 'rosbag2_bagfile_information: null',
     ],
 )
-def test_a_log_with_another_metadata_yaml_is_not_whole_until_it_is_recovered(sample, damage):
+def test_a_log_with_another_metadata_yaml_is_not_closed_until_it_is_recovered(sample, damage):
     folder = sample.copy(sample.content, damage(sample.metadata))
     broken = BrokenLog(folder)
     assert not broken.closed
