@@ -127,7 +127,7 @@ def test_nodes_request_and_the_python_client(tmp_path, environment):
         return [*words[:-1], os.fspath(log)]
 
     (info,) = [line for line in commands() if ' info ' in line]
-    assert 'whole, ' in run(of_log(info))
+    assert 'closed, ' in run(of_log(info))
     (recover,) = [line for line in commands() if ' recover ' in line]
     assert run(of_log(recover)).startswith(f'{log}: is closed already, ')
     (again,) = [line for line in commands() if '--from-log' in line]
