@@ -17,7 +17,8 @@ def add(subparsers: Any) -> None:
         help='make logs whole that a crash broke off',
         description='Rebuild index, summary and metadata.yaml of logs whose recorder was killed.\n'
         'Every message that is whole in the file is kept. Logs that are whole, and those\n'
-        'that are being written, stay as they are.',
+        'that are being written, stay as they are. A file in which more is damaged than\n'
+        'its end is kept beside the new one, as .damaged.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
