@@ -18,7 +18,8 @@ def add(subparsers: Any) -> None:
         description='Rebuild index, summary and metadata.yaml of logs whose recorder was killed.\n'
         'Every message that is in the file in full is kept, and a classifier that is\n'
         'started uses the drops. Logs that are closed stay as they are, and those that\n'
-        'are being written are refused.',
+        'are being written are refused. A file in which more is damaged than its end is\n'
+        'kept beside the new one, as .damaged.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -55,7 +55,8 @@ _CHECKED = (Opcode.CHUNK, Opcode.ATTACHMENT)
 # Opcode and length, which come before what a record holds.
 _HEAD = 9
 # Those of a record that is searched for: shorter than 4 GiB.
-_CANDIDATE = re.compile(rb'(?=[\x03-\x0f].{4}\0{4})', re.DOTALL)
+_CANDIDATE = re.compile(rb'(?=[\x03-\x0f](.{4})\0{4})', re.DOTALL)
+_LONGEST = 1 << 32
 _BLOCK = 1 << 20
 
 
@@ -95,7 +96,7 @@ class _Scan:
         self._size = file.seek(0, os.SEEK_END)
         self._known = stop is not None
         self._stop = self._size if stop is None else stop
-        self._chunked = False
+        self._channels: set[int] = set()  # of messages outside of chunks
 
     def pieces(self) -> Iterator[Piece]:
         start = self._at(0, len(MAGIC))
@@ -109,7 +110,8 @@ class _Scan:
             piece = self._read(begin) or self._gap(begin)
             yield piece
             begin = piece.end
-            self._chunked |= isinstance(piece.record, Chunk)
+            if isinstance(piece.record, Channel):
+                self._channels.add(piece.record.id)
             if isinstance(piece.record, DataEnd) and not self._known:
                 return
 
@@ -138,13 +140,16 @@ class _Scan:
         end = start + _HEAD + length
         if stream.count != length or end > self._stop:
             return None
-        if opcode == Opcode.MESSAGE and not self._leads_on(end):
-            return None  # any length fits a message
+        if isinstance(record, Message) and not self._is_sure(record, end):
+            return None
         return Piece(start, end, record, self._content(start, end, record))
 
     def _allowed(self, opcode: int) -> bool:
-        # A message has nothing by which it is known; a file has all in chunks, or none.
-        return opcode in _READ or (opcode == Opcode.MESSAGE and not self._chunked)
+        return opcode in _READ or (opcode == Opcode.MESSAGE and bool(self._channels))
+
+    def _is_sure(self, message: Message, end: int) -> bool:
+        """Almost any bytes could be a message."""
+        return message.channel_id in self._channels and self._leads_on(end)
 
     def _content(self, start: int, end: int, record: McapRecord) -> list[McapRecord] | None:
         if isinstance(record, Chunk):
@@ -168,8 +173,10 @@ class _Scan:
         while True:
             block = self._at(start, min(_BLOCK, self._stop - start))
             for match in _CANDIDATE.finditer(block):
-                if self._begins(start + match.start()):
-                    return start + match.start()
+                at = start + match.start()
+                length = int.from_bytes(match[1], 'little')
+                if at + _HEAD + length <= self._stop and self._begins(at):
+                    return at
             if len(block) < _HEAD or start + len(block) >= self._stop:
                 return self._stop
             start += len(block) - _HEAD + 1
@@ -183,13 +190,11 @@ class _Scan:
         return piece is not None and piece.content is not None
 
     def _leads_on(self, start: int) -> bool:
-        if start >= self._stop:
-            return start == self._stop
-        try:
-            opcode, length = self._head(start)
-        except EndOfFile:
-            return False
-        return self._allowed(opcode) and start + _HEAD + length <= self._stop
+        """Whether another record follows, if only the first bytes of one that is cut."""
+        if self._stop - start < _HEAD:
+            return start == self._stop or (start < self._stop and not self._known)
+        opcode, length = self._head(start)
+        return self._allowed(opcode) and length < _LONGEST
 
     def _is_cut(self, start: int) -> bool:
         """Whether the rest is the beginning of a record, or zeros, as a loss of power leaves."""

@@ -21,7 +21,8 @@ from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
 POSES = Topic('/resting_poses', POSES_TYPE, Qos(2000))
 PART = Topic('/parts/nut', PART_TYPE, Qos(1))
 MESH = random.Random(3).randbytes(2000)
-CHUNK, CHUNK_INDEX, ATTACHMENT, STATISTICS, METADATA, DATA_END = 6, 8, 9, 11, 12, 15
+MESSAGE, CHUNK, CHUNK_INDEX, ATTACHMENT = 5, 6, 8, 9
+STATISTICS, METADATA, DATA_END = 11, 12, 15
 
 
 def messages_of(folder):
@@ -223,7 +224,9 @@ def test_a_log_of_another_writer_is_held_to_its_index(tmp_path, crcs):
         assert not BrokenLog(file).closed, at
 
 
-def test_messages_outside_of_chunks_are_recovered_around_the_damage(tmp_path):
+@pytest.fixture
+def unchunked(tmp_path):
+    """Write a file with five messages outside of chunks; its bytes, and theirs."""
     file = tmp_path / 'other.mcap'
     texts = [b'\0\1\0\0\5\0\0\0num%d\0' % k for k in range(5)]
     with file.open('wb') as stream:
@@ -234,13 +237,42 @@ def test_messages_outside_of_chunks_are_recovered_around_the_damage(tmp_path):
         for k, text in enumerate(texts):
             writer.add_message(channel, k, text, k)
         writer.finish()
-    content = bytearray(file.read_bytes())
-    content[record(content, 5, 2)[0] + 1] ^= 4  # the length of the third
+    return file, bytearray(file.read_bytes()), texts
+
+
+def test_what_looks_like_messages_in_a_mesh_is_not_taken_for_some(tmp_path):
+    like_one = bytes([MESSAGE, 30]) + bytes(7) + b'\1' + bytes(29)
+    with RunLog(tmp_path, 'run') as log:
+        log.attach('nut.stl', 'model/stl', 9 * like_one, 1)
+        log.write(PART, b'\0\1\0\0part', 50)
+    content = bytearray(log.path.read_bytes())
+    content[record(content, ATTACHMENT)[0]] ^= 0x80
+    log.path.write_bytes(content)
+    extent = BrokenLog(log.path).extent
+    assert (extent.messages, extent.lost_messages) == (1, 0)
+    assert extent.lost_bytes > 9 * len(like_one)
+
+
+def texts_in(file):
+    with file.open('rb') as stream:
+        return [message.data for _, _, message in make_reader(stream).iter_messages()]
+
+
+def test_messages_outside_of_chunks_are_recovered_around_the_damage(unchunked):
+    file, content, texts = unchunked
+    content[record(content, MESSAGE, 2)[0] + 1] ^= 4  # the length of the third
     file.write_bytes(content)
     assert BrokenLog(file).recover({}) is not None
-    with file.open('rb') as stream:
-        found = [message.data for _, _, message in make_reader(stream).iter_messages()]
-    assert found == [*texts[:2], *texts[3:]]
+    assert texts_in(file) == [*texts[:2], *texts[3:]]
+
+
+def test_messages_outside_of_chunks_are_recovered_up_to_where_the_file_is_cut(unchunked):
+    file, content, texts = unchunked
+    start, end = record(content, MESSAGE, 4)
+    for size in (start, start + 1, start + 8, start + 9, start + 20, end - 1, end):
+        file.write_bytes(content[:size])
+        assert BrokenLog(file).recover({}) is None
+        assert texts_in(file) == texts[: 4 + (size == end)]
 
 
 def test_a_log_can_be_damaged_more_than_once(sample, monkeypatch):
