@@ -227,10 +227,11 @@ def test_recover_says_what_is_lost_and_where_the_old_file_is(run, log, tmp_path)
     file.write_bytes(content)
     ended = run('recover', folder)
     assert (ended.returncode, ended.stderr) == (0, '')
-    words = '200 of 300 drops of l_bracket; damaged, lost: 1 chunk; the old file is'
-    assert ended.stdout == f'{folder}: 5 messages recovered, {words} run_0.mcap.damaged\n'
+    words = '200 of 300 drops of l_bracket, the others are not in this log'
+    lost = 'damaged, lost: 1 chunk; the old file is run_0.mcap.damaged'
+    assert ended.stdout == f'{folder}: 5 messages recovered, {words}; {lost}\n'
     assert (folder / 'run_0.mcap.damaged').read_bytes() == content
-    assert run('recover', folder).stdout == f'{folder}: is whole, 5 messages\n'
+    assert run('recover', folder).stdout == f'{folder}: is closed already, 5 messages, {words}\n'
 
 
 def test_recover_keeps_messages_that_this_version_cannot_read(run, tmp_path):
