@@ -183,8 +183,8 @@ def test_another_version_is_named_only_where_one_is_known(box, run):
     known = KnownDistributions(lambda _: None)
     known.add(run(1), counted(box, 1, 0, 0, 0, 0, 0))
     words = '1 drops on rubber_mat'
-    assert known.others(BOX, box.part_sha256) == known.others(BOX, '') == [words]
-    assert known.others(BOX, 'another') == [f'{words} of another version of the part']
+    assert known.others(BOX, box.part_sha256, None) == known.others(BOX, '', None) == [words]
+    assert known.others(BOX, 'another', None) == [f'{words} of another version of the part']
 
 
 # Over DDS
