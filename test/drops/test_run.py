@@ -47,18 +47,27 @@ def test_a_run_is_described_in_full(plan, part, surfaces):
 @pytest.mark.parametrize(
     ('asked', 'words'),
     [
-        ({'drops': 0}, f'drops is 0, allowed is 1 to {MOST_DROPS}'),
-        ({'drops': -5}, f'drops is -5, allowed is 1 to {MOST_DROPS}'),
-        ({'drops': 10**12}, f'drops is 1000000000000, allowed is 1 to {MOST_DROPS}'),
-        ({'drops': 1.5}, f'drops is 1.5, allowed is 1 to {MOST_DROPS}'),
-        ({'drops': True}, f'drops is True, allowed is 1 to {MOST_DROPS}'),
-        ({'drops': '5'}, f"drops is '5', allowed is 1 to {MOST_DROPS}"),
-        ({'seed': -1}, f'seed is -1, allowed is 0 to {MOST_SEED}'),
-        ({'seed': 2**64}, f'seed is {2**64}, allowed is 0 to {MOST_SEED}'),
-        ({'seed': 0.5}, f'seed is 0.5, allowed is 0 to {MOST_SEED}'),
-        ({'seed': float('nan')}, f'seed is nan, allowed is 0 to {MOST_SEED}'),
-        ({'first_drop': -1}, f'first_drop is -1, allowed is 0 to {MOST_SEED - 100}'),
-        ({'first_drop': 2**64}, f'first_drop is {2**64}, allowed is 0 to {MOST_SEED - 100}'),
+        ({'drops': 0}, f'drops is 0, allowed is a whole number from 1 to {MOST_DROPS}'),
+        ({'drops': -5}, f'drops is -5, allowed is a whole number from 1 to {MOST_DROPS}'),
+        (
+            {'drops': 10**12},
+            f'drops is 1000000000000, allowed is a whole number from 1 to {MOST_DROPS}',
+        ),
+        ({'drops': 1.5}, f'drops is 1.5, allowed is a whole number from 1 to {MOST_DROPS}'),
+        ({'drops': True}, f'drops is True, allowed is a whole number from 1 to {MOST_DROPS}'),
+        ({'drops': '5'}, f"drops is '5', allowed is a whole number from 1 to {MOST_DROPS}"),
+        ({'seed': -1}, f'seed is -1, allowed is a whole number from 0 to {MOST_SEED}'),
+        ({'seed': 2**64}, f'seed is {2**64}, allowed is a whole number from 0 to {MOST_SEED}'),
+        ({'seed': 0.5}, f'seed is 0.5, allowed is a whole number from 0 to {MOST_SEED}'),
+        ({'seed': float('nan')}, f'seed is nan, allowed is a whole number from 0 to {MOST_SEED}'),
+        (
+            {'first_drop': -1},
+            f'first_drop is -1, allowed is a whole number from 0 to {MOST_SEED - 100}',
+        ),
+        (
+            {'first_drop': 2**64},
+            f'first_drop is {2**64}, allowed is a whole number from 0 to {MOST_SEED - 100}',
+        ),
     ],
 )
 def test_what_is_not_allowed_is_refused_in_words(plan, asked, words):
