@@ -1,7 +1,9 @@
 """Answers of get_distribution: what is known, or what drops or an estimator find."""
 
 from collections.abc import Mapping
+from functools import lru_cache
 
+from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import AspectDistribution
 from resting_aspects_interfaces.srv import GetDistribution
@@ -30,6 +32,8 @@ from resting_aspects_ros.nodes.run_accounts import KnownDistributions
 
 # Distributions that do not fit and are named, in an answer that there is none.
 MOST_NAMED = 5
+# To make the message of a distribution takes as long as to send it; one is asked for often.
+MESSAGES_KEPT = 100
 
 
 class DistributionAnswers:
@@ -101,8 +105,9 @@ class DistributionAnswers:
         return self._known.sha_of(name) or ''
 
     def _message(self, run: RunDescription, distribution: Distribution) -> AspectDistribution:
-        stamp = self._node.get_clock().now().to_msg()
-        return distribution_msg(distribution, run, stamp, True)
+        message = _message(run, distribution)
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        return message
 
     def _nothing_known(self, request: GetDistribution.Request, sha: str) -> NotAvailableError:
         seed = request.seed[0] if request.seed else None
@@ -116,3 +121,8 @@ class DistributionAnswers:
             more = ', ...' if len(others) > MOST_NAMED else ''
             words += f'; known are {", ".join(others[:MOST_NAMED])}{more}'
         return NotAvailableError(words)
+
+
+@lru_cache(MESSAGES_KEPT)
+def _message(run: RunDescription, distribution: Distribution) -> AspectDistribution:
+    return distribution_msg(distribution, run, Time(), True)

@@ -1,7 +1,9 @@
 """Run nodes in a process until it is told to stop."""
 
+import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterable, Sequence
 from itertools import takewhile
 from pathlib import Path
@@ -11,12 +13,10 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 
 from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.nodes.parameters import Parameter, help_text, unknown_parameters
-
-# s; Python's handlers do not run while rclpy waits.
-LOOK_FOR_SIGNALS = 0.1
 
 
 def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
@@ -26,13 +26,7 @@ def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None =
     that cannot start (a parameter that is not allowed, no such folder) ends it with 2, one that
     cannot go on (its log is damaged meanwhile) with 1.
     """
-    told: list[int] = []
-
-    def note(number: int, _: object) -> None:
-        told.append(number)
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, note)
+    told = _signalled()
     try:
         # rclpy's own handlers shut its context down at once, in the middle of a callback that
         # publishes; Python's would raise there, where rclpy's C++ makes a TypeError of it.
@@ -55,7 +49,24 @@ def run_node(factory: Callable[[], Node], parameters: Iterable[Parameter]) -> in
     return spin_nodes([factory])
 
 
-def _spin(factories: Sequence[Callable[[], Node]], told: Sequence[int]) -> int:
+def _signalled() -> Future:
+    """Done as soon as the process is told to stop.
+
+    Python's handlers do not run while rclpy waits, and to look for signals between short waits
+    doubles the time of an answer. So a thread waits for what Python writes of each signal.
+    """
+    told = Future()
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    signal.set_wakeup_fd(write)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: None)
+    waits = threading.Thread(target=lambda: told.set_result(os.read(read, 1)), daemon=True)
+    waits.start()
+    return told
+
+
+def _spin(factories: Sequence[Callable[[], Node]], told: Future) -> int:
     nodes: list[Node] = []
     executor = SingleThreadedExecutor()
     code = 2
@@ -67,8 +78,10 @@ def _spin(factories: Sequence[Callable[[], Node]], told: Sequence[int]) -> int:
         for name in unknown_parameters(nodes):
             nodes[0].get_logger().warning(f'parameter {name!r} is not known and not used')
         code = 1
-        while not told:
-            executor.spin_once(timeout_sec=LOOK_FOR_SIGNALS)
+        # A task ends a wait; spin_until_future_complete would keep a callback of each turn.
+        told.add_done_callback(lambda _: executor.create_task(lambda: None))
+        while not told.done():
+            executor.spin_once()
     except (RestingAspectsError, ParameterException) as error:
         return _refuse(error, code)
     finally:

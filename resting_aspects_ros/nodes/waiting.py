@@ -8,6 +8,8 @@ from resting_aspects_ros.nodes.callbacks import steady_timer
 
 async def wait_for(node: Node, future: Future, seconds: float) -> bool:
     """Wait until the future is done, but not longer; returns whether it is done."""
+    if future.done():
+        return True
     either = Future(executor=node.executor)
     future.add_done_callback(lambda _: _finish(either))
     timer = steady_timer(node, seconds, lambda: _finish(either))
