@@ -3,6 +3,7 @@
 What is read is copied message by message; nothing is decoded, so any log of ROS 2 will do.
 """
 
+import glob
 import uuid
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -111,6 +112,8 @@ class BrokenLog:
         try:
             with self._locked():
                 self._check_unchanged()
+                for left in self.path.parent.glob(f'{glob.escape(self.path.name)}.*.recovering'):
+                    left.unlink()  # of one that was killed
                 with new.open('xb') as stream:
                     metadata = self._copy(stream, notes)
                 self._check_unchanged()  # where the file system has no locks

@@ -73,7 +73,8 @@ class OpenLog:
         if self._log is None or self.error:
             return
         try:
-            self._log.write(topic, data, log_time, publish_time)
+            # MCAP has no time before the epoch; a stamp can say one.
+            self._log.write(topic, data, log_time, max(publish_time, 0))
             self._log.flush()
         except LogError as error:
             self._fail(error)

@@ -128,6 +128,7 @@ def test_a_bare_file_gets_no_metadata_yaml(tmp_path):
     file = tmp_path / 'other.mcap'
     file.write_bytes(log.path.read_bytes()[: ends[2]])
     log.close()
+    (tmp_path / 'other.mcap.1f.recovering').touch()  # of one that was killed
     BrokenLog(file).recover({})
     with file.open('rb') as stream:
         assert make_reader(stream).get_summary().statistics.message_count == 4

@@ -132,6 +132,7 @@ def test_odd_distributions_and_descriptions_end_no_recorder(
     topic = 'aspect_distributions/tetrahedron'
     counts = client.node.create_publisher(AspectDistribution, topic, ALL_LATCHED)
     good = batch('good')
+    good.header.stamp.sec = -5
     out.publish(good)
     elsewhere = distribution(part, good)
     elsewhere.run.part = '../x y'
