@@ -59,9 +59,7 @@ SOLVER_RESIDUAL = 1e-10
 MOST_SOLVER_ITERATIONS = 1000
 # Overlap from an impact is pushed apart over this time, T. Bullet's default does it within a few
 # steps, which adds speed: finer steps then bounce higher than e^2 h instead of converging to it.
-# The slower, the less it depends on the step: the flat side of a half cylinder moves by 0.024 from
-# 160 to 640 steps per T with 0.25, by 0.008 with 1 and by 0.006 with 2 (n = 16,000 each).
-OVERLAP_TIME = 2.0
+OVERLAP_TIME = 0.25
 # Points that were in contact are one contact until they are this far apart, R: Bullet's default,
 # but for parts so thin that a contact of one side would hold on the other; of those it is this
 # share of the lowest height of the centre of mass.
