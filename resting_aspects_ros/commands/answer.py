@@ -97,7 +97,9 @@ class Answer:
     def save_picture(self, path: Path) -> None:
         """Write a PNG; raises OutputError."""
         # It imports what takes a while.
-        from resting_aspects_ros.report.picture import save_picture
+        from resting_aspects_ros.report.figure_style import save_png
+        from resting_aspects_ros.report.picture import distribution_figure
 
+        figure = distribution_figure(self.distribution, self.part, self.title)
         with whole_file(path) as part:
-            save_picture(self.distribution, self.part, part, self.title)
+            save_png(figure, part)

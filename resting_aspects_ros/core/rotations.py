@@ -91,6 +91,12 @@ def rotate(xyzw: Array, points: Array) -> Array:
     )
 
 
+def turned_about_vertical(xyzw: Array, angle: float) -> Array:
+    """(4,) orientation of a part with orientation ``xyzw`` after a turn by ``angle``, rad."""
+    turn = Rotation.from_rotvec([0.0, 0.0, angle])
+    return canonical((turn * Rotation.from_quat(xyzw)).as_quat())
+
+
 def turned_down(xyzw: Array, down: Array) -> Array:
     """(n, 4) orientations turned by as little as makes the given directions point down.
 

@@ -10,9 +10,9 @@ from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.nodes.interface import FRAME
-from resting_aspects_ros.report.picture import aspect_colour
+from resting_aspects_ros.report.colours import aspect_colour, rgb
 from resting_aspects_ros.report.rounding import probability_text
-from resting_aspects_ros.report.standing import Standing, shown_faces, stand
+from resting_aspects_ros.report.standing import Standing, sent_faces, stand
 
 # Namespaces of the meshes and of the texts; in both the id is the aspect's.
 MESHES, TEXTS = 'aspects', 'probabilities'
@@ -31,9 +31,12 @@ class PartMarkers:
     def __init__(self, part: Part, aspects: AspectSet) -> None:
         self._delete_all = Marker(action=Marker.DELETEALL)
         standing = stand(part, aspects.aspects)
-        triangles = part.vertices[shown_faces(part, aspects.aspects)].reshape(-1, 3)
+        triangles = part.vertices[sent_faces(part, aspects.aspects)].reshape(-1, 3)
         points = [_point(point) for point in triangles]
-        self._meshes = [_mesh(one, points) for one in standing]
+        self._meshes = [
+            _mesh(one, aspect_colour(aspect), points)
+            for one, aspect in zip(standing, aspects.aspects, strict=True)
+        ]
         self._texts = [_text(one, part.hull_radius) for one in standing]
 
     def message(self, distribution: Distribution, stamp: Time) -> MarkerArray:
@@ -62,7 +65,7 @@ def labels(distribution: Distribution) -> list[str]:
     ]
 
 
-def _mesh(standing: Standing, points: list[Point]) -> Marker:
+def _mesh(standing: Standing, colour: str, points: list[Point]) -> Marker:
     orientation = standing.orientation.tolist()
     return Marker(
         ns=MESHES,
@@ -74,7 +77,7 @@ def _mesh(standing: Standing, points: list[Point]) -> Marker:
             orientation=Quaternion(**dict(zip('xyzw', orientation, strict=True))),
         ),
         scale=Vector3(x=1.0, y=1.0, z=1.0),
-        color=_colour(aspect_colour(standing.aspect_id)),
+        color=_colour(colour),
         points=points,
     )
 
@@ -98,5 +101,5 @@ def _point(point: Array) -> Point:
 
 def _colour(text: str) -> ColorRGBA:
     """Of '#RRGGBB'; opaque."""
-    red, green, blue = (int(text[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    red, green, blue = rgb(text)
     return ColorRGBA(r=red, g=green, b=blue, a=1.0)

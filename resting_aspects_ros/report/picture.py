@@ -1,46 +1,36 @@
-"""A distribution as a picture: a bar for each aspect, and the part lying that way beside it."""
+"""A distribution as a picture: bars, and the part lying that way beside each."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resting_aspects_ros.core.aspect_set import Aspect
-from resting_aspects_ros.core.distribution import Distribution, Interval
+from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.report.portrait import Image, portraits
+from resting_aspects_ros.report.colours import GREY, rgb
+from resting_aspects_ros.report.figure_style import (
+    FAINT,
+    PAPER,
+    PIXELS_PER_INCH,
+    TEXT,
+    new_figure,
+    percent_axis,
+    plain_axes,
+)
+from resting_aspects_ros.report.portrait import Image, lay, portraits
 from resting_aspects_ros.report.rounding import (
     interval_of,
     interval_text,
     millimetre_texts,
-    outside_aspects,
     probability_text,
 )
+from resting_aspects_ros.report.rows import Row, class_rows, outside_rows
 
 if TYPE_CHECKING:  # matplotlib takes half a second: imported when a picture is made
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# The first seven are Okabe and Ito's (2008). Any two, and the grey, differ by more than 10 in
-# CIELAB also to people who see no red or no green.
-COLOURS = (
-    '#0072B2',
-    '#E69F00',
-    '#009E73',
-    '#D55E00',
-    '#56B4E9',
-    '#CC79A7',
-    '#F0E442',
-    '#882255',
-    '#B9D98B',
-    '#4A3FD0',
-)
-GREY = '#B8B8B8'  # what is in no aspect
-TEXT, FAINT, GRID = '#222226', '#6A6A70', '#E4E4E8'
-
-MOST_SHOWN = 12  # aspects with a bar of their own; the others share one
+MOST_SHOWN = 12  # symmetry classes with a bar of their own; the others share one
 
 # Pixels. Beside the bars is room for what is written at the end of the longest.
 WIDTH = 1240
@@ -48,27 +38,15 @@ TOP, BOTTOM, MARGIN = 110, 84, 28
 ROW, ROW_OF_MANY, MANY = 164, 116, 6
 ROW_WITHOUT_PICTURE, ROW_OF_OTHERS = 92, 64
 BAR = 42
-LABEL, BESIDE_BAR = 182, 190
-PIXELS_PER_INCH = 144.0
+LABEL, BESIDE_BAR = 200, 190
 
 
-@dataclass(frozen=True, eq=False)
-class _Row:
-    """One bar, with what stands beside it; without a picture it is grey, or has no part."""
+def distribution_figure(
+    distribution: Distribution, part: Part | None, title: str, subtitle: str = ''
+) -> 'Figure':
+    """A picture with a bar for each symmetry class, and the part as it lies in it.
 
-    label: str
-    note: str
-    interval: Interval
-    colour: str
-    aspect: Aspect | None
-
-
-def save_picture(
-    distribution: Distribution, part: Part | None, path: Path, title: str, subtitle: str = ''
-) -> Path:
-    """Write a PNG with a bar for each aspect, its interval, and the part as it lies in it.
-
-    Of more than 12 aspects the 12 most probable are shown, by id, and the others as one bar.
+    Of more than 12 classes the 12 most probable are shown, by number, and the others as one bar.
     What is in no aspect has a grey bar. Whiskers are the intervals.
 
     Parameters
@@ -76,40 +54,25 @@ def save_picture(
     distribution : Distribution
     part : Part or None
         Its shape; None if that is not known: the picture has bars only.
-    path : Path
-        Written over if it is there.
     title, subtitle : str
         Plain text; the subtitle is the place for the conditions.
-
-    Returns
-    -------
-    Path
-        ``path``.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     rows = _rows(distribution)
-    side = ROW if sum(row.aspect is not None for row in rows) <= MANY else ROW_OF_MANY
+    side = ROW if sum(bool(row.aspects) for row in rows) <= MANY else ROW_OF_MANY
     of_aspect = side if part else ROW_WITHOUT_PICTURE
-    sides = [of_aspect if row.aspect else ROW_OF_OTHERS for row in rows]
+    sides = [of_aspect if row.aspects else ROW_OF_OTHERS for row in rows]
     room = max(sum(sides), ROW_OF_OTHERS)
     height = TOP + room + BOTTOM
-    figure = Figure(
-        figsize=(WIDTH / PIXELS_PER_INCH, height / PIXELS_PER_INCH),
-        dpi=PIXELS_PER_INCH,
-        facecolor='white',
-    )
-    FigureCanvasAgg(figure)
+    figure = new_figure(WIDTH / PIXELS_PER_INCH, height / PIXELS_PER_INCH)
     bottoms = [BOTTOM + room - end for end in np.cumsum(sides)]
     left = MARGIN + (side if part else 0)
     if part:
         for bottom, image in zip(bottoms, _images(part, rows, side), strict=False):
-            figure.figimage(image, MARGIN, bottom, origin='upper')
+            _write_image(figure, image, MARGIN, bottom, height)
     _write_header(figure, title, subtitle, height)
     middles = [bottom + side / 2 for bottom, side in zip(bottoms, sides, strict=True)]
-    for row, middle in zip(rows, middles, strict=True):
-        _write_label(figure, row, left, middle, height)
+    for row, note, middle in zip(rows, _notes(rows), middles, strict=True):
+        _write_label(figure, row.name, note, left, middle, height)
     axes = figure.add_axes(
         (
             (left + LABEL) / WIDTH,
@@ -120,47 +83,49 @@ def save_picture(
     )
     _draw_bars(axes, rows, [m - BOTTOM for m in middles], distribution)
     axes.set_ylim(0, room)
-    figure.savefig(path, format='png', dpi=PIXELS_PER_INCH)
-    return path
+    return figure
 
 
-def aspect_colour(aspect_id: int) -> str:
-    """The colour of an aspect in every picture, '#RRGGBB'; they repeat after ten."""
-    return COLOURS[(aspect_id - 1) % len(COLOURS)]
-
-
-def _rows(distribution: Distribution) -> list[_Row]:
-    """From top to bottom: aspects by id, other aspects together, what is in none."""
-    counts = distribution.counts
+def _rows(distribution: Distribution) -> list[Row]:
+    """From top to bottom: symmetry classes, other ones together, what is in none."""
+    rows = class_rows(distribution)
+    counts = np.array([row.count for row in rows])
     shown = np.sort(np.argsort(-counts, kind='stable')[:MOST_SHOWN])
-    aspects = distribution.aspects.aspects
-    heights = millimetre_texts(np.array([aspect.com_height for aspect in aspects]))
-    intervals = distribution.intervals()
-    rows = [
-        _Row(
-            f'aspect {aspects[i].id}',
-            f'centre of mass\n{heights[i]} mm high',
-            intervals[i],
-            aspect_colour(aspects[i].id),
-            aspects[i],
+    found = [rows[k] for k in shown]
+    if others := sum(len(row.aspects) for row in rows) - sum(len(row.aspects) for row in found):
+        count = int(counts.sum() - counts[shown].sum())
+        found.append(
+            Row(f'{others} more aspects', count, interval_of(distribution, count), GREY)
         )
-        for i in shown
+    return [*found, *outside_rows(distribution)]
+
+
+def _notes(rows: Sequence[Row]) -> list[str]:
+    """What stands below the name of each."""
+    heights = millimetre_texts(
+        np.array([row.aspects[0].com_height if row.aspects else 0.0 for row in rows])
+    )
+    return [
+        f'{"which look alike" + chr(10) if len(row.aspects) > 1 else ""}'
+        f'centre of mass\n{height} mm high'
+        if row.aspects
+        else ''
+        for row, height in zip(rows, heights, strict=True)
     ]
-    others = len(aspects) - len(shown)
-    if others:
-        together = interval_of(distribution, int(counts.sum() - counts[shown].sum()))
-        rows.append(_Row(f'{others} more aspects', 'together', together, GREY, None))
-    for name, count in outside_aspects(distribution):
-        rows.append(_Row(name, '', interval_of(distribution, count), GREY, None))
-    return rows
 
 
-def _images(part: Part, rows: Sequence[_Row], side: int) -> list[Image]:
-    from matplotlib.colors import to_rgb
+def _images(part: Part, rows: Sequence[Row], side: int) -> list[Image]:
+    shown = [row for row in rows if row.aspects]
+    lying = lay(part, [row.aspects[0] for row in shown])
+    return portraits(lying, [rgb(row.colour) for row in shown], side)
 
-    aspects = [row.aspect for row in rows if row.aspect]
-    colours = [to_rgb(row.colour) for row in rows if row.aspect]
-    return portraits(part, aspects, colours, side)
+
+def _write_image(figure: 'Figure', image: Image, left: int, bottom: float, height: int) -> None:
+    """Pixel for pixel."""
+    side = len(image)
+    axes = figure.add_axes((left / WIDTH, bottom / height, side / WIDTH, side / height))
+    axes.imshow(image, interpolation='nearest', aspect='auto')
+    axes.set_axis_off()
 
 
 def _write_header(figure: 'Figure', title: str, subtitle: str, height: int) -> None:
@@ -178,42 +143,41 @@ def _write_header(figure: 'Figure', title: str, subtitle: str, height: int) -> N
     figure.text(x, 1 - 72 / height, subtitle, size=9, color=FAINT, va='center', parse_math=False)
 
 
-def _write_label(figure: 'Figure', row: _Row, left: int, middle: float, height: int) -> None:
+def _write_label(
+    figure: 'Figure', name: str, note: str, left: int, middle: float, height: int
+) -> None:
+    """The name, and a note below it, right of ``left``; the middle is between them."""
     x, y = (left + LABEL - 18) / WIDTH, middle / height
+    lines = note.count('\n') + 1 if note else 0
+    y += 7 * max(lines - 1, 0) / height
     figure.text(
         x,
-        y + (2 / height if row.note else 0),
-        row.label,
+        y + (2 / height if note else 0),
+        name,
         size=10,
         weight='bold',
         color=TEXT,
         ha='right',
-        va='bottom' if row.note else 'center',
+        va='bottom' if note else 'center',
     )
     figure.text(
-        x, y - 4 / height, row.note, size=7.5, color=FAINT, ha='right', va='top', linespacing=1.35
+        x, y - 4 / height, note, size=7.5, color=FAINT, ha='right', va='top', linespacing=1.35
     )
 
 
 def _draw_bars(
-    axes: 'Axes', rows: Sequence[_Row], middles: Sequence[float], distribution: Distribution
+    axes: 'Axes', rows: Sequence[Row], middles: Sequence[float], distribution: Distribution
 ) -> None:
     """Bars at heights ``middles``, pixels, with whiskers and words; the axis is in percent."""
-    from matplotlib.ticker import MaxNLocator
-
     for row, middle in zip(rows, middles, strict=True):
         _draw_bar(axes, row, middle, distribution.drops)
     longest = max((row.interval.upper for row in rows), default=1.0)
     room = axes.get_position().width * WIDTH
     axes.set_xlim(0, longest * room / (room - BESIDE_BAR))
-    ticks = MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(0, longest)
-    axes.set_xticks([tick for tick in ticks if tick <= longest])
-    axes.xaxis.set_major_formatter(lambda share, _: f'{100 * share:.6g} %')
+    plain_axes(axes, 'x')
+    percent_axis(axes, 'x', longest)
     axes.set_yticks([])
-    axes.set_axisbelow(True)
-    axes.grid(axis='x', color=GRID, linewidth=0.8)
-    axes.tick_params(axis='x', length=0, labelsize=8, labelcolor=FAINT)
-    axes.spines[['top', 'right', 'bottom']].set_visible(False)
+    axes.spines['left'].set_visible(True)
     axes.spines['left'].set_color(FAINT)
     axes.set_xlabel(
         f'probability in {distribution.drops} drops, with its '
@@ -225,7 +189,7 @@ def _draw_bars(
     )
 
 
-def _draw_bar(axes: 'Axes', row: _Row, middle: float, drops: int) -> None:
+def _draw_bar(axes: 'Axes', row: Row, middle: float, drops: int) -> None:
     found = row.interval
     axes.barh(middle, found.probability, height=BAR, color=row.colour)
     axes.errorbar(
@@ -254,6 +218,6 @@ def _write_beside(axes: 'Axes', x: float, y: float, rise: float, words: str, **s
         (8, rise),
         textcoords='offset points',
         annotation_clip=False,
-        bbox={'facecolor': 'white', 'edgecolor': 'none', 'pad': 0.8},
+        bbox={'facecolor': PAPER, 'edgecolor': 'none', 'pad': 0.8},
         **style,
     )

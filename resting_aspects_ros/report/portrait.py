@@ -1,5 +1,6 @@
 """Pictures of a part as it lies on the surface in its aspects."""
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -8,7 +9,7 @@ import numpy.typing as npt
 
 from resting_aspects_ros.core.aspect_set import Aspect
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array, rotate
+from resting_aspects_ros.core.rotations import Array, rotate, turned_about_vertical
 from resting_aspects_ros.report.render import NOTHING, Indices, edges, rasterise
 
 Image = npt.NDArray[np.float32]
@@ -20,14 +21,15 @@ FILLED = 0.94
 
 GLANCE = 96  # pixels of the picture that tells which side shows more
 
-# Where the viewer is, tray frame: in front, a little to the right, looking down as a person does.
+# Of a viewer in front, a little to the right, who looks down as a person does; tray frame.
 AZIMUTH, ELEVATION = np.radians(-62.0), np.radians(36.0)
 TOWARDS_VIEWER = np.array(
     [np.cos(ELEVATION) * np.cos(AZIMUTH), np.cos(ELEVATION) * np.sin(AZIMUTH), np.sin(ELEVATION)]
 )
 RIGHT = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
-# Rows: to the right in the picture, up in it, towards the viewer; tray frame.
-VIEW = np.stack([RIGHT, np.cross(TOWARDS_VIEWER, RIGHT), TOWARDS_VIEWER])
+# Views. Rows: to the right in the picture, up in it, towards the viewer; tray frame.
+OBLIQUE = np.stack([RIGHT, np.cross(TOWARDS_VIEWER, RIGHT), TOWARDS_VIEWER])
+FROM_ABOVE = np.eye(3)  # what a camera over the tray sees
 # The light comes from above, over the viewer's left shoulder.
 LIGHT = np.array([0.0, 0.0, 1.0]) - 0.45 * RIGHT + 0.3 * TOWARDS_VIEWER
 LIGHT /= np.linalg.norm(LIGHT)
@@ -39,35 +41,55 @@ SOFT = 7  # fine pixels of the shadow's border
 
 
 @dataclass(frozen=True, eq=False)
-class _Solid:
-    """A part's surface: points (n, 3) m, faces (m, 3), unit normals (m, 3), areas (m,) m2."""
+class LyingPart:
+    """A part as it is shown in an aspect, on the surface z = 0; tray frame.
+
+    points : (n, 3) float
+        m.
+    faces : (m, 3) int
+    normals : (m, 3) float
+        Unit vectors.
+    areas : (m,) float
+        m2.
+    orientation : (4,) float
+        Unit quaternion xyzw, tray from part.
+    """
 
     points: Array
     faces: Indices
     normals: Array
     areas: Array
+    orientation: Array
+
+
+def lay(part: Part, aspects: Sequence[Aspect]) -> list[LyingPart]:
+    """The part in each aspect as people draw parts.
+
+    A pose is free to turn about the vertical; each is turned so that the part's sides run along
+    the axes of the tray, its longer one from left to right, and shows the one of its two long
+    sides on which there is more to see.
+    """
+    solid = _solid(part)
+    return [_laid(solid, aspect) for aspect in aspects]
 
 
 def portraits(
-    part: Part,
-    aspects: Sequence[Aspect],
+    lying: Sequence[LyingPart],
     colours: Sequence[tuple[float, float, float]],
     pixels: int,
+    view: Array = OBLIQUE,
 ) -> list[Image]:
-    """Draw the part in each aspect, all from one viewpoint and at one scale.
-
-    A pose is free to turn about the vertical; each is turned so that the part's sides run along
-    the axes of the tray, its longer one from left to right, because people draw parts so, and
-    shows the one of its two long sides on which there is more to see.
+    """Draw parts that lie on the surface, all from one viewpoint and at one scale.
 
     Parameters
     ----------
-    part : Part
-    aspects : sequence of Aspect
+    lying : sequence of LyingPart
     colours : sequence of (r, g, b)
         Of each, 0 to 1.
     pixels : int
         Rows and columns of each picture.
+    view : (3, 3) float
+        OBLIQUE or FROM_ABOVE.
 
     Returns
     -------
@@ -75,61 +97,58 @@ def portraits(
         Red, green, blue and opacity, 0 to 1; row 0 is the top one. Transparent around the part
         and its shadow.
     """
-    solid = _solid(part)
-    placed = [_placed(solid, aspect) for aspect in aspects]
     spans = [
-        np.ptp(np.concatenate([p.points, _on_surface(p.points)]) @ VIEW[:2].T, axis=0).max()
-        for p in placed
+        np.ptp(np.concatenate([p.points, _on_surface(p.points)]) @ view[:2].T, axis=0).max()
+        for p in lying
     ]
     scale = FILLED * pixels * FINE / max(spans, default=1.0)
-    return [_portrait(p, np.array(c), scale, pixels) for p, c in zip(placed, colours, strict=True)]
+    return [
+        _portrait(p, np.array(c), scale, pixels, view)
+        for p, c in zip(lying, colours, strict=True)
+    ]
 
 
-def _solid(part: Part) -> _Solid:
+def _solid(part: Part) -> LyingPart:
+    """As its mesh has it."""
     points, faces = np.array(part.vertices), np.array(part.faces)
     if np.isnan(part.volume):
         faces = np.concatenate([faces, faces[:, ::-1]])  # not closed: its inside can be seen
     a, b, c = np.moveaxis(points[faces], 1, 0)
     normals = np.cross(b - a, c - a)
     twice = np.linalg.norm(normals, axis=1)
-    return _Solid(points, faces, normals / np.maximum(twice, 1e-300)[:, None], twice / 2)
+    upright = np.array([0.0, 0.0, 0.0, 1.0])
+    normals /= np.maximum(twice, 1e-300)[:, None]
+    return LyingPart(points, faces, normals, twice / 2, upright)
 
 
-def _placed(solid: _Solid, aspect: Aspect) -> _Solid:
-    """The part on the surface, tray frame."""
-    lying = _Solid(
-        rotate(aspect.orientation, solid.points),
-        solid.faces,
-        rotate(aspect.orientation, solid.normals),
-        solid.areas,
-    )
-    lying.points[:, 2] -= lying.points[:, 2].min()
+def _laid(solid: LyingPart, aspect: Aspect) -> LyingPart:
+    lying = _on_tray(solid, aspect.orientation)
     # The direction of the upright sides, of period 90 degrees: sides that stand square to each
     # other, or face each other, agree.
     x, y, _ = lying.normals.T
     upright = lying.areas * np.hypot(x, y) ** 4
-    side = np.angle((upright * np.exp(4j * np.arctan2(y, x))).sum()) / 4
-    width, depth = np.ptp(lying.points @ _about_vertical(-side)[:2].T, axis=0)
+    side = float(np.angle((upright * np.exp(4j * np.arctan2(y, x))).sum())) / 4
+    along = _on_tray(solid, turned_about_vertical(aspect.orientation, -side))
+    width, depth, _ = np.ptp(along.points, axis=0)
     angle = -side + (np.pi / 2 if depth > width else 0.0)
-    return max((_turned(lying, angle), _turned(lying, angle + np.pi)), key=_edges_to_see)
+    both = [turned_about_vertical(aspect.orientation, turn) for turn in (angle, angle + np.pi)]
+    return max((_on_tray(solid, orientation) for orientation in both), key=_edges_to_see)
 
 
-def _turned(solid: _Solid, angle: float) -> _Solid:
-    turn = _about_vertical(angle)
-    return _Solid(solid.points @ turn.T, solid.faces, solid.normals @ turn.T, solid.areas)
+def _on_tray(solid: LyingPart, orientation: Array) -> LyingPart:
+    """The part with this orientation, on the surface."""
+    points = rotate(orientation, solid.points)
+    points[:, 2] -= points[:, 2].min()
+    normals = rotate(orientation, solid.normals)
+    return dataclasses.replace(solid, points=points, normals=normals, orientation=orientation)
 
 
-def _edges_to_see(solid: _Solid) -> int:
+def _edges_to_see(solid: LyingPart) -> int:
     """How much a viewer learns of the part: the length of the edges seen, pixels."""
-    points = solid.points @ VIEW.T
+    points = solid.points @ OBLIQUE.T
     low, span = points.min(axis=0), np.ptp(points[:, :2], axis=0).max()
     seen = rasterise((points - low) * (GLANCE / span), solid.faces, GLANCE)
     return int(np.count_nonzero(edges(seen, solid.normals)))
-
-
-def _about_vertical(angle: float) -> Array:
-    cos, sin = np.cos(angle), np.sin(angle)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _on_surface(points: Array) -> Array:
@@ -137,14 +156,16 @@ def _on_surface(points: Array) -> Array:
     return points - points[:, 2:] * (LIGHT / LIGHT[2])
 
 
-def _portrait(solid: _Solid, colour: Array, scale: float, pixels: int) -> Image:
+def _portrait(
+    solid: LyingPart, colour: Array, scale: float, pixels: int, view: Array
+) -> Image:
     size = pixels * FINE
     shadow_points = _on_surface(solid.points)
-    both = np.concatenate([solid.points, shadow_points]) @ VIEW[:2].T * scale
+    both = np.concatenate([solid.points, shadow_points]) @ view[:2].T * scale
     centre = np.append(size / 2 - (both.min(axis=0) + both.max(axis=0)) / 2, 0.0)
-    seen = rasterise(solid.points @ VIEW.T * scale + centre, solid.faces, size)
+    seen = rasterise(solid.points @ view.T * scale + centre, solid.faces, size)
     lit = solid.faces[solid.normals @ LIGHT > 0]  # their shadows face up, and cover all of it
-    shadow = rasterise(shadow_points @ VIEW.T * scale + centre, lit, size).face != NOTHING
+    shadow = rasterise(shadow_points @ view.T * scale + centre, lit, size).face != NOTHING
 
     shade = DARKEST + (1 - DARKEST) * (0.5 + 0.5 * solid.normals @ LIGHT) ** 1.5
     image = np.zeros((size, size, 4))

@@ -1,5 +1,6 @@
 """A part standing on the tray in each of its aspects, side by side."""
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,6 +20,8 @@ ROW = 6
 MOST_TRIANGLES = 20_000
 # However many aspects there are, each is shown with up to so many.
 LEAST_TRIANGLES = 100
+# Triangles of a picture, and of the view in a page: finer ones are smaller than its pixels.
+MOST_OF_PICTURES = 50_000
 # Vertices so close to the surface are where the part touches it, R.
 _TOUCHING = 1e-6
 # Of those the outermost in so many directions stay when a mesh is made coarse.
@@ -55,13 +58,28 @@ def stand(part: Part, aspects: Sequence[Aspect]) -> list[Standing]:
     return [_standing(part, a, place) for a, place in zip(aspects, places, strict=True)]
 
 
-def shown_faces(part: Part, aspects: Sequence[Aspect]) -> Indices:
-    """(m, 3) faces of the part, fewer if they are too many to be sent for each aspect.
-
-    Their corners are vertices of the part, and among them those on which it stands: so it
-    touches the surface in every aspect, however coarse it is.
-    """
+def sent_faces(part: Part, aspects: Sequence[Aspect]) -> Indices:
+    """(m, 3) faces of the part, fewer if they are too many to be sent for each aspect."""
     most = max(MOST_TRIANGLES // max(len(aspects), 1), LEAST_TRIANGLES)
+    return _shown_faces(part, aspects, most)
+
+
+def shown_part(part: Part, aspects: Sequence[Aspect]) -> Part:
+    """The part for pictures: with a coarser mesh if it has too many triangles."""
+    faces = _shown_faces(part, aspects, MOST_OF_PICTURES)
+    if faces is part.faces:
+        return part
+    used, number = np.unique(faces, return_inverse=True)
+    return dataclasses.replace(
+        part, vertices=part.vertices[used], faces=number.reshape(faces.shape)
+    )
+
+
+def _shown_faces(part: Part, aspects: Sequence[Aspect], most: int) -> Indices:
+    """Faces whose corners are vertices of the part, among them those on which it stands.
+
+    So it touches the surface in every aspect, however coarse it is.
+    """
     if len(part.faces) <= most:
         return part.faces
     kept = [_touching(part, aspect) for aspect in aspects]

@@ -14,7 +14,7 @@ from resting_aspects_ros.report.standing import (
     MOST_TRIANGLES,
     PITCH,
     ROW,
-    shown_faces,
+    sent_faces,
     stand,
 )
 
@@ -72,7 +72,7 @@ def test_no_aspect_has_no_place(part):
 
 def test_a_small_mesh_is_shown_as_it_is(part):
     part = part('l_bracket')
-    assert shown_faces(part, find_aspects(part).aspects) is part.faces
+    assert sent_faces(part, find_aspects(part).aspects) is part.faces
 
 
 def test_a_large_mesh_is_made_coarse_and_still_stands_on_the_surface(solid):
@@ -81,7 +81,7 @@ def test_a_large_mesh_is_made_coarse_and_still_stands_on_the_surface(solid):
         mesh = mesh.subdivide()
     part = solid(mesh)
     aspects = find_aspects(part).aspects
-    faces = shown_faces(part, aspects)
+    faces = sent_faces(part, aspects)
     assert len(aspects) == 6
     assert 1000 < len(faces) * 6 <= MOST_TRIANGLES
     for each in stand(part, aspects):

@@ -1,0 +1,279 @@
+"""Figures of a report: shares as a pie, how they converged, and beside other distributions.
+
+Each is a matplotlib figure; figure_style writes them.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from resting_aspects_ros.core.intervals import Array, Interval, intervals
+from resting_aspects_ros.report.figure_style import (
+    FAINT,
+    PAPER,
+    TEXT,
+    new_figure,
+    percent_axis,
+    plain_axes,
+)
+from resting_aspects_ros.report.portrait import Image
+from resting_aspects_ros.report.rounding import decimals_of, probability_text
+from resting_aspects_ros.report.rows import Row, short_name
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+WIDTH = 7.2  # inches
+# Slices of less have no words and no picture, which would lie on each other.
+LEAST_SLICE = 0.03
+# Pictures around a pie of more slices would be too small.
+MOST_PICTURES = 8
+MOST_LINES = 10  # as there are colours
+# Of the methods; one form each, so that they differ without colour.
+MARKERS = 'osD^vPX'
+
+
+def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
+    """Shares of all drops as slices, clockwise from the top, with a picture beside each.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+    images : sequence of (p, p, 4) float or None
+        What lies beside each slice; none are shown beside many.
+    """
+    figure = new_figure(5.0, 4.2)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_xlim(-2.0, 2.0)
+    axes.set_ylim(-1.68, 1.68)
+    axes.set_axis_off()
+    shown = [(row, image) for row, image in zip(rows, images, strict=True) if row.count]
+    if not shown:
+        axes.text(0, 0, 'no drops', ha='center', va='center', color=FAINT)
+        return figure
+    shares = np.array([row.interval.probability for row, _ in shown])
+    axes.pie(
+        shares,
+        colors=[row.colour for row, _ in shown],
+        startangle=90,
+        counterclock=False,
+        wedgeprops={'edgecolor': PAPER, 'linewidth': 1.2 if len(shown) > 1 else 0},
+        radius=1.0,
+        frame=True,
+    )
+    axes.set_axis_off()
+    axes.set_xlim(-2.0, 2.0)
+    axes.set_ylim(-1.68, 1.68)
+    middles = np.pi / 2 - 2 * np.pi * (np.cumsum(shares) - shares / 2)
+    large = shares >= LEAST_SLICE
+    pictured = large.sum() <= MOST_PICTURES
+    for (row, image), share, middle, big in zip(shown, shares, middles, large, strict=True):
+        if not big:
+            continue
+        x, y = np.cos(middle), np.sin(middle)
+        if image is not None and pictured:
+            _place(axes, image, 1.44 * x, 1.34 * y, 0.56)
+        inside = share >= 2 * LEAST_SLICE
+        reach = 0.66 if inside else 1.12
+        axes.text(
+            reach * x,
+            reach * y,
+            f'{short_name(row)}\n{100 * share:.0f} %' if inside else short_name(row),
+            ha='center',
+            va='center',
+            size=9,
+            weight='bold',
+            color=_ink_on(row.colour) if inside else FAINT,
+            linespacing=1.25,
+        )
+    return figure
+
+
+def convergence_figure(
+    rows: Sequence[Row], drops: Array, counts: Sequence[Array], confidence: float
+) -> 'Figure':
+    """Share of each row after growing numbers of drops, with its interval as a band.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        Of many those with the most drops are shown.
+    drops : (m,) int
+        Ascending.
+    counts : sequence of (m,) int
+        Of each row.
+    """
+    figure = new_figure(WIDTH, 3.6)
+    axes = figure.add_axes((0.09, 0.14, 0.74, 0.82))
+    plain_axes(axes, 'y')
+    most = sorted(range(len(rows)), key=lambda k: -rows[k].count)[:MOST_LINES]
+    top = 0.0
+    ends = []
+    for k in sorted(most):
+        bands = [
+            intervals([int(count)], int(n), confidence=confidence)[0]
+            for count, n in zip(counts[k], drops, strict=True)
+        ]
+        lower, upper = ([getattr(band, side) for band in bands] for side in ('lower', 'upper'))
+        shares = [band.probability for band in bands]
+        axes.fill_between(drops, lower, upper, color=rows[k].colour, alpha=0.22, linewidth=0)
+        axes.plot(drops, shares, color=rows[k].colour, linewidth=1.8)
+        top = max(top, *upper[len(upper) // 3 :])
+        ends.append((shares[-1], rows[k]))
+    axes.set_xscale('log')
+    axes.set_xlim(float(drops[0]), float(drops[-1]))
+    axes.set_ylim(0, top * 1.02)
+    axes.xaxis.set_major_formatter(lambda n, _: f'{n:,.0f}'.replace(',', ' '))
+    axes.minorticks_off()
+    percent_axis(axes, 'y', top)
+    axes.set_xlabel('drops', size=8, color=FAINT)
+    _label_ends(axes, ends, top)
+    return figure
+
+
+def estimates_figure(rows: Sequence[Row], estimates: Mapping[str, Array]) -> 'Figure':
+    """What each method predicts for each row, over the interval of the drops as a bar.
+
+    Parameters
+    ----------
+    estimates : mapping
+        By the method's name, (rows,) probabilities.
+    """
+    figure, axes, places = _lying(rows, 0.5)
+    for row, y in zip(rows, places, strict=True):
+        wide = row.interval.upper - row.interval.lower
+        axes.barh(y, wide, 0.5, row.interval.lower, color=row.colour, alpha=0.55)
+        axes.plot([row.interval.probability] * 2, [y - 0.25, y + 0.25], color=TEXT, linewidth=1.4)
+    for marker, (name, shares) in zip(MARKERS, estimates.items(), strict=False):
+        axes.plot(
+            shares,
+            places,
+            marker,
+            label=name,
+            markersize=5,
+            markerfacecolor=PAPER,
+            markeredgecolor=TEXT,
+            markeredgewidth=1.0,
+        )
+    top = max([row.interval.upper for row in rows] + [float(max(x)) for x in estimates.values()])
+    axes.set_xlim(0, top * 1.04)
+    percent_axis(axes, 'x', top)
+    figure.legend(
+        loc='lower left',
+        ncols=4,
+        frameon=False,
+        fontsize=8,
+        labelcolor=TEXT,
+        bbox_to_anchor=(0.12, 0.0),
+    )
+    return figure
+
+
+def comparison_figure(
+    rows: Sequence[Row],
+    sides: Mapping[str, Sequence[Interval]],
+    deviation: Array,
+) -> 'Figure':
+    """Two distributions side by side, with whiskers, and how far they are apart.
+
+    Parameters
+    ----------
+    sides : mapping
+        By the side's name, the first in full colour and the other one paler: the interval of each
+        row.
+    deviation : (rows,) float
+        First less second, as shares.
+    """
+    figure, axes, places = _lying(rows, 0.62)
+    top = max(each.upper for side in sides.values() for each in side)
+    for (name, side), shift, alpha in zip(sides.items(), (-0.2, 0.2), (1.0, 0.45), strict=True):
+        shares = np.array([each.probability for each in side])
+        lower = shares - [each.lower for each in side]
+        upper = [each.upper for each in side] - shares
+        axes.barh(places + shift, shares, 0.36, color=[row.colour for row in rows], alpha=alpha)
+        axes.errorbar(
+            shares,
+            places + shift,
+            xerr=[np.maximum(lower, 0), np.maximum(upper, 0)],
+            fmt='none',
+            color=TEXT,
+            elinewidth=1.0,
+            capsize=3,
+        )
+        axes.annotate(
+            f'{"above" if shift < 0 else "below"}: {name}',
+            (0, 0),
+            (0, -30 if shift < 0 else -42),
+            xycoords='axes fraction',
+            textcoords='offset points',
+            size=8,
+            color=FAINT,
+            parse_math=False,
+        )
+    for k, y in enumerate(places):
+        end = max(side[k].upper for side in sides.values())
+        decimals = min(decimals_of(next(iter(sides.values()))[k]) + 1, 2)
+        axes.annotate(
+            f'{100 * deviation[k] + 0.0:+.{decimals}f}',
+            (end, y),
+            (8, 0),
+            textcoords='offset points',
+            size=9,
+            weight='bold',
+            va='center',
+            color=TEXT,
+        )
+    axes.set_xlim(0, top * 1.15)
+    percent_axis(axes, 'x', top)
+    return figure
+
+
+def _lying(rows: Sequence[Row], inches: float) -> tuple['Figure', 'Axes', Array]:
+    """Axes with a place of so many inches for each row, from top to bottom, and its name."""
+    below = 0.75
+    height = inches * len(rows) + below + 0.1
+    figure = new_figure(WIDTH, height)
+    axes = figure.add_axes((0.17, below / height, 0.80, 1 - (below + 0.1) / height))
+    plain_axes(axes, 'x')
+    places = np.arange(len(rows), dtype=np.float64)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_yticks(places, [row.name for row in rows])
+    axes.tick_params(axis='y', labelcolor=TEXT, labelsize=9)
+    return figure, axes, places
+
+
+def _label_ends(axes: 'Axes', ends: Sequence[tuple[float, Row]], top: float) -> None:
+    """Names right of the lines, moved apart where they would lie on each other."""
+    apart = 0.062 * top
+    y = -np.inf
+    for share, row in sorted(ends, key=lambda end: end[0]):
+        y = max(share, y + apart)
+        axes.annotate(
+            f'{row.name}  {probability_text(row.interval)}',
+            (1.015, y),
+            xycoords=('axes fraction', 'data'),
+            size=8,
+            va='center',
+            color=TEXT,
+            annotation_clip=False,
+        )
+
+
+def _place(axes: 'Axes', image: Image, x: float, y: float, wide: float) -> None:
+    axes.imshow(
+        image,
+        extent=(x - wide / 2, x + wide / 2, y - wide / 2, y + wide / 2),
+        interpolation='antialiased',
+        aspect='auto',
+        zorder=3,
+    )
+
+
+def _ink_on(colour: str) -> str:
+    """Dark or light, whichever is read better on a colour: by its luminance."""
+    from matplotlib.colors import to_rgb
+
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(colour)]
+    return '#111111' if np.dot([0.2126, 0.7152, 0.0722], linear) > 0.18 else '#FEFEFE'
