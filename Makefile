@@ -47,4 +47,4 @@ requirements: dev  ## pin the newest versions of what requirements*.in name
 	$(COMPILE) -c requirements.txt requirements-dev.in -o requirements-dev.txt
 
 clean:  ## remove everything that set-up, tests and runs made
-	rm -rf .venv build install log out .*_cache .hypothesis *.egg-info test/logs/js/node_modules
+	rm -rf .venv build install log out .*_cache .hypothesis *.egg-info test/js/node_modules

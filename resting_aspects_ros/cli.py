@@ -26,6 +26,7 @@ from resting_aspects_ros.commands import (
     nodes,
     recover,
     replay,
+    report,
     request,
 )
 from resting_aspects_ros.commands.interruption import SIGNALS, catch
@@ -38,7 +39,7 @@ from resting_aspects_ros.core.errors import (
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 COMMANDS = (
-    *(drop, estimate, aspects, classify, compare),
+    *(drop, report, estimate, aspects, classify, compare),
     *(request, nodes, demo),
     *(info, replay, merge, recover),
 )

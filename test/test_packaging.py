@@ -28,6 +28,7 @@ DEPENDENCIES = {
     'diagnostic_msgs': (MESSAGES, 'diagnostic_msgs'),
     'geometry_msgs': (MESSAGES, 'geometry_msgs'),
     'hypothesis': ('hypothesis', 'python3-hypothesis'),
+    'jinja2': ('jinja2', 'python3-jinja2'),
     'launch': (None, 'launch'),  # with a ROS, where the launch file is used
     'launch_ros': (None, 'launch_ros'),
     'matplotlib': ('matplotlib', 'python3-matplotlib'),

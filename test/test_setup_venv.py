@@ -157,7 +157,7 @@ def test_without_node_set_up_goes_on_and_tries_again(setup_venv, path, monkeypat
     assert set(saved[-1]) == {'before', 'after'}  # javascript is not done
     (line,) = capsys.readouterr().out.splitlines()
     assert line == (
-        'set-up: node and npm not found: the test of our logs in JavaScript will be skipped'
+        'set-up: node and npm not found: the tests of our logs and pages in JavaScript will be skipped'
     )
 
 
@@ -170,7 +170,7 @@ def test_npm_that_fails_is_told_in_one_line(setup_venv, path, monkeypatch):
         setup_venv.install_javascript()
     log = setup_venv.BUILD / 'setup-javascript.log'
     assert str(refused.value) == (
-        f'npm failed, see {log}: the test of our logs in JavaScript will be skipped'
+        f'npm failed, see {log}: the tests of our logs and pages in JavaScript will be skipped'
     )
     assert log.read_text() == 'no network\n'
 

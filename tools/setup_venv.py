@@ -25,7 +25,7 @@ STATE = VENV / 'setup.json'  # what is done; inside .venv, so that both go toget
 MANIFEST = VENV / 'interfaces_manifest.txt'
 BUILD = ROOT / 'build'
 INTERFACES = ROOT / 'resting_aspects_interfaces'
-JAVASCRIPT = ROOT / 'test' / 'logs' / 'js'
+JAVASCRIPT = ROOT / 'test' / 'js'
 
 PYTHON_VERSION = f'{sys.version_info[0]}.{sys.version_info[1]}'
 HEARTBEAT_S = 30.0
@@ -197,15 +197,15 @@ def install_dev_requirements() -> None:
 
 
 def install_javascript() -> None:
-    """Install what reads our logs in JavaScript, into a node_modules beside its package.json."""
-    without = 'the test of our logs in JavaScript will be skipped'
+    """Install what tests use in JavaScript, into a node_modules beside its package.json."""
+    without = 'the tests of our logs and pages in JavaScript will be skipped'
     if missing := [name for name in ('node', 'npm') if not shutil.which(name)]:
         raise DoWithoutError(f'{" and ".join(missing)} not found: {without}')
     # No scripts of strangers, and no long wait where there is no network.
     options = ('--ignore-scripts', '--no-audit', '--no-fund', '--no-update-notifier')
     network = ('--fetch-retries=1', '--fetch-retry-mintimeout=1000', '--fetch-timeout=20000')
     try:
-        with step('javascript', 'installing packages that read logs in JavaScript') as run:
+        with step('javascript', 'installing packages that read logs and pages in JavaScript') as run:
             run('npm', 'ci', '--prefix', JAVASCRIPT, *options, *network)
     except SetupError:
         log = BUILD / 'setup-javascript.log'

@@ -12,6 +12,7 @@ from resting_aspects_ros.commands.convergence import Convergence
 from resting_aspects_ros.commands.outputs import whole_file
 from resting_aspects_ros.commands.surface_text import surface_text
 from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.history import Counts
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.report.document import distribution_document, to_json
@@ -51,7 +52,13 @@ def print_table(distribution: Distribution, title: str) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Answer:
-    """A distribution with all that says what it is of; the part is None if nobody knows it."""
+    """A distribution with all that says what it is of; the part is None if nobody knows it.
+
+    mesh_file : Path or None
+        Where the part was read from, if a person named a file.
+    history : ((m,) int, (m, k) int) or None
+        Numbers of drops, ascending, and counts of each aspect after so many; as core.history.
+    """
 
     distribution: Distribution
     run: RunDescription
@@ -59,25 +66,39 @@ class Answer:
     method: str
     complete: bool
     convergence: Convergence | None = None
+    mesh_file: Path | None = None
+    history: tuple[Counts, Counts] | None = None
 
     @property
     def title(self) -> str:
         """Part, drops, surface and seed in a line."""
+        return f'{self.run.part}, {self.words}'
+
+    @property
+    def words(self) -> str:
+        """Drops, surface and seed."""
         surface = surface_text(self.run.conditions)
-        drops = self.distribution.drops
-        return f'{self.run.part}, {drops} drops on {surface}, seed {self.run.seed}'
+        return f'{self.distribution.drops} drops on {surface}, seed {self.run.seed}'
 
     def json(self) -> str:
         """The document."""
         fields: dict[str, object] = {
             **dataclasses.asdict(self.run),
             'mesh_sha256': self.part.mesh_sha256 if self.part else None,
+            'mesh_file': str(self.mesh_file.absolute()) if self.mesh_file else None,
+            'unit': self.part.unit if self.part else None,
             'method': self.method,
             'complete': self.complete,
             'drops_asked': self.run.drops,
         }
         if self.convergence is not None:
             fields['convergence'] = self.convergence
+        if self.history is not None:
+            drops, counts = self.history
+            fields['history'] = [
+                {'drops': n, 'counts': row}
+                for n, row in zip(drops.tolist(), counts.tolist(), strict=True)
+            ]
         return to_json(distribution_document(self.distribution, fields))
 
     def print(self, *, as_json: bool) -> None:
@@ -97,9 +118,9 @@ class Answer:
     def save_picture(self, path: Path) -> None:
         """Write a PNG; raises OutputError."""
         # It imports what takes a while.
-        from resting_aspects_ros.report.figure_style import save_png
+        from resting_aspects_ros.report.figure_style import png_bytes
         from resting_aspects_ros.report.picture import distribution_figure
 
         figure = distribution_figure(self.distribution, self.part, self.title)
         with whole_file(path) as part:
-            save_png(figure, part)
+            part.write_bytes(png_bytes(figure))

@@ -30,7 +30,7 @@ def add(subparsers: Any) -> None:
         help=f'drop {PART} {DROPS} times over ROS and show the result',
         description='Start drop_simulator, aspect_classifier and drop_recorder as three\n'
         f'processes that talk over DDS, ask for the distribution of {PART},\n'
-        f'{DROPS} drops, as a ROS client, show it, and stop everything.',
+        f'{DROPS} drops, as a ROS client, show it, stop everything, and make the report.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -39,7 +39,7 @@ def add(subparsers: Any) -> None:
         metavar='DIR',
         type=Path,
         default=Path('out/demo'),
-        help="folder of the picture and of the nodes' logs (out/demo)",
+        help='folder of the report, the log of the run, and what the nodes print (out/demo)',
     )
     parser.set_defaults(run=run)
 
@@ -47,10 +47,15 @@ def add(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError if a node does not do its part."""
     out: Path = arguments.out
-    picture, logs = out / f'{PART}.png', out / 'logs'
+    logs = out / 'logs'
     make_folder('--out', out)
-    for path in (picture, *(out / f'{node}.log' for node in NODES)):
-        check_output('--out', path)
+    for node in NODES:
+        check_output('--out', out / f'{node}.log')
+    # A second to import, which --help does not need.
+    from resting_aspects_ros.commands.logged_answer import logged_answer
+    from resting_aspects_ros.commands.report_files import check_report, write_report
+
+    check_report('--out', out)
     # A name of its own keeps it apart from other suites on this machine, and this machine from
     # others in the network.
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -69,13 +74,14 @@ def run(arguments: argparse.Namespace) -> int:
             stop.check()
             processes.check()
 
-        log = _ask(namespace, picture, logs, check)
-    print(f'Log:     {log}')
-    print(f'Picture: {picture}')
+        log = _ask(namespace, logs, check)
+        print(f'Log:    {log}', flush=True)
+        stop.check()
+    print(f'Report: {write_report(logged_answer(log), out)}')
     return 0
 
 
-def _ask(namespace: list[str], picture: Path, logs: Path, check: Any) -> Path:
+def _ask(namespace: list[str], logs: Path, check: Any) -> Path:
     """Ask for the distribution, show it, and wait for the log; returns where that is."""
     from resting_aspects_ros.commands.progress import DropProgress
     from resting_aspects_ros.commands.request import answer_from
@@ -90,7 +96,6 @@ def _ask(namespace: list[str], picture: Path, logs: Path, check: Any) -> Path:
         answer = answer_from(message, client.get_part(PART))
     answer.print(as_json=False)
     sys.stdout.flush()
-    answer.save_picture(picture)
     run_id = answer.run.run_id
     end = time.monotonic() + LOG_TIMEOUT
     while not _logs(logs, run_id) and time.monotonic() < end:

@@ -17,6 +17,7 @@ from resting_aspects_ros.drops.run import DEFAULT_SEED
 EXAMPLES = """examples:
   resting_aspects drop l_bracket
   resting_aspects drop my_part.stl --unit mm --drops 5000 --out result
+  resting_aspects drop l_bracket --report
   resting_aspects drop t_prism --precision 0.02
   resting_aspects drop washer --drops 5000 --check-convergence
   resting_aspects drop l_bracket --drops 1000000 --scheduler tcp://10.0.0.5:8786
@@ -68,6 +69,12 @@ def add(subparsers: Any) -> None:
         metavar='DIR',
         type=Path,
         help='write distribution.json, distribution.png and poses.csv here',
+    )
+    parser.add_argument(
+        '--report',
+        action='store_true',
+        help='write report.html, a page with pictures and charts, and its figures, into the '
+        'folder of --out (out/ and the part)',
     )
     parser.add_argument('--poses', metavar='FILE.csv', type=Path, help='write the resting poses')
     parser.add_argument(

@@ -14,6 +14,7 @@ from typing import TextIO
 from resting_aspects_ros.commands.answer import Answer
 from resting_aspects_ros.commands.convergence import REFINEMENT, Convergence, check_convergence
 from resting_aspects_ros.commands.drop_question import DropQuestion
+from resting_aspects_ros.commands.given_part import mesh_file
 from resting_aspects_ros.commands.interruption import Interruption
 from resting_aspects_ros.commands.outputs import check_output, make_folder
 from resting_aspects_ros.commands.poses_csv import poses_file, write_poses
@@ -21,6 +22,7 @@ from resting_aspects_ros.commands.progress import DropProgress
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import METHOD, Distribution, count_poses, no_drops
 from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.core.history import History
 from resting_aspects_ros.core.intervals import check_confidence
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.drops.campaign import Workers, drop_chunks
@@ -72,6 +74,7 @@ def drop_here(
     )
     question.check_engine(run)
     out: Path | None = arguments.out
+    page = _page_folder(arguments, part.name)
     failure: EngineError | None = None
     convergence: Convergence | None = None
     checked = not arguments.check_convergence
@@ -89,13 +92,17 @@ def drop_here(
                 checked, convergence = _check(job, workers, tally, stop)
         except EngineError as error:
             failure = error
-    answer = Answer(tally.distribution, run, part, METHOD, tally.over, convergence)
-    if out is not None:
-        answer.save_json(out / DOCUMENT)
-        answer.save_picture(out / PICTURE)
-    answer.print(as_json=arguments.json)
-    if out is not None and not arguments.json:
-        print(f'Written: {", ".join(str(out / name) for name in (DOCUMENT, PICTURE, POSES))}')
+    answer = Answer(
+        tally.distribution,
+        run,
+        part,
+        METHOD,
+        tally.over,
+        convergence,
+        mesh_file(arguments.part),
+        tally.history.points(),
+    )
+    _write(answer, out, page, as_json=arguments.json)
     if failure is not None:
         done = tally.distribution.drops
         raise EngineError(f'{failure}, after {done} of {run.drops} drops, which are in the answer')
@@ -105,6 +112,34 @@ def drop_here(
     if missing:
         print(missing, file=sys.stderr)
     return INTERRUPTED if missing else 0
+
+
+def _write(answer: Answer, out: Path | None, page: Path | None, *, as_json: bool) -> None:
+    """Files first, so that an answer that nobody reads to its end is still saved."""
+    written = []
+    if out is not None:
+        answer.save_json(out / DOCUMENT)
+        answer.save_picture(out / PICTURE)
+        written.append(f'Written: {", ".join(str(out / n) for n in (DOCUMENT, PICTURE, POSES))}')
+    if page is not None:
+        from resting_aspects_ros.commands.report_files import write_report
+
+        written.append(f'Report: {write_report(answer, page)}')
+    answer.print(as_json=as_json)
+    if not as_json:
+        print(*written, sep='\n', end='\n' if written else '')
+
+
+def _page_folder(arguments: argparse.Namespace, part: str) -> Path | None:
+    """Where the report goes, if one is asked for; raises InvalidValueError if it cannot."""
+    if not arguments.report:
+        return None
+    # It takes a while to import, which drops without a report do not need.
+    from resting_aspects_ros.commands.report_files import check_report, default_folder
+
+    folder: Path = arguments.out or default_folder(part)
+    check_report('--report' if arguments.out is None else '--out', folder)
+    return folder
 
 
 def _workers(arguments: argparse.Namespace) -> ProcessWorkers | ClusterWorkers:
@@ -148,10 +183,12 @@ class _Tally:
         self.distribution = distribution
         self.run = run
         self.tables: list[TextIO] = []
+        self.history = History(distribution.aspects)
 
     def add(self, poses: RestingPoses) -> None:
         for table in self.tables:
             write_poses(table, poses)
+        self.history.add(poses)
         self.distribution += count_poses(self.distribution.aspects, poses)
 
     @property

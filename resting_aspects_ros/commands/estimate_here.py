@@ -9,7 +9,7 @@ import numpy as np
 from resting_aspects_ros.commands.answer import make_console, show_table
 from resting_aspects_ros.commands.counts_files import read_counts
 from resting_aspects_ros.commands.estimate import ALL
-from resting_aspects_ros.commands.given_counts import GivenCounts
+from resting_aspects_ros.commands.given_counts import GivenCounts, check_against
 from resting_aspects_ros.commands.given_part import given_part
 from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.comparison import compare_with_exact
@@ -38,7 +38,7 @@ def estimate_here(arguments: argparse.Namespace) -> int:
     shape = RestingShape(part)
     against = None if arguments.against is None else read_counts(arguments.against)
     if against is not None:
-        _check_same_part(against, shape)
+        check_against(against, part.name, part.part_sha256, shape.aspects)
     estimates, reasons = _estimates(shape, names)
     show_estimates(part, shape.aspects, estimates, reasons, against, as_json=arguments.json)
     return 0
@@ -115,27 +115,6 @@ def _estimates(
     if len(reasons) == len(names):
         raise NotDefinedError('; '.join(reasons.values()))
     return estimates, reasons
-
-
-def _check_same_part(against: GivenCounts, shape: RestingShape) -> None:
-    part, path = shape.part, str(against.path)
-    if against.part_sha256 and against.part_sha256 != part.part_sha256:
-        raise InvalidValueError(
-            f'--against is {path!r} of {against.part!r} with part_sha256 '
-            f'{against.part_sha256!r}, allowed is that of {part.name!r}: {part.part_sha256!r}'
-        )
-    aspects = shape.aspects.aspects
-    if against.by_class:
-        what, many = 'a class', 'classes'
-        ids = tuple(sorted({aspect.symmetry_class for aspect in aspects}))
-    else:
-        what, many = 'an aspect', 'aspects'
-        ids = tuple(aspect.id for aspect in aspects)
-    if against.ids != ids:
-        raise InvalidValueError(
-            f'--against is {path!r} with the {many} {list(against.ids)}, allowed are those of '
-            f'{part.name}: {list(ids)} ({what} that was never seen has count 0)'
-        )
 
 
 def _of_classes(found: Estimate) -> Array:

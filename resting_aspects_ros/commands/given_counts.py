@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.commands.surface_text import surface_text
+from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.comparison import Tally
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.drops.run import RunDescription
@@ -97,3 +98,33 @@ def check_counts(given: GivenCounts) -> None:
         raise InvalidValueError(
             f'{str(given.path)!r} has {given.drops} drops, allowed are up to {MOST_COUNTED}'
         )
+
+
+def check_against(given: GivenCounts, part: str, part_sha256: str, aspects: AspectSet) -> None:
+    """Raises InvalidValueError if counts given with --against are not of the aspects of a part."""
+    path = str(given.path)
+    if given.part_sha256 and given.part_sha256 != part_sha256:
+        raise InvalidValueError(
+            f'--against is {path!r} of {given.part!r} with part_sha256 {given.part_sha256!r}, '
+            f'allowed is that of {part!r}: {part_sha256!r}'
+        )
+    if given.by_class:
+        what, many = 'a class', 'classes'
+        ids = tuple(sorted({aspect.symmetry_class for aspect in aspects.aspects}))
+    else:
+        what, many = 'an aspect', 'aspects'
+        ids = tuple(aspect.id for aspect in aspects.aspects)
+    if given.ids != ids:
+        raise InvalidValueError(
+            f'--against is {path!r} with the {many} {list(given.ids)}, allowed are those of '
+            f'{part}: {list(ids)} ({what} that was never seen has count 0)'
+        )
+
+
+def counted_by_class_of(given: GivenCounts, aspects: AspectSet) -> Tally:
+    """The drops by symmetry class of the aspects; of counts that check_against let pass."""
+    if given.by_class:
+        return given.tally
+    classes = [aspect.symmetry_class for aspect in aspects.aspects]
+    counts = np.bincount(classes, weights=given.tally.counts)[1:].astype(np.int64)
+    return dataclasses.replace(given.tally, counts=counts)

@@ -15,8 +15,7 @@ def given_part(text: str, unit: str | None, folder: Path | None) -> Part:
 
     Raises RestingAspectsError.
     """
-    if _is_path(text):
-        mesh = Path(text)
+    if mesh := mesh_file(text):
         return load_part(mesh, **_sheet(mesh.parent / f'{mesh.stem}.yaml', unit))
     if unit is not None:
         raise InvalidValueError(
@@ -28,8 +27,11 @@ def given_part(text: str, unit: str | None, folder: Path | None) -> Part:
     return PartLibrary(folder or parts_folder()).load(text)
 
 
-def _is_path(text: str) -> bool:
-    return os.sep in text or bool(Path(text).suffix) or text in ('.', '..')
+def mesh_file(text: str | None) -> Path | None:
+    """The file, if a part is given as one and not by its name."""
+    if text and (os.sep in text or Path(text).suffix or text in ('.', '..')):
+        return Path(text)
+    return None
 
 
 def _sheet(sheet: Path, unit: str | None) -> dict[str, Any]:

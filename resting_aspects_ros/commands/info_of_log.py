@@ -3,18 +3,15 @@
 import dataclasses
 import sys
 from collections.abc import Iterator
-from datetime import datetime, timezone
 from pathlib import Path
 
 from resting_aspects_ros.commands.answer import print_table
 from resting_aspects_ros.commands.logged_run import LogContents, read_contents, rest_of_run
+from resting_aspects_ros.commands.run_facts import condition_facts, when_text
 from resting_aspects_ros.commands.surface_text import surface_text
 from resting_aspects_ros.core.distribution import METHOD
-from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.report.document import SCHEMA_VERSION, distribution_document, to_json
-
-_NANOSECONDS = 1_000_000_000
 
 
 def show_info(log: Path, *, as_json: bool) -> int:
@@ -46,10 +43,11 @@ def _lines(found: LogContents) -> Iterator[tuple[str, str]]:
         yield '', f'{part.mesh_format} in {part.unit}, {len(part.faces)} triangles'
     else:
         yield '', 'not described in this log'
-    yield from _conditions(run.conditions)
+    yield 'conditions', surface_text(run.conditions)
+    yield from (('', f'{name} {value}') for name, value in condition_facts(run.conditions))
     yield 'seed', str(run.seed)
     yield 'drops', _drops(run, found)
-    yield 'made', f'{_when(run.started)} with {run.engine} {run.engine_version}'
+    yield 'made', f'{when_text(run.started)} with {run.engine} {run.engine_version}'
     yield '', f'time step {run.time_step:.3g} s, resting_aspects_ros {run.suite_version}'
     yield 'run id', run.run_id
 
@@ -62,14 +60,6 @@ def _state(found: LogContents) -> str:
     return 'closed'
 
 
-def _conditions(conditions: DropConditions) -> Iterator[tuple[str, str]]:
-    yield 'conditions', surface_text(conditions)
-    for name, quantity in QUANTITIES.items():
-        value = f'{getattr(conditions, name):g} {quantity.unit}'.rstrip()
-        of = f' ({conditions.height_of.name})' if name == 'height' else ''
-        yield '', f'{name} {value}{of}'
-
-
 def _drops(run: RunDescription, found: LogContents) -> str:
     words = f'{found.outcome.drops} of {run.drops}'
     if run.first_drop:
@@ -77,10 +67,6 @@ def _drops(run: RunDescription, found: LogContents) -> str:
     if run.precision:
         words += f', to a precision of {run.precision:g}'
     return words + (rest_of_run(run, found.outcome) if found.finished else '')
-
-
-def _when(started: int) -> str:
-    return f'{datetime.fromtimestamp(started / _NANOSECONDS, timezone.utc):%Y-%m-%d %H:%M:%S} UTC'
 
 
 def _document(found: LogContents) -> dict[str, object]:

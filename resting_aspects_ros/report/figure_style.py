@@ -2,8 +2,7 @@
 
 import io
 import re
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:  # matplotlib takes half a second: imported when a figure is made
     from matplotlib.axes import Axes
@@ -25,7 +24,7 @@ def new_figure(width: float, height: float) -> 'Figure':
     return figure
 
 
-def plain_axes(axes: 'Axes', grid: str) -> None:
+def plain_axes(axes: 'Axes', grid: Literal['x', 'y']) -> None:
     """Light lines along one axis, 'x' or 'y', and nothing around."""
     axes.set_axisbelow(True)
     axes.grid(axis=grid, color=GRID, linewidth=0.8)
@@ -43,9 +42,11 @@ def percent_axis(axes: 'Axes', name: str, most: float) -> None:
     axis.set_major_formatter(lambda share, _: f'{100 * share:.6g} %')
 
 
-def save_png(figure: 'Figure', path: Path) -> None:
-    """Write it, over what is there."""
-    figure.savefig(path, format='png', dpi=PIXELS_PER_INCH)
+def png_bytes(figure: 'Figure') -> bytes:
+    """As a PNG file."""
+    file = io.BytesIO()
+    figure.savefig(file, format='png', dpi=PIXELS_PER_INCH)
+    return file.getvalue()
 
 
 def svg_text(figure: 'Figure') -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from resting_aspects_ros.core.history import Counts
 from resting_aspects_ros.core.intervals import Array, Interval, intervals
 from resting_aspects_ros.report.figure_style import (
     FAINT,
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH = 7.2  # inches
+PIE_REACH = 1.84  # radii that the figure is wide to each side
 # Slices of less have no words and no picture, which would lie on each other.
 LEAST_SLICE = 0.03
 # Pictures around a pie of more slices would be too small.
@@ -44,14 +46,12 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
     images : sequence of (p, p, 4) float or None
         What lies beside each slice; none are shown beside many.
     """
-    figure = new_figure(5.0, 4.2)
+    figure = new_figure(5.0, 4.4)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.set_xlim(-2.0, 2.0)
-    axes.set_ylim(-1.68, 1.68)
-    axes.set_axis_off()
     shown = [(row, image) for row, image in zip(rows, images, strict=True) if row.count]
     if not shown:
-        axes.text(0, 0, 'no drops', ha='center', va='center', color=FAINT)
+        axes.set_axis_off()
+        axes.text(0.5, 0.5, 'no drops', ha='center', va='center', color=FAINT)
         return figure
     shares = np.array([row.interval.probability for row, _ in shown])
     axes.pie(
@@ -64,8 +64,8 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
         frame=True,
     )
     axes.set_axis_off()
-    axes.set_xlim(-2.0, 2.0)
-    axes.set_ylim(-1.68, 1.68)
+    axes.set_xlim(-PIE_REACH, PIE_REACH)
+    axes.set_ylim(-PIE_REACH * 4.4 / 5, PIE_REACH * 4.4 / 5)
     middles = np.pi / 2 - 2 * np.pi * (np.cumsum(shares) - shares / 2)
     large = shares >= LEAST_SLICE
     pictured = large.sum() <= MOST_PICTURES
@@ -74,7 +74,7 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
             continue
         x, y = np.cos(middle), np.sin(middle)
         if image is not None and pictured:
-            _place(axes, image, 1.44 * x, 1.34 * y, 0.56)
+            _place(axes, image, 1.40 * x, 1.28 * y, 0.72)
         inside = share >= 2 * LEAST_SLICE
         reach = 0.66 if inside else 1.12
         axes.text(
@@ -92,7 +92,7 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
 
 
 def convergence_figure(
-    rows: Sequence[Row], drops: Array, counts: Sequence[Array], confidence: float
+    rows: Sequence[Row], drops: Counts, counts: Sequence[Counts], confidence: float
 ) -> 'Figure':
     """Share of each row after growing numbers of drops, with its interval as a band.
 
@@ -250,9 +250,12 @@ def _label_ends(axes: 'Axes', ends: Sequence[tuple[float, Row]], top: float) -> 
     y = -np.inf
     for share, row in sorted(ends, key=lambda end: end[0]):
         y = max(share, y + apart)
+        axes.plot(
+            1.015, y, 's', color=row.colour, transform=axes.get_yaxis_transform(), clip_on=False
+        )
         axes.annotate(
             f'{row.name}  {probability_text(row.interval)}',
-            (1.015, y),
+            (1.035, y),
             xycoords=('axes fraction', 'data'),
             size=8,
             va='center',

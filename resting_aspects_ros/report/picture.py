@@ -94,9 +94,7 @@ def _rows(distribution: Distribution) -> list[Row]:
     found = [rows[k] for k in shown]
     if others := sum(len(row.aspects) for row in rows) - sum(len(row.aspects) for row in found):
         count = int(counts.sum() - counts[shown].sum())
-        found.append(
-            Row(f'{others} more aspects', count, interval_of(distribution, count), GREY)
-        )
+        found.append(Row(f'{others} more aspects', count, interval_of(distribution, count), GREY))
     return [*found, *outside_rows(distribution)]
 
 

@@ -103,8 +103,7 @@ def portraits(
     ]
     scale = FILLED * pixels * FINE / max(spans, default=1.0)
     return [
-        _portrait(p, np.array(c), scale, pixels, view)
-        for p, c in zip(lying, colours, strict=True)
+        _portrait(p, np.array(c), scale, pixels, view) for p, c in zip(lying, colours, strict=True)
     ]
 
 
@@ -156,9 +155,7 @@ def _on_surface(points: Array) -> Array:
     return points - points[:, 2:] * (LIGHT / LIGHT[2])
 
 
-def _portrait(
-    solid: LyingPart, colour: Array, scale: float, pixels: int, view: Array
-) -> Image:
+def _portrait(solid: LyingPart, colour: Array, scale: float, pixels: int, view: Array) -> Image:
     size = pixels * FINE
     shadow_points = _on_surface(solid.points)
     both = np.concatenate([solid.points, shadow_points]) @ view[:2].T * scale

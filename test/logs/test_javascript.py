@@ -15,7 +15,7 @@ from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, 
 from resting_aspects_ros.logs.run_log import RunLog
 from resting_aspects_ros.logs.topics import Qos, Topic, qos_profiles
 
-JS = Path(__file__).parent / 'js'
+JS = Path(__file__).parents[1] / 'js'
 OLDEST = json.loads((JS / 'package.json').read_text())['engines']['node'].removeprefix('>=')
 
 LATCHED = Qos(depth=1, durability='transient_local')

@@ -1,0 +1,146 @@
+"""The files of a report, from an answer."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from resting_aspects_ros.commands.answer import Answer
+from resting_aspects_ros.commands.given_counts import GivenCounts, counted_by_class_of
+from resting_aspects_ros.commands.outputs import check_output, make_folder, whole_file
+from resting_aspects_ros.commands.run_facts import condition_facts, when_text
+from resting_aspects_ros.commands.surface_text import surface_text
+from resting_aspects_ros.core.comparison import Tally, compare
+from resting_aspects_ros.core.estimators.estimate import METHODS, estimate
+from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
+from resting_aspects_ros.core.intervals import Array
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.report.aspect_table import symmetry_text
+from resting_aspects_ros.report.page import (
+    ENDINGS,
+    FIGURES,
+    PAGE,
+    Measured,
+    Report,
+    report_files,
+)
+
+# Of the tables that are drawn for p values: the same question has the same answer.
+SEED = 1
+
+
+def default_folder(part: str) -> Path:
+    """Where the report of a part goes if nobody says it."""
+    return Path('out') / part
+
+
+def check_report(flag: str, folder: Path) -> None:
+    """Make the folder; InvalidValueError if that cannot be, or a file in it cannot be written."""
+    make_folder(flag, folder)
+    for name in (PAGE, *(f'{figure}.{ending}' for figure in FIGURES for ending in ENDINGS)):
+        check_output(flag, folder / name)
+
+
+def write_report(answer: Answer, folder: Path, against: GivenCounts | None = None) -> Path:
+    """Write it; returns where the page is. Raises OutputError."""
+    report = _report(answer, against)
+    for name, data in report_files(report):
+        with whole_file(folder / name) as file:
+            file.write_bytes(data)
+    return folder / PAGE
+
+
+def _report(answer: Answer, against: GivenCounts | None) -> Report:
+    distribution, part = answer.distribution, answer.part
+    estimates, reasons = _estimates(answer)
+    return Report(
+        title=answer.run.part,
+        subtitle=answer.words,
+        distribution=distribution,
+        part=part,
+        notes=tuple(_notes(answer)),
+        facts=_facts(answer),
+        history=answer.history,
+        estimates=estimates,
+        not_defined=reasons,
+        measured=None if against is None else _measured(answer, against),
+    )
+
+
+def _measured(answer: Answer, against: GivenCounts) -> Measured:
+    tally = counted_by_class_of(against, answer.distribution.aspects)
+    own = answer.distribution.by_class()
+    counted = Tally(own.counts, own.unclassified, own.unsettled, own.failed)
+    found = compare(counted, tally, np.random.default_rng(SEED), own.confidence)
+    return Measured(against.path.name, tally, found)
+
+
+def _estimates(answer: Answer) -> tuple[dict[str, Array], dict[str, str]]:
+    """What each method predicts, or why it says nothing."""
+    found: dict[str, Array] = {}
+    reasons: dict[str, str] = {}
+    if answer.part is None or not len(answer.distribution.aspects):
+        return found, reasons
+    shape = RestingShape(answer.part, answer.distribution.aspects)
+    for name in METHODS:
+        try:
+            found[name] = estimate(shape, name).probabilities
+        except NotDefinedError as error:
+            reasons[name] = str(error)
+    return found, reasons
+
+
+def _notes(answer: Answer) -> Iterator[str]:
+    run, drops = answer.run, answer.distribution.drops
+    if not answer.complete:
+        yield f'Not all drops are counted: {drops} of {run.drops}.'
+    if answer.convergence is not None:
+        yield answer.convergence.text().replace('\n', ' ')
+    if answer.part is None:
+        yield 'The mesh of the part was not found: there are no pictures.'
+
+
+def _facts(answer: Answer) -> dict[str, list[tuple[str, str]]]:
+    run = answer.run
+    asked = f'{run.drops}' if not run.precision else f'up to {run.drops}'
+    drops = [('made', f'{answer.distribution.drops} of {asked}')]
+    if run.precision:
+        drops.append(('until intervals are at most', f'±{run.precision:g}'))
+    drops += [
+        ('seed', str(run.seed)),
+        *([('first drop', str(run.first_drop))] if run.first_drop else []),
+        ('engine', f'{run.engine} {run.engine_version}'),
+        ('time step', f'{run.time_step:.3g} s'),
+        ('resting_aspects_ros', run.suite_version),
+        ('date', when_text(run.started)),
+        ('run id', run.run_id),
+        (
+            'most energy that the engine added in a drop',
+            f'{answer.distribution.energy_growth:.2g} m g R',
+        ),
+    ]
+    return {
+        'Part': _part_facts(answer.part, answer),
+        'Conditions': [
+            ('surface', surface_text(run.conditions)),
+            *condition_facts(run.conditions),
+        ],
+        'Drops': drops,
+    }
+
+
+def _part_facts(part: Part | None, answer: Answer) -> list[tuple[str, str]]:
+    hashes = [('part sha256', answer.run.part_sha256)]
+    if part is None:
+        return [('name', answer.run.part), *hashes]
+    size = ' x '.join(f'{1000 * side:.4g}' for side in np.ptp(part.vertices, axis=0))
+    symmetry = answer.distribution.aspects.symmetry
+    return [
+        ('name', part.name),
+        ('size along its axes', f'{size} mm'),
+        ('mesh', f'{part.mesh_format} in {part.unit}, {len(part.faces)} triangles'),
+        ('mass', f'{1000 * part.mass:.4g} g'),
+        *([('symmetry', symmetry_text(symmetry))] if symmetry is not None else []),
+        ('mesh sha256', part.mesh_sha256),
+        *hashes,
+    ]

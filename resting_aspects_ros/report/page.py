@@ -1,0 +1,246 @@
+"""A distribution as one self-contained HTML page, and its figures as files."""
+
+import base64
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from resting_aspects_ros.core.comparison import Comparison, Tally
+from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.history import Counts
+from resting_aspects_ros.core.intervals import Array, intervals
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.report.colours import rgb
+from resting_aspects_ros.report.figure_style import inline_svg, png_bytes, svg_text
+from resting_aspects_ros.report.figures import (
+    comparison_figure,
+    convergence_figure,
+    estimates_figure,
+    pie_figure,
+)
+from resting_aspects_ros.report.page_rows import RowText, row_texts
+from resting_aspects_ros.report.picture import MOST_SHOWN, distribution_figure
+from resting_aspects_ros.report.portrait import FROM_ABOVE, OBLIQUE, Image, lay, portraits
+from resting_aspects_ros.report.rounding import share_text
+from resting_aspects_ros.report.rows import Row, class_rows, outside_rows
+from resting_aspects_ros.report.scene import scene
+from resting_aspects_ros.report.standing import shown_part
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PAGE = 'report.html'
+# Of the figures' files; their endings are ENDINGS.
+FIGURES = ('distribution', 'pie', 'convergence', 'estimates', 'comparison')
+ENDINGS = ('png', 'svg')
+_FILES = 'page_files'
+# Of a picture in a row: twice what it is shown with, for fine screens.
+PIXELS = 320
+# Rows with pictures; of more those with the most drops have them.
+MOST_PICTURED = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What the drops are held against, counted by symmetry class.
+
+    comparison : Comparison
+        Of the drops with it.
+    """
+
+    name: str
+    tally: Tally
+    comparison: Comparison
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """All that a page says.
+
+    part : Part or None
+        Its shape; without it there are no pictures and no 3D view.
+    notes : tuple of str
+        What a reader has to know before all else, a sentence each.
+    facts : mapping
+        Label and value of what the drops were, by heading.
+    history : ((m,) int, (m, k) int) or None
+        Numbers of drops, ascending, and counts of each aspect after so many.
+    estimates : mapping
+        (k,) probabilities of the aspects by method.
+    not_defined : mapping
+        Why other methods say nothing, by their names.
+    """
+
+    title: str
+    subtitle: str
+    distribution: Distribution
+    part: Part | None
+    notes: tuple[str, ...] = ()
+    facts: Mapping[str, Sequence[tuple[str, str]]] = field(default_factory=dict)
+    history: tuple[Counts, Counts] | None = None
+    estimates: Mapping[str, Array] = field(default_factory=dict)
+    not_defined: Mapping[str, str] = field(default_factory=dict)
+    measured: Measured | None = None
+
+
+def report_files(report: Report) -> Iterator[tuple[str, bytes]]:
+    """Name and contents of each file: the page, and its figures."""
+    drawn = _Drawn(report)
+    figures = _figures(report, drawn)
+    svgs = {name: svg_text(figure) for name, figure in figures.items()}
+    for name, figure in figures.items():
+        yield f'{name}.png', png_bytes(figure)
+        yield f'{name}.svg', svgs[name].encode()
+    yield PAGE, _page(report, drawn, svgs).encode()
+
+
+class _Drawn:
+    """The rows of a report, and the pictures of the part in them."""
+
+    def __init__(self, report: Report) -> None:
+        self.rows = class_rows(report.distribution)
+        self.outside = outside_rows(report.distribution)
+        self.part = report.part and shown_part(report.part, report.distribution.aspects.aspects)
+        self.lying = lay(self.part, [row.aspects[0] for row in self.rows]) if self.part else []
+        order = sorted(range(len(self.lying)), key=lambda k: -self.rows[k].count)
+        self.pictured = sorted(order[:MOST_PICTURED])
+        self.oblique = self._images(OBLIQUE)
+        self.above = self._images(FROM_ABOVE)
+
+    def _images(self, view: Array) -> dict[int, Image]:
+        """By the row's index."""
+        lying = [self.lying[k] for k in self.pictured]
+        colours = [rgb(self.rows[k].colour) for k in self.pictured]
+        return dict(zip(self.pictured, portraits(lying, colours, PIXELS, view), strict=True))
+
+
+def _figures(report: Report, drawn: _Drawn) -> dict[str, 'Figure']:
+    """Those that there are, by name."""
+    rows, distribution = drawn.rows, report.distribution
+    figures = {
+        'distribution': distribution_figure(
+            distribution, drawn.part, f'{report.title}, {report.subtitle}'
+        ),
+        'pie': pie_figure(
+            [*rows, *drawn.outside],
+            [drawn.oblique.get(k) for k in range(len(rows) + len(drawn.outside))],
+        ),
+    }
+    if report.history is not None and len(report.history[0]) > 1 and rows:
+        drops, counts = report.history
+        figures['convergence'] = convergence_figure(
+            rows, drops, _of_rows(rows, counts.T), distribution.confidence
+        )
+    if report.estimates and rows:
+        figures['estimates'] = estimates_figure(
+            rows, {name: np.array(_of_rows(rows, p)) for name, p in report.estimates.items()}
+        )
+    if report.measured is not None:
+        figures['comparison'] = _comparison(rows, report)
+    return figures
+
+
+def _comparison(rows: Sequence[Row], report: Report) -> 'Figure':
+    assert report.measured is not None
+    tally, found = report.measured.tally, report.measured.comparison
+    counts = np.array([row.count for row in rows])
+    sides = {
+        f'simulated, {counts.sum()} drops': intervals(counts, int(counts.sum())),
+        f'{report.measured.name}, {tally.counts.sum()} drops': intervals(
+            tally.counts, int(tally.counts.sum())
+        ),
+    }
+    return comparison_figure(rows, sides, found.deviation)
+
+
+def _page(report: Report, drawn: _Drawn, svgs: Mapping[str, str]) -> str:
+    # A fifth of a second to import, which no other command needs.
+    import jinja2
+
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
+    # The scripts and the style are our own or vendored, and no markup of theirs is data.
+    template = environment.from_string(_file('page.html'))
+    rows = [*drawn.rows, *drawn.outside]
+    pictures = [(_picture(drawn.oblique, k), _picture(drawn.above, k)) for k in range(len(rows))]
+    labels = {
+        'pie': 'Pie chart of the shares of all drops',
+        'distribution': 'Bars with intervals',
+        'convergence': 'Shares after growing numbers of drops',
+        'estimates': 'What analytic methods predict',
+        'comparison': 'Simulated and measured side by side',
+    }
+    texts = row_texts(report.distribution, rows, pictures)
+    return template.render(
+        report=report,
+        drops=report.distribution.drops,
+        confidence=f'{100 * report.distribution.confidence:g}',
+        interval=report.distribution.interval.capitalize(),
+        rows=texts,
+        bars=_largest(texts),
+        unseen=_unseen(drawn.rows),
+        figures={name: inline_svg(svg, name, labels[name]) for name, svg in svgs.items()},
+        estimates={
+            name: [share_text(p) for p in _of_rows(drawn.rows, shares)]
+            for name, shares in report.estimates.items()
+        },
+        simplified=_simplified(report.part, drawn.part),
+        scene=scene(drawn.part, drawn.rows, drawn.lying) if drawn.part and drawn.rows else None,
+        style=_file('page.css'),
+        script=_file('page.js'),
+        modules={
+            'three': _script_uri('three.module.min.js'),
+            'OrbitControls': _script_uri('OrbitControls.js'),
+        },
+    )
+
+
+def _largest(rows: Sequence[RowText]) -> list[RowText]:
+    """As many as there is room for, in their order."""
+    order = sorted(range(len(rows)), key=lambda k: -rows[k].count)
+    return [rows[k] for k in sorted(order[:MOST_SHOWN])]
+
+
+def _unseen(rows: Sequence[Row]) -> str:
+    """Rows in which no drop ended, with the bounds of their probability, in words."""
+    return ', '.join(
+        f'{row.name} (at most {share_text(row.interval.upper)} %)' for row in rows if not row.count
+    )
+
+
+def _of_rows(rows: Sequence[Row], of_aspects: Any) -> list[Any]:
+    """Sums over the aspects of each row of what is given by aspect."""
+    return [sum(of_aspects[aspect.id - 1] for aspect in row.aspects) for row in rows]
+
+
+def _simplified(part: Part | None, shown: Part | None) -> tuple[int, int] | None:
+    """Triangles of the part and of what is shown, if that is less."""
+    if part is None or shown is None or len(part.faces) == len(shown.faces):
+        return None
+    return len(part.faces), len(shown.faces)
+
+
+def _picture(images: Mapping[int, Image], row: int) -> str:
+    """Of a row, as an address; empty if it has none."""
+    from matplotlib.image import imsave
+
+    if row not in images:
+        return ''
+    file = io.BytesIO()
+    imsave(file, images[row], format='png')
+    return _data_uri('image/png', file.getvalue())
+
+
+def _file(name: str) -> str:
+    return (resources.files(__package__) / _FILES / name).read_text(encoding='utf-8')
+
+
+def _script_uri(name: str) -> str:
+    return _data_uri('text/javascript', _file(name).encode())
+
+
+def _data_uri(kind: str, data: bytes) -> str:
+    return f'data:{kind};base64,{base64.b64encode(data).decode("ascii")}'

@@ -1,0 +1,79 @@
+// Opens a page in headless Chromium, uses it as a person does, and prints what was seen as JSON.
+// node look.js CHROMIUM PAGE WIDTH light|dark [with|without WebGL]
+import { chromium } from 'playwright-core';
+
+const [executablePath, page_file, width, colorScheme, webgl = 'with'] = process.argv.slice(2);
+const args = [
+  '--no-sandbox', '--disable-quic', '--no-first-run', '--disable-background-networking',
+  '--disable-component-update', '--disable-sync',
+  ...(webgl === 'with'
+    ? ['--use-angle=swiftshader', '--enable-unsafe-swiftshader']
+    : ['--disable-gpu', '--disable-3d-apis']),
+];
+const browser = await chromium.launch({ executablePath, args });
+try {
+  const context = await browser.newContext({
+    viewport: { width: Number(width), height: 800 }, colorScheme, reducedMotion: 'reduce',
+  });
+  const page = await context.newPage();
+  const said = [];
+  page.on('console', (message) => said.push(`${message.type()}: ${message.text()}`));
+  page.on('pageerror', (error) => said.push(`error: ${error.message}`));
+  const asked = [];
+  page.on('request', (request) => asked.push(request.url()));
+  await page.goto(`file://${page_file}`);
+
+  // What is drawn: a picture of the view as it is on the screen.
+  const seen = async () => {
+    await page.evaluate(() => new Promise((done) => {
+      requestAnimationFrame(() => requestAnimationFrame(done));
+    }));
+    return (await page.locator('#stage').screenshot()).toString('base64');
+  };
+  const buttons = page.locator('.row button');
+  const count = await buttons.count();
+  const views = [];
+  for (let k = 0; k < Math.min(count, 6); k += 1) {
+    await buttons.nth(k).click();
+    views.push({
+      name: await page.locator('#view-name').textContent(),
+      share: await page.locator('#view-share').textContent(),
+      pressed: await page.locator('.row button[aria-pressed="true"]').count(),
+      chosen: await page.locator('.row.chosen h3').textContent(),
+      picture: await seen(),
+    });
+  }
+  let turned = null;
+  if (await page.locator('#stage canvas').count()) {
+    const box = await page.locator('#stage').boundingBox();
+    await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
+    await page.mouse.down();
+    await page.mouse.move(box.x + box.width / 2 + 90, box.y + box.height / 2, { steps: 5 });
+    await page.mouse.up();
+    turned = await seen();
+  }
+  const text = (selector) => page.locator(selector).allInnerTexts();
+  process.stdout.write(JSON.stringify({
+    said,
+    asked: asked.filter((url) => !url.startsWith('data:')),
+    views,
+    turned,
+    buttons: count,
+    rows: await text('.row h3'),
+    headings: await text('h2'),
+    overflow: await page.evaluate(() => document.documentElement.scrollWidth - innerWidth),
+    broken: await page.evaluate(() => [...document.images].filter(
+      (image) => image.getAttribute('src') && !image.naturalWidth,
+    ).length),
+    ids: await page.evaluate(() => [...document.querySelectorAll('[id]')].map((one) => one.id)),
+    // Lightness of paper and of ink, 0 to 255.
+    colours: await page.evaluate(() => {
+      const style = getComputedStyle(document.body);
+      return [style.backgroundColor, style.color].map(
+        (colour) => Math.max(...colour.match(/\d+/g).slice(0, 3).map(Number)),
+      );
+    }),
+  }));
+} finally {
+  await browser.close();
+}
