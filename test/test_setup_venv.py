@@ -157,7 +157,8 @@ def test_without_node_set_up_goes_on_and_tries_again(setup_venv, path, monkeypat
     assert set(saved[-1]) == {'before', 'after'}  # javascript is not done
     (line,) = capsys.readouterr().out.splitlines()
     assert line == (
-        'set-up: node and npm not found: the tests of our logs and pages in JavaScript will be skipped'
+        'set-up: node and npm not found: the tests of our logs and pages in JavaScript will be '
+        'skipped'
     )
 
 

@@ -205,7 +205,9 @@ def install_javascript() -> None:
     options = ('--ignore-scripts', '--no-audit', '--no-fund', '--no-update-notifier')
     network = ('--fetch-retries=1', '--fetch-retry-mintimeout=1000', '--fetch-timeout=20000')
     try:
-        with step('javascript', 'installing packages that read logs and pages in JavaScript') as run:
+        with step(
+            'javascript', 'installing packages that read logs and pages in JavaScript'
+        ) as run:
             run('npm', 'ci', '--prefix', JAVASCRIPT, *options, *network)
     except SetupError:
         log = BUILD / 'setup-javascript.log'

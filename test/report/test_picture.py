@@ -1,5 +1,6 @@
 """The picture shows the distribution, and the part as it lies."""
 
+import io
 import itertools
 import subprocess
 import sys
@@ -12,19 +13,17 @@ from PIL import Image
 from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import Distribution, no_drops
-from resting_aspects_ros.core.rotations import down_in_part
-from resting_aspects_ros.report import portrait
+from resting_aspects_ros.core.rotations import down_in_part, rotate
+from resting_aspects_ros.report.colours import COLOURS, GREY
+from resting_aspects_ros.report.figure_style import png_bytes
 from resting_aspects_ros.report.picture import (
-    COLOURS,
-    GREY,
     MARGIN,
     MOST_SHOWN,
     ROW,
     _rows,
-    aspect_colour,
-    save_picture,
+    distribution_figure,
 )
-from resting_aspects_ros.report.portrait import VIEW, portraits
+from resting_aspects_ros.report.portrait import FROM_ABOVE, OBLIQUE, lay, portraits
 
 PIXELS = 160
 BLUE = (0.0, 0.45, 0.7)
@@ -34,8 +33,9 @@ def rgb(colour):
     return [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
 
 
-def read(path):
-    with Image.open(path) as image:
+def drawn(*given):
+    """The picture of a distribution, as pixels."""
+    with Image.open(io.BytesIO(png_bytes(distribution_figure(*given)))) as image:
         assert image.format == 'PNG'
         return np.asarray(image.convert('RGB')).astype(int)
 
@@ -55,50 +55,50 @@ def distribution(bracket):
     return Distribution(find_aspects(bracket), np.array([400, 200, 150, 100, 0]), 120, 30, 0)
 
 
-def test_bars_are_as_long_as_probabilities(distribution, bracket, tmp_path):
-    path = tmp_path / 'bars.png'
-    assert save_picture(distribution, bracket, path, 'title', 'subtitle') == path
-    image = read(path)[:, MARGIN + ROW :]  # beside the part's pictures
-    longest = bar_length(image, aspect_colour(1))
+def test_bars_are_as_long_as_probabilities(distribution, bracket):
+    image = drawn(distribution, bracket, 'title', 'subtitle')[
+        :, MARGIN + ROW :
+    ]  # beside the part's pictures
+    longest = bar_length(image, COLOURS[0])
     assert longest > 300
-    for number, count in enumerate(distribution.counts, start=1):
-        assert bar_length(image, aspect_colour(number)) == pytest.approx(
-            longest * count / 400, abs=2
-        )
+    for colour, count in zip(COLOURS, distribution.counts, strict=False):
+        assert bar_length(image, colour) == pytest.approx(longest * count / 400, abs=2)
     assert bar_length(image, GREY) == pytest.approx(longest * 120 / 400, abs=2)
 
 
-def test_without_the_part_bars_are_the_same(distribution, tmp_path):
-    image = read(save_picture(distribution, None, tmp_path / 'bars.png', 'title'))
-    longest = bar_length(image, aspect_colour(1))
-    assert bar_length(image, aspect_colour(2)) == pytest.approx(longest / 2, abs=2)
+def test_without_the_part_bars_are_the_same(distribution):
+    image = drawn(distribution, None, 'title')
+    longest = bar_length(image, COLOURS[0])
+    assert bar_length(image, COLOURS[1]) == pytest.approx(longest / 2, abs=2)
 
 
-def test_words_are_written_as_they_are(distribution, tmp_path):
-    plain = read(save_picture(distribution, None, tmp_path / 'a.png', 'a part'))
-    other = read(save_picture(distribution, None, tmp_path / 'b.png', 'a_{part $x$ \\frac'))
+def test_words_are_written_as_they_are(distribution):
+    plain = drawn(distribution, None, 'a part')
+    other = drawn(distribution, None, 'a_{part $x$ \\frac')
     assert (plain[:60] != other[:60]).any()
     assert np.array_equal(plain[110:], other[110:])
 
 
 @pytest.mark.filterwarnings('error')
-def test_no_drops_and_no_aspects_give_a_picture(distribution, bracket, tmp_path):
+def test_no_drops_and_no_aspects_give_a_picture(distribution, bracket):
     for aspects in (distribution.aspects, AspectSet(bracket.part_sha256, ())):
-        image = read(save_picture(no_drops(aspects), bracket, tmp_path / 'none.png', 'none'))
+        image = drawn(no_drops(aspects), bracket, 'none')
         assert image.shape[1] == 1240
         assert (image < 128).any()
 
 
-def test_of_many_aspects_the_most_probable_are_shown_and_the_others_counted(solid):
-    aspects = find_aspects(solid(trimesh.creation.icosahedron()))
+def test_of_many_classes_the_most_probable_are_shown_and_the_others_counted(many_sided):
+    aspects = find_aspects(many_sided)
+    classes = len(aspects.classes())
+    assert classes == len(aspects) > 30  # no two look alike
     counts = np.arange(len(aspects))[::-1] % 50
     rows = _rows(Distribution(aspects, counts, 0, 7, 0))
-    shown = [row.aspect.id for row in rows if row.aspect]
+    shown = [row.aspects[0].id for row in rows if row.aspects]
     assert shown == sorted(shown)
     assert len(shown) == MOST_SHOWN
     others = np.delete(counts, np.array(shown) - 1)
     assert counts[np.array(shown) - 1].min() >= others.max()
-    assert [row.label for row in rows[MOST_SHOWN:]] == [
+    assert [row.name for row in rows[MOST_SHOWN:]] == [
         f'{len(aspects) - MOST_SHOWN} more aspects',
         'unsettled',
     ]
@@ -107,8 +107,15 @@ def test_of_many_aspects_the_most_probable_are_shown_and_the_others_counted(soli
     )
 
 
+def test_aspects_that_look_alike_have_one_bar_and_one_picture(part):
+    aspects = find_aspects(part('hex_nut'))
+    rows = _rows(Distribution(aspects, np.full(8, 10), 0, 0, 0))
+    assert [row.name for row in rows] == ['aspects 1 and 2', 'aspects 3 to 8']
+    assert [row.interval.probability for row in rows] == [0.25, 0.75]
+
+
 def test_colours_differ_also_to_the_colour_blind():
-    assert [aspect_colour(number) for number in (1, 2, 11)] == [COLOURS[0], COLOURS[1], COLOURS[0]]
+    assert len(set(COLOURS)) == len(COLOURS)
     # Machado, Oliveira and Fernandes 2009, severity 1.
     sights = {
         'all': np.eye(3),
@@ -149,9 +156,9 @@ def silhouette(image):
 def test_a_part_in_a_picture_is_as_large_as_its_projection(part, name):
     shape = part(name)
     aspects = find_aspects(shape).aspects
-    images = portraits(shape, aspects, [BLUE] * len(aspects), PIXELS)
-    solids = [portrait._placed(portrait._solid(shape), aspect) for aspect in aspects]
-    spans = [np.ptp(solid.points @ VIEW[:2].T, axis=0) for solid in solids]
+    solids = lay(shape, aspects)
+    images = portraits(solids, [BLUE] * len(aspects), PIXELS)
+    spans = [np.ptp(solid.points @ OBLIQUE[:2].T, axis=0) for solid in solids]
     for a, b in itertools.combinations(range(len(aspects)), 2):
         # One scale for all: extents in pixels are in the ratio of extents in metres.
         assert extent(images[a]) * spans[b] / spans[a] == pytest.approx(extent(images[b]), abs=3)
@@ -159,7 +166,7 @@ def test_a_part_in_a_picture_is_as_large_as_its_projection(part, name):
     for image, aspect in zip(images, aspects, strict=True):
         # Whatever the turn about the vertical, the picture's height is between these; the hull's
         # extents, not the renderer's.
-        rise = np.ptp(hull @ aspect.down_in_part) * np.linalg.norm(VIEW[1, 2])
+        rise = np.ptp(hull @ aspect.down_in_part) * np.linalg.norm(OBLIQUE[1, 2])
         wide = 2 * np.linalg.norm(hull - hull.mean(axis=0), axis=1).max()
         per_metre = extent(images[0])[0] / spans[0][0]
         assert rise * per_metre - 3 < extent(image)[1] < (rise + wide) * per_metre + 3
@@ -174,8 +181,8 @@ def extent(image):
 def test_the_part_lies_on_the_surface_in_its_aspect(part):
     for name in ('l_bracket', 'tetrahedron', 'hex_nut'):
         shape = part(name)
-        for aspect in find_aspects(shape).aspects:
-            solid = portrait._placed(portrait._solid(shape), aspect)
+        aspects = find_aspects(shape).aspects
+        for aspect, solid in zip(aspects, lay(shape, aspects), strict=True):
             corners = solid.points[solid.faces]
             normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -187,21 +194,34 @@ def test_the_part_lies_on_the_surface_in_its_aspect(part):
             np.testing.assert_allclose(turn.T @ aspect.down_in_part, [0, 0, -1], atol=1e-6)
             assert np.linalg.det(turn) == pytest.approx(1.0)
             assert solid.points[:, 2].min() == 0.0
-            np.testing.assert_allclose(
-                down_in_part(aspect.orientation), aspect.down_in_part, atol=1e-9
-            )
+            for orientation in (aspect.orientation, solid.orientation):
+                np.testing.assert_allclose(
+                    down_in_part(orientation), aspect.down_in_part, atol=1e-9
+                )
+            turned = rotate(solid.orientation, shape.vertices)
+            turned[:, 2] -= turned[:, 2].min()
+            np.testing.assert_allclose(turned, solid.points, atol=1e-9)
+
+
+def test_from_above_a_part_is_seen_as_by_a_camera_over_it(bracket):
+    aspects = find_aspects(bracket).aspects
+    solids = lay(bracket, aspects)
+    images = portraits(solids, [BLUE] * len(aspects), PIXELS, FROM_ABOVE)
+    scale = extent(images[0])[0] / np.ptp(solids[0].points[:, 0])
+    for image, solid in zip(images, solids, strict=True):
+        assert extent(image) == pytest.approx(np.ptp(solid.points[:, :2], axis=0) * scale, abs=3)
 
 
 def test_aspects_of_an_l_bracket_look_different(bracket):
     aspects = find_aspects(bracket).aspects
-    images = portraits(bracket, aspects, [BLUE] * len(aspects), PIXELS)
+    images = portraits(lay(bracket, aspects), [BLUE] * len(aspects), PIXELS)
     assert len(images) == 5
     for a, b in itertools.combinations([silhouette(image) for image in images], 2):
         assert (a & b).sum() / (a | b).sum() < 0.8
 
 
 def test_a_portrait_has_the_aspects_colour_three_shades_of_it_and_dark_edges(bracket):
-    image = portraits(bracket, find_aspects(bracket).aspects[:1], [BLUE], PIXELS)[0]
+    image = portraits(lay(bracket, find_aspects(bracket).aspects[:1]), [BLUE], PIXELS)[0]
     inside = image[silhouette(image)][:, :3]
     of_colour = np.abs(inside / inside[:, 2:] - np.array(BLUE) / BLUE[2]).max(axis=1) < 0.01
     assert of_colour.mean() > 0.6
@@ -212,7 +232,7 @@ def test_a_portrait_has_the_aspects_colour_three_shades_of_it_and_dark_edges(bra
 
 
 def test_a_shadow_is_drawn_and_the_rest_is_transparent(bracket):
-    image = portraits(bracket, find_aspects(bracket).aspects[4:], [BLUE], PIXELS)[0]
+    image = portraits(lay(bracket, find_aspects(bracket).aspects[4:]), [BLUE], PIXELS)[0]
     alpha = image[..., 3]
     assert alpha[[0, -1]].max() == 0.0
     assert ((alpha > 0.2) & (alpha < 0.3)).sum() > 100
@@ -221,17 +241,19 @@ def test_a_shadow_is_drawn_and_the_rest_is_transparent(bracket):
     assert image.shape == (PIXELS, PIXELS, 4)
 
 
-def test_matplotlib_is_imported_only_for_a_picture_and_pyplot_never(tmp_path):
-    code = f"""
+def test_matplotlib_is_imported_only_for_a_picture_and_pyplot_never():
+    code = """
 import sys
-from pathlib import Path
 import numpy as np
 from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.distribution import Distribution
-from resting_aspects_ros.report.picture import save_picture
+from resting_aspects_ros.report.figure_style import png_bytes
+from resting_aspects_ros.report.page import report_files
+from resting_aspects_ros.report.picture import distribution_figure
 assert 'matplotlib' not in sys.modules
-save_picture(Distribution(AspectSet('', ()), np.array([], int), 3, 0, 0), None,
-             Path({str(tmp_path / 'a.png')!r}), 'title')
+assert 'jinja2' not in sys.modules
+png_bytes(distribution_figure(Distribution(AspectSet('', ()), np.array([], int), 3, 0, 0),
+                              None, 'title'))
 assert 'matplotlib' in sys.modules
 assert 'matplotlib.pyplot' not in sys.modules
 """
@@ -254,8 +276,8 @@ def test_a_mesh_that_is_not_closed_is_seen_from_inside_too(solid):
     assert np.isnan(lidless.volume)
     aspects = find_aspects(whole).aspects
     for a, b in zip(
-        portraits(whole, aspects, [BLUE] * 6, PIXELS),
-        portraits(lidless, aspects, [BLUE] * 6, PIXELS),
+        portraits(lay(whole, aspects), [BLUE] * 6, PIXELS),
+        portraits(lay(lidless, aspects), [BLUE] * 6, PIXELS),
         strict=True,
     ):
         # One looks through the opening at the inner sides of the walls, which fill the outline.

@@ -1,0 +1,64 @@
+"""Reports of parts, without a drop: counts are given."""
+
+from itertools import count
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import HalfspaceIntersection
+
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.comparison import Tally, compare
+from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.report.page import Measured, Report, report_files
+
+
+@pytest.fixture(scope='session')
+def make_report():
+    """Make the report of a part with a share of the drops in each aspect, and 3 % in none."""
+
+    def make(part, *, drops=1000, unseen=(), measured=False, **more):
+        aspects = find_aspects(part)
+        weights = np.array([a.basin_share for a in aspects.aspects])
+        weights[[k - 1 for k in unseen]] = 0.0
+        counts = np.random.default_rng(4).multinomial(
+            drops - 3 * drops // 100, weights / weights.sum()
+        )
+        distribution = Distribution(aspects, counts, drops * 2 // 100, drops // 100, 0)
+        if measured:
+            own = Tally(distribution.by_class().counts)
+            other = Tally(own.counts // 2 + 3)
+            found = compare(own, other, np.random.default_rng(1))
+            more['measured'] = Measured('by hand', other, found)
+        looks = np.array([10, 30, 100, 300, distribution.drops])
+        more.setdefault('history', (looks, np.outer(looks, counts) // drops))
+        return Report(part.name, f'{drops} drops on a tray', distribution, part, **more)
+
+    return make
+
+
+@pytest.fixture(scope='session')
+def many_sided(solid):
+    """A body with 40 flat sides around its middle, no two alike: it rests on most of them."""
+    k = np.arange(40) + 0.5
+    polar, azimuth = np.arccos(1 - 2 * k / 40), np.pi * (1 + 5**0.5) * k
+    normals = np.stack(
+        [np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)], axis=1
+    )
+    far = 10 * (1 + 0.02 * np.random.default_rng(2).random(40))
+    sides = HalfspaceIntersection(np.column_stack([normals, -far]), np.zeros(3))
+    return solid(trimesh.convex.convex_hull(sides.intersections))
+
+
+@pytest.fixture(scope='session')
+def written(tmp_path_factory):
+    """Write a report; returns the folder."""
+    numbers = count()
+
+    def write(report):
+        folder = tmp_path_factory.mktemp(f'report{next(numbers)}')
+        for name, data in report_files(report):
+            (folder / name).write_bytes(data)
+        return folder
+
+    return write

@@ -1,0 +1,295 @@
+"""What a page says is what is known; read back from the file by other readers."""
+
+import base64
+import html.parser
+import io
+import json
+import re
+import xml.etree.ElementTree as ET
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from resting_aspects_ros.core.rotations import rotate
+from resting_aspects_ros.report.colours import aspect_colour
+from resting_aspects_ros.report.page import ENDINGS, FIGURES, MOST_PICTURED, PIXELS, Report
+from resting_aspects_ros.report.standing import MOST_OF_PICTURES
+
+VOID = {'meta', 'link', 'br', 'img', 'path', 'use', 'rect', 'input', 'hr', 'image'}
+
+
+class Reader(html.parser.HTMLParser):
+    """Elements of a page with their text; fails where they are not well nested."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.found = [], []
+        self.feed(text)
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        element = {'tag': tag, 'text': '', **dict(attrs)}
+        self.found.append(element)
+        if tag not in VOID:
+            self.open.append(element)
+
+    def handle_startendtag(self, tag, attrs):
+        self.found.append({'tag': tag, 'text': '', **dict(attrs)})
+
+    def handle_endtag(self, tag):
+        if tag in VOID:
+            return
+        assert self.open.pop()['tag'] == tag
+
+    def handle_data(self, data):
+        for element in self.open:
+            element['text'] += data
+
+    def all(self, tag, **having):
+        return [
+            each
+            for each in self.found
+            if each['tag'] == tag
+            and all(value in (each.get(name) or '') for name, value in having.items())
+        ]
+
+
+def words(element):
+    return ' '.join(element['text'].split())
+
+
+@pytest.fixture(scope='module')
+def bracket(part, make_report):
+    return make_report(
+        part('l_bracket'),
+        unseen=[5],
+        measured=True,
+        notes=('Only <b>half</b> of it & more.',),
+        facts={'Conditions': [('height', '0.2 m <script>')]},
+        estimates={'rolling': np.array([0.3, 0.3, 0.2, 0.15, 0.05])},
+        not_defined={'csa': 'csa is not defined for it'},
+    )
+
+
+@pytest.fixture(scope='module')
+def folder(bracket, written):
+    return written(bracket)
+
+
+@pytest.fixture(scope='module')
+def text(folder):
+    return (folder / 'report.html').read_text(encoding='utf-8')
+
+
+@pytest.fixture(scope='module')
+def page(text):
+    return Reader(text)
+
+
+def test_one_file_needs_no_network(page, text):
+    assert len(text) < 3_000_000
+    for element in page.found:
+        for name in ('src', 'href', 'xlink:href', 'action', 'data'):
+            if value := element.get(name):
+                assert value.startswith(('data:', '#')), value
+    assert not re.findall(r'url\((?!#)', text)
+    assert '@import' not in text
+
+
+def test_figures_are_there_as_png_and_svg(folder):
+    names = {f'{name}.{ending}' for name in FIGURES for ending in ENDINGS}
+    assert {file.name for file in folder.iterdir()} == {*names, 'report.html'}
+    for name in FIGURES:
+        with Image.open(folder / f'{name}.png') as image:
+            assert image.format == 'PNG'
+            assert image.width >= 700
+        root = ET.parse(folder / f'{name}.svg').getroot()
+        assert root.tag == '{http://www.w3.org/2000/svg}svg'
+        # Words are words: they can be found, and read out.
+        assert ''.join(root.itertext()).strip()
+
+
+def test_a_row_for_each_class_and_each_other_end(page, bracket):
+    rows = page.all('li', **{'data-row': ''})
+    rows = [row for row in rows if 'data-row' in row]
+    distribution = bracket.distribution
+    names = [words(each) for each in page.all('h3')][: len(rows)]
+    assert names[:5] == [f'aspect {k}' for k in range(1, 6)]
+    assert names[5].startswith('unclassified came to rest on no side')
+    assert names[6].startswith('unsettled')
+    for row, count in zip(rows, [*distribution.counts, 20, 10], strict=True):
+        assert f'{count} of 1000' in words(row)
+
+
+def test_numbers_are_those_of_the_distribution(page, bracket):
+    rows = [each for each in page.all('li') if 'data-row' in each]
+    for row, aspect, count, interval in zip(
+        rows,
+        bracket.distribution.aspects.aspects,
+        bracket.distribution.counts,
+        bracket.distribution.intervals(),
+        strict=False,
+    ):
+        said = words(row)
+        low, high = map(float, re.search(r'([\d.]+) to ([\d.]+) %', said).groups())
+        assert low == pytest.approx(100 * interval.lower, abs=0.06)
+        assert high == pytest.approx(100 * interval.upper, abs=0.06)
+        share = float(re.search(r'([\d.]+) %', said)[1]) if count else 0.0
+        assert share == pytest.approx(count / 10, abs=0.06) or 'never seen' in said
+        height = float(re.search(r'centre of mass ?([\d.]+) mm', said)[1])
+        assert height == pytest.approx(1000 * aspect.com_height, abs=0.006)
+        rise, to = re.search(r'least barrier ?([\d.]+) mm, to (\d+)', said).groups()
+        assert float(rise) == pytest.approx(1000 * aspect.least_barrier, rel=0.006)
+        assert int(to) == aspect.neighbour
+
+
+def test_bars_and_whiskers_are_as_long_as_what_they_show(page, bracket):
+    fills = [each['style'] for each in page.all('i', **{'class': 'fill'})][-7:]
+    whiskers = [each['style'] for each in page.all('i', **{'class': 'whisker'})][-7:]
+    intervals = bracket.distribution.intervals()
+    longest = max(each.upper for each in intervals)
+    for fill, whisker, each in zip(fills, whiskers, intervals, strict=False):
+        (width,) = map(float, re.findall(r'[\d.]+', fill))
+        left, wide = map(float, re.findall(r'[\d.]+', whisker))
+        assert width == pytest.approx(100 * each.probability / longest, abs=0.01)
+        assert left == pytest.approx(100 * each.lower / longest, abs=0.01)
+        assert left + wide == pytest.approx(100 * each.upper / longest, abs=0.02)
+
+
+def test_an_aspect_that_was_never_seen_has_its_bound(page):
+    (row,) = [each for each in page.all('li', **{'class': 'unseen'}) if 'data-row' in each]
+    assert 'never seen' in words(row)
+    assert '0 to 0.38 %' in words(row)
+    assert any('Never seen: aspect 5 (at most 0.38 %)' in words(e) for e in page.all('figcaption'))
+
+
+def test_words_from_outside_are_text(page):
+    assert [words(each) for each in page.all('p', **{'class': 'note'})] == [
+        'Only <b>half</b> of it & more.'
+    ]
+    assert any(words(each) == '0.2 m <script>' for each in page.all('dd'))
+
+
+def test_sections_that_have_nothing_to_say_are_left_out(part, make_report, written):
+    report = make_report(part('l_bracket'), history=None)
+    folder = written(report)
+    page = Reader((folder / 'report.html').read_text(encoding='utf-8'))
+    assert [words(each) for each in page.all('h2')] == [
+        'Aspects',
+        'What was dropped, and how',
+        'How to read this',
+    ]
+    assert not (folder / 'convergence.png').exists()
+    without = Report(report.title, '', report.distribution, None)
+    page = Reader((written(without) / 'report.html').read_text(encoding='utf-8'))
+    assert not page.all('img')
+    assert not page.all('script', type='module')
+
+
+def test_pictures_are_of_the_part_in_its_colour(page, bracket):
+    images = [each for each in page.all('img') if each['src']]
+    assert len(images) == 2 * 5
+    for k, (oblique, above) in enumerate(zip(images[::2], images[1::2], strict=True)):
+        assert 'obliquely' in oblique['alt']
+        assert 'from above' in above['alt']
+        colour = aspect_colour(bracket.distribution.aspects.aspects[k])
+        for each in (oblique, above):
+            pixels = decoded(each)
+            assert pixels.shape == (PIXELS, PIXELS, 4)
+            inside = pixels[pixels[..., 3] == 255][:, :3].astype(float)
+            bright = inside[inside.max(axis=1) > 100]
+            target = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)])
+            shade = bright / bright.max(axis=1, keepdims=True)
+            assert (np.abs(shade - target / target.max()).max(axis=1) < 0.03).mean() > 0.9
+
+
+def decoded(element):
+    data = base64.b64decode(element['src'].removeprefix('data:image/png;base64,'))
+    return np.asarray(Image.open(io.BytesIO(data)))
+
+
+def test_from_above_a_part_is_as_large_as_its_outline(part, make_report, written):
+    report = make_report(part('box_10x20x30'))
+    page = Reader((written(report) / 'report.html').read_text(encoding='utf-8'))
+    images = page.all('img', **{'class': 'above'})
+    sides = [(30, 20), (30, 10), (20, 10)]  # lying on the largest face first
+    sizes = []
+    for each in images:
+        rows, columns = np.nonzero(decoded(each)[..., 3] > 240)
+        sizes.append((np.ptp(columns) + 1, np.ptp(rows) + 1))
+    scale = sizes[0][0] / 30
+    for size, side in zip(sizes, sides, strict=True):
+        assert size == pytest.approx(np.array(side) * scale, abs=3)
+
+
+def test_the_scene_has_the_part_lying_in_each_row(page, bracket):
+    (script,) = page.all('script', id='scene')
+    scene = json.loads(script['text'])
+    part = bracket.part
+    points = np.frombuffer(base64.b64decode(scene['points']), '<f4').reshape(-1, 3)
+    faces = np.frombuffer(base64.b64decode(scene['faces']), '<u4').reshape(-1, 3)
+    np.testing.assert_allclose(
+        points * part.hull_radius + part.centre_of_mass, part.vertices, atol=1e-8
+    )
+    np.testing.assert_array_equal(faces, part.faces)
+    for row, aspect in zip(scene['rows'], bracket.distribution.aspects.aspects, strict=True):
+        lying = rotate(np.array(row['quaternion']), points)
+        assert lying[:, 2].min() + row['height'] == pytest.approx(0, abs=1e-6)
+        assert row['height'] * part.hull_radius == pytest.approx(aspect.com_height, rel=1e-6)
+        assert row['colour'] == aspect_colour(aspect)
+
+
+def test_ids_are_unique(page):
+    ids = [each['id'] for each in page.found if each.get('id')]
+    assert len(ids) == len(set(ids)) > 20
+
+
+def test_the_same_report_gives_the_same_files(bracket, folder, written):
+    for file in written(bracket).iterdir():
+        assert file.read_bytes() == (folder / file.name).read_bytes()
+
+
+def test_headings_go_down_by_one(page):
+    levels = [int(each['tag'][1]) for each in page.found if re.fullmatch('h[1-6]', each['tag'])]
+    assert levels[0] == 1
+    assert all(b - a <= 1 for a, b in pairwise(levels))
+
+
+def test_many_aspects(many_sided, make_report, written):
+    report = make_report(many_sided)
+    classes = len(report.distribution.aspects.classes())
+    assert classes > 30
+    text = (written(report) / 'report.html').read_text(encoding='utf-8')
+    page = Reader(text)
+    assert len([each for each in page.all('li') if 'data-row' in each]) == classes + 2
+    assert len([e for e in page.all('img') if e['src']]) == 2 * min(classes, MOST_PICTURED)
+    assert len(text) < 5_000_000
+
+
+def test_one_aspect_and_no_drops(solid, make_report, written):
+    ball = make_report(solid(trimesh.creation.icosphere(subdivisions=4, radius=10)))
+    assert len(ball.distribution.aspects) == 1
+    page = Reader((written(ball) / 'report.html').read_text(encoding='utf-8'))
+    assert words(page.all('h3')[0]) == 'aspect 1'
+    none = Report('ball', '', ball.distribution.__class__(
+        ball.distribution.aspects, np.zeros(1, dtype=np.int64), 0, 0, 0
+    ), ball.part)  # fmt: skip
+    page = Reader((written(none) / 'report.html').read_text(encoding='utf-8'))
+    assert any('no drops' in words(each) for each in page.all('li'))
+
+
+def test_a_large_mesh_is_simplified_for_display_and_that_is_said(solid, make_report, written):
+    part = solid(trimesh.creation.icosphere(subdivisions=6, radius=10))
+    assert len(part.faces) > MOST_OF_PICTURES
+    text = (written(make_report(part)) / 'report.html').read_text(encoding='utf-8')
+    page = Reader(text)
+    said = next(w for w in map(words, page.all('span')) if w.startswith('Shown with'))
+    shown, whole = (int(n.replace(',', '')) for n in re.findall(r'[\d,]{4,}', said))
+    assert whole == len(part.faces) == 81920
+    assert shown <= MOST_OF_PICTURES
+    (script,) = page.all('script', id='scene')
+    assert len(base64.b64decode(json.loads(script['text'])['faces'])) == 12 * shown
+    assert len(text) < 5_000_000

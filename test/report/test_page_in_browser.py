@@ -1,0 +1,121 @@
+"""The page in headless Chromium: an aspect is chosen, the view changes, and nothing is wrong."""
+
+import base64
+import io
+import json
+import shutil
+import subprocess
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+JS = Path(__file__).parents[1] / 'js'
+DESK, TELEPHONE = 1200, 390
+
+pytestmark = [pytest.mark.stated_requirement, pytest.mark.timeout(600)]
+
+
+@pytest.fixture(scope='session')
+def look():
+    """Open a page in a browser and use it; returns what was seen."""
+    chromium = shutil.which('chromium') or shutil.which('chromium-browser')
+    if not (shutil.which('node') and chromium):
+        pytest.skip('node or chromium is not installed')
+    if not (JS / 'node_modules' / '.package-lock.json').exists():  # npm's last file
+        pytest.skip(f'the packages in {JS / "package.json"} are not installed: make dev does it')
+
+    def look(folder, width=DESK, scheme='light', webgl='with'):
+        command = ['node', JS / 'look.js', chromium, folder / 'report.html', str(width), scheme]
+        ended = subprocess.run(
+            [*command, webgl], capture_output=True, text=True, check=False, timeout=240
+        )
+        assert ended.returncode == 0, ended.stderr
+        return json.loads(ended.stdout)
+
+    return look
+
+
+def pixels(picture):
+    with Image.open(io.BytesIO(base64.b64decode(picture))) as image:
+        return np.asarray(image.convert('RGB')).astype(int)
+
+
+def differ(a, b):
+    """Share of the pixels that are clearly another colour."""
+    a, b = pixels(a), pixels(b)
+    assert a.shape == b.shape
+    return (np.abs(a - b).max(axis=2) > 30).mean()
+
+
+@pytest.fixture(scope='module')
+def bracket(part, make_report, written):
+    report = make_report(
+        part('l_bracket'),
+        unseen=[5],
+        measured=True,
+        estimates={'rolling': np.array([0.3, 0.3, 0.2, 0.15, 0.05])},
+        notes=('Not all drops are counted.',),
+        facts={'Part': [('part sha256', 64 * 'a')]},
+    )
+    return written(report)
+
+
+@pytest.mark.parametrize('scheme', ['light', 'dark'])
+@pytest.mark.parametrize('width', [DESK, TELEPHONE])
+def test_an_aspect_is_chosen_and_the_part_lies_so(look, bracket, width, scheme):
+    seen = look(bracket, width, scheme)
+    assert seen['said'] == []
+    assert seen['asked'] == [f'file://{bracket / "report.html"}']
+    assert seen['overflow'] <= 0
+    assert seen['broken'] == 0
+    assert seen['buttons'] == 5
+    assert len(seen['ids']) == len(set(seen['ids']))
+    views = seen['views']
+    assert [view['name'] for view in views] == [f'aspect {k}' for k in range(1, 6)]
+    assert [view['chosen'] for view in views] == [view['name'] for view in views]
+    assert {view['pressed'] for view in views} == {1}
+    assert views[4]['share'] == 'never seen'
+    for a, b in pairwise(views):
+        assert differ(a['picture'], b['picture']) > 0.02
+    # A part, and not only a tray: the sides that are seen have different shades.
+    for view in views:
+        _, counts = np.unique(
+            pixels(view['picture']).reshape(-1, 3) // 8, axis=0, return_counts=True
+        )
+        assert (counts > 0.01 * counts.sum()).sum() >= 4
+    assert differ(views[-1]['picture'], seen['turned']) > 0.02
+    paper, ink = seen['colours']
+    assert (paper > ink + 100) if scheme == 'light' else (ink > paper + 100)
+
+
+def test_without_3d_graphics_the_picture_is_shown(look, bracket):
+    seen = look(bracket, webgl='without')
+    assert seen['said'] == []
+    assert seen['turned'] is None
+    assert seen['broken'] == 0
+    views = seen['views']
+    assert len(views) == 5
+    for a, b in pairwise(views):
+        assert differ(a['picture'], b['picture']) > 0.02
+
+
+@pytest.mark.parametrize('kind', ['many', 'one', 'curved'])
+def test_other_parts_are_read_as_well(look, part, solid, many_sided, make_report, written, kind):
+    if kind == 'many':
+        shape = many_sided
+    elif kind == 'one':
+        shape = solid(trimesh.creation.icosphere(subdivisions=3, radius=10))
+    else:
+        shape = part('cylinder_d20_h20')
+    report = make_report(shape)
+    folder = written(report)
+    for width in (DESK, TELEPHONE):
+        seen = look(folder, width)
+        assert seen['said'] == []
+        assert seen['overflow'] <= 0
+        assert seen['broken'] == 0
+        assert len(seen['rows']) == len(report.distribution.aspects.classes()) + 2
