@@ -24,7 +24,9 @@ def processes_of():
         for status in Path('/proc').glob('[0-9]*/status'):
             try:
                 parent = int(re.search(r'^PPid:\t(\d+)', status.read_text(), re.MULTILINE)[1])
-                words = (status.parent / 'cmdline').read_text().split('\0')
+                words = (
+                    (status.parent / 'cmdline').read_bytes().decode(errors='replace').split('\0')
+                )
             except (FileNotFoundError, ProcessLookupError):
                 continue
             of[int(status.parent.name)] = (parent, words)
@@ -87,9 +89,11 @@ def test_the_demo_drops_a_part_over_ros_and_shows_it(begin, nodes_of, left, tmp_
     assert title.rstrip() == 'l_bracket, 1000 drops on rubber_mat, seed 1'
     aspects = [line.split()[0] for line in lines if re.match(r' +\d+ .* % ', line)]
     assert aspects == ['1', '2', '3', '4', '5']
-    log, picture = (re.fullmatch(r'(\w+): +(.+)', line) for line in lines[-2:])
-    assert (log[1], picture[1]) == ('Log', 'Picture')
-    with Image.open(tmp_path / picture[2]) as image:
+    log, report = (re.fullmatch(r'(\w+): +(.+)', line) for line in lines[-2:])
+    assert (log[1], report[1]) == ('Log', 'Report')
+    page = (tmp_path / report[2]).read_text(encoding='utf-8')
+    assert page.count('data-row=') == 6  # an unclassified drop
+    with Image.open(tmp_path / 'o' / 'distribution.png') as image:
         image.load()
     for line in errors.splitlines():
         assert re.fullmatch(r'l_bracket: \d+ of 1000 drops(  \d+ drops/s)?', line)

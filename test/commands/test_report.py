@@ -1,0 +1,208 @@
+"""Reports from a log, from a JSON document, and at once."""
+
+import json
+import re
+
+import pytest
+from PIL import Image
+
+DROPS = 150
+FIGURES = ('distribution', 'pie', 'convergence', 'estimates')
+
+
+def page_of(ended, folder):
+    """The page that a command says it wrote."""
+    assert ended.returncode == 0, ended.stderr
+    path = folder / re.search(r'^Report: (.+)$', ended.stdout, re.MULTILINE)[1]
+    return path, path.read_text(encoding='utf-8')
+
+
+def rows_of(page):
+    """Name and count of each row."""
+    names = re.findall(r'<h3>(.+?)(?: <small>.*?)?</h3>', page)
+    counts = re.findall(r'<span class="count">(\d+) of', page)
+    return list(zip(names, map(int, counts), strict=False))
+
+
+@pytest.fixture(scope='module')
+def dropped(run_in, tmp_path_factory):
+    """The folder in which the hex nut was dropped, from a mesh file, with a report."""
+    folder = tmp_path_factory.mktemp('dropped')
+    ended = run_in(
+        folder, 'drop', 'hex_nut', '--drops', DROPS, '--seed', 3, '--out', 'o', '--report'
+    )
+    assert ended.returncode == 0, ended.stderr
+    return folder, ended
+
+
+def test_a_report_at_once(dropped):
+    folder, ended = dropped
+    path, page = page_of(ended, folder)
+    assert path == folder / 'o' / 'report.html'
+    document = json.loads((folder / 'o' / 'distribution.json').read_text())
+    expected = [
+        (f'aspects {first} {word} {last}', each['count'])
+        for each, (first, word, last) in zip(
+            document['classes'], [(1, 'and', 2), (3, 'to', 8)], strict=True
+        )
+    ]
+    assert rows_of(page)[:2] == expected
+    for name in FIGURES:
+        with Image.open(folder / 'o' / f'{name}.png') as image:
+            image.load()
+        assert (folder / 'o' / f'{name}.svg').read_text().startswith('<?xml')
+    for said in (
+        document['mesh_sha256'],
+        document['part_sha256'],
+        document['run_id'],
+        'rubber_mat',
+        f'bullet {document["engine_version"]}',
+        '12 rotations map it onto itself',
+        'quasi_static',
+    ):
+        assert said in page
+
+
+def test_a_report_of_the_document_is_the_same(dropped, run_in):
+    folder, at_once = dropped
+    ended = run_in(folder, 'report', 'o/distribution.json', '--out', 'again')
+    path, page = page_of(ended, folder)
+    assert path == folder / 'again' / 'report.html'
+    assert page == page_of(at_once, folder)[1]
+    assert (folder / 'again' / 'pie.svg').read_bytes() == (folder / 'o' / 'pie.svg').read_bytes()
+
+
+def test_the_document_says_how_the_counts_came_to_be(dropped):
+    folder, _ = dropped
+    document = json.loads((folder / 'o' / 'distribution.json').read_text())
+    history = document['history']
+    assert [row['drops'] for row in history][:3] == [10, 13, 16]
+    assert history[-1] == {
+        'drops': DROPS,
+        'counts': [aspect['count'] for aspect in document['aspects']],
+    }
+
+
+def test_a_mesh_file_is_found_again(run, tmp_path):
+    (tmp_path / 'mine').mkdir()
+    mesh = 'solid a\n' + ''.join(
+        'facet normal 0 0 0\nouter loop\n'
+        + ''.join(f'vertex {x} {y} {z}\n' for x, y, z in corners)
+        + 'endloop\nendfacet\n'
+        for corners in (
+            [(0, 0, 0), (0, 1, 0), (1, 0, 0)],
+            [(0, 0, 0), (1, 0, 0), (0, 0, 1)],
+            [(0, 0, 0), (0, 0, 1), (0, 1, 0)],
+            [(1, 0, 0), (0, 1, 0), (0, 0, 1)],
+        )
+    )
+    (tmp_path / 'mine' / 'corner.stl').write_text(mesh + 'endsolid a\n')
+    words = ('--unit', 'in', '--drops', 20, '--out', 'o')
+    assert run('drop', 'mine/corner.stl', *words).returncode == 0
+    ended = run('report', 'o/distribution.json')
+    path, page = page_of(ended, tmp_path)
+    assert path == tmp_path / 'out' / 'corner' / 'report.html'
+    assert 'id="scene"' in page
+    assert '25.4 x 25.4 x 25.4 mm' in page
+    # Moved away: the numbers are there, and how to get the pictures is said.
+    (tmp_path / 'mine' / 'corner.stl').rename(tmp_path / 'corner.stl')
+    ended = run('report', 'o/distribution.json', '--out', 'without')
+    _, page = page_of(ended, tmp_path)
+    assert '--part names the part' in ended.stderr
+    assert 'id="scene"' not in page
+    assert len(rows_of(page)) == 2
+    named = ('--part', 'corner.stl', '--unit', 'in')
+    _, page = page_of(run('report', 'o/distribution.json', *named), tmp_path)
+    assert 'id="scene"' in page
+
+
+@pytest.fixture(scope='module')
+def log(part, surfaces, tmp_path_factory, run_in):
+    """A log of a run over ROS, by the demo."""
+    folder = tmp_path_factory.mktemp('demo')
+    ended = run_in(folder, 'demo', '--out', 'demo')
+    assert ended.returncode == 0, ended.stderr
+    (log,) = (folder / 'demo' / 'logs').iterdir()
+    return folder, log
+
+
+def test_a_report_of_a_log_is_that_of_its_drops(log, run_in):
+    folder, log = log
+    asked = ('drop', 'l_bracket', '--drops', 1000, '--seed', 1, '--report', '--out', 'here')
+    _, here = page_of(run_in(folder, *asked), folder)
+    for path in (log, next(log.glob('*.mcap'))):
+        ended = run_in(folder, 'report', path, '--out', 'logged')
+        page = page_of(ended, folder)[1]
+        # The same but for when, and as which run, it was made.
+        assert cut(page) == cut(here)
+    assert cut((folder / 'demo' / 'report.html').read_text(encoding='utf-8')) == cut(here)
+
+
+def cut(page):
+    return re.sub(r'<dt>(date|run id)</dt><dd>.*?</dd>', '', page)
+
+
+def test_measured_and_simulated_side_by_side(dropped, run_in):
+    folder, _ = dropped
+    document = json.loads((folder / 'o' / 'distribution.json').read_text())
+    counts = [each['count'] for each in document['classes']]
+    share = counts[0] / sum(counts)
+    (folder / 'hand.csv').write_text('class,count\n1,60\n2,40\n')
+    ended = run_in(
+        folder, 'report', 'o/distribution.json', '--against', 'hand.csv', '--out', 'beside'
+    )
+    _, page = page_of(ended, folder)
+    mean = 100 * abs(share - 0.6)
+    said = float(re.search(r'<dt>mean deviation</dt><dd>([\d.]+) points', page)[1])
+    assert said == pytest.approx(mean, rel=0.05)
+    assert (folder / 'beside' / 'comparison.png').exists()
+    # By aspect it is the same question: those that look alike are added up.
+    lines = ''.join(f'{k},{30 if k < 3 else 0}\n' for k in range(1, 8))
+    (folder / 'by_aspect.csv').write_text(f'aspect,count\n{lines}8,40\n')
+    ended = run_in(
+        folder, 'report', 'o/distribution.json', '--against', 'by_aspect.csv', '--out', 'beside'
+    )
+    again = page_of(ended, folder)[1]
+    assert again.replace('by_aspect.csv', 'hand.csv') == page
+
+
+def test_with_json_nothing_else_is_printed(run, tmp_path):
+    ended = run('drop', 'tetrahedron', '--drops', 10, '--json', '--report')
+    document = json.loads(ended.stdout)
+    assert document['drops'] == 10
+    assert (tmp_path / 'out' / 'tetrahedron' / 'report.html').exists()
+    # A document of standard output is as good.
+    (tmp_path / 'd.json').write_text(ended.stdout)
+    assert run('report', 'd.json').returncode == 0
+
+
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (['nothing.json'], "'nothing.json'"),
+        (['empty'], 'no .mcap file'),
+        (['d.json', '--against', 'nothing.csv'], "'nothing.csv'"),
+        (['d.json', '--against', 'few.csv'], 'the classes [1, 2]'),
+        (['d.json', '--part', 'l_bracket'], 'part_sha256'),
+        (['d.json', '--out', 'd.json'], '--out'),
+        (['other.json'], 'schema_version'),
+        (['text.json'], 'no JSON'),
+        (['half.json'], 'aspects otherwise'),
+    ],
+)
+def test_wrong_input_is_told_in_a_line(run_in, refused, tmp_path, words, said):
+    (tmp_path / 'empty').mkdir()
+    (tmp_path / 'few.csv').write_text('class,count\n1,3\n2,4\n')
+    (tmp_path / 'other.json').write_text('{}')
+    (tmp_path / 'text.json').write_text('not at all')
+    ended = run_in(tmp_path, 'drop', 'tetrahedron', '--drops', 10, '--json')
+    document = json.loads(ended.stdout)
+    (tmp_path / 'd.json').write_text(ended.stdout)
+    document['aspects'][0]['orientation'] = 'upright'
+    (tmp_path / 'half.json').write_text(json.dumps(document))
+    assert said in refused('report', *words)
+
+
+def test_a_report_that_cannot_be_written_is_refused_before_the_drops(refused, tmp_path):
+    (tmp_path / 'out').write_text('')
+    assert "--report is 'out/l_bracket'" in refused('drop', 'l_bracket', '--report')
