@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH = 7.2  # inches
-PIE_REACH = 1.84  # radii that the figure is wide to each side
+WIDE, HIGH = 5.0, 4.4  # of a pie
+# Radii that a pie's figure is wide to each side, with pictures around it and without.
+REACH, BARE_REACH = 1.84, 1.32
 # Slices of less have no words and no picture, which would lie on each other.
 LEAST_SLICE = 0.03
 # Pictures around a pie of more slices would be too small.
@@ -46,7 +48,7 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
     images : sequence of (p, p, 4) float or None
         What lies beside each slice; none are shown beside many.
     """
-    figure = new_figure(5.0, 4.4)
+    figure = new_figure(WIDE, HIGH)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     shown = [(row, image) for row, image in zip(rows, images, strict=True) if row.count]
     if not shown:
@@ -64,11 +66,12 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
         frame=True,
     )
     axes.set_axis_off()
-    axes.set_xlim(-PIE_REACH, PIE_REACH)
-    axes.set_ylim(-PIE_REACH * 4.4 / 5, PIE_REACH * 4.4 / 5)
     middles = np.pi / 2 - 2 * np.pi * (np.cumsum(shares) - shares / 2)
     large = shares >= LEAST_SLICE
-    pictured = large.sum() <= MOST_PICTURES
+    pictured = large.sum() <= MOST_PICTURES and any(image is not None for _, image in shown)
+    reach = REACH if pictured else BARE_REACH
+    axes.set_xlim(-reach, reach)
+    axes.set_ylim(-reach * HIGH / WIDE, reach * HIGH / WIDE)
     for (row, image), share, middle, big in zip(shown, shares, middles, large, strict=True):
         if not big:
             continue
@@ -76,10 +79,10 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
         if image is not None and pictured:
             _place(axes, image, 1.40 * x, 1.28 * y, 0.72)
         inside = share >= 2 * LEAST_SLICE
-        reach = 0.66 if inside else 1.12
+        out = 0.66 if inside else 1.12
         axes.text(
-            reach * x,
-            reach * y,
+            out * x,
+            out * y,
             f'{short_name(row)}\n{100 * share:.0f} %' if inside else short_name(row),
             ha='center',
             va='center',
@@ -106,7 +109,7 @@ def convergence_figure(
         Of each row.
     """
     figure = new_figure(WIDTH, 3.6)
-    axes = figure.add_axes((0.09, 0.14, 0.74, 0.82))
+    axes = figure.add_axes((0.09, 0.14, 0.66, 0.82))
     plain_axes(axes, 'y')
     most = sorted(range(len(rows)), key=lambda k: -rows[k].count)[:MOST_LINES]
     top = 0.0
@@ -126,6 +129,9 @@ def convergence_figure(
     axes.set_xlim(float(drops[0]), float(drops[-1]))
     axes.set_ylim(0, top * 1.02)
     axes.xaxis.set_major_formatter(lambda n, _: f'{n:,.0f}'.replace(',', ' '))
+    decades = 10.0 ** np.arange(1, 8)
+    # The last one is shown, and no other so near to it that both could not be read.
+    axes.set_xticks([*decades[(decades >= drops[0]) & (decades < 0.4 * drops[-1])], drops[-1]])
     axes.minorticks_off()
     percent_axis(axes, 'y', top)
     axes.set_xlabel('drops', size=8, color=FAINT)
