@@ -17,9 +17,9 @@ def add(subparsers: Any) -> None:
         help='close logs that a crash broke off',
         description='Rebuild index, summary and metadata.yaml of logs whose recorder was killed.\n'
         'Every message that is in the file in full is kept, and a classifier that is\n'
-        'started uses the drops. Logs that are closed stay as they are, and those that\n'
-        'are being written are refused. A file in which more is damaged than its end is\n'
-        'kept beside the new one, as .damaged.',
+        'started uses the drops. Logs that are closed, or are being written, stay as they\n'
+        'are. A file in which more is damaged than its end is kept beside the new one,\n'
+        'as .damaged.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

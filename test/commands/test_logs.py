@@ -148,6 +148,26 @@ def test_recover_says_what_each_log_holds(run, log, tmp_path):
     assert 'drops 200 of 300, the others are not in this log' in lines
 
 
+def test_recover_leaves_a_log_alone_that_is_being_written(run, log, tmp_path):
+    two, empty = log('two', 2), tmp_path / 'begun'
+    empty.mkdir()
+    writers = [path.open('ab') for path in (two / 'two_0.mcap', empty / 'begun_0.mcap')]
+    for writer in writers:
+        assert lock_file(writer)  # as the recorder does
+    before = (two / 'two_0.mcap').read_bytes()
+    ended = run('recover', two, empty, log('three', 3))
+    assert (ended.returncode, ended.stderr) == (0, '')
+    assert ended.stdout.splitlines()[:2] == [
+        f'{two}: is being written, left as it is',
+        f'{empty}: is being written, left as it is',
+    ]
+    assert (two / 'two_0.mcap').read_bytes() == before
+    assert not (two / 'metadata.yaml').exists()
+    for writer in writers:
+        writer.close()
+    assert 'recovered' in run('recover', two).stdout
+
+
 def test_of_a_run_that_was_ended_before_its_last_drop_all_is_there(run, dropped, part, tmp_path):
     run_of, poses = dropped
     with RunLog(tmp_path, 'run') as log:
