@@ -177,7 +177,7 @@ class AspectClassifier(Node):
             return
         account.over = True
         if progress.lost:
-            account.problem = progress.loss
+            account.problem, account.gap = progress.loss, not progress.broken_off
         self._advance(account)
 
     def _advance(self, account: RunAccount) -> None:
@@ -195,7 +195,7 @@ class AspectClassifier(Node):
         account.count(aspects)
         self._outputs.change(account)
         if account.over:
-            if not account.problem:
+            if not account.gap:  # the first m of n drops are the run of m
                 self._known.add(run, account.counted)
             self._outputs.publish()
             self._end(account)

@@ -191,8 +191,8 @@ def _logs_in(folder: Path) -> list[Path]:
 
     newer: Counter[str] = Counter()  # logs of a part that are newer than the one in turn
     turn: dict[Path, int] = {}
-    for path in sorted(found, key=started, reverse=True):
+    for path in sorted(found, key=lambda path: (started(path), path.name), reverse=True):
         part = path.name[: path.name.rindex(f'_{started(path)}_')]
         turn[path] = newer[part]
         newer[part] += 1
-    return sorted(turn, key=lambda path: (-turn[path], started(path)))
+    return sorted(turn, key=lambda path: (-turn[path], started(path), path.name))

@@ -78,6 +78,11 @@ class RunProgress:
         return self.repairs >= MOST_REPAIRS and not self.repairing and bool(self.missing())
 
     @property
+    def broken_off(self) -> bool:
+        """What has been seen of it are its first drops, to the last one without a gap."""
+        return bool(self.seen.ranges) and not self.seen.missing(self.run.first_drop, self.seen.end)
+
+    @property
     def loss(self) -> str:
         """What of it is lost, in words."""
         name = f'run {self.run.run_id} of {self.run.part}'
