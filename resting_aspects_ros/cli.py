@@ -11,6 +11,7 @@ import re
 import signal
 import sys
 from collections.abc import Sequence
+from io import TextIOWrapper
 from typing import Any, NoReturn
 
 from resting_aspects_ros import __version__
@@ -82,6 +83,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     # Stopped by a service manager or a closed terminal: the same orderly end as Ctrl-C.
     catch(signal.default_int_handler)
+    if isinstance(sys.stdout, TextIOWrapper):
+        # A file name can be no text of the terminal's encoding, and is in many a line.
+        sys.stdout.reconfigure(errors='backslashreplace')
     try:
         try:
             arguments = make_parser().parse_args(_joined(sys.argv[1:] if argv is None else argv))

@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.commands.quantities import parse_quantity
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.file_names import is_printable
 
 EXAMPLES = """examples:
   resting_aspects replay out/logs/l_bracket_20250131T235959Z_4f1c
@@ -53,6 +55,10 @@ def add(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Spin until told to stop."""
+    if not is_printable(str(arguments.log)):
+        raise InvalidValueError(
+            f'log is {str(arguments.log)!r}, allowed is a name in UTF-8: ROS takes no other'
+        )
     given: dict[str, object] = {'log': str(arguments.log)}
     if arguments.rate is not None:
         given['rate'] = parse_quantity('--rate', arguments.rate, '')

@@ -3,7 +3,6 @@
 import sys
 import time
 from collections import deque
-from pathlib import Path
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -37,7 +36,7 @@ from resting_aspects_ros.nodes.interface import (
     RESTING_POSES,
     SERVICES,
 )
-from resting_aspects_ros.nodes.log_folder import check_log_folder
+from resting_aspects_ros.nodes.log_folder import absolute_folder, check_log_folder
 from resting_aspects_ros.nodes.log_reports import LogReports
 from resting_aspects_ros.nodes.open_log import OpenLog
 from resting_aspects_ros.nodes.parameters import Parameter, declare, on_change
@@ -108,7 +107,7 @@ class DropRecorder(Node):
 
     def _take_folder(self, path: str) -> None:
         """Runs that begin from now on have their logs there."""
-        self._folder = Path(path).absolute()
+        self._folder = absolute_folder(path)
 
     def _batch(self, data: bytes) -> None:
         message = deserialize_message(data, RestingPoses)

@@ -111,10 +111,10 @@ class Memory:
                 self._broken_off.append(log)
         except InvalidValueError as error:
             self._unused += 1
-            self._node.get_logger().warning(f'log {log} is not used: {error}')
+            self._node.get_logger().warning(f'log {str(log)!r} is not used: {error}')
         except Exception as error:  # noqa: BLE001 - whatever is in a log, the suite starts
             self._unused += 1
-            self._node.get_logger().debug(f'log {log} is not used: {error!r}')
+            self._node.get_logger().debug(f'log {str(log)!r} is not used: {error!r}')
 
     def _read(self, log: Path) -> None:
         with IndexedLog(log) as indexed:

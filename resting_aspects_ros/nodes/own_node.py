@@ -14,6 +14,7 @@ from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsErr
 from resting_aspects_ros.nodes.callbacks import steady_timer
 from resting_aspects_ros.nodes.interface import LATCHED
 from resting_aspects_ros.nodes.question import AnswerTimeoutError
+from resting_aspects_ros.nodes.spin import not_utf8
 
 SPIN_PERIOD = 0.1
 CLOSED = 'this client is closed'
@@ -47,6 +48,8 @@ class OwnNode:
         except RuntimeError as error:  # all that rclpy raises for arguments
             words = ' '.join(ros_args)
             raise InvalidValueError(f'--ros-args is {words!r}, ROS refuses: {error}') from None
+        except UnicodeEncodeError as error:
+            raise not_utf8(error) from None
         self.node = Node(
             f'resting_aspects_client_{uuid4().hex[:8]}',
             context=self._context,

@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.nodes.parameters import Parameter, help_text, unknown_parameters
 
 
@@ -33,6 +33,8 @@ def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None =
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # all that rclpy raises for arguments
         return _refuse(error)
+    except UnicodeEncodeError as error:
+        return _refuse(not_utf8(error))
     return _spin(factories, told)
 
 
@@ -90,6 +92,11 @@ def _spin(factories: Sequence[Callable[[], Node]], told: Future) -> int:
         executor.shutdown()
         rclpy.try_shutdown()
     return 0
+
+
+def not_utf8(error: UnicodeEncodeError) -> InvalidValueError:
+    """What it means that ROS does not take an argument."""
+    return InvalidValueError(f'{error.object!r} is given, allowed is UTF-8: ROS takes no other')
 
 
 def _refuse(error: Exception, code: int = 2) -> int:

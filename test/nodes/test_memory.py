@@ -272,6 +272,8 @@ def test_logs_that_do_not_fit_the_part_are_not_used(
     shutil.copytree(log, tmp_path / log.name)
     for change in ODD:
         with_distribution(log, tmp_path, change)
+    for odd_log in tmp_path.glob('tetrahedron_2030*'):
+        odd_log.rename(odd_log.with_name(f'{odd_log.name}\udcff'))  # a name that is no UTF-8
     client = connect(namespace)
     publisher = client.node.create_publisher(PartDescription, 'parts/tetrahedron', LATCHED)
     publisher.publish(part_msg(part('tetrahedron')))

@@ -1,6 +1,7 @@
 """A log of every run, read back with an independent reader and compared with what was heard."""
 
 import csv
+import os
 import re
 import signal
 import sys
@@ -192,6 +193,20 @@ def test_drop_makes_the_drops_of_a_log_again(suite, surfaces, run_command, tmp_p
         made = [[float(value) for value in row[1:8]] for row in list(csv.reader(file))[1:]]
     assert len(made) == drop.result.drops
     assert made == logged
+
+
+def test_a_folder_whose_full_name_ros_does_not_take_is_refused(run_command, wait, tmp_path):
+    folder = tmp_path / '\udcff'  # no UTF-8
+    folder.mkdir()
+    start = f'import os; os.chdir({os.fsencode(folder)!r})\n'
+    start += 'from resting_aspects_ros.nodes.drop_recorder import main; raise SystemExit(main())'
+    recorder = run_command(sys.executable, '-c', start)
+    wait(lambda: not recorder.running, 'its end')
+    assert recorder.end() == 2
+    assert (
+        r"\udcff/out/logs', allowed is a full name in UTF-8: ROS takes no other" in recorder.said
+    )
+    assert not list(folder.iterdir())
 
 
 def test_a_folder_that_cannot_be_written_is_told_and_harms_nothing(suite, start, tmp_path):
