@@ -17,14 +17,15 @@ from rclpy.task import Future
 
 from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.nodes.parameters import Parameter, help_text, unknown_parameters
+from resting_aspects_ros.signals import catch
 
 
 def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
     """Make the nodes and spin them in one thread; returns the process's exit code.
 
-    Ctrl-C and SIGTERM end it in order, with exit code 0: that is how a node is stopped. A node
-    that cannot start (a parameter that is not allowed, no such folder) ends it with 2, one that
-    cannot go on (its log is damaged meanwhile) with 1.
+    Ctrl-C, SIGTERM and a terminal that closes end it in order, with exit code 0: that is how a
+    node is stopped. A node that cannot start (a parameter that is not allowed, no such folder)
+    ends it with 2, one that cannot go on (its log is damaged meanwhile) with 1.
     """
     told = _signalled()
     try:
@@ -59,8 +60,9 @@ def _signalled() -> Future:
     read, write = os.pipe()
     os.set_blocking(write, False)
     signal.set_wakeup_fd(write)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: None)
+    catch(lambda *_: None)
+    # A shell has it ignored by what it starts in the background, and nodes are ended with it.
+    signal.signal(signal.SIGINT, lambda *_: None)
     waits = threading.Thread(target=lambda: told.set_result(os.read(read, 1)), daemon=True)
     waits.start()
     return told
