@@ -198,6 +198,10 @@ class RunTracker:
         if progress.repairing or not self._client.server_is_ready():
             return  # _check comes back to it
         run, (first, end) = progress.run, progress.missing()[0]
+        takes_up = progress.silent and end == run.end
+        if takes_up and run.precision:
+            # Where it stops follows from all its drops.
+            first = run.first_drop
         progress.repairing = True
         progress.repairs += 1
         goal = DropPart.Goal(
@@ -206,6 +210,7 @@ class RunTracker:
             conditions=[conditions_msg(run.conditions)],
             drops=end - first,
             first_drop=first,
+            precision=run.precision if takes_up else 0.0,
             seed=run.seed,
             run_id=run.run_id,
             run=[run_msg(run)],
@@ -224,9 +229,9 @@ class RunTracker:
         except RestingAspectsError as error:
             complaint = str(error)
         progress.repairing = False
-        if code == Status.BUSY:
-            progress.goes_on()
-        elif code != Status.OK:
+        if code == Status.BUSY or (code == Status.CANCELED and progress.silent):
+            progress.goes_on()  # or has ended: its last batch says so
+        elif code not in (Status.OK, Status.CANCELED):
             self._node.get_logger().error(f'{_drops(goal)} are not to be had: {complaint}')
 
 
