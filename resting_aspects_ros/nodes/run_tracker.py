@@ -1,5 +1,6 @@
 """What a consumer of resting_poses has seen of each run, and how it gets what it missed."""
 
+import math
 import time
 from collections import OrderedDict
 from collections.abc import Callable
@@ -133,6 +134,14 @@ class RunTracker:
         """The runs that are not over, and how many drops of each have been seen."""
         return [(progress.run, len(progress.seen)) for progress in self._open()]
 
+    def look_after(self, run_id: str, silence: float) -> None:
+        """Somebody waits for a run: ask for the rest after less silence than else, s."""
+        progress = self._runs.get(run_id)
+        if progress is None or not self._client.server_is_ready():
+            return
+        if time.monotonic() - progress.heard > silence:
+            progress.heard = -math.inf  # _check does it
+
     def accept(self, batch: RestingPosesMsg) -> list[tuple[RunProgress, list[tuple[int, int]]]]:
         """The runs that a batch is news for, and the ranges of its drops that each had not seen.
 
@@ -215,7 +224,8 @@ class RunTracker:
             run_id=run.run_id,
             run=[run_msg(run)],
         )
-        self._node.get_logger().warning(f'{_drops(goal)} were lost, asking again')
+        what = 'have not come' if takes_up else 'were lost'
+        self._node.get_logger().warning(f'{_drops(goal)} {what}, asking again')
         executor = self._node.executor
         assert executor is not None  # this is called by it
         executor.create_task(self._ask_again, progress, goal)
