@@ -3,6 +3,7 @@
 import ast
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -159,3 +160,20 @@ def test_a_command_that_is_told_to_end_before_it_begins(begin, words, moments, c
         assert code in (128 + number, *codes), (moment, errors)
         if code == 128 + number != 130:
             assert (printed, errors) == ('', ''), moment
+
+
+@BOTH
+def test_a_simulator_that_reads_many_meshes_ends_before_it_has_read_them(begin, tmp_path, number):
+    parts = tmp_path / 'parts'
+    parts.mkdir()
+    for k in range(400):  # seconds
+        shutil.copy(ROOT / 'config/parts/t_prism.stl', parts / f'part_{k}.stl')
+    process = begin('drop_simulator', '--ros-args', '-p', f'parts_folder:={parts}')
+    children = Path(f'/proc/{process.pid}/task/{process.pid}/children')
+    end = time.monotonic() + DEADLINE
+    while not children.read_text():  # its workers are begun before the meshes are read
+        assert time.monotonic() < end, 'no workers'
+        time.sleep(0.01)
+    time.sleep(0.5)
+    code, _, errors, _ = ended(process, number)
+    assert (code, errors) == (0, '')
