@@ -3,6 +3,8 @@
 import argparse
 from typing import Any
 
+from resting_aspects_ros.signals import ending_at_once
+
 EXAMPLES = """examples:
   resting_aspects nodes
   resting_aspects nodes --ros-args -p log_folder:=logs -r __ns:=/cell_1
@@ -25,10 +27,11 @@ def add(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Spin until told to stop."""
-    from resting_aspects_ros.nodes.aspect_classifier import AspectClassifier
-    from resting_aspects_ros.nodes.drop_recorder import DropRecorder
-    from resting_aspects_ros.nodes.drop_simulator import DropSimulator
-    from resting_aspects_ros.nodes.spin import spin_nodes
+    with ending_at_once():
+        from resting_aspects_ros.nodes.aspect_classifier import AspectClassifier
+        from resting_aspects_ros.nodes.drop_recorder import DropRecorder
+        from resting_aspects_ros.nodes.drop_simulator import DropSimulator
+        from resting_aspects_ros.nodes.spin import spin_nodes
 
     ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
     return spin_nodes([DropSimulator, AspectClassifier, DropRecorder], ros_args)

@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from resting_aspects_ros.signals import ending_at_once
+
 EXAMPLES = """examples:
   resting_aspects recover out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
   resting_aspects recover out/logs/*
@@ -32,6 +34,7 @@ def add(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError if a single log cannot be recovered."""
     # What takes a while to import, which --help does not need.
-    from resting_aspects_ros.commands.recover_logs import recover_logs
+    with ending_at_once():
+        from resting_aspects_ros.commands.recover_logs import recover_logs
 
     return recover_logs(arguments.logs)

@@ -7,6 +7,7 @@ from typing import Any
 from resting_aspects_ros.commands.quantities import parse_quantity
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.file_names import is_printable
+from resting_aspects_ros.signals import ending_at_once
 
 EXAMPLES = """examples:
   resting_aspects replay out/logs/l_bracket_20250131T235959Z_4f1c
@@ -63,9 +64,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.rate is not None:
         given['rate'] = parse_quantity('--rate', arguments.rate, '')
     given |= {name: True for name in ('as_fast_as_possible', 'loop') if getattr(arguments, name)}
-    from resting_aspects_ros.commands.progress import ReplayProgress
-    from resting_aspects_ros.nodes.log_replayer import LogReplayer
-    from resting_aspects_ros.nodes.spin import spin_nodes
+    with ending_at_once():
+        from resting_aspects_ros.commands.progress import ReplayProgress
+        from resting_aspects_ros.nodes.log_replayer import LogReplayer
+        from resting_aspects_ros.nodes.spin import spin_nodes
 
     ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
     with ReplayProgress() as progress:

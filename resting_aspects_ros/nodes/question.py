@@ -13,7 +13,7 @@ from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.nodes.callbacks import steady_timer
-from resting_aspects_ros.nodes.requests import NotAvailableError, status_error
+from resting_aspects_ros.nodes.requests import CanceledError, NotAvailableError, status_error
 from resting_aspects_ros.nodes.run_watch import RunWatch
 
 # A suite that is just starting needs a few seconds to be found, s.
@@ -23,6 +23,9 @@ SERVICE_TIMEOUT = 20.0
 ASK_PERIOD = 5.0
 # One that reads logs, which may have the answer, is asked again after this, s.
 LOADING_PERIOD = 0.5
+# A classifier that was asked says so long after the end of its run why it ended, at the latest, s;
+# then it is another one, which was not asked.
+LAST_WORD = 4.0
 # How often it is looked whether it is time for something, s.
 LOOK_PERIOD = 0.1
 
@@ -99,6 +102,10 @@ class Question:
                     f'{self._timeout:g} s{self._state()}'
                 )
             )
+        elif self._watch is not None and self._watch.ended:
+            # To ask again would begin it anew, which is not for this to decide.
+            if now >= self._watch.ended + LAST_WORD:
+                self.fail(CanceledError(f'no answer for {self._what}: {self._watch.state}'))
         elif now >= self._last + self._period:
             self._ask(now)
 
