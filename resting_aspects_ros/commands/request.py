@@ -102,7 +102,9 @@ def run(arguments: argparse.Namespace) -> int:
                     progress.end(message.drops)
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(_what_goes_on(arguments, progress)) from None
-            answer = answer_from(message, _part(client, arguments.part))
+            # Only these show more of the part than the answer has.
+            shown = arguments.json or arguments.picture
+            answer = answer_from(message, _part(client, arguments.part) if shown else None)
         if arguments.picture is not None:
             answer.save_picture(arguments.picture)
         answer.print(as_json=arguments.json)
@@ -123,9 +125,11 @@ def _part(client: 'RestingAspectsClient', name: str) -> 'Part | None':
     from resting_aspects_ros.client import NotAvailableError, UnknownPartError
 
     try:
+        if all(part.name != name for part in client.list_parts()):
+            raise UnknownPartError(f'no drop_simulator offers {name}')
         return client.get_part(name)
     except (NotAvailableError, UnknownPartError) as error:
-        _warn(f'no picture of the part: {error}')
+        _warn(f'neither the picture nor mesh_sha256 of the part: {error}')
         return None
 
 

@@ -75,8 +75,8 @@ class RestingAspectsClient:
     ros_args : sequence of str
         For the node of its own, what could follow --ros-args: ``['-r', '__ns:=/cell_1']``.
     warn : callable, optional
-        Called with what a person should know of an answer, such as that its run is not recorded.
-        None: the node logs it.
+        Called with what a person should know, such as that the run of an answer is not recorded,
+        or that no classifier is found yet. None: the node logs it.
     check : callable
         For the node of its own: called often while it waits, raises to wait no longer.
 
@@ -277,7 +277,8 @@ class RestingAspectsClient:
             said = own.latched(DropConditionsMsg, DEFAULT_CONDITIONS, PART_TIMEOUT)
         except AnswerTimeoutError as error:
             raise AnswerTimeoutError(
-                f'no drop_simulator says which surface is the default, name one: {error}'
+                f'no drop_simulator says which surface is the default, name one, or start '
+                f'drop_simulator: {error}'
             ) from None
         return conditions_from(said)
 

@@ -485,6 +485,18 @@ def test_without_a_timeout_it_is_waited_for_a_while(nobody, monkeypatch):
         nobody.list_parts(timeout=100)
 
 
+def test_who_waits_is_told_once_that_there_is_no_suite(namespace, in_namespace, monkeypatch):
+    monkeypatch.setattr(question, 'PATIENCE', 0.2)
+    said = []
+    with (
+        RestingAspectsClient(**in_namespace(namespace), warn=said.append) as nobody,
+        pytest.raises(AnswerTimeoutError),
+    ):
+        nobody.list_parts(timeout=1)
+    topic = f'{namespace}/list_parts'
+    assert said == [f'no aspect_classifier answers on {topic} yet, it is waited for 1 s']
+
+
 def test_a_timeout_passes_where_simulated_time_stands_still(namespace, suite):
     node = suite.client.node.__class__(
         'simulated',
