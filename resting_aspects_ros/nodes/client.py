@@ -50,8 +50,9 @@ class RestingAspectsClient(AsyncClient):
     ----------
     node : Node, optional
         Whoever has it spins it and destroys it.
-    ros_args : sequence of str
-        For the node of its own, what could follow --ros-args: ``['-r', '__ns:=/cell_1']``.
+    ros_args : sequence of str, optional
+        For the node of its own, what could follow --ros-args: ``['-r', '__ns:=/cell_1']``. None:
+        what follows it on the command line of the program, as for any node.
     warn : callable, optional
         Called with what a person should know, such as that the run of an answer is not recorded,
         or that no classifier is found yet. None: the node logs it.
@@ -71,7 +72,7 @@ class RestingAspectsClient(AsyncClient):
         self,
         node: Node | None = None,
         *,
-        ros_args: Sequence[str] = (),
+        ros_args: Sequence[str] | None = None,
         warn: Callable[[str], object] | None = None,
         check: Callable[[], None] = lambda: None,
     ) -> None:
