@@ -108,12 +108,9 @@ def help_text(program: str, parameters: Iterable[Parameter]) -> str:
 
 
 def _as_declared(parameter: Parameter, given: RosParameter) -> RosParameter:
-    """ROS takes no 10 for 10.0 and no 1 for [1], which is easily written; both are clear."""
-    if given.type_ == RosParameter.Type.INTEGER:
-        if isinstance(parameter.default, float):
-            return RosParameter(given.name, value=float(given.value))
-        if isinstance(parameter.default, list):
-            return RosParameter(given.name, value=[given.value])
+    """ROS takes no 10 for 10.0, which is easily written, and clear."""
+    if given.type_ == RosParameter.Type.INTEGER and isinstance(parameter.default, float):
+        return RosParameter(given.name, value=float(given.value))
     return given
 
 

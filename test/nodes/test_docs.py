@@ -17,6 +17,7 @@ from resting_aspects_ros.nodes import (
     interface,
     log_replayer,
 )
+from resting_aspects_ros.nodes.parameters import Parameter
 
 DOC = (Path(__file__).resolve().parents[2] / 'docs' / 'ros.md').read_text(encoding='utf-8')
 LOG = 'out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50'
@@ -158,7 +159,11 @@ def test_parameters_are_listed(node):
     section = DOC.split(f'\n| `{name}` | `')[1]
     rows = re.match(r'(?:.*\n)(?:\| \| .*\n)*', f'| `{section}')[0]
     listed = re.findall(r'\| `(\w+)` (\*?) ?\|', rows)
-    declared = [(p.name, '*' if p.changeable else '') for p in node.PARAMETERS]
+    declared = [
+        # The example's are as ROS has them.
+        (p.name, '*' if p.changeable else '') if isinstance(p, Parameter) else (p[0], '')
+        for p in node.PARAMETERS
+    ]
     assert listed == declared
 
 
