@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from resting_aspects_ros.commands.interruption import Interruption
 from resting_aspects_ros.commands.options import (
     add_conditions,
+    add_ros_args,
     add_run,
     changes_of,
     conditions_of,
@@ -31,6 +32,7 @@ EXAMPLES = """examples:
   resting_aspects request l_bracket --drops 2000
   resting_aspects request hex_nut --only-known --json
   resting_aspects request hex_nut --method rolling
+  resting_aspects request hex_nut --ros-args -r __ns:=/cell_1
 """
 
 
@@ -40,8 +42,7 @@ def add(subparsers: Any) -> None:
         'request',
         help='ask the running ROS nodes for a distribution',
         description='Call get_distribution of the running nodes: a known distribution is\n'
-        'answered at once, otherwise the part is dropped first. What follows --ros-args\n'
-        'goes to ROS.',
+        'answered at once, otherwise the part is dropped first.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -61,7 +62,7 @@ def add(subparsers: Any) -> None:
     parser.add_argument('--json', action='store_true', help='print one JSON document instead')
     parser.add_argument('--picture', metavar='FILE.png', type=Path, help='write a picture')
     add_conditions(parser, "the simulator's default")
-    parser.add_argument('--ros-args', nargs=argparse.REMAINDER, default=[], help='for ROS')
+    add_ros_args(parser)
     parser.set_defaults(run=run)
 
 

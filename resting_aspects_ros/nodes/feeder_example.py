@@ -144,7 +144,7 @@ def main() -> int:
     lines = [f'  {name:9} {words} (default {default})' for name, default, words in PARAMETERS]
     parser = argparse.ArgumentParser(
         usage='%(prog)s [--ros-args -p name:=value ... -r __ns:=/namespace]',
-        description='\n'.join(['Publishes what share of the parts can be picked.', '', *lines]),
+        description='\n'.join(['Publishes which share can be picked.', '', 'parameters:', *lines]),
         epilog='Ctrl-C ends it.',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

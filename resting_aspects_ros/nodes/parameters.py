@@ -100,9 +100,10 @@ def unknown_parameters(nodes: Sequence[Node]) -> list[str]:
     return sorted(name for name in given - known if not name.startswith('qos_overrides.'))
 
 
-def help_text(program: str, parameters: Iterable[Parameter]) -> str:
-    """What a node's program says of itself."""
-    lines = [f'usage: {program} [--ros-args -p name:=value ... -r __ns:=/namespace]', '']
+def help_text(program: str, does: str, parameters: Iterable[Parameter]) -> str:
+    """What a node's program says of itself; does : what the node does, in a line or more."""
+    usage = f'usage: {program} [--ros-args -p name:=value ... -r __ns:=/namespace]'
+    lines = [usage, '', does, '', 'parameters:']
     lines += [f'  {p.name:19} {_words(p)} (default {p.default!r})' for p in parameters]
     return '\n'.join([*lines, '', 'Ctrl-C ends it.'])
 
