@@ -18,8 +18,8 @@ from resting_aspects_ros.nodes.run_watch import RunWatch
 
 # A suite that is just starting needs a few seconds to be found, s.
 SERVICE_TIMEOUT = 20.0
-# So long nobody wonders what is waited for, s.
-PATIENCE = 2.0
+# Nodes that start need so long; after it who waits wonders, s.
+PATIENCE = 5.0
 # Without an answer and without a sign of life the same is asked again after this, s, and then
 # after twice as long each time: it is joined, or cheap. A sign of life begins it anew.
 ASK_PERIOD = 5.0
