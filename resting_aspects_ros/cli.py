@@ -19,6 +19,7 @@ from typing import Any, NoReturn
 from resting_aspects_ros import __version__
 from resting_aspects_ros.core.errors import (
     InvalidValueError,
+    NoLogError,
     PartError,
     RestingAspectsError,
     UnknownPartError,
@@ -86,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Who read it has seen enough. The interpreter must not try again to write the rest.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
-    except (PartError, UnknownPartError, InvalidValueError) as error:
+    except (PartError, UnknownPartError, InvalidValueError, NoLogError) as error:
         return _end(WRONG_INPUT, f'error: {error}')
     except RestingAspectsError as error:
         return _end(FAILED, f'error: {error}')

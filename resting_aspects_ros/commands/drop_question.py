@@ -96,7 +96,9 @@ def _logged(arguments: argparse.Namespace, drops: int, precision: float) -> Drop
         raise InvalidValueError(f'--from-log: {error}') from None
     part, run = contents.run.part, contents.run.run
     if run is None:
-        raise InvalidValueError(f'--from-log is {str(log)!r}, which holds no drops')
+        raise InvalidValueError(
+            f'--from-log: no drops are in {str(log)!r}, allowed are logs of runs'
+        )
     if part is None or part.part_sha256 != run.part_sha256:
         raise InvalidValueError(f'--from-log is {str(log)!r}, which does not describe its part')
     warn_if_unfinished(log)

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from resting_aspects_ros.commands.options import add_ros_args
 from resting_aspects_ros.commands.quantities import parse_quantity
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.file_names import is_printable
@@ -26,8 +27,7 @@ def add(subparsers: Any) -> None:
         'are relative to the namespace, whatever it was when the log was recorded. It\n'
         'stays until Ctrl-C when all is published, so that who comes late finds what\n'
         'is latched: the part, the poses and the last distribution. The services\n'
-        'log_replayer/pause and log_replayer/resume hold it up. What follows --ros-args\n'
-        'goes to ROS.',
+        'log_replayer/pause and log_replayer/resume hold it up.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -50,7 +50,7 @@ def add(subparsers: Any) -> None:
         help='begin again a second after the end. The runs are the recorded ones each time, with '
         'the same ids: aspect_classifier and drop_recorder count none of their drops twice',
     )
-    parser.add_argument('--ros-args', nargs=argparse.REMAINDER, default=[], help='for ROS')
+    add_ros_args(parser)
     parser.set_defaults(run=run)
 
 

@@ -1,5 +1,6 @@
 """How the classifier gets a part dropped: one goal for all who ask for the same drops at once."""
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -23,8 +24,10 @@ from resting_aspects_ros.nodes.words import of_run
 if TYPE_CHECKING:
     from resting_aspects_ros.nodes.run_accounts import RunAccount
 
-# A simulator that has just been started needs about this long to be found, s.
-SERVER_TIMEOUT = 10.0
+# A simulator that is started together with the node may come this long after it, s. Later it is
+# there, or nobody has started it: to be found takes it no longer than DISCOVERY, s.
+STARTING = 10.0
+DISCOVERY = 2.0
 SERVER_PERIOD = 0.1
 # All batches were sent before the goal's result; so long they have to arrive, or to be asked
 # for again, s.
@@ -68,6 +71,7 @@ class DropRequests:
         self._find = under_way
         self._look_after = look_after
         self._client = ActionClient(node, DropPart, DROP_PART, **ACTION_SERVICES)
+        self._begun = time.monotonic()
         self._under_way: dict[DropSpec, Future] = {}
 
     def destroy(self) -> None:
@@ -142,11 +146,12 @@ class DropRequests:
     async def simulator(self) -> None:
         """Wait until there is one; NotAvailableError if none comes."""
         never = Future(executor=self._node.executor)
-        for _ in range(round(SERVER_TIMEOUT / SERVER_PERIOD)):
-            if self.simulator_is_there():
-                return
+        asked = time.monotonic()
+        end = max(asked + DISCOVERY, self._begun + STARTING)
+        while not self.simulator_is_there():
+            if time.monotonic() >= end:
+                raise NotAvailableError(
+                    f'no drop_simulator answers on {self._node.resolve_service_name(DROP_PART)}, '
+                    f'waited {end - asked:.0f} s: start drop_simulator'
+                )
             await wait_for(self._node, never, SERVER_PERIOD)
-        raise NotAvailableError(
-            f'no drop_simulator answers on {self._node.resolve_service_name(DROP_PART)}, '
-            f'waited {SERVER_TIMEOUT:g} s'
-        )

@@ -196,7 +196,10 @@ class DropSimulator(Node):
         return progress.result
 
     def _diagnose(self) -> Diagnosis:
-        runs = [progress.so_far for progress in self._goals if progress.so_far is not None]
+        begun = [(p.so_far, p.rate) for p in self._goals if p.so_far is not None]
+        runs = [so_far for so_far, _ in begun]
+        # Drops come in chunks: of a part that takes long there is none in most seconds.
+        rates = {f'drops per second of run {k}': f'{r:.1f}' for k, (_, r) in enumerate(begun, 1)}
         not_offered = self._parts.not_offered
         values = {
             'drops made': self._drops.total,
@@ -205,6 +208,7 @@ class DropSimulator(Node):
             'workers that died': self._workers.died,
             'parts offered': len(self._parts),
             **run_values(runs),
+            **listed(rates),
             **listed({f'not offered: {name}': why for name, why in not_offered.items()}),
         }
         words = counted(len(not_offered), 'mesh is not offered', 'meshes are not offered')

@@ -18,6 +18,8 @@ from resting_aspects_ros.nodes.run_watch import RunWatch
 
 # A suite that is just starting needs a few seconds to be found, s.
 SERVICE_TIMEOUT = 20.0
+# Nodes that start need so long; after it who waits wonders, s.
+PATIENCE = 5.0
 # Without an answer and without a sign of life the same is asked again after this, s, and then
 # after twice as long each time: it is joined, or cheap. A sign of life begins it anew.
 ASK_PERIOD = 5.0
@@ -50,7 +52,8 @@ class Question:
         For all of it, s; None: as long as there is a classifier.
     read : called with the response if its status is OK or one of ``also``; gives the answer
     also : other codes of a status that are answers
-    warn : called with what comes with an answer for a person to know
+    warn : called with what comes with an answer for a person to know, and once if there is no
+        classifier for a while
     watch : RunWatch, optional
         Of the run that is waited for; ended with the question.
     """
@@ -81,6 +84,7 @@ class Question:
         self._asked: list[Future] = []
         self._period = 0.0
         self._loading = ''  # what the classifier reads first, in words
+        self._told = False  # that there is no classifier yet
         self._begun = self._last = time.monotonic()
         # Held for good by whoever is the first to end it: an answer, a deadline or a cancel.
         self._end = threading.Lock()
@@ -136,6 +140,12 @@ class Question:
                     f'no aspect_classifier answers on {self._client.service_name}, waited '
                     f'{patience:g} s: start the suite with "resting_aspects nodes"'
                 )
+            )
+        elif now >= self._begun + PATIENCE and not self._told:
+            self._told = True
+            self._warn(
+                f'no aspect_classifier answers on {self._client.service_name} yet, it is waited '
+                f'for {patience:g} s'
             )
 
     def _take(self, asked: Future) -> None:

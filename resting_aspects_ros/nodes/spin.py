@@ -1,5 +1,6 @@
 """Run nodes in a process until it is told to stop."""
 
+import inspect
 import os
 import signal
 import sys
@@ -45,7 +46,8 @@ def run_node(factory: Callable[[], Node], parameters: Iterable[Parameter]) -> in
     program = Path(sys.argv[0]).name
     words = list(takewhile(lambda word: word != '--ros-args', sys.argv[1:]))
     if '--help' in words or '-h' in words:
-        print(help_text(program, parameters))
+        does = inspect.getdoc(factory) or ''
+        print(help_text(program, does.partition('\n\nParameters\n')[0], parameters))
         return 0
     if words:
         print(f'error: {words[0]!r} is not known, see {program} --help', file=sys.stderr)

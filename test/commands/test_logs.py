@@ -137,9 +137,12 @@ def test_recover_says_what_each_log_holds(run, log, tmp_path):
         f'{two}: 5 messages recovered, {of_two}',
         f'{three}: 7 messages recovered, 300 of 300 drops of l_bracket',
     ]
-    assert ended.returncode == 1
+    assert ended.returncode == 2
     nowhere = str(tmp_path / 'nowhere')
-    assert ended.stderr == f'error: log {nowhere!r} cannot be read: No such file or directory\n'
+    assert ended.stderr == (
+        f'error: log {nowhere!r} cannot be read: No such file or directory, allowed is the folder '
+        'of a run, or an .mcap file\n'
+    )
     assert (whole / 'whole_0.mcap').read_bytes() == before
     assert run('recover', two, three).stdout.splitlines() == [
         f'{two}: is closed already, 5 messages, {of_two}',
@@ -397,7 +400,8 @@ def test_what_the_log_says_nobody_else_may(run, log, words, says):
 
 def test_a_log_without_drops_or_part_is_refused(run, log, refused):
     empty, bare = log('empty', 0), log('bare', 1, described=False)
-    assert refused('drop', '--from-log', empty).endswith('which holds no drops')
+    assert f'no drops are in {str(empty)!r}, allowed' in refused('drop', '--from-log', empty)
+    assert f'no drops are in {str(empty)!r}, allowed' in refused('merge', empty)
     assert refused('drop', '--from-log', bare).endswith('which does not describe its part')
     assert 'no .mcap file is in it' in refused('drop', '--from-log', empty.parent)
     assert refused('drop').startswith('error: no part is given, ')
@@ -413,3 +417,23 @@ def test_another_version_is_told(run, dropped, part, tmp_path):
     ended = run('drop', '--from-log', log.path)
     assert ended.returncode == 0
     assert 'warning: the log was made with bullet 3.1.0, resting_aspects_ros' in ended.stderr
+
+
+NO_LOGS = {
+    'nowhere': "log 'nowhere' cannot be read: No such file or directory",
+    'folder': "folder 'folder' is no log: no .mcap file is in it",
+    'logs': "folder 'logs' is no log: no .mcap file is in it, but in 2 folders in it",
+    'text.txt': "log 'text.txt' is damaged, or no MCAP file: it begins with b'hello'",
+}
+
+
+@pytest.mark.parametrize('words', ['info', 'recover', 'replay', 'merge', 'drop --from-log'])
+def test_what_is_no_log_is_refused_in_the_same_words(refused, tmp_path, words):
+    for folder in ('folder', 'logs/a', 'logs/b'):
+        (tmp_path / folder).mkdir(parents=True)
+    for name in 'ab':
+        (tmp_path / 'logs' / name / f'{name}_0.mcap').touch()
+    (tmp_path / 'text.txt').write_text('hello')
+    for path, says in NO_LOGS.items():
+        line = refused(*words.split(), path).replace('--from-log: ', '')
+        assert line == f'error: {says}, allowed is the folder of a run, or an .mcap file'

@@ -3,6 +3,8 @@
 import os
 import re
 import shutil
+import subprocess
+import sys
 
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
@@ -150,6 +152,45 @@ def test_without_a_simulator_what_is_known_is_answered_still(restarted, first, w
     start_again(restarted, 'aspect_classifier')
     answer = known(restarted, wait)
     assert without_stamp(answer.distribution) == without_stamp(first)
+    restarted.start_again('drop_simulator')
+
+
+def request(namespace, *words):
+    command = [sys.executable, '-m', 'resting_aspects_ros.cli', 'request', 'tetrahedron']
+    return subprocess.run(
+        [*command, *words, '--ros-args', '-r', f'__ns:={namespace}'],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def test_without_a_simulator_a_request_waits_for_nothing_that_cannot_come(restarted, first, wait):
+    assert restarted.processes['drop_simulator'].end() == 0
+    start_again(restarted, 'aspect_classifier')
+    known(restarted, wait)
+    table = request(restarted.namespace, '--drops', '200')
+    assert table.stdout.startswith(f'tetrahedron, 300 drops on rubber_mat, seed {SEED}')
+    assert 'drop_simulator' not in table.stderr
+    document = request(restarted.namespace, '--drops', '200', '--json')
+    assert document.returncode == 0
+    # On a busy machine it may also say that it waits for the classifier to be found.
+    assert document.stderr.endswith(
+        'warning: neither the picture nor mesh_sha256 of the part: no drop_simulator offers '
+        'tetrahedron\n'
+    )
+
+    def refused_soon():
+        """Once the classifier is there for so long that a simulator would be, too."""
+        refused = request(restarted.namespace, '--drops', '301')
+        assert refused.returncode == 1
+        return refused.stderr.endswith(
+            f'error: no drop_simulator answers on {restarted.namespace}/drop_part, waited 2 s: '
+            'start drop_simulator; known are 300 drops on rubber_mat\n'
+        )
+
+    wait(refused_soon, 'words after 2 s')
     restarted.start_again('drop_simulator')
 
 
