@@ -2,7 +2,8 @@
 
 Exit codes: 0 done; 2 wrong input, nothing was done; 1 something failed on the way (workers died
 again and again, a node died, the disk is full, no suite answers); 130 interrupted. After 1 and 130
-what was done is saved. An error is one line on standard error.
+what was done is saved. An error is one line on standard error. A signal that comes before anything
+is begun, while modules are imported, ends it without a word, with 128 and its number.
 """
 
 import argparse
@@ -11,37 +12,25 @@ import re
 import signal
 import sys
 from collections.abc import Sequence
+from importlib import import_module
+from io import TextIOWrapper
 from typing import Any, NoReturn
 
 from resting_aspects_ros import __version__
-from resting_aspects_ros.commands import (
-    aspects,
-    classify,
-    compare,
-    demo,
-    drop,
-    estimate,
-    info,
-    merge,
-    nodes,
-    recover,
-    replay,
-    report,
-    request,
-)
-from resting_aspects_ros.commands.interruption import SIGNALS, catch
 from resting_aspects_ros.core.errors import (
     InvalidValueError,
+    NoLogError,
     PartError,
     RestingAspectsError,
     UnknownPartError,
 )
+from resting_aspects_ros.signals import SIGNALS, catch, end_at_once
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 COMMANDS = (
-    *(drop, report, estimate, aspects, classify, compare),
-    *(request, nodes, demo),
-    *(info, replay, merge, recover),
+    *('drop', 'report', 'estimate', 'aspects', 'classify', 'compare'),
+    *('request', 'nodes', 'demo'),
+    *('info', 'replay', 'merge', 'recover'),
 )
 
 DESCRIPTION = """How a part comes to rest when it is dropped, and how probable each way is.
@@ -75,17 +64,22 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
     for command in COMMANDS:
-        command.add(subparsers)
+        import_module(f'resting_aspects_ros.commands.{command}').add(subparsers)
     return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    # Stopped by a service manager or a closed terminal: the same orderly end as Ctrl-C.
-    catch(signal.default_int_handler)
+    if isinstance(sys.stdout, TextIOWrapper):
+        # A file name can be no text of the terminal's encoding, and is in many a line.
+        sys.stdout.reconfigure(errors='backslashreplace')
+    catch(end_at_once)
+    parser = make_parser()
     try:
+        # Stopped by a service manager or a closed terminal: the same orderly end as Ctrl-C.
+        catch(signal.default_int_handler)
         try:
-            arguments = make_parser().parse_args(_joined(sys.argv[1:] if argv is None else argv))
+            arguments = parser.parse_args(_joined(sys.argv[1:] if argv is None else argv))
             code = int(arguments.run(arguments))
         finally:
             sys.stdout.flush()
@@ -93,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Who read it has seen enough. The interpreter must not try again to write the rest.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
-    except (PartError, UnknownPartError, InvalidValueError) as error:
+    except (PartError, UnknownPartError, InvalidValueError, NoLogError) as error:
         return _end(WRONG_INPUT, f'error: {error}')
     except RestingAspectsError as error:
         return _end(FAILED, f'error: {error}')

@@ -5,6 +5,7 @@ import sys
 from typing import Any
 
 from resting_aspects_ros.commands.options import add_part
+from resting_aspects_ros.signals import ending_at_once
 
 EXAMPLES = """examples:
   resting_aspects aspects hex_nut
@@ -32,11 +33,12 @@ def add(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
     # What takes a while to import, which --help does not need.
-    from resting_aspects_ros.commands.answer import make_console, show_table
-    from resting_aspects_ros.commands.given_part import given_part
-    from resting_aspects_ros.core.aspects import find_aspects
-    from resting_aspects_ros.report.aspect_table import aspect_table, symmetry_text
-    from resting_aspects_ros.report.document import aspects_document, to_json
+    with ending_at_once():
+        from resting_aspects_ros.commands.answer import make_console, show_table
+        from resting_aspects_ros.commands.given_part import given_part
+        from resting_aspects_ros.core.aspects import find_aspects
+        from resting_aspects_ros.report.aspect_table import aspect_table, symmetry_text
+        from resting_aspects_ros.report.document import aspects_document, to_json
 
     part = given_part(arguments.part, arguments.unit, arguments.parts)
     for warning in part.warnings:

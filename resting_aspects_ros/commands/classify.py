@@ -6,6 +6,7 @@ from typing import Any
 
 from resting_aspects_ros.commands.options import add_part_place
 from resting_aspects_ros.commands.quantities import parse_quantity
+from resting_aspects_ros.signals import ending_at_once
 
 EXAMPLES = """examples:
   resting_aspects classify poses.csv
@@ -51,6 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     text = arguments.tolerance
     degrees = None if text is None else parse_quantity('--tolerance', text, '')
     # What takes a while to import, which --help does not need.
-    from resting_aspects_ros.commands.classify_here import classify_here
+    with ending_at_once():
+        from resting_aspects_ros.commands.classify_here import classify_here
 
     return classify_here(arguments, degrees)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.commands.quantities import parse_quantity
+from resting_aspects_ros.signals import ending_at_once
 
 EXAMPLES = """examples:
   resting_aspects compare out/nut/distribution.json manual.csv
@@ -44,6 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
     confidence = parse_quantity('--confidence', arguments.confidence, '')
     # What takes a while to import, which --help does not need.
-    from resting_aspects_ros.commands.compare_here import compare_here
+    with ending_at_once():
+        from resting_aspects_ros.commands.compare_here import compare_here
 
     return compare_here(arguments, confidence)

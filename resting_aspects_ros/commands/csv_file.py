@@ -21,7 +21,9 @@ def open_text(path: Path, allowed: str = 'a CSV') -> Iterator[TextIO]:
         with path.open(newline='', encoding='utf-8-sig') as file:
             yield file
     except OSError as error:
-        raise InvalidValueError(f'{str(path)!r} cannot be read: {error.strerror}') from None
+        raise InvalidValueError(
+            f'{str(path)!r} cannot be read: {error.strerror}, allowed is {allowed}'
+        ) from None
     except UnicodeDecodeError:
         raise InvalidValueError(
             f'{str(path)!r} is no text in UTF-8, allowed is {allowed}'

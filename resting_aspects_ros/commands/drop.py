@@ -41,7 +41,8 @@ def add(subparsers: Any) -> None:
         '--from-log',
         metavar='LOG',
         type=Path,
-        help='make the drops of a log again, with its part, conditions and seed: the same poses',
+        help='make the drops again that a log has, with its part, conditions and seed: the same '
+        'poses',
     )
     add_run(parser, str(DEFAULT_SEED))
     parser.add_argument(

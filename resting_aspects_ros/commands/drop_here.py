@@ -5,7 +5,7 @@ import dataclasses
 import sys
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -53,7 +53,7 @@ def drop_here(
     saved, if not all could be done.
     """
     check_confidence(confidence)
-    part, precision = question.part, question.precision
+    part, precision, stop_at = question.part, question.precision, question.stop_at
     empty = no_drops(
         find_aspects(part),
         interval=arguments.interval,
@@ -64,9 +64,7 @@ def drop_here(
         part,
         question.conditions,
         seed=question.seed,
-        drops=most_drops(
-            question.drops, precision, len(empty.aspects), empty.interval, confidence
-        ),
+        drops=most_drops(question.drops, stop_at, len(empty.aspects), empty.interval, confidence),
         first_drop=question.first_drop,
         precision=precision,
         run_id=uuid.uuid4().hex[:12],
@@ -78,7 +76,7 @@ def drop_here(
     failure: EngineError | None = None
     convergence: Convergence | None = None
     checked = not arguments.check_convergence
-    tally = _Tally(empty, run)
+    tally = _Tally(empty, run, stop_at, question.ranges)
     with ExitStack() as stack:
         workers = _workers(arguments)
         stack.callback(workers.stop)
@@ -107,7 +105,7 @@ def drop_here(
         done = tally.distribution.drops
         raise EngineError(f'{failure}, after {done} of {run.drops} drops, which are in the answer')
     if answer.complete:
-        _say_how_precise(answer.distribution, precision)
+        _say_how_precise(answer.distribution, stop_at)
     missing = _missing(answer, checked=checked)
     if missing:
         print(missing, file=sys.stderr)
@@ -177,11 +175,23 @@ def _of_height(height: float, radius: float) -> Iterator[str]:
 
 
 class _Tally:
-    """What was done so far: counted, and written in rows."""
+    """What was done so far: counted, and written in rows.
 
-    def __init__(self, distribution: Distribution, run: RunDescription) -> None:
+    precision : at which to stop; 0: when all drops are made
+    ranges : which drops they are, if they are not those from the run's first on
+    """
+
+    def __init__(
+        self,
+        distribution: Distribution,
+        run: RunDescription,
+        precision: float,
+        ranges: Sequence[tuple[int, int]],
+    ) -> None:
         self.distribution = distribution
         self.run = run
+        self.precision = precision
+        self.ranges = ranges or [(run.first_drop, run.end)]
         self.tables: list[TextIO] = []
         self.history = History(distribution.aspects)
 
@@ -194,7 +204,7 @@ class _Tally:
     @property
     def over(self) -> bool:
         """All drops are made, or enough."""
-        return self.distribution.stops(self.run.precision, self.run.drops)
+        return self.distribution.stops(self.precision, self.run.drops)
 
 
 def _drop_all(
@@ -214,7 +224,8 @@ def _check(
     run = dataclasses.replace(
         tally.run, drops=coarse.drops, precision=0.0, time_step=fine.time_step
     )
-    again = _Tally(no_drops(coarse.aspects, confidence=coarse.confidence), run)
+    empty = no_drops(coarse.aspects, confidence=coarse.confidence)
+    again = _Tally(empty, run, 0.0, () if tally.precision else tally.ranges)
     _drop_all(f'{run.part} in finer steps', fine, workers, again, stop)
     if not again.over:
         return False, None
@@ -232,16 +243,18 @@ def _drop(
     stop: Interruption,
 ) -> None:
     """Make the drops, or those until somebody asks for an end; raises EngineError."""
-    with closing(drop_chunks(job, tally.run, workers, _warn)) as steps:
-        for step in steps:
-            if isinstance(step, Future):
-                while not stop.asked and not wait([step], LOOK_PERIOD).done:
+    for first, end in tally.ranges:
+        asked = dataclasses.replace(tally.run, first_drop=first, drops=end - first)
+        with closing(drop_chunks(job, asked, workers, _warn)) as steps:
+            for step in steps:
+                if isinstance(step, Future):
+                    while not stop.asked and not wait([step], LOOK_PERIOD).done:
+                        progress(tally.distribution.drops)
+                else:
+                    tally.add(step)
                     progress(tally.distribution.drops)
-            else:
-                tally.add(step)
-                progress(tally.distribution.drops)
-            if stop.asked or tally.over:
-                return
+                if stop.asked or tally.over:
+                    return
 
 
 def _warn(text: str) -> None:

@@ -25,6 +25,9 @@ class DropQuestion:
 
     logged : RunDescription
         The run that is made again, if it is one.
+    ranges : tuple of (int, int)
+        If just the drops are made again that a log has, those: [first, end) of each row of them.
+        Then ``precision`` is that at which the run was to stop, and what ends it is ``drops``.
     """
 
     part: Part
@@ -33,6 +36,12 @@ class DropQuestion:
     drops: int
     precision: float
     logged: RunDescription | None = None
+    ranges: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def stop_at(self) -> float:
+        """The precision at which to stop; 0: when all drops are made."""
+        return 0.0 if self.ranges else self.precision
 
     @property
     def first_drop(self) -> int:
@@ -87,11 +96,17 @@ def _logged(arguments: argparse.Namespace, drops: int, precision: float) -> Drop
         raise InvalidValueError(f'--from-log: {error}') from None
     part, run = contents.run.part, contents.run.run
     if run is None:
-        raise InvalidValueError(f'--from-log is {str(log)!r}, which holds no drops')
+        raise InvalidValueError(
+            f'--from-log: no drops are in {str(log)!r}, allowed are logs of runs'
+        )
     if part is None or part.part_sha256 != run.part_sha256:
         raise InvalidValueError(f'--from-log is {str(log)!r}, which does not describe its part')
     warn_if_unfinished(log)
-    if arguments.drops is None and arguments.precision is None:
-        # Of a run that was broken off those that are there.
-        drops, precision = run.drops if run.precision else contents.outcome.drops, run.precision
-    return DropQuestion(part, run.conditions, run.seed, drops, precision, run)
+    if arguments.drops is not None or arguments.precision is not None:
+        return DropQuestion(part, run.conditions, run.seed, drops, precision, run)
+    # Those that are there, wherever the run ended: it can have been canceled, or broken off.
+    ranges = tuple(contents.ranges)
+    drops = sum(end - first for first, end in ranges)
+    if not drops:
+        raise InvalidValueError(f'--from-log is {str(log)!r}, which holds no drops')
+    return DropQuestion(part, run.conditions, run.seed, drops, run.precision, run, ranges)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.commands.options import add_part
+from resting_aspects_ros.signals import ending_at_once
 
 ALL = 'all'
 EXAMPLES = """examples:
@@ -45,6 +46,7 @@ def add(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
     # What takes a while to import, which --help does not need.
-    from resting_aspects_ros.commands.estimate_here import estimate_here
+    with ending_at_once():
+        from resting_aspects_ros.commands.estimate_here import estimate_here
 
     return estimate_here(arguments)

@@ -4,8 +4,7 @@ import signal
 from types import TracebackType
 from typing import Any
 
-# A service manager and a terminal that closes mean the same as Ctrl-C.
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+from resting_aspects_ros.signals import catch
 
 
 class Interruption:
@@ -39,12 +38,3 @@ class Interruption:
     ) -> None:
         for number, handler in self._before.items():
             signal.signal(number, signal.SIG_IGN if self.asked else handler)
-
-
-def catch(handler: Any) -> dict[signal.Signals, Any]:
-    """Have the signals handled, but those that are ignored; returns what handled them before."""
-    before = {number: signal.getsignal(number) for number in SIGNALS}
-    before = {number: old for number, old in before.items() if old is not signal.SIG_IGN}
-    for number in before:
-        signal.signal(number, handler)
-    return before

@@ -1,5 +1,6 @@
 """What a log says of its run."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +28,8 @@ class LoggedRun:
         As it was when it was dropped; None while it was not described.
     distribution : Distribution
         The last one; None while there was none. ``complete`` if it counts all drops of the run.
+    seen : Coverage
+        Drops of the run that came.
     """
 
     def __init__(self) -> None:
@@ -34,7 +37,7 @@ class LoggedRun:
         self.part: Part | None = None
         self.distribution: Distribution | None = None
         self.complete = False
-        self._seen = Coverage()
+        self.seen = Coverage()
         self._end: int | None = None  # index after the last drop, once it is known
 
     def take(self, type_name: str, data: bytes) -> None:
@@ -45,7 +48,8 @@ class LoggedRun:
                 # Later ones can be of other runs, whose drops filled gaps of this one.
                 self.run = self.run or run
                 end = first + drops
-                self._seen.add(max(first, self.run.first_drop), min(end, self.run.end))
+                if run.sequence() == self.run.sequence():
+                    self.seen.add(max(first, self.run.first_drop), min(end, self.run.end))
                 if last and run.run_id == self.run.run_id:
                     self._end = end
             elif type_name == PART_TYPE:
@@ -59,12 +63,12 @@ class LoggedRun:
         """How many drops there are, and whether it is all of them, and the part."""
         run, part = self.run, self.part
         if run is None or part is None:
-            return Outcome(len(self._seen), whole=False)
+            return Outcome(len(self.seen), whole=False)
         # Without a last batch it can have all drops, too: if the end was asked for again.
-        end = run.end if self._end is None else max(self._end, self._seen.end)
-        missing = self._seen.missing(run.first_drop, end)
+        end = run.end if self._end is None else max(self._end, self.seen.end)
+        missing = self.seen.missing(run.first_drop, end)
         whole = not missing and part.part_sha256 == run.part_sha256
-        return Outcome(len(self._seen), whole)
+        return Outcome(len(self.seen), whole)
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,14 @@ class LogContents:
     being_written: bool
     run: LoggedRun
     outcome: Outcome
+
+    @property
+    def ranges(self) -> list[tuple[int, int]]:
+        """The drops that it holds, [first, end) of each row of them without a gap."""
+        run = self.run.run
+        if run is None or not self.outcome.whole:
+            return self.run.seen.ranges
+        return [(run.first_drop, run.first_drop + self.outcome.drops)]
 
 
 def rest_of_run(run: RunDescription, outcome: Outcome) -> str:
@@ -102,6 +114,8 @@ def read_contents(log: Path) -> LogContents:
                 for type_name, data in ((POSES_TYPE, batch), *others):
                     if data is not None:
                         run.take(type_name, data)
+                if not outcome.whole:
+                    _take_all(run, BrokenLog(log), (POSES_TYPE,))  # there can be gaps
                 messages = indexed.counts().total()
                 return LogContents(indexed.path, messages, True, False, run, outcome)
     except NoIndexError:
@@ -109,9 +123,13 @@ def read_contents(log: Path) -> LogContents:
     # Nobody counted it, or the count was lost: all of it is read.
     broken = BrokenLog(log)
     run = LoggedRun()
-    for type_name, data in broken.messages(TYPES):
-        run.take(type_name, data)
+    _take_all(run, broken, TYPES)
     found = broken.extent
     return LogContents(
         broken.path, found.messages, found.finished, broken.being_written, run, run.outcome()
     )
+
+
+def _take_all(run: LoggedRun, log: BrokenLog, types: Collection[str]) -> None:
+    for type_name, data in log.messages(types):
+        run.take(type_name, data)

@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from resting_aspects_ros.signals import ending_at_once
+
 EXAMPLES = """examples:
   resting_aspects merge out/logs/l_bracket_*
   resting_aspects merge monday.mcap tuesday.mcap --any-engine --json
@@ -36,6 +38,7 @@ def add(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
     # What takes a while to import, which --help does not need.
-    from resting_aspects_ros.commands.merge_logs import merge_logs
+    with ending_at_once():
+        from resting_aspects_ros.commands.merge_logs import merge_logs
 
     return merge_logs(arguments.logs, any_engine=arguments.any_engine, as_json=arguments.json)

@@ -26,7 +26,7 @@ def merge_logs(logs: Sequence[Path], *, any_engine: bool, as_json: bool) -> int:
     """
     merged = merge_drops(_pieces(logs), any_engine=any_engine)
     if not merged:
-        raise InvalidValueError(f'{_named(logs)} hold no drops: allowed are logs of runs')
+        raise InvalidValueError(f'no drops are in {_named(logs)}, allowed are logs of runs')
     run = merged[0].run
     part = _part(logs, run.part_sha256)
     for log in logs:

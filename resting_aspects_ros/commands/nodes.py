@@ -3,8 +3,12 @@
 import argparse
 from typing import Any
 
+from resting_aspects_ros.commands.options import add_ros_args
+from resting_aspects_ros.signals import ending_at_once
+
 EXAMPLES = """examples:
   resting_aspects nodes
+  resting_aspects nodes --ros-args -p parts_folder:=my_parts
   resting_aspects nodes --ros-args -p log_folder:=logs -r __ns:=/cell_1
 """
 
@@ -15,20 +19,22 @@ def add(subparsers: Any) -> None:
         'nodes',
         help='run all ROS nodes in one process',
         description='Run drop_simulator, aspect_classifier and drop_recorder in one process,\n'
-        'until Ctrl-C. What follows --ros-args goes to ROS.',
+        'until Ctrl-C. Each is a program of its own, too, whose --help lists its\n'
+        'parameters.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument('--ros-args', nargs=argparse.REMAINDER, default=[], help='for ROS')
+    add_ros_args(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Spin until told to stop."""
-    from resting_aspects_ros.nodes.aspect_classifier import AspectClassifier
-    from resting_aspects_ros.nodes.drop_recorder import DropRecorder
-    from resting_aspects_ros.nodes.drop_simulator import DropSimulator
-    from resting_aspects_ros.nodes.spin import spin_nodes
+    with ending_at_once():
+        from resting_aspects_ros.nodes.aspect_classifier import AspectClassifier
+        from resting_aspects_ros.nodes.drop_recorder import DropRecorder
+        from resting_aspects_ros.nodes.drop_simulator import DropSimulator
+        from resting_aspects_ros.nodes.spin import spin_nodes
 
     ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
     return spin_nodes([DropSimulator, AspectClassifier, DropRecorder], ros_args)

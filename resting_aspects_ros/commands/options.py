@@ -40,7 +40,10 @@ def add_conditions(parser: argparse.ArgumentParser, default: str = DEFAULT_SURFA
         'spin may have a unit, such as 60mm, 2.4in, 300mm/s or 20rpm.',
     )
     group.add_argument(
-        '--surface', metavar='NAME', default='', help=f'named conditions ({default})'
+        '--surface',
+        metavar='NAME',
+        default='',
+        help=f'named conditions: rubber_mat, steel or thrown ({default})',
     )
     for name, quantity in QUANTITIES.items():
         group.add_argument(
@@ -71,6 +74,17 @@ def changes_of(arguments: argparse.Namespace) -> dict[str, object]:
     if arguments.height_of is not None:
         changes['height_of'] = HeightOf[arguments.height_of]
     return changes
+
+
+def add_ros_args(parser: argparse.ArgumentParser) -> None:
+    """--ros-args, as any node has it."""
+    parser.add_argument(
+        '--ros-args',
+        nargs=argparse.REMAINDER,
+        default=[],
+        help='all that follows is for ROS: -r __ns:=/cell_1 for a namespace, -p name:=value for a '
+        'parameter of a node',
+    )
 
 
 def add_run(parser: argparse.ArgumentParser, default_seed: str) -> None:

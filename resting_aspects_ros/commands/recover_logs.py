@@ -6,6 +6,7 @@ from pathlib import Path
 
 from resting_aspects_ros.commands.logged_run import TYPES, LoggedRun, rest_of_run
 from resting_aspects_ros.core.errors import LogError, RestingAspectsError
+from resting_aspects_ros.logs.log_reader import is_being_written
 from resting_aspects_ros.logs.outcome import OUTCOME
 from resting_aspects_ros.logs.recovery import BrokenLog
 
@@ -30,6 +31,8 @@ def recover_logs(logs: Sequence[Path]) -> int:
 
 def _recover(log: Path) -> str:
     """What was done."""
+    if is_being_written(log):
+        return 'is being written, left as it is'
     broken = BrokenLog(log)
     words, notes = _account(broken)
     if broken.closed:

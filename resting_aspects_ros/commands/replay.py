@@ -4,7 +4,11 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from resting_aspects_ros.commands.options import add_ros_args
 from resting_aspects_ros.commands.quantities import parse_quantity
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.file_names import is_printable
+from resting_aspects_ros.signals import ending_at_once
 
 EXAMPLES = """examples:
   resting_aspects replay out/logs/l_bracket_20250131T235959Z_4f1c
@@ -23,8 +27,7 @@ def add(subparsers: Any) -> None:
         'are relative to the namespace, whatever it was when the log was recorded. It\n'
         'stays until Ctrl-C when all is published, so that who comes late finds what\n'
         'is latched: the part, the poses and the last distribution. The services\n'
-        'log_replayer/pause and log_replayer/resume hold it up. What follows --ros-args\n'
-        'goes to ROS.',
+        'log_replayer/pause and log_replayer/resume hold it up.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -47,19 +50,24 @@ def add(subparsers: Any) -> None:
         help='begin again a second after the end. The runs are the recorded ones each time, with '
         'the same ids: aspect_classifier and drop_recorder count none of their drops twice',
     )
-    parser.add_argument('--ros-args', nargs=argparse.REMAINDER, default=[], help='for ROS')
+    add_ros_args(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Spin until told to stop."""
+    if not is_printable(str(arguments.log)):
+        raise InvalidValueError(
+            f'log is {str(arguments.log)!r}, allowed is a name in UTF-8: ROS takes no other'
+        )
     given: dict[str, object] = {'log': str(arguments.log)}
     if arguments.rate is not None:
         given['rate'] = parse_quantity('--rate', arguments.rate, '')
     given |= {name: True for name in ('as_fast_as_possible', 'loop') if getattr(arguments, name)}
-    from resting_aspects_ros.commands.progress import ReplayProgress
-    from resting_aspects_ros.nodes.log_replayer import LogReplayer
-    from resting_aspects_ros.nodes.spin import spin_nodes
+    with ending_at_once():
+        from resting_aspects_ros.commands.progress import ReplayProgress
+        from resting_aspects_ros.nodes.log_replayer import LogReplayer
+        from resting_aspects_ros.nodes.spin import spin_nodes
 
     ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
     with ReplayProgress() as progress:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.commands.options import add_part_place
+from resting_aspects_ros.signals import ending_at_once
 
 EXAMPLES = """examples:
   resting_aspects report out/nut/distribution.json
@@ -54,6 +55,7 @@ def add(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
     # What takes a while to import, which --help does not need.
-    from resting_aspects_ros.commands.report_here import report_here
+    with ending_at_once():
+        from resting_aspects_ros.commands.report_here import report_here
 
     return report_here(arguments)

@@ -13,6 +13,7 @@ from resting_aspects_ros.commands.surface_text import surface_text
 from resting_aspects_ros.core.comparison import Tally, compare
 from resting_aspects_ros.core.estimators.estimate import METHODS, estimate
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
+from resting_aspects_ros.core.file_names import printable
 from resting_aspects_ros.core.intervals import Array
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.report.aspect_table import symmetry_text
@@ -72,7 +73,7 @@ def _measured(answer: Answer, against: GivenCounts) -> Measured:
     own = answer.distribution.by_class()
     counted = Tally(own.counts, own.unclassified, own.unsettled, own.failed)
     found = compare(counted, tally, np.random.default_rng(SEED), own.confidence)
-    return Measured(against.path.name, tally, found)
+    return Measured(printable(against.path.name), tally, found)
 
 
 def _estimates(answer: Answer) -> tuple[dict[str, Array], dict[str, str]]:

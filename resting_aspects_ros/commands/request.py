@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from resting_aspects_ros.commands.interruption import Interruption
 from resting_aspects_ros.commands.options import (
     add_conditions,
+    add_ros_args,
     add_run,
     changes_of,
     conditions_of,
@@ -31,6 +32,7 @@ EXAMPLES = """examples:
   resting_aspects request l_bracket --drops 2000
   resting_aspects request hex_nut --only-known --json
   resting_aspects request hex_nut --method rolling
+  resting_aspects request hex_nut --ros-args -r __ns:=/cell_1
 """
 
 
@@ -40,8 +42,7 @@ def add(subparsers: Any) -> None:
         'request',
         help='ask the running ROS nodes for a distribution',
         description='Call get_distribution of the running nodes: a known distribution is\n'
-        'answered at once, otherwise the part is dropped first. What follows --ros-args\n'
-        'goes to ROS.',
+        'answered at once, otherwise the part is dropped first.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -61,7 +62,7 @@ def add(subparsers: Any) -> None:
     parser.add_argument('--json', action='store_true', help='print one JSON document instead')
     parser.add_argument('--picture', metavar='FILE.png', type=Path, help='write a picture')
     add_conditions(parser, "the simulator's default")
-    parser.add_argument('--ros-args', nargs=argparse.REMAINDER, default=[], help='for ROS')
+    add_ros_args(parser)
     parser.set_defaults(run=run)
 
 
@@ -102,7 +103,9 @@ def run(arguments: argparse.Namespace) -> int:
                     progress.end(message.drops)
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(_what_goes_on(arguments, progress)) from None
-            answer = answer_from(message, _part(client, arguments.part))
+            # Only these show more of the part than the answer has.
+            shown = arguments.json or arguments.picture
+            answer = answer_from(message, _part(client, arguments.part) if shown else None)
         if arguments.picture is not None:
             answer.save_picture(arguments.picture)
         answer.print(as_json=arguments.json)
@@ -123,9 +126,11 @@ def _part(client: 'RestingAspectsClient', name: str) -> 'Part | None':
     from resting_aspects_ros.client import NotAvailableError, UnknownPartError
 
     try:
+        if all(part.name != name for part in client.list_parts()):
+            raise UnknownPartError(f'no drop_simulator offers {name}')
         return client.get_part(name)
     except (NotAvailableError, UnknownPartError) as error:
-        _warn(f'no picture of the part: {error}')
+        _warn(f'neither the picture nor mesh_sha256 of the part: {error}')
         return None
 
 

@@ -26,3 +26,7 @@ class EngineError(RestingAspectsError):
 
 class LogError(RestingAspectsError):
     """A log cannot be written or read."""
+
+
+class NoLogError(LogError):
+    """What is given as a log is none."""

@@ -36,6 +36,11 @@ class Coverage:
         return gaps
 
     @property
+    def ranges(self) -> list[tuple[int, int]]:
+        """Those that have been seen, ascending; none touches the next."""
+        return list(self._ranges)
+
+    @property
     def end(self) -> int:
         """Index after the last drop seen; 0 if none was."""
         return self._ranges[-1][1] if self._ranges else 0

@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from resting_aspects_ros.core.errors import PartError, RestingAspectsError, UnknownPartError
+from resting_aspects_ros.core.file_names import printable
 from resting_aspects_ros.core.mesh_file import FORMATS
 from resting_aspects_ros.core.part import (
     DEFAULT_UNIT,
@@ -63,8 +64,8 @@ class PartLibrary:
             else [f'the folder of parts {str(self.folder)!r} does not exist or cannot be read']
         )
         found += [
-            f'{file.name} {where} is not used: it must be <part>.yaml, beside the mesh of '
-            'that name'
+            f'{printable(file.name)} {where} is not used: it must be <part>.yaml, beside the mesh '
+            'of that name'
             for file in self._files()
             if file.suffix.lower() in ('.yaml', '.yml')
             and not (file.suffix == '.yaml' and file.stem in by_stem)
@@ -76,7 +77,7 @@ class PartLibrary:
         where = f'in {str(self.folder)!r}'
         found: dict[str, str] = {}
         for stem, files in self._by_stem().items():
-            names = ', '.join(file.name for file in files)
+            names = ', '.join(printable(file.name) for file in files)
             if not is_valid_name(stem):
                 why = (
                     f'{names} {where} is not registered: a part is named with lower case letters, '
@@ -86,7 +87,7 @@ class PartLibrary:
                 why = f'{names} {where} are not registered: only one mesh can be the part {stem!r}'
             else:
                 continue
-            found |= {file.name: why for file in files}
+            found |= {printable(file.name): why for file in files}
         return found
 
     def load(self, name: str) -> Part:
@@ -136,7 +137,7 @@ class PartLibrary:
         names = self.names()
         close = difflib.get_close_matches(str(name).lower(), names, n=1)
         hint = f'; did you mean {close[0]!r}?' if close else ''
-        unfit = [sentence for sentence in self.problems() if str(name) in sentence]
+        unfit = [sentence for sentence in self.problems() if printable(str(name)) in sentence]
         hint += ''.join(f'; {sentence}' for sentence in unfit)
         return unknown_part_text(name, names, f'none, in {str(self.folder)!r}') + hint
 

@@ -11,13 +11,15 @@ from mcap.exceptions import EndOfFile
 from mcap.records import Channel, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader
 
-from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.core.errors import LogError, NoLogError
 from resting_aspects_ros.logs.file_lock import is_locked
 from resting_aspects_ros.logs.schemas import load_schema
 
 _SUFFIX = '.mcap'
 _MAGIC = b'\x89MCAP'
+# A whole file both begins and ends with it.
 _END = b'\x89MCAP0\r\n'
+_ALLOWED = 'allowed is the folder of a run, or an .mcap file'
 # Where a file is cut within a number mcap raises the second, within a letter the third.
 _CUT = (EndOfFile, struct.error, UnicodeDecodeError)
 
@@ -85,17 +87,36 @@ def one_file(path: Path) -> Path:
 def log_files(path: Path) -> list[Path]:
     """The MCAP files of a log, by name.
 
-    Raises LogError for a folder without any, and for what is neither folder nor file: a pipe would
-    be waited for without end.
+    Raises NoLogError for a folder without any, for a file that is none, and for what is neither: a
+    pipe would be waited for without end.
     """
     if not path.is_dir():
-        if path.exists() and not path.is_file():
-            raise LogError(f'log {str(path)!r} is neither a file nor a folder')
+        _check_file(path)
         return [path]
     found = sorted(file for file in path.glob(f'*{_SUFFIX}') if file.is_file())
     if not found:
-        raise LogError(f'folder {str(path)!r} is no log: no {_SUFFIX} file is in it')
+        words = f'folder {str(path)!r} is no log: no {_SUFFIX} file is in it'
+        if logs := len({file.parent for file in path.glob(f'*/*{_SUFFIX}')}):
+            words += f', but in {logs} folders in it'
+        raise NoLogError(f'{words}, {_ALLOWED}')
+    for file in found:
+        _check_file(file)
     return found
+
+
+def _check_file(path: Path) -> None:
+    """Raises NoLogError for what is not, or is not the beginning of, an MCAP file."""
+    if path.exists() and not path.is_file():
+        raise NoLogError(f'log {str(path)!r} is neither a file nor a folder')
+    try:
+        with path.open('rb') as file:
+            begins = file.read(len(_END))
+    except OSError as error:
+        words = f'log {str(path)!r} cannot be read: {error.strerror}'
+        raise NoLogError(f'{words}, {_ALLOWED}') from None
+    if not _END.startswith(begins):
+        words = f'log {str(path)!r} is damaged, or no MCAP file: it begins with {begins!r}'
+        raise NoLogError(f'{words}, {_ALLOWED}')
 
 
 def records(path: Path) -> Iterator[McapRecord]:

@@ -16,6 +16,7 @@ from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Sch
 from mcap.writer import Writer
 
 from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.core.file_names import is_printable
 from resting_aspects_ros.logs.bag_metadata import (
     BagMetadata,
     TopicCount,
@@ -108,6 +109,11 @@ class BrokenLog:
         be written, or a process is writing it; then it is as it was. If metadata.yaml alone cannot
         be written, the file is the new one, and recovering it again does the rest.
         """
+        if not is_printable(self.path.name):
+            raise LogError(
+                f'log {str(self.path)!r} cannot be recovered: allowed is a file with a name in '
+                'UTF-8, which its metadata repeat'
+            )
         new = self.path.with_name(f'{self.path.name}.{uuid.uuid4().hex}.recovering')
         try:
             with self._locked():

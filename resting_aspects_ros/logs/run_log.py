@@ -42,6 +42,10 @@ def run_folder_name(part: str, started: datetime, run_id: str) -> str:
     return _checked_name(f'{part}_{utc:%Y%m%dT%H%M%SZ}_{run_id}')
 
 
+class LogExistsError(LogError):
+    """A log of that name is there already."""
+
+
 @final
 class RunLog:
     """The log of one run while it is being written. To be used by one thread.
@@ -55,8 +59,8 @@ class RunLog:
     name : str
         Of this log, see `run_folder_name`. Makes folder/name/name_0.mcap.
 
-    Raises LogError if a log of that name is there already, or cannot be written. `path` is that
-    of the MCAP file.
+    Raises LogExistsError if a log of that name is there already, LogError if it cannot be written.
+    `path` is that of the MCAP file.
     """
 
     def __init__(self, folder: Path, name: str) -> None:
@@ -159,7 +163,9 @@ class RunLog:
         try:
             self._folder.mkdir(parents=True)
         except FileExistsError:
-            raise LogError(f'log {self._folder} exists already and is not overwritten') from None
+            raise LogExistsError(
+                f'log {self._folder} exists already and is not overwritten'
+            ) from None
         try:
             stream = self.path.open('xb')
         except OSError:

@@ -24,7 +24,7 @@ from resting_aspects_ros.nodes.default_conditions import SURFACE, FollowedDefaul
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, Meter, publish_diagnostics
 from resting_aspects_ros.nodes.distribution_answers import DistributionAnswers
 from resting_aspects_ros.nodes.distribution_outputs import PUBLISH_PERIOD, DistributionOutputs
-from resting_aspects_ros.nodes.drop_requests import DropRequests
+from resting_aspects_ros.nodes.drop_requests import DropRequests, DropSpec
 from resting_aspects_ros.nodes.interface import (
     ASPECT_CLASSIFIER,
     CLASSIFY_POSE,
@@ -47,6 +47,7 @@ from resting_aspects_ros.nodes.requests import (
 from resting_aspects_ros.nodes.run_accounts import (
     KnownDistributions,
     RunAccount,
+    find_under_way,
     newest_distribution,
 )
 from resting_aspects_ros.nodes.run_health import RunHealth
@@ -88,7 +89,9 @@ class AspectClassifier(Node):
         self._outputs = DistributionOutputs(self, self._parts)
         self._tracker = RunTracker(self, self._run_over, self._is_known)
         self._health = RunHealth(self, self._tracker)
-        self._requests = DropRequests(self, self._over_future)
+        self._requests = DropRequests(
+            self, self._over_future, self._under_way, self._tracker.look_after
+        )
         self._memory = Memory(
             self,
             Path(values['log_folder']) if values['log_folder'] else None,
@@ -177,7 +180,7 @@ class AspectClassifier(Node):
             return
         account.over = True
         if progress.lost:
-            account.problem = progress.loss
+            account.problem, account.gap = progress.loss, not progress.broken_off
         self._advance(account)
 
     def _advance(self, account: RunAccount) -> None:
@@ -195,7 +198,7 @@ class AspectClassifier(Node):
         account.count(aspects)
         self._outputs.change(account)
         if account.over:
-            if not account.problem:
+            if not account.gap:  # the first m of n drops are the run of m
                 self._known.add(run, account.counted)
             self._outputs.publish()
             self._end(account)
@@ -209,6 +212,13 @@ class AspectClassifier(Node):
         while len(self._over) > RUNS_KEPT:
             self._over.pop(next(iter(self._over)))
         return self._over.setdefault(run_id, Future())
+
+    def _under_way(self, spec: DropSpec) -> RunAccount | None:
+        part = self._parts.get(spec.part)
+        if part is None:
+            return None
+        asked = (part.part_sha256, spec.conditions, spec.drops, spec.precision, spec.seed)
+        return find_under_way(self._accounts.values(), *asked)
 
     def _diagnose(self) -> Diagnosis:
         accounts = self._accounts.values()

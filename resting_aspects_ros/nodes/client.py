@@ -1,52 +1,30 @@
-"""Ask the suite, from a node of one's own or from a program without one."""
+"""Ask the suite, from a node of one's own or from a program without one, which waits."""
 
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Any
 
 import numpy.typing as npt
 from geometry_msgs.msg import Quaternion
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
-from rclpy.task import Future
-from resting_aspects_interfaces.msg import (
-    AspectDistribution,
-    PartDescription,
-    PartSummary,
-    Status,
-)
+from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, PartSummary
 from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
-from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, ListParts
+from resting_aspects_interfaces.srv import ClassifyPose
 
 from resting_aspects_ros.core.distribution import METHOD
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.conditions import DropConditions
-from resting_aspects_ros.nodes.client_requests import (
-    absent_part,
-    check_name,
-    check_progress,
-    check_timeout,
-    distribution_request,
-    pose_request,
-)
+from resting_aspects_ros.nodes.async_client import AsyncClient
+from resting_aspects_ros.nodes.client_requests import absent_part, check_name
 from resting_aspects_ros.nodes.convert import conditions_from, part_from
-from resting_aspects_ros.nodes.interface import (
-    CLASSIFY_POSE,
-    DEFAULT_CONDITIONS,
-    GET_DISTRIBUTION,
-    LIST_PARTS,
-    PARTS,
-    SERVICES,
-)
-from resting_aspects_ros.nodes.own_node import CLOSED, ClientUseError, OwnNode
-from resting_aspects_ros.nodes.question import AnswerTimeoutError, Question
-from resting_aspects_ros.nodes.run_watch import RunWatch
+from resting_aspects_ros.nodes.interface import DEFAULT_CONDITIONS, PARTS
+from resting_aspects_ros.nodes.own_node import ClientUseError, OwnNode
+from resting_aspects_ros.nodes.question import AnswerTimeoutError
 
 # For what is latched to come, s.
 PART_TIMEOUT = 5.0
 
 
-class RestingAspectsClient:
+class RestingAspectsClient(AsyncClient):
     """Asks a running suite about parts: get_distribution, classify_pose and list_parts.
 
     Without a node it has one of its own and spins it while it waits for an answer::
@@ -72,11 +50,12 @@ class RestingAspectsClient:
     ----------
     node : Node, optional
         Whoever has it spins it and destroys it.
-    ros_args : sequence of str
-        For the node of its own, what could follow --ros-args: ``['-r', '__ns:=/cell_1']``.
+    ros_args : sequence of str, optional
+        For the node of its own, what could follow --ros-args: ``['-r', '__ns:=/cell_1']``. None:
+        what follows it on the command line of the program, as for any node.
     warn : callable, optional
-        Called with what a person should know of an answer, such as that its run is not recorded.
-        None: the node logs it.
+        Called with what a person should know, such as that the run of an answer is not recorded,
+        or that no classifier is found yet. None: the node logs it.
     check : callable
         For the node of its own: called often while it waits, raises to wait no longer.
 
@@ -93,7 +72,7 @@ class RestingAspectsClient:
         self,
         node: Node | None = None,
         *,
-        ros_args: Sequence[str] = (),
+        ros_args: Sequence[str] | None = None,
         warn: Callable[[str], object] | None = None,
         check: Callable[[], None] = lambda: None,
     ) -> None:
@@ -101,21 +80,7 @@ class RestingAspectsClient:
         if node is None:
             self._own = OwnNode(ros_args, check)
             node = self._own.node
-        self._node = node
-        self._warn = warn or node.get_logger().warning
-        # Not the node's own: its callbacks may await what comes in here.
-        self._group = MutuallyExclusiveCallbackGroup()
-        self._services = {
-            name: self._node.create_client(
-                kind, name, qos_profile=SERVICES, callback_group=self._group
-            )
-            for name, kind in (
-                (GET_DISTRIBUTION, GetDistribution),
-                (CLASSIFY_POSE, ClassifyPose),
-                (LIST_PARTS, ListParts),
-            )
-        }
-        self._open: set[Question] = set()
+        super().__init__(node, warn)
 
     def get_distribution(
         self,
@@ -181,37 +146,6 @@ class RestingAspectsClient:
             )
         )
 
-    def get_distribution_async(
-        self,
-        part: str,
-        *,
-        drops: int | None = None,
-        precision: float = 0.0,
-        surface: str = '',
-        conditions: DropConditions | None = None,
-        seed: int | None = None,
-        method: str = METHOD,
-        only_known: bool = False,
-        timeout: float | None = None,
-        progress: Callable[[int], None] | None = None,
-    ) -> Future:
-        """The same, as a Future."""
-        self._check(timeout)
-        check_progress(progress)
-        request = distribution_request(
-            part,
-            drops=drops,
-            precision=precision,
-            surface=surface,
-            conditions=conditions,
-            seed=seed,
-            method=method,
-            only_known=only_known,
-        )
-        watch = RunWatch(self._node, self._group, request, progress)
-        what = f'the distribution of {part}'
-        return self._ask(GET_DISTRIBUTION, request, what, timeout, watch.close, watch=watch)
-
     def classify_pose(
         self,
         part: str,
@@ -235,31 +169,9 @@ class RestingAspectsClient:
             lambda: self.classify_pose_async(part, orientation, timeout=timeout)
         )
 
-    def classify_pose_async(
-        self,
-        part: str,
-        orientation: Quaternion | npt.ArrayLike,
-        *,
-        timeout: float | None = None,
-    ) -> Future:
-        """The same, as a Future."""
-        self._check(timeout)
-        request = pose_request(part, orientation)
-        what = f'the aspect of a pose of {part}'
-        # With this code the answer is that no aspect fits.
-        also = (Status.NOT_AVAILABLE,)
-        return self._ask(CLASSIFY_POSE, request, what, timeout, lambda found: found, also=also)
-
     def list_parts(self, *, timeout: float | None = None) -> list[PartSummary]:
         """Name, part_sha256 and whether a distribution is known of each part, by name."""
         return self._waiting_node().wait(lambda: self.list_parts_async(timeout=timeout))
-
-    def list_parts_async(self, *, timeout: float | None = None) -> Future:
-        """The same, as a Future."""
-        self._check(timeout)
-        request = ListParts.Request()
-        what = 'the list of parts'
-        return self._ask(LIST_PARTS, request, what, timeout, lambda found: found.parts)
 
     def get_part(self, part: str) -> Part:
         """The part itself, mesh and mass properties, as the simulator describes it."""
@@ -277,18 +189,14 @@ class RestingAspectsClient:
             said = own.latched(DropConditionsMsg, DEFAULT_CONDITIONS, PART_TIMEOUT)
         except AnswerTimeoutError as error:
             raise AnswerTimeoutError(
-                f'no drop_simulator says which surface is the default, name one: {error}'
+                f'no drop_simulator says which surface is the default, name one, or start '
+                f'drop_simulator: {error}'
             ) from None
         return conditions_from(said)
 
     def close(self) -> None:
         """End all that it made; who awaits an answer gets a ClientUseError."""
-        for question in list(self._open):
-            question.fail(ClientUseError(CLOSED))
-            question.answer.exception()  # else rclpy complains if nobody awaits it
-        for service in self._services.values():
-            self._node.destroy_client(service)
-        self._services.clear()
+        super().close()
         if self._own is not None:
             self._own.close()
 
@@ -304,9 +212,7 @@ class RestingAspectsClient:
         self.close()
 
     def _check(self, timeout: float | None) -> None:
-        check_timeout(timeout)
-        if not self._services:
-            raise ClientUseError(CLOSED)
+        super()._check(timeout)
         if self._own is not None and not self._own.is_spun:
             raise ClientUseError(
                 'this client spins only while it waits, so the future would never be done: '
@@ -322,10 +228,3 @@ class RestingAspectsClient:
                 'RestingAspectsClient() without a node'
             )
         return self._own
-
-    def _ask(self, service: str, *asked: Any, **more: Any) -> Future:
-        client = self._services[service]
-        question = Question(self._node, self._group, client, *asked, warn=self._warn, **more)
-        self._open.add(question)
-        question.answer.add_done_callback(lambda _: self._open.discard(question))
-        return question.answer

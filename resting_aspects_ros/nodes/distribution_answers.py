@@ -84,8 +84,11 @@ class DistributionAnswers:
             if parts and not sha:
                 asked_part(parts, request.part)
             raise self._nothing_known(request, sha)
-        if not (request.surface or request.conditions or self._default.is_heard):
+        try:
             await self._requests.simulator()
+        except NotAvailableError as error:
+            raise NotAvailableError(f'{error}{self._others(request, sha)}') from None
+        if not (request.surface or request.conditions or self._default.is_heard):
             conditions = await self._conditions(request)
         seed = DEFAULT_SEED if seed is None else seed
         spec = DropSpec(request.part, conditions, drops, request.precision, seed)
@@ -116,11 +119,16 @@ class DistributionAnswers:
             f'no distribution of {request.part} under these conditions{with_seed} over at least '
             f'{request.drops} drops is known, and only_known was asked for'
         )
+        return NotAvailableError(words + self._others(request, sha))
+
+    def _others(self, request: GetDistribution.Request, sha: str) -> str:
+        """What is known of the part and does not fit, to be said after that; empty: nothing."""
+        seed = request.seed[0] if request.seed else None
         others = self._known.others(request.part, sha, seed)
-        if others:
-            more = ', ...' if len(others) > MOST_NAMED else ''
-            words += f'; known are {", ".join(others[:MOST_NAMED])}{more}'
-        return NotAvailableError(words)
+        if not others:
+            return ''
+        more = ', ...' if len(others) > MOST_NAMED else ''
+        return f'; known are {", ".join(others[:MOST_NAMED])}{more}'
 
 
 @lru_cache(MESSAGES_KEPT)

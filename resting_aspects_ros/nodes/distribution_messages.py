@@ -1,6 +1,7 @@
 """Between distributions over aspects and ROS messages."""
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -157,6 +158,39 @@ def distribution_from(msg: AspectDistribution) -> Distribution:
     return found
 
 
+def probability_of(distribution: AspectDistribution, aspects: Iterable[int]) -> Interval:
+    """How probable it is that a part comes to rest in any of some aspects.
+
+    The interval is that of their sum, which is narrower than the intervals added up: they are
+    counted together.
+
+    Parameters
+    ----------
+    distribution : AspectDistribution
+        As it is answered and published.
+    aspects : iterable of int
+        Their ids; one that comes twice counts once.
+
+    Returns
+    -------
+    Interval
+        ``probability``, ``lower`` and ``upper``, 0 to 1, with the message's confidence. Before the
+        first drop 0 in 0 to 1; of an analytic method, which counts no drops, the ends are NaN.
+
+    Raises
+    ------
+    InvalidValueError
+        The part has no aspect of an id, or it is no distribution.
+    """
+    if distribution.method in ('', METHOD):
+        return distribution_from(distribution).together(aspects)
+    shares = {aspect.id: aspect.probability for aspect in distribution.aspects}
+    ids = set(aspects)
+    for k in ids - shares.keys():
+        raise InvalidValueError(f'aspect is {k!r}, allowed is 1 to {len(shares)}')
+    return Interval(sum(shares[k] for k in ids), math.nan, math.nan)
+
+
 def serialized_distribution(data: bytes) -> tuple[Distribution, Run, bool]:
     """The distribution, its run and whether that was over, of a message as a log has it."""
     msg = deserialize_message(data, AspectDistribution)
@@ -168,6 +202,10 @@ def _aspects_from(msg: AspectDistribution) -> AspectSet:
 
 
 def _aspect_from(msg: Aspect) -> aspect_set.Aspect:
+    if msg.sweep >= len(SWEEPS):
+        raise InvalidValueError(
+            f'sweep of aspect {msg.id} is {msg.sweep}, allowed is 0 to {len(SWEEPS) - 1}'
+        )
     return aspect_set.Aspect(
         id=msg.id,
         symmetry_class=msg.symmetry_class,

@@ -3,7 +3,6 @@
 import sys
 import time
 from collections import deque
-from pathlib import Path
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -12,7 +11,6 @@ from rclpy.task import Future
 from resting_aspects_interfaces.msg import (
     AspectDistribution,
     PartDescription,
-    RecordedRun,
     RestingPoses,
 )
 from resting_aspects_interfaces.srv import GetDistribution
@@ -35,11 +33,11 @@ from resting_aspects_ros.nodes.interface import (
     LATCHED,
     PARTS,
     POSES,
-    RECORDED_RUNS,
     RESTING_POSES,
     SERVICES,
 )
-from resting_aspects_ros.nodes.log_folder import check_log_folder
+from resting_aspects_ros.nodes.log_folder import absolute_folder, check_log_folder
+from resting_aspects_ros.nodes.log_reports import LogReports
 from resting_aspects_ros.nodes.open_log import OpenLog
 from resting_aspects_ros.nodes.parameters import Parameter, declare, on_change
 from resting_aspects_ros.nodes.presence import Alone
@@ -47,7 +45,7 @@ from resting_aspects_ros.nodes.run_health import RunHealth
 from resting_aspects_ros.nodes.run_tracker import RunProgress, RunTracker
 from resting_aspects_ros.nodes.spin import run_node
 from resting_aspects_ros.nodes.topic_watch import TopicWatch
-from resting_aspects_ros.nodes.words import counted, of_run
+from resting_aspects_ros.nodes.words import counted
 
 PARAMETERS = (
     Parameter(
@@ -77,8 +75,7 @@ class DropRecorder(Node):
         # Distributions can come before the poses that they count.
         self._early: deque[tuple[AspectDistribution, bytes]] = deque(maxlen=MOST_EARLY)
         self._drops = Meter()
-        self._error = ''  # the newest, until a log is whole again
-        self._recorded = self.create_publisher(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
+        self._reports = LogReports(self)
         self._tracker = RunTracker(self, self._run_over, self._is_recorded)
         self._health = RunHealth(self, self._tracker)
         self._classifier = self.create_client(
@@ -110,7 +107,7 @@ class DropRecorder(Node):
 
     def _take_folder(self, path: str) -> None:
         """Runs that begin from now on have their logs there."""
-        self._folder = Path(path).absolute()
+        self._folder = absolute_folder(path)
 
     def _batch(self, data: bytes) -> None:
         message = deserialize_message(data, RestingPoses)
@@ -122,7 +119,7 @@ class DropRecorder(Node):
                 drops = sum(end - first for first, end in new)
                 stamp = nanoseconds(message.header.stamp)
                 self._drops.add(log.write_poses(self._poses, data, self._now(), stamp, drops))
-                self._report(log, always=message.last)
+                self._reports.written(log, always=message.last)
             self._tracker.settle(progress)
 
     def _log(self, progress: RunProgress) -> OpenLog:
@@ -130,11 +127,7 @@ class DropRecorder(Node):
         run = progress.run
         if run.run_id not in self._logs:
             log = self._logs[run.run_id] = OpenLog(self._folder, run)
-            self._report(log, always=True)
-            if log.earlier is not None:
-                self.get_logger().info(
-                    f'run {run.run_id} of {run.part} is in {log.earlier} already'
-                )
+            self._reports.begun(log)
             if run.part in self._parts:
                 self._write_part(log, *self._parts[run.part])
             for message, data in self._early:
@@ -156,7 +149,7 @@ class DropRecorder(Node):
             self._part_watch.topic(log.run.part), self._part_watch.type_name, _qos(LATCHED)
         )
         log.write_part(topic, data, part, self._now())
-        self._report(log)
+        self._reports.written(log)
 
     def _distribution(self, _: str, data: bytes) -> None:
         message = deserialize_message(data, AspectDistribution)
@@ -175,7 +168,7 @@ class DropRecorder(Node):
         topic = Topic(watch.topic(log.run.part), watch.type_name, _qos(LATCHED))
         log.write(topic, data, self._now(), nanoseconds(message.header.stamp))
         log.has_distribution = log.has_distribution or message.complete
-        self._report(log)
+        self._reports.written(log)
 
     def _is_recorded(self, run: RunDescription) -> bool:
         return self._logs[run.run_id].earlier is not None
@@ -211,29 +204,7 @@ class DropRecorder(Node):
 
     def _close(self, run_id: str) -> None:
         log = self._logs.pop(run_id)
-        folder = log.close()
-        self._report(log, always=True)
-        if folder is not None:
-            words = f'is in {folder}'
-            if not log.closed_whole:
-                what = 'is not whole' if log.run_over else 'was broken off'
-                words = f'{what}: {of_run(log.run, log.drops)} are in {folder}, which is closed'
-            elif log.parts:
-                words += f'; {", ".join(map(str, log.parts))} may be deleted: less of it is there'
-            self.get_logger().info(f'run {run_id} of {log.run.part} {words}')
-
-    def _report(self, log: OpenLog, *, always: bool = False) -> None:
-        """Tell how far the log is, at its turning points; and once what went wrong."""
-        self.get_logger().debug(f'{log.drops} drops are in {log.folder}')
-        new_error = bool(log.error) and not log.reported
-        if new_error:
-            log.reported = True
-            self._error = log.problem()
-            self.get_logger().error(self._error)
-        elif log.closed_whole:
-            self._error = ''  # it works again
-        if new_error or always:
-            self._recorded.publish(log.message())
+        self._reports.closed(log, log.close())
 
     def _diagnose(self) -> Diagnosis:
         files = [str(log.folder) for log in self._logs.values() if log.being_written]
@@ -248,7 +219,7 @@ class DropRecorder(Node):
         state = self._health.state
         if files and not state:
             state = counted(len(files), 'log open', 'logs open')
-        errors = [self._error] if self._error else []
+        errors = [self._reports.error] if self._reports.error else []
         return Diagnosis(state, values, self._health.warnings(), errors)
 
     def _now(self) -> int:

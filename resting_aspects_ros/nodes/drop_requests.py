@@ -1,5 +1,6 @@
 """How the classifier gets a part dropped: one goal for all who ask for the same drops at once."""
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -12,17 +13,21 @@ from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.core.errors import EngineError, RestingAspectsError
 from resting_aspects_ros.drops.conditions import DropConditions
+from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.nodes.convert import conditions_msg
-from resting_aspects_ros.nodes.drop_goals import drop_result
+from resting_aspects_ros.nodes.drop_goals import ASK_PERIOD, LOOK_PERIOD, drop_result
 from resting_aspects_ros.nodes.interface import ACTION_SERVICES, DROP_PART
-from resting_aspects_ros.nodes.requests import NotAvailableError, status_error
+from resting_aspects_ros.nodes.requests import CanceledError, NotAvailableError, status_error
 from resting_aspects_ros.nodes.waiting import wait_for
+from resting_aspects_ros.nodes.words import of_run
 
 if TYPE_CHECKING:
     from resting_aspects_ros.nodes.run_accounts import RunAccount
 
-# A simulator that has just been started needs about this long to be found, s.
-SERVER_TIMEOUT = 10.0
+# A simulator that is started together with the node may come this long after it, s. Later it is
+# there, or nobody has started it: to be found takes it no longer than DISCOVERY, s.
+STARTING = 10.0
+DISCOVERY = 2.0
 SERVER_PERIOD = 0.1
 # All batches were sent before the goal's result; so long they have to arrive, or to be asked
 # for again, s.
@@ -43,15 +48,30 @@ class DropSpec:
 class DropRequests:
     """Sends drop_part goals and waits until their poses have been counted.
 
+    A run that somebody else asked for, or that was under way before this node was there, is
+    waited for, and not made a second time.
+
     Parameters
     ----------
     over : gives for a run id the future of its account, done when the run is over
+    under_way : gives the account of a run that will end with just these drops
+    look_after : called often with the id of a run that is waited for, and with how long it may
+        be silent, s
     """
 
-    def __init__(self, node: Node, over: Callable[[str], Future]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        over: Callable[[str], Future],
+        under_way: Callable[[DropSpec], 'RunAccount | None'],
+        look_after: Callable[[str, float], None],
+    ) -> None:
         self._node = node
         self._over = over
+        self._find = under_way
+        self._look_after = look_after
         self._client = ActionClient(node, DropPart, DROP_PART, **ACTION_SERVICES)
+        self._begun = time.monotonic()
         self._under_way: dict[DropSpec, Future] = {}
 
     def destroy(self) -> None:
@@ -84,6 +104,9 @@ class DropRequests:
 
     async def _run(self, spec: DropSpec) -> 'RunAccount':
         await self.simulator()
+        begun = self._find(spec)
+        if begun is not None:
+            return await self._follow(begun.run)
         goal = DropPart.Goal(
             part=spec.part,
             surface=spec.conditions.surface,
@@ -105,14 +128,30 @@ class DropRequests:
             account.note = f'not all of the run is recorded: {result.log_error}'
         return account
 
+    async def _follow(self, run: RunDescription) -> 'RunAccount':
+        """The account of a run of which this node has no goal."""
+        over = self._over(run.run_id)
+        while not await wait_for(self._node, over, LOOK_PERIOD):
+            if not self.simulator_is_there():
+                raise NotAvailableError(f'the simulator went away while it dropped {run.part}')
+            self._look_after(run.run_id, ASK_PERIOD)
+        account: RunAccount = over.result()
+        if account.problem:
+            raise EngineError(account.problem)
+        if not account.reached:
+            done = of_run(run, account.counted.drops)
+            raise CanceledError(f'canceled, or broken off, after {done}; those are kept')
+        return account
+
     async def simulator(self) -> None:
         """Wait until there is one; NotAvailableError if none comes."""
         never = Future(executor=self._node.executor)
-        for _ in range(round(SERVER_TIMEOUT / SERVER_PERIOD)):
-            if self.simulator_is_there():
-                return
+        asked = time.monotonic()
+        end = max(asked + DISCOVERY, self._begun + STARTING)
+        while not self.simulator_is_there():
+            if time.monotonic() >= end:
+                raise NotAvailableError(
+                    f'no drop_simulator answers on {self._node.resolve_service_name(DROP_PART)}, '
+                    f'waited {end - asked:.0f} s: start drop_simulator'
+                )
             await wait_for(self._node, never, SERVER_PERIOD)
-        raise NotAvailableError(
-            f'no drop_simulator answers on {self._node.resolve_service_name(DROP_PART)}, '
-            f'waited {SERVER_TIMEOUT:g} s'
-        )

@@ -164,18 +164,19 @@ class DropSimulator(Node):
         run: RunDescription,
     ) -> DropPart.Result:
         progress.begin(asked)
-        new = not handle.request.run_id
+        # Of a new run, or of one that is taken up again where another simulator left it.
+        ends_run = asked.end == run.end
         batches = Batches(batch_size(asked.drops))
         counted = no_drops(self._aspects(asked)) if asked.precision else None
         try:
-            if new:
-                self._runs.reached(run, run.first_drop)
+            if ends_run:
+                self._runs.reached(run, asked.first_drop)
             async with aclosing(self._workers.chunks(job, asked)) as chunks:
                 async for chunk in chunks:
                     self._drops.add(len(chunk))
                     for batch in batches.add(chunk):
                         self._publish(batch, run, last=False)
-                        if new:
+                        if ends_run:
                             self._runs.reached(run, batch.end)
                     progress.add(chunk)
                     if counted is not None:
@@ -188,14 +189,17 @@ class DropSimulator(Node):
                             f'canceled after {of_run(asked, done)}; those are kept'
                         )
         finally:
-            # Drops that are published again do not end their run.
-            self._publish(batches.rest(asked.first_drop), run, last=new)
-            if new:
+            # Drops that fill a gap do not end their run.
+            self._publish(batches.rest(asked.first_drop), run, last=ends_run)
+            if ends_run:
                 self._runs.over(run)
         return progress.result
 
     def _diagnose(self) -> Diagnosis:
-        runs = [progress.so_far for progress in self._goals if progress.so_far is not None]
+        begun = [(p.so_far, p.rate) for p in self._goals if p.so_far is not None]
+        runs = [so_far for so_far, _ in begun]
+        # Drops come in chunks: of a part that takes long there is none in most seconds.
+        rates = {f'drops per second of run {k}': f'{r:.1f}' for k, (_, r) in enumerate(begun, 1)}
         not_offered = self._parts.not_offered
         values = {
             'drops made': self._drops.total,
@@ -204,6 +208,7 @@ class DropSimulator(Node):
             'workers that died': self._workers.died,
             'parts offered': len(self._parts),
             **run_values(runs),
+            **listed(rates),
             **listed({f'not offered: {name}': why for name, why in not_offered.items()}),
         }
         words = counted(len(not_offered), 'mesh is not offered', 'meshes are not offered')

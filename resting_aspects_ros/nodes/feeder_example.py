@@ -1,33 +1,40 @@
 """An example to copy: a feeder's controller that knows what share of the parts it can pick.
 
 It calls no service. The distribution of its part is latched on aspect_distributions/<part>, so it
-may start before the suite, after it or in the middle of a run, and hears of every change.
+may start before the suite, after it or in the middle of a run, and hears of every change. Of the
+suite it needs the messages and resting_aspects_ros.client.
 """
 
+import argparse
 import sys
 
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
 from resting_aspects_interfaces.msg import AspectDistribution
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
-from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.intervals import Interval
-from resting_aspects_ros.nodes.callbacks import steady_timer, subscribe
-from resting_aspects_ros.nodes.client_requests import check_name
-from resting_aspects_ros.nodes.distribution_messages import distribution_from
-from resting_aspects_ros.nodes.interface import ASPECT_DISTRIBUTIONS, LATCHED
-from resting_aspects_ros.nodes.parameters import Parameter, declare
-from resting_aspects_ros.nodes.spin import run_node
+from resting_aspects_ros.client import Interval, InvalidValueError, probability_of
 
+# Name, default and description of each.
 PARAMETERS = (
-    Parameter('part', 'l_bracket', 'name of the part that is fed'),
-    Parameter('pickable', [1], 'ids of the aspects in which the robot can pick it'),
+    ('part', 'l_bracket', 'name of the part that is fed'),
+    ('pickable', [1], 'ids of the aspects in which the robot can pick it'),
 )
 EXPECTED_PICK_RATE = 'expected_pick_rate'
 # What data[0], data[1] and data[2] are.
 LABEL = 'probability, lower, upper'
 # Without a distribution for so long it is said what to do, s.
 PATIENCE = 5.0
+# The newest message, also for who comes later; a subscription has to ask for that, too.
+LATCHED = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
 
 
 class FeederExample(Node):
@@ -35,34 +42,44 @@ class FeederExample(Node):
 
     def __init__(self) -> None:
         super().__init__('feeder_example')
-        values = declare(self, PARAMETERS)
+        values = {}
+        for name, default, words in PARAMETERS:
+            descriptor = ParameterDescriptor(description=words, read_only=True)
+            values[name] = self.declare_parameter(name, default, descriptor).value
         self._part, self._pickable = values['part'], sorted(set(values['pickable'] or ()))
-        check_name(self._part)
         if not self._pickable or self._pickable[0] < 1:
             raise InvalidValueError(f'pickable is {self._pickable}, allowed are ids from 1 on')
         self._newest: AspectDistribution | None = None
-        self._said: set[str] = set()
+        self._said: set[object] = set()
         self._rate = self.create_publisher(Float64MultiArray, EXPECTED_PICK_RATE, LATCHED)
-        self._input = subscribe(
-            self, AspectDistribution, f'{ASPECT_DISTRIBUTIONS}/{self._part}', self._take, LATCHED
-        )
-        self._patience = steady_timer(self, PATIENCE, self._nothing_yet)
+        topic = f'aspect_distributions/{self._part}'
+        self._input = self.create_subscription(AspectDistribution, topic, self._take, LATCHED)
+        # A timer of the node would stand still where nobody publishes simulated time.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._patience = self.create_timer(PATIENCE, self._nothing_yet, clock=steady)
         self.get_logger().info(f'waits for {self._input.topic_name}')
 
     def _take(self, message: AspectDistribution) -> None:
         """Publish what a distribution says of the pickable aspects."""
-        if message.drops == 0:
-            return  # canceled before its first drop: it says nothing
+        before = self._newest
+        if message.drops == 0 or (before is not None and _says_less(message, before)):
+            return
         there = {aspect.id for aspect in message.aspects}
-        share = distribution_from(message).together(there.intersection(self._pickable))
+        try:
+            share = probability_of(message, there.intersection(self._pickable))
+        except InvalidValueError as error:
+            self._warn_once(f'a message on {self._input.topic_name} is not used: {error}')
+            return
         self._patience.cancel()
-        before, self._newest = self._newest, message
+        self._newest = message
         self._compare(before or message, message)
         layout = MultiArrayLayout(dim=[MultiArrayDimension(label=LABEL, size=3, stride=3)])
         data = [share.probability, share.lower, share.upper]
         self._rate.publish(Float64MultiArray(layout=layout, data=data))
         # While a run is under way its numbers change five times a second.
-        if before is None or _run_state(before) != _run_state(message):
+        state = (message.run.run_id, message.complete)
+        if state not in self._said:
+            self._said.add(state)
             self.get_logger().info(self._in_words(message, share))
 
     def _compare(self, before: AspectDistribution, message: AspectDistribution) -> None:
@@ -111,8 +128,11 @@ class FeederExample(Node):
             self.get_logger().warning(words)
 
 
-def _run_state(message: AspectDistribution) -> tuple[str, bool]:
-    return message.run.run_id, message.complete
+def _says_less(message: AspectDistribution, known: AspectDistribution) -> bool:
+    """Whether more drops of the same are known: of two runs at once, or of one that has begun."""
+    new, old = message.run, known.run
+    same = (new.part_sha256, new.conditions) == (old.part_sha256, old.conditions)
+    return bool(same and message.drops < known.drops)
 
 
 def _surface(message: AspectDistribution) -> str:
@@ -120,8 +140,26 @@ def _surface(message: AspectDistribution) -> str:
 
 
 def main() -> int:
-    """Run the node alone in this process."""
-    return run_node(FeederExample, PARAMETERS)
+    """Run the node until it is told to stop; returns the exit code."""
+    lines = [f'  {name:9} {words} (default {default})' for name, default, words in PARAMETERS]
+    parser = argparse.ArgumentParser(
+        usage='%(prog)s [--ros-args -p name:=value ... -r __ns:=/namespace]',
+        description='\n'.join(['Publishes which share can be picked.', '', 'parameters:', *lines]),
+        epilog='Ctrl-C ends it.',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.parse_args(remove_ros_args(sys.argv)[1:])
+    rclpy.init()
+    try:
+        rclpy.spin(FeederExample())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass  # that is how a node is stopped
+    except (InvalidValueError, ParameterException, NameValidationException) as error:
+        print('error:', ' '.join(str(error).split()), file=sys.stderr)
+        return 2
+    finally:
+        rclpy.try_shutdown()
+    return 0
 
 
 if __name__ == '__main__':

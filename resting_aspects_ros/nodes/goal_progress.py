@@ -13,6 +13,7 @@ class GoalProgress:
     """Fills the result of a goal while its drops are made, and feeds back.
 
     result : what the goal will end with
+    rate : drops per second, from its begin to the last drops that came
     """
 
     def __init__(self, handle: ServerGoalHandle) -> None:
@@ -20,6 +21,7 @@ class GoalProgress:
         self._handle = handle
         self._asked: RunDescription | None = None
         self._begun = 0.0
+        self.rate = 0.0
 
     def begin(self, asked: RunDescription) -> None:
         """These drops are made from now on."""
@@ -36,10 +38,10 @@ class GoalProgress:
         result.unsettled += int((chunk.status == RestStatus.UNSETTLED).sum())
         result.failed += int((chunk.status == RestStatus.FAILED).sum())
         seconds = time.monotonic() - self._begun
-        rate = result.drops / seconds if seconds > 0 else 0.0
-        self._handle.publish_feedback(
-            DropPart.Feedback(done=result.drops, total=self._asked.drops, drops_per_second=rate)
-        )
+        self.rate = result.drops / seconds if seconds > 0 else 0.0
+        feedback = DropPart.Feedback(done=result.drops, total=self._asked.drops)
+        feedback.drops_per_second = self.rate
+        self._handle.publish_feedback(feedback)
 
     @property
     def so_far(self) -> tuple[RunDescription, int] | None:

@@ -5,6 +5,17 @@ from pathlib import Path
 from tempfile import TemporaryFile
 
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.file_names import is_printable
+
+
+def absolute_folder(path: str) -> Path:
+    """The folder with its full name; InvalidValueError if that cannot be said in a message."""
+    folder = Path(path).absolute()
+    if not is_printable(str(folder)):
+        raise InvalidValueError(
+            f'log_folder is {str(folder)!r}, allowed is a full name in UTF-8: ROS takes no other'
+        )
+    return folder
 
 
 def check_log_folder(path: str) -> None:
@@ -18,7 +29,7 @@ def check_log_folder(path: str) -> None:
     try:
         if not path:
             raise ValueError('it has no name')
-        folder = Path(path).absolute()
+        folder = absolute_folder(path)
         for each in reversed([each for each in (folder, *folder.parents) if not each.exists()]):
             each.mkdir()
             made.append(each)

@@ -44,6 +44,8 @@ class LogReplayer(Node):
 
     It stays when the log is over: with it would go what is latched.
 
+    Parameters
+    ----------
     given : values of parameters that go before those of --ros-args
     watch : called with the position, often
     """

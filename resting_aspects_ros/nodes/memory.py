@@ -111,10 +111,10 @@ class Memory:
                 self._broken_off.append(log)
         except InvalidValueError as error:
             self._unused += 1
-            self._node.get_logger().warning(f'log {log} is not used: {error}')
+            self._node.get_logger().warning(f'log {str(log)!r} is not used: {error}')
         except Exception as error:  # noqa: BLE001 - whatever is in a log, the suite starts
             self._unused += 1
-            self._node.get_logger().debug(f'log {log} is not used: {error!r}')
+            self._node.get_logger().debug(f'log {str(log)!r} is not used: {error!r}')
 
     def _read(self, log: Path) -> None:
         with IndexedLog(log) as indexed:
@@ -191,8 +191,8 @@ def _logs_in(folder: Path) -> list[Path]:
 
     newer: Counter[str] = Counter()  # logs of a part that are newer than the one in turn
     turn: dict[Path, int] = {}
-    for path in sorted(found, key=started, reverse=True):
+    for path in sorted(found, key=lambda path: (started(path), path.name), reverse=True):
         part = path.name[: path.name.rindex(f'_{started(path)}_')]
         turn[path] = newer[part]
         newer[part] += 1
-    return sorted(turn, key=lambda path: (-turn[path], started(path)))
+    return sorted(turn, key=lambda path: (-turn[path], started(path), path.name))

@@ -1,5 +1,6 @@
 """A node for who has none: in a context of its own, spun only while somebody waits."""
 
+import sys
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -14,6 +15,7 @@ from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsErr
 from resting_aspects_ros.nodes.callbacks import steady_timer
 from resting_aspects_ros.nodes.interface import LATCHED
 from resting_aspects_ros.nodes.question import AnswerTimeoutError
+from resting_aspects_ros.nodes.spin import not_utf8
 
 SPIN_PERIOD = 0.1
 CLOSED = 'this client is closed'
@@ -28,8 +30,8 @@ class OwnNode:
 
     Parameters
     ----------
-    ros_args : sequence of str
-        What could follow --ros-args.
+    ros_args : sequence of str, optional
+        What could follow --ros-args. None: what does on the command line of the program.
     check : called often while somebody waits; raises if there is no use in waiting any longer
 
     Raises
@@ -38,15 +40,18 @@ class OwnNode:
         ROS refuses the arguments.
     """
 
-    def __init__(self, ros_args: Sequence[str], check: Callable[[], None]) -> None:
+    def __init__(self, ros_args: Sequence[str] | None, check: Callable[[], None]) -> None:
         self._check = check
         self._waits = threading.Lock()
         self._context = Context()
+        arguments = sys.argv if ros_args is None else ['--ros-args', *ros_args]
         try:
-            self._context.init(['--ros-args', *ros_args])
+            self._context.init(arguments)
         except RuntimeError as error:  # all that rclpy raises for arguments
-            words = ' '.join(ros_args)
+            words = ' '.join(arguments[1:])
             raise InvalidValueError(f'--ros-args is {words!r}, ROS refuses: {error}') from None
+        except UnicodeEncodeError as error:
+            raise not_utf8(error) from None
         self.node = Node(
             f'resting_aspects_client_{uuid4().hex[:8]}',
             context=self._context,

@@ -100,20 +100,18 @@ def unknown_parameters(nodes: Sequence[Node]) -> list[str]:
     return sorted(name for name in given - known if not name.startswith('qos_overrides.'))
 
 
-def help_text(program: str, parameters: Iterable[Parameter]) -> str:
-    """What a node's program says of itself."""
-    lines = [f'usage: {program} [--ros-args -p name:=value ... -r __ns:=/namespace]', '']
+def help_text(program: str, does: str, parameters: Iterable[Parameter]) -> str:
+    """What a node's program says of itself; does : what the node does, in a line or more."""
+    usage = f'usage: {program} [--ros-args -p name:=value ... -r __ns:=/namespace]'
+    lines = [usage, '', does, '', 'parameters:']
     lines += [f'  {p.name:19} {_words(p)} (default {p.default!r})' for p in parameters]
     return '\n'.join([*lines, '', 'Ctrl-C ends it.'])
 
 
 def _as_declared(parameter: Parameter, given: RosParameter) -> RosParameter:
-    """ROS takes no 10 for 10.0 and no 1 for [1], which is easily written; both are clear."""
-    if given.type_ == RosParameter.Type.INTEGER:
-        if isinstance(parameter.default, float):
-            return RosParameter(given.name, value=float(given.value))
-        if isinstance(parameter.default, list):
-            return RosParameter(given.name, value=[given.value])
+    """ROS takes no 10 for 10.0, which is easily written, and clear."""
+    if given.type_ == RosParameter.Type.INTEGER and isinstance(parameter.default, float):
+        return RosParameter(given.name, value=float(given.value))
     return given
 
 

@@ -13,16 +13,21 @@ from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.nodes.callbacks import steady_timer
-from resting_aspects_ros.nodes.requests import NotAvailableError, status_error
+from resting_aspects_ros.nodes.requests import CanceledError, NotAvailableError, status_error
 from resting_aspects_ros.nodes.run_watch import RunWatch
 
 # A suite that is just starting needs a few seconds to be found, s.
 SERVICE_TIMEOUT = 20.0
+# Nodes that start need so long; after it who waits wonders, s.
+PATIENCE = 5.0
 # Without an answer and without a sign of life the same is asked again after this, s, and then
 # after twice as long each time: it is joined, or cheap. A sign of life begins it anew.
 ASK_PERIOD = 5.0
 # One that reads logs, which may have the answer, is asked again after this, s.
 LOADING_PERIOD = 0.5
+# A classifier that was asked says so long after the end of its run why it ended, at the latest, s;
+# then it is another one, which was not asked.
+LAST_WORD = 4.0
 # How often it is looked whether it is time for something, s.
 LOOK_PERIOD = 0.1
 
@@ -47,7 +52,8 @@ class Question:
         For all of it, s; None: as long as there is a classifier.
     read : called with the response if its status is OK or one of ``also``; gives the answer
     also : other codes of a status that are answers
-    warn : called with what comes with an answer for a person to know
+    warn : called with what comes with an answer for a person to know, and once if there is no
+        classifier for a while
     watch : RunWatch, optional
         Of the run that is waited for; ended with the question.
     """
@@ -78,6 +84,7 @@ class Question:
         self._asked: list[Future] = []
         self._period = 0.0
         self._loading = ''  # what the classifier reads first, in words
+        self._told = False  # that there is no classifier yet
         self._begun = self._last = time.monotonic()
         # Held for good by whoever is the first to end it: an answer, a deadline or a cancel.
         self._end = threading.Lock()
@@ -99,6 +106,10 @@ class Question:
                     f'{self._timeout:g} s{self._state()}'
                 )
             )
+        elif self._watch is not None and self._watch.ended:
+            # To ask again would begin it anew, which is not for this to decide.
+            if now >= self._watch.ended + LAST_WORD:
+                self.fail(CanceledError(f'no answer for {self._what}: {self._watch.state}'))
         elif now >= self._last + self._period:
             self._ask(now)
 
@@ -129,6 +140,12 @@ class Question:
                     f'no aspect_classifier answers on {self._client.service_name}, waited '
                     f'{patience:g} s: start the suite with "resting_aspects nodes"'
                 )
+            )
+        elif now >= self._begun + PATIENCE and not self._told:
+            self._told = True
+            self._warn(
+                f'no aspect_classifier answers on {self._client.service_name} yet, it is waited '
+                f'for {patience:g} s'
             )
 
     def _take(self, asked: Future) -> None:

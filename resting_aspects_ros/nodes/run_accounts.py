@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
+from resting_aspects_ros import __version__
 from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.distribution import Distribution, count_poses, no_drops
 from resting_aspects_ros.core.errors import InvalidValueError
@@ -11,8 +12,10 @@ from resting_aspects_ros.core.stopping import is_precise
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.run import RunDescription
 
-# Finished distributions that are kept, newest first.
+# Finished distributions that are kept.
 MOST_KNOWN = 10_000
+
+Known = tuple[RunDescription, Distribution]
 
 
 @dataclass
@@ -20,7 +23,8 @@ class RunAccount:
     """The distribution of one run so far; poses wait until the part's aspects are known.
 
     over : the run has ended
-    problem : why it has no distribution that can be relied on; empty if it has
+    problem : why it has not all drops of its run; empty if it has
+    gap : drops in between are not there, so what was counted is the distribution of no run
     note : what a person should know of it
     """
 
@@ -29,6 +33,7 @@ class RunAccount:
     waiting: list[RestingPoses] = field(default_factory=list)
     over: bool = False
     problem: str = ''
+    gap: bool = False
     note: str = ''
 
     @property
@@ -36,6 +41,14 @@ class RunAccount:
         """The distribution; only after something was counted."""
         assert self.distribution is not None
         return self.distribution
+
+    @property
+    def reached(self) -> bool:
+        """Whether all was dropped that was asked for, or enough for the precision."""
+        run, found = self.run, self.counted
+        return found.drops >= run.drops or (
+            run.precision > 0 and found.stops(run.precision, run.drops)
+        )
 
     def count(self, aspects: AspectSet) -> None:
         """Count what waits."""
@@ -48,6 +61,9 @@ class RunAccount:
 class KnownDistributions:
     """Finished distributions; of those that begin with the same drop the one with most drops.
 
+    What is known, and what is answered of it, depends on the runs alone, not on the order in which
+    they come: after a restart they come as their logs are read.
+
     Parameters
     ----------
     aspects_of : gives the aspects of a version of a part, by its part_sha256; None while it has
@@ -56,7 +72,7 @@ class KnownDistributions:
 
     def __init__(self, aspects_of: Callable[[str], AspectSet | None]) -> None:
         self._aspects_of = aspects_of
-        self._known: dict[tuple[object, ...], tuple[RunDescription, Distribution]] = {}
+        self._known: dict[tuple[object, ...], Known] = {}
 
     def add(self, run: RunDescription, distribution: Distribution) -> None:
         """Take the distribution of a run that is over.
@@ -72,10 +88,8 @@ class KnownDistributions:
                 f'{len(aspects)}'
             )
         key = _key(run)
-        before = self._known.pop(key, None)
-        if before is not None and before[1].drops > distribution.drops:
-            run, distribution = before
-        self._known[key] = (run, distribution)
+        both = [self._known.pop(key, None), (run, distribution)]
+        self._known[key] = max(filter(None, both), key=_most_drops)
         while len(self._known) > MOST_KNOWN:
             self._known.pop(next(iter(self._known)))
 
@@ -95,8 +109,10 @@ class KnownDistributions:
         drops: int,
         precision: float,
         seed: int | None,
-    ) -> tuple[RunDescription, Distribution] | None:
+    ) -> Known | None:
         """The one with most drops, if it has at least those, or the precision, asked for.
+
+        Of several the newest.
 
         A seed stands for its drops from the first on.
         """
@@ -111,7 +127,7 @@ class KnownDistributions:
                 or (precision and is_precise(distribution.counts, distribution.drops, precision))
             )
         ]
-        return max(fitting, key=lambda found: found[1].drops, default=None)
+        return max(fitting, key=_most_drops, default=None)
 
     def has_all(self, run: RunDescription) -> bool:
         """Whether all drops that were asked for in a run are known."""
@@ -120,9 +136,9 @@ class KnownDistributions:
 
     def sha_of(self, name: str) -> str | None:
         """The newest version of a part of which a distribution is known."""
-        runs = (run for run, _ in self._known.values() if run.part == name)
-        newest = max(runs, key=lambda run: run.started, default=None)
-        return newest.part_sha256 if newest else None
+        of_name = (each for each in self._known.values() if each[0].part == name)
+        newest = max(of_name, key=_newest, default=None)
+        return newest[0].part_sha256 if newest else None
 
     def others(self, name: str, part_sha256: str, seed: int | None) -> list[str]:
         """What is known of parts of a name, and how it differs from that part; newest first.
@@ -132,8 +148,8 @@ class KnownDistributions:
 
         With a seed also how it differs from that one's drops from the first on.
         """
-        of_name = [(r, d) for r, d in self._known.values() if r.part == name]
-        of_name.sort(key=lambda known: -known[0].started)
+        of_name = [each for each in self._known.values() if each[0].part == name]
+        of_name.sort(key=_newest, reverse=True)
         return [
             f'{found.drops} drops on {run.conditions.surface or "own conditions"}'
             + ('' if seed in (None, run.seed) else f' with seed {run.seed}')
@@ -150,10 +166,10 @@ class KnownDistributions:
         """How many are known."""
         return len(self._known)
 
-    def newest(self, part_sha256: str) -> tuple[RunDescription, Distribution] | None:
+    def newest(self, part_sha256: str) -> Known | None:
         """That of the newest run of a part, under whatever conditions."""
         of_part = (each for each in self._known.values() if each[0].part_sha256 == part_sha256)
-        return max(of_part, key=lambda known: known[0].started, default=None)
+        return max(of_part, key=_newest, default=None)
 
     def has(self, part_sha256: str) -> bool:
         """Whether any is known of a part."""
@@ -162,6 +178,33 @@ class KnownDistributions:
 
 def _key(run: RunDescription) -> tuple[object, ...]:
     return run.part_sha256, run.conditions.values(), run.seed, run.first_drop
+
+
+def _newest(known: Known) -> tuple[int, str]:
+    """Begun last; where clocks say the same the id decides, by which nothing else is tied."""
+    return known[0].started, known[0].run_id
+
+
+def _most_drops(known: Known) -> tuple[int, int, str]:
+    return known[1].drops, *_newest(known)
+
+
+def find_under_way(
+    accounts: Iterable[RunAccount],
+    part_sha256: str,
+    conditions: DropConditions,
+    drops: int,
+    precision: float,
+    seed: int,
+) -> RunAccount | None:
+    """The account of a run that will end with just these drops, whoever asked for it."""
+    asked = (part_sha256, conditions.values(), 0, drops, precision, seed, __version__)
+    for account in accounts:
+        run = account.run
+        made = (run.part_sha256, run.conditions.values(), run.first_drop, run.drops)
+        if not account.over and (*made, run.precision, run.seed, run.suite_version) == asked:
+            return account
+    return None
 
 
 def newest_distribution(

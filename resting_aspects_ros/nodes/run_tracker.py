@@ -1,5 +1,6 @@
 """What a consumer of resting_poses has seen of each run, and how it gets what it missed."""
 
+import math
 import time
 from collections import OrderedDict
 from collections.abc import Callable
@@ -78,6 +79,11 @@ class RunProgress:
         return self.repairs >= MOST_REPAIRS and not self.repairing and bool(self.missing())
 
     @property
+    def broken_off(self) -> bool:
+        """What has been seen of it are its first drops, to the last one without a gap."""
+        return bool(self.seen.ranges) and not self.seen.missing(self.run.first_drop, self.seen.end)
+
+    @property
     def loss(self) -> str:
         """What of it is lost, in words."""
         name = f'run {self.run.run_id} of {self.run.part}'
@@ -132,6 +138,14 @@ class RunTracker:
     def under_way(self) -> list[tuple[RunDescription, int]]:
         """The runs that are not over, and how many drops of each have been seen."""
         return [(progress.run, len(progress.seen)) for progress in self._open()]
+
+    def look_after(self, run_id: str, silence: float) -> None:
+        """Somebody waits for a run: ask for the rest after less silence than else, s."""
+        progress = self._runs.get(run_id)
+        if progress is None or not self._client.server_is_ready():
+            return
+        if time.monotonic() - progress.heard > silence:
+            progress.heard = -math.inf  # _check does it
 
     def accept(self, batch: RestingPosesMsg) -> list[tuple[RunProgress, list[tuple[int, int]]]]:
         """The runs that a batch is news for, and the ranges of its drops that each had not seen.
@@ -198,6 +212,10 @@ class RunTracker:
         if progress.repairing or not self._client.server_is_ready():
             return  # _check comes back to it
         run, (first, end) = progress.run, progress.missing()[0]
+        takes_up = progress.silent and end == run.end
+        if takes_up and run.precision:
+            # Where it stops follows from all its drops.
+            first = run.first_drop
         progress.repairing = True
         progress.repairs += 1
         goal = DropPart.Goal(
@@ -206,11 +224,13 @@ class RunTracker:
             conditions=[conditions_msg(run.conditions)],
             drops=end - first,
             first_drop=first,
+            precision=run.precision if takes_up else 0.0,
             seed=run.seed,
             run_id=run.run_id,
             run=[run_msg(run)],
         )
-        self._node.get_logger().warning(f'{_drops(goal)} were lost, asking again')
+        what = 'have not come' if takes_up else 'were lost'
+        self._node.get_logger().warning(f'{_drops(goal)} {what}, asking again')
         executor = self._node.executor
         assert executor is not None  # this is called by it
         executor.create_task(self._ask_again, progress, goal)
@@ -224,9 +244,9 @@ class RunTracker:
         except RestingAspectsError as error:
             complaint = str(error)
         progress.repairing = False
-        if code == Status.BUSY:
-            progress.goes_on()
-        elif code != Status.OK:
+        if code == Status.BUSY or (code == Status.CANCELED and progress.silent):
+            progress.goes_on()  # or has ended: its last batch says so
+        elif code not in (Status.OK, Status.CANCELED):
             self._node.get_logger().error(f'{_drops(goal)} are not to be had: {complaint}')
 
 

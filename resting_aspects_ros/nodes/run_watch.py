@@ -9,6 +9,7 @@ from resting_aspects_interfaces.msg import AspectDistribution, RunDescription
 from resting_aspects_interfaces.srv import GetDistribution
 
 from resting_aspects_ros.drops.run import DEFAULT_SEED
+from resting_aspects_ros.nodes.distribution_messages import distribution_from
 from resting_aspects_ros.nodes.interface import ASPECT_DISTRIBUTIONS, LATCHED
 
 
@@ -17,6 +18,7 @@ class RunWatch:
 
     last : when it was heard of last, on the monotonic clock, s; 0 if it never was
     state : how far it is, in words; empty if it never was heard of
+    ended : when it was heard that it ended before all was done, on the same clock, s; else 0
 
     Parameters
     ----------
@@ -32,6 +34,8 @@ class RunWatch:
     ) -> None:
         self.last = 0.0
         self.state = ''
+        self.ended = 0.0
+        self._run_id = ''
         self._node = node
         self._request = request
         self._progress = progress or (lambda _: None)
@@ -55,7 +59,12 @@ class RunWatch:
 
     def _take(self, message: AspectDistribution) -> None:
         # A complete one is latched since an earlier run; others may be under way.
-        if not message.complete and self._is_asked_for(message.run):
+        if message.complete:
+            if message.run.run_id == self._run_id and not _is_whole(message):
+                self.ended = time.monotonic()
+                self.state = f'it was ended, canceled perhaps, after {message.drops} drops'
+        elif self._is_asked_for(message.run):
+            self._run_id, self.ended = message.run.run_id, 0.0
             self.last = time.monotonic()
             self.state = f'{message.drops} drops are done, and the run goes on'
             self._progress(message.drops)
@@ -71,3 +80,10 @@ class RunWatch:
         given = asked.conditions[0]
         physical = set(given.get_fields_and_field_types()) - {'surface'}
         return all(getattr(given, name) == getattr(run.conditions, name) for name in physical)
+
+
+def _is_whole(message: AspectDistribution) -> bool:
+    """Whether a run has ended with all that was asked for."""
+    run = message.run
+    enough = run.precision > 0 and distribution_from(message).stops(run.precision, run.drops)
+    return bool(message.drops >= run.drops or enough)

@@ -1,5 +1,6 @@
 """Run nodes in a process until it is told to stop."""
 
+import inspect
 import os
 import signal
 import sys
@@ -7,6 +8,7 @@ import threading
 from collections.abc import Callable, Iterable, Sequence
 from itertools import takewhile
 from pathlib import Path
+from typing import Any
 
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -15,16 +17,17 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.nodes.parameters import Parameter, help_text, unknown_parameters
+from resting_aspects_ros.signals import catch
 
 
 def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
     """Make the nodes and spin them in one thread; returns the process's exit code.
 
-    Ctrl-C and SIGTERM end it in order, with exit code 0: that is how a node is stopped. A node
-    that cannot start (a parameter that is not allowed, no such folder) ends it with 2, one that
-    cannot go on (its log is damaged meanwhile) with 1.
+    Ctrl-C, SIGTERM and a terminal that closes end it in order, with exit code 0: that is how a
+    node is stopped. A node that cannot start (a parameter that is not allowed, no such folder)
+    ends it with 2, one that cannot go on (its log is damaged meanwhile) with 1.
     """
     told = _signalled()
     try:
@@ -33,6 +36,8 @@ def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None =
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # all that rclpy raises for arguments
         return _refuse(error)
+    except UnicodeEncodeError as error:
+        return _refuse(not_utf8(error))
     return _spin(factories, told)
 
 
@@ -41,7 +46,8 @@ def run_node(factory: Callable[[], Node], parameters: Iterable[Parameter]) -> in
     program = Path(sys.argv[0]).name
     words = list(takewhile(lambda word: word != '--ros-args', sys.argv[1:]))
     if '--help' in words or '-h' in words:
-        print(help_text(program, parameters))
+        does = inspect.getdoc(factory) or ''
+        print(help_text(program, does.partition('\n\nParameters\n')[0], parameters))
         return 0
     if words:
         print(f'error: {words[0]!r} is not known, see {program} --help', file=sys.stderr)
@@ -59,11 +65,20 @@ def _signalled() -> Future:
     read, write = os.pipe()
     os.set_blocking(write, False)
     signal.set_wakeup_fd(write)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: None)
+    _handle(_note)
     waits = threading.Thread(target=lambda: told.set_result(os.read(read, 1)), daemon=True)
     waits.start()
     return told
+
+
+def _handle(handler: Any) -> None:
+    catch(handler)
+    # A shell has it ignored by what it starts in the background, and nodes are ended with it.
+    signal.signal(signal.SIGINT, handler)
+
+
+def _note(*_: object) -> None:
+    """The thread that waits for signals does what there is to do."""
 
 
 def _spin(factories: Sequence[Callable[[], Node]], told: Future) -> int:
@@ -71,10 +86,8 @@ def _spin(factories: Sequence[Callable[[], Node]], told: Future) -> int:
     executor = SingleThreadedExecutor()
     code = 2
     try:
-        for factory in factories:
-            node = factory()
-            nodes.append(node)
-            executor.add_node(node)
+        if not _make(factories, nodes, executor):
+            return 0
         for name in unknown_parameters(nodes):
             nodes[0].get_logger().warning(f'parameter {name!r} is not known and not used')
         code = 1
@@ -90,6 +103,41 @@ def _spin(factories: Sequence[Callable[[], Node]], told: Future) -> int:
         executor.shutdown()
         rclpy.try_shutdown()
     return 0
+
+
+def not_utf8(error: UnicodeEncodeError) -> InvalidValueError:
+    """What it means that ROS does not take an argument."""
+    return InvalidValueError(f'{error.object!r} is given, allowed is UTF-8: ROS takes no other')
+
+
+def _make(
+    factories: Sequence[Callable[[], Node]], nodes: list[Node], executor: SingleThreadedExecutor
+) -> bool:
+    """Make the nodes; whether nobody told the process to end meanwhile.
+
+    A folder of many meshes takes long to read, and nothing is begun yet that has to be finished.
+    """
+    told = False
+
+    def interrupt(*_: object) -> None:
+        nonlocal told
+        if not told:
+            told = True
+            raise KeyboardInterrupt
+
+    try:
+        _handle(interrupt)
+        for factory in factories:
+            node = factory()
+            nodes.append(node)
+            executor.add_node(node)
+    except (KeyboardInterrupt, Exception):
+        # numpy, for one, makes a TypeError of what is raised in the middle of a comparison.
+        if not told:
+            raise
+    finally:
+        _handle(_note)
+    return not told
 
 
 def _refuse(error: Exception, code: int = 2) -> int:

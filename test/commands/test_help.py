@@ -1,5 +1,6 @@
 """Help is instant and its examples are right."""
 
+import re
 import subprocess
 import sys
 
@@ -24,6 +25,13 @@ from resting_aspects_ros.core.clusters import (
     MIN_TOLERANCE_DEGREES,
 )
 from resting_aspects_ros.drops.conditions import QUANTITIES
+from resting_aspects_ros.nodes import (
+    aspect_classifier,
+    drop_recorder,
+    drop_simulator,
+    feeder_example,
+    log_replayer,
+)
 from resting_aspects_ros.nodes.log_replayer import LEAST_RATE, MOST_RATE
 
 COMMANDS = {
@@ -101,6 +109,34 @@ def test_every_condition_has_one_flag_whose_help_tells_the_bounds(shown, command
         # Once in the synopsis, once with what it means.
         assert text.count(f'{flag} ') == 2
     assert '{LOWEST_POINT,CENTRE_OF_MASS}' in text
+
+
+@pytest.mark.parametrize('command', ['drop', 'request'])
+def test_the_surfaces_are_named(shown, command, surfaces):
+    *names, last = surfaces.names()
+    assert f'named conditions: {", ".join(names)} or {last} (' in shown(command)
+
+
+@pytest.mark.parametrize(
+    'node',
+    [drop_simulator, aspect_classifier, drop_recorder, log_replayer, feeder_example],
+    ids=lambda node: node.__name__.rpartition('.')[2],
+)
+def test_the_program_of_a_node_says_what_it_does_and_its_parameters(node):
+    ended = subprocess.run(
+        [sys.executable, '-m', node.__name__, '--help'],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    usage, _, does, *others = ended.stdout.splitlines()
+    assert usage.startswith('usage: ')
+    assert re.match('Publishes|Serves|Subscribes', does)
+    assert '----' not in ended.stdout
+    begin = others.index('parameters:') + 1
+    listed = [line.split()[0] for line in others[begin : begin + len(node.PARAMETERS)]]
+    # The example's are as ROS has them: name, default, description.
+    assert listed == [p[0] if isinstance(p, tuple) else p.name for p in node.PARAMETERS]
 
 
 def test_the_tolerance_of_classify_is_told_with_its_bounds(shown):

@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import json
+from itertools import pairwise
 
 import pytest
 from builtin_interfaces.msg import Time
@@ -11,6 +12,7 @@ from rclpy.serialization import serialize_message
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import count_poses
 from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.drops.conditions import HeightOf
 from resting_aspects_ros.drops.engine import drop_chunk
 from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.release import CHUNK
@@ -135,9 +137,12 @@ def test_recover_says_what_each_log_holds(run, log, tmp_path):
         f'{two}: 5 messages recovered, {of_two}',
         f'{three}: 7 messages recovered, 300 of 300 drops of l_bracket',
     ]
-    assert ended.returncode == 1
+    assert ended.returncode == 2
     nowhere = str(tmp_path / 'nowhere')
-    assert ended.stderr == f'error: log {nowhere!r} cannot be read: No such file or directory\n'
+    assert ended.stderr == (
+        f'error: log {nowhere!r} cannot be read: No such file or directory, allowed is the folder '
+        'of a run, or an .mcap file\n'
+    )
     assert (whole / 'whole_0.mcap').read_bytes() == before
     assert run('recover', two, three).stdout.splitlines() == [
         f'{two}: is closed already, 5 messages, {of_two}',
@@ -146,6 +151,26 @@ def test_recover_says_what_each_log_holds(run, log, tmp_path):
     lines = [' '.join(line.split()) for line in run('info', two).stdout.splitlines()]
     assert 'closed, 5 messages' in lines
     assert 'drops 200 of 300, the others are not in this log' in lines
+
+
+def test_recover_leaves_a_log_alone_that_is_being_written(run, log, tmp_path):
+    two, empty = log('two', 2), tmp_path / 'begun'
+    empty.mkdir()
+    writers = [path.open('ab') for path in (two / 'two_0.mcap', empty / 'begun_0.mcap')]
+    for writer in writers:
+        assert lock_file(writer)  # as the recorder does
+    before = (two / 'two_0.mcap').read_bytes()
+    ended = run('recover', two, empty, log('three', 3))
+    assert (ended.returncode, ended.stderr) == (0, '')
+    assert ended.stdout.splitlines()[:2] == [
+        f'{two}: is being written, left as it is',
+        f'{empty}: is being written, left as it is',
+    ]
+    assert (two / 'two_0.mcap').read_bytes() == before
+    assert not (two / 'metadata.yaml').exists()
+    for writer in writers:
+        writer.close()
+    assert 'recovered' in run('recover', two).stdout
 
 
 def test_of_a_run_that_was_ended_before_its_last_drop_all_is_there(run, dropped, part, tmp_path):
@@ -267,6 +292,91 @@ def test_a_run_is_dropped_again_from_its_log_alone(run, log, dropped, tmp_path, 
     assert found == dropped[1].orientation[:drops].tolist()
 
 
+@pytest.fixture
+def log_of(tmp_path):
+    """Write a log of a run that has some of its drops, as the recorder closes it."""
+
+    def log_of(part, run_of, poses, *, last=True, whole=True):
+        with RunLog(tmp_path, 'run') as log:
+            log.write(PART, serialize_message(part_msg(part)), 1)
+            for k, batch in enumerate(poses):
+                is_last = last and k == len(poses) - 1
+                message = poses_msg(batch, run_of, Time(), is_last)
+                log.write(POSES, serialize_message(message), 2 + k)
+            outcome = Outcome(sum(len(batch) for batch in poses), whole=whole)
+            log.add_metadata(OUTCOME, outcome.record())
+        return log.path.parent
+
+    return log_of
+
+
+def dropped_between(job, first, end):
+    """Drops by themselves, in the chunks in which they are made."""
+    bounds = [first, *range((first // CHUNK + 1) * CHUNK, end, CHUNK), end]
+    return RestingPoses.join([drop_chunk(job, a, b) for a, b in pairwise(bounds)])
+
+
+def table(poses):
+    """The numbers of each drop, in the order of the CSV's columns."""
+    return [
+        [poses.first_drop + k, *poses.position[k], *poses.orientation[k], poses.time_to_rest[k]]
+        for k in range(len(poses))
+    ]
+
+
+COLUMNS = ('drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw', 'time_to_rest')
+
+
+@pytest.mark.parametrize(
+    ('asked', 'ranges', 'whole'),
+    [
+        ({'drops': 5000, 'precision': 0.1}, [(0, 140)], True),  # canceled before it was precise
+        ({'drops': 5000, 'precision': 0.25}, [(0, 140)], True),  # precise enough before
+        ({'drops': 60, 'first_drop': 90}, [(90, 150)], True),
+        ({'drops': 60, 'first_drop': 90}, [(90, 110)], True),
+        ({'drops': 300}, [(0, 70), (110, 130), (200, 210)], False),  # lost, not to be had
+        ({'drops': 300}, [(20, 50)], False),
+    ],
+)
+def test_from_a_log_the_drops_are_made_that_it_has_and_no_others(
+    run, log_of, box, solid, surfaces, tmp_path, asked, ranges, whole
+):
+    # Of a part whose mesh does not say all, under conditions of their own.
+    odd = solid(
+        box,
+        'obj',
+        unit='in',
+        mass=0.731,
+        centre_of_mass=[0.013, -0.11, 0.19],
+        inertia=[0.0731, 1e-5, 3e-6, 0.061, -2e-5, 0.05],
+    )
+    conditions = surfaces.get('steel').changed(
+        height=1.1, height_of=HeightOf.CENTRE_OF_MASS, speed_horizontal=0.7, spin=3.3
+    )
+    job, run_of = plan_run(odd, conditions, seed=2**64 - 1, run_id='4f1c', started=1, **asked)
+    poses = [dropped_between(job, first, end) for first, end in ranges]
+    folder = log_of(odd, run_of, poses, last=whole, whole=whole)
+    ended = run('drop', '--from-log', folder, '--poses', 'again.csv', '--json')
+    assert ended.returncode == 0, ended.stderr
+    assert 'warning' not in ended.stderr
+    document = json.loads(ended.stdout)
+    drops = sum(end - first for first, end in ranges)
+    assert (document['complete'], document['drops'], document['drops_asked']) == (
+        True,
+        drops,
+        drops,
+    )
+    assert document['part_sha256'] == odd.part_sha256
+    assert document['precision'] == run_of.precision
+    found = [[float(row[name]) for name in COLUMNS] for row in rows(tmp_path / 'again.csv')]
+    assert found == [row for batch in poses for row in table(batch)]
+
+
+def test_a_log_of_a_run_that_was_canceled_at_once_holds_no_drops(log_of, dropped, part, refused):
+    folder = log_of(part('l_bracket'), dropped[0], [dropped[1].between(0, 0)])
+    assert refused('drop', '--from-log', folder).endswith('which holds no drops')
+
+
 def test_a_run_from_a_log_can_be_longer(run, log, dropped, tmp_path):
     ended = run('drop', '--from-log', log(), '--drops', 310, '--poses', 'again.csv')
     assert ended.returncode == 0
@@ -290,7 +400,8 @@ def test_what_the_log_says_nobody_else_may(run, log, words, says):
 
 def test_a_log_without_drops_or_part_is_refused(run, log, refused):
     empty, bare = log('empty', 0), log('bare', 1, described=False)
-    assert refused('drop', '--from-log', empty).endswith('which holds no drops')
+    assert f'no drops are in {str(empty)!r}, allowed' in refused('drop', '--from-log', empty)
+    assert f'no drops are in {str(empty)!r}, allowed' in refused('merge', empty)
     assert refused('drop', '--from-log', bare).endswith('which does not describe its part')
     assert 'no .mcap file is in it' in refused('drop', '--from-log', empty.parent)
     assert refused('drop').startswith('error: no part is given, ')
@@ -306,3 +417,23 @@ def test_another_version_is_told(run, dropped, part, tmp_path):
     ended = run('drop', '--from-log', log.path)
     assert ended.returncode == 0
     assert 'warning: the log was made with bullet 3.1.0, resting_aspects_ros' in ended.stderr
+
+
+NO_LOGS = {
+    'nowhere': "log 'nowhere' cannot be read: No such file or directory",
+    'folder': "folder 'folder' is no log: no .mcap file is in it",
+    'logs': "folder 'logs' is no log: no .mcap file is in it, but in 2 folders in it",
+    'text.txt': "log 'text.txt' is damaged, or no MCAP file: it begins with b'hello'",
+}
+
+
+@pytest.mark.parametrize('words', ['info', 'recover', 'replay', 'merge', 'drop --from-log'])
+def test_what_is_no_log_is_refused_in_the_same_words(refused, tmp_path, words):
+    for folder in ('folder', 'logs/a', 'logs/b'):
+        (tmp_path / folder).mkdir(parents=True)
+    for name in 'ab':
+        (tmp_path / 'logs' / name / f'{name}_0.mcap').touch()
+    (tmp_path / 'text.txt').write_text('hello')
+    for path, says in NO_LOGS.items():
+        line = refused(*words.split(), path).replace('--from-log: ', '')
+        assert line == f'error: {says}, allowed is the folder of a run, or an .mcap file'

@@ -100,5 +100,5 @@ def test_what_is_no_log_is_refused_in_words(run, tmp_path):
     (tmp_path / 'x.mcap').write_text('nothing of the kind', encoding='utf-8')
     ended = run('merge', 'x.mcap')
     assert 'is damaged, or no MCAP file' in ended.stderr
-    assert ended.returncode != 0
+    assert ended.returncode == 2
     assert 'cannot be read' in run('merge', 'gone.mcap').stderr

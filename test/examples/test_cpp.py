@@ -146,7 +146,7 @@ def test_the_node_subscribes_as_the_classifier_publishes():
 
 def test_its_parameters_are_those_of_the_example_in_python():
     declared = re.findall(r'declare_parameter\("(\w+)"', SOURCE)
-    assert declared == [parameter.name for parameter in PARAMETERS]
+    assert declared == [name for name, *_ in PARAMETERS]
 
 
 def test_package_and_cmake_name_the_same():

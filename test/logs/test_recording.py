@@ -282,7 +282,7 @@ def test_a_file_that_is_gone_meanwhile_is_told(log):
     [
         ('nowhere.mcap', "log '{}' cannot be read: No such file or directory"),
         ('folder', "folder '{}' is no log: no .mcap file is in it"),
-        ('other.mcap', "log '{}' is damaged, or no MCAP file: not a valid MCAP file"),
+        ('other.mcap', "log '{}' is damaged, or no MCAP file: it begins with b'"),
         ('empty.mcap', "log '{}' holds no message, allowed is at least one"),
         ('nothing', "log '{}' holds no message, allowed is at least one"),
     ],

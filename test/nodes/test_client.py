@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 from resting_aspects_interfaces.srv import ListParts
+from scipy.stats import binomtest
 
 from resting_aspects_ros.client import (
     AnswerTimeoutError,
@@ -25,6 +26,7 @@ from resting_aspects_ros.client import (
     RestingAspectsClient,
     RestingAspectsError,
     UnknownPartError,
+    probability_of,
 )
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.estimators.estimate import estimate
@@ -142,6 +144,27 @@ def test_an_estimator_answers_without_a_drop(client, part):
     expected = estimate(RestingShape(part('washer'), find_aspects(part('washer'))), 'rolling')
     assert [a.probability for a in found.aspects] == expected.probabilities.tolist()
     assert (found.method, found.drops, math.isnan(found.aspects[0].lower)) == ('rolling', 0, True)
+
+
+def test_how_probable_any_of_some_aspects_is(client):
+    found = client.get_distribution('l_bracket', drops=250, seed=58)
+    share = probability_of(found, [1, 4, 4])
+    of_sum = binomtest(found.aspects[0].count + found.aspects[3].count, 250)
+    wilson = of_sum.proportion_ci(method='wilson')
+    expected = pytest.approx((of_sum.statistic, wilson.low, wilson.high), abs=1e-12)
+    assert (share.probability, share.lower, share.upper) == expected
+    predicted = client.get_distribution('l_bracket', method='rolling')
+    share = probability_of(predicted, (4, 1))
+    expected = predicted.aspects[0].probability + predicted.aspects[3].probability
+    assert share.probability == pytest.approx(expected)
+    assert math.isnan(share.lower)
+    assert math.isnan(share.upper)
+    for message in (found, predicted):
+        with pytest.raises(InvalidValueError, match='aspect is 6, allowed is 1 to 5'):
+            probability_of(message, [1, 6])
+    found.aspects[0].sweep = 200
+    with pytest.raises(InvalidValueError, match='sweep of aspect 1 is 200, allowed is 0 to 4'):
+        probability_of(found, [1])
 
 
 def test_two_clients_in_two_threads_hear_of_their_own_run_only(suite, in_namespace):
@@ -483,6 +506,18 @@ def test_without_a_timeout_it_is_waited_for_a_while(nobody, monkeypatch):
         nobody.list_parts()
     with pytest.raises(AnswerTimeoutError, match=r'waited 0.3 s: start'):
         nobody.list_parts(timeout=100)
+
+
+def test_who_waits_is_told_once_that_there_is_no_suite(namespace, in_namespace, monkeypatch):
+    monkeypatch.setattr(question, 'PATIENCE', 0.2)
+    said = []
+    with (
+        RestingAspectsClient(**in_namespace(namespace), warn=said.append) as nobody,
+        pytest.raises(AnswerTimeoutError),
+    ):
+        nobody.list_parts(timeout=1)
+    topic = f'{namespace}/list_parts'
+    assert said == [f'no aspect_classifier answers on {topic} yet, it is waited for 1 s']
 
 
 def test_a_timeout_passes_where_simulated_time_stands_still(namespace, suite):

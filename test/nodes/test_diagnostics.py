@@ -6,9 +6,16 @@ import signal
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from resting_aspects_interfaces.msg import RecordedRun, Status
+from resting_aspects_interfaces.msg import PartDescription, RecordedRun, RestingPoses, Status
 
-from resting_aspects_ros.nodes.interface import ALL_LATCHED, RECORDED_RUNS
+from resting_aspects_ros.nodes.convert import part_msg
+from resting_aspects_ros.nodes.interface import (
+    ALL_LATCHED,
+    LATCHED,
+    LEAST_BATCH,
+    POSES,
+    RECORDED_RUNS,
+)
 
 
 @pytest.fixture(scope='module')
@@ -27,6 +34,12 @@ def test_nodes_say_what_they_do_once_a_second(suite, told):
         assert values['runs under way'] == '1'
         assert re.fullmatch(rf'{message}, run \w+', values['run 1'])
     file = values['log files']
+    key = 'drops per second of run 1'
+    _, _, values = told.wait('drop_simulator', lambda *told: float(told[2][key]) > 0, 'its rate')
+    suite.client.wait(
+        lambda: values[key] in {f'{each.drops_per_second:.1f}' for each in drop.feedback},
+        'the same in the feedback',
+    )
     drop.cancel()
     suite.client.wait(lambda: drop.done, 'canceled run')
     assert drop.result.log == file
@@ -54,6 +67,31 @@ def test_each_run_under_way_is_named(suite, told):
     suite.client.wait(lambda: all(drop.done for drop in drops), 'canceled runs')
     for drop in drops:
         suite.log_of(drop.result.run_id)
+
+
+def test_drops_that_are_missing_or_wait_to_be_counted_are_told(
+    start, connect, diagnostics_of, namespace, batches, part, tmp_path
+):
+    client = connect(namespace)
+    told = diagnostics_of(client)
+    for node in ('aspect_classifier', 'drop_recorder'):
+        start(node, namespace, {'log_folder': tmp_path})
+    out = client.node.create_publisher(RestingPoses, 'resting_poses', POSES)
+    first, _, third, _ = batches(4)
+    out.publish(first)
+    out.publish(third)
+    for node in ('aspect_classifier', 'drop_recorder'):
+        level, message, _ = told.wait(
+            node, lambda _, __, values: values['missing drops'] == str(LEAST_BATCH), node
+        )
+        assert level == DiagnosticStatus.WARN
+        assert message.startswith(f'{LEAST_BATCH} drops are missing')
+    # No aspects are known: nobody has described the part.
+    waiting = str(2 * LEAST_BATCH)
+    told.wait('aspect_classifier', lambda *told: told[2]['drops not counted yet'] == waiting, '')
+    described = client.node.create_publisher(PartDescription, 'parts/tetrahedron', LATCHED)
+    described.publish(part_msg(part('tetrahedron')))
+    told.wait('aspect_classifier', lambda *told: told[2]['drops not counted yet'] == '0', '')
 
 
 def test_workers_that_died_are_counted(suite, told):

@@ -17,6 +17,7 @@ from resting_aspects_ros.nodes import (
     interface,
     log_replayer,
 )
+from resting_aspects_ros.nodes.parameters import Parameter
 
 DOC = (Path(__file__).resolve().parents[2] / 'docs' / 'ros.md').read_text(encoding='utf-8')
 LOG = 'out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50'
@@ -44,6 +45,7 @@ def snippet(word):
 SNIPPETS = (
     'create_subscription',
     'ReentrantCallbackGroup',
+    'list_parts',
     'CancelGoal',
     'AnyReader',
     'mcap_ros2',
@@ -87,6 +89,23 @@ def test_a_node_asks(suite, run_snippet):
     assert re.search(r'cell\]: \d+ drops, mostly in aspect \d', process.said)
     assert process.end() == 0
     assert 'Traceback' not in process.said
+
+
+def test_a_client_without_a_node_asks_in_the_namespace_it_is_given(suite, run_command):
+    code = snippet('list_parts')
+    assert '/cell_1' in code
+    process = run_command(sys.executable, '-c', code.replace('/cell_1', suite.namespace))
+    suite.client.wait(lambda: not process.running, 'the end')
+    assert process.said == f'{list(suite.client.parts())}\n'
+
+
+def test_or_in_that_of_the_command_line(suite, run_snippet):
+    code = snippet('list_parts')
+    given = "ros_args=['-r', '__ns:=/cell_1']"
+    assert given in code
+    process = run_snippet(code.replace(given, ''))
+    suite.client.wait(lambda: not process.running, 'the end')
+    assert process.said == f'{list(suite.client.parts())}\n'
 
 
 def test_an_empty_request_cancels_what_runs_and_keeps_its_drops(suite, run_snippet):
@@ -140,7 +159,11 @@ def test_parameters_are_listed(node):
     section = DOC.split(f'\n| `{name}` | `')[1]
     rows = re.match(r'(?:.*\n)(?:\| \| .*\n)*', f'| `{section}')[0]
     listed = re.findall(r'\| `(\w+)` (\*?) ?\|', rows)
-    declared = [(p.name, '*' if p.changeable else '') for p in node.PARAMETERS]
+    declared = [
+        # The example's are as ROS has them.
+        (p.name, '*' if p.changeable else '') if isinstance(p, Parameter) else (p[0], '')
+        for p in node.PARAMETERS
+    ]
     assert listed == declared
 
 

@@ -1,7 +1,9 @@
 """The example controller: a process that hears the distribution of its part, whenever it comes."""
 
+import re
 import shutil
 import signal
+from pathlib import Path
 
 import pytest
 from resting_aspects_interfaces.msg import AspectDistribution
@@ -9,6 +11,7 @@ from scipy.stats import binomtest
 from std_msgs.msg import Float64MultiArray
 
 from resting_aspects_ros.config_files import parts_folder
+from resting_aspects_ros.nodes import feeder_example
 from resting_aspects_ros.nodes.interface import ASPECT_DISTRIBUTIONS, LATCHED
 
 BOX = 'box_10x20x30'
@@ -133,6 +136,51 @@ def test_a_part_that_nobody_dropped_yet(suite, feed, wait, rates):
     assert rates == []
 
 
+def test_a_classifier_that_is_started_again_is_heard_again(suite, feed, rates):
+    feeder = feed(suite.namespace, 'tetrahedron', [1, 3])
+    few = suite.client.ask('tetrahedron', 5000, seed=[11]).distribution
+    wait_for_rate(suite.client, rates, expected(few, 1, 3))
+    assert suite.processes['aspect_classifier'].end() == 0
+    suite.start_again('aspect_classifier')
+    more = suite.client.ask('tetrahedron', 6000, seed=[12]).distribution
+    wait_for_rate(suite.client, rates, expected(more, 1, 3))
+    assert warnings(feeder) == []
+
+
+def test_what_says_less_than_what_is_known_of_the_same_is_not_used(
+    suite, feed, connect, namespace
+):
+    """As of two runs at once, of which now one and now the other is published."""
+    found = {
+        drops: suite.client.ask('tetrahedron', drops, seed=[drops]).distribution
+        for drops in (70, 90)
+    }
+    steel = suite.client.ask('tetrahedron', 40, surface='steel').distribution
+    client = connect(namespace)
+    heard = client.listen(Float64MultiArray, 'expected_pick_rate', LATCHED)
+    topic = f'{ASPECT_DISTRIBUTIONS}/tetrahedron'
+    classifier = client.node.create_publisher(AspectDistribution, topic, LATCHED)
+    feeder = feed(namespace, 'tetrahedron', [2])
+    classifier.publish(found[90])
+    wait_for_rate(client, heard, expected(found[90], 2))
+    classifier.publish(found[70])
+    client.spin(1.0)
+    classifier.publish(found[90])
+    client.wait(lambda: len(heard) == 2, 'the same again')
+    assert heard[1] == heard[0]
+    # Of other conditions what is newest counts.
+    classifier.publish(steel)
+    wait_for_rate(client, heard, expected(steel, 2))
+    assert '70 of 70 drops' not in feeder.said
+    assert feeder.said.count('90 of 90 drops') == 1
+
+
+def test_who_copies_it_needs_public_names_only():
+    source = Path(feeder_example.__file__).read_text(encoding='utf-8')
+    modules = re.findall(r'^\s*(?:from|import) (resting_aspects_ros[\w.]*)', source, re.MULTILINE)
+    assert set(modules) == {'resting_aspects_ros.client'}
+
+
 def test_it_starts_before_the_suite(feed, start, connect, namespace, folder, wait):
     feeder = feed(namespace, 'tetrahedron', [1], QUICK)
     wait(lambda: warnings(feeder), 'warning')
@@ -172,7 +220,7 @@ def test_a_run_that_was_canceled_before_its_first_drop_says_nothing(
 @pytest.mark.parametrize(
     ('name', 'value', 'words'),
     [
-        ('part', 'Nut', "part 'Nut' is not known: names of parts are"),
+        ('part', 'a nut', 'Invalid topic name: '),
         ('pickable', [0, 2], 'pickable is [0, 2], allowed are ids from 1 on'),
         ('pickable', [], 'pickable is [], allowed are ids from 1 on'),
         ('pickable', [1.5], "'pickable' to '[1.5]' of type 'DOUBLE_ARRAY', expecting"),

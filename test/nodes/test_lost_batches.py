@@ -249,6 +249,32 @@ def test_drops_that_are_lost_for_good_fail_the_request_in_words(simulator, clien
     assert_whole(answer.distribution, simulator)
 
 
+def test_of_a_run_that_is_broken_off_the_first_drops_are_known(
+    simulator, client, connect, start, namespace, classifier, tmp_path
+):
+    """As they are after a restart, from its log."""
+    recorder = start('drop_recorder', namespace, {'log_folder': tmp_path}, constants=QUICK)
+    simulator.answer = lambda *_: (Status(code=Status.FAILED, message='no'), [])
+    simulator.publish('short', 0, 10)
+    simulator.publish('short', 10, 25)
+
+    def found(drops=25, client=client):
+        answer = client.ask(drops=drops, seed=[simulator.seed], only_known=True)
+        return answer.status.code == Status.OK and answer.distribution
+
+    before = client.wait(found, 'first drops')
+    assert not found(26)
+    run_id = simulator.run_id('short')
+    client.wait(lambda: list(tmp_path.glob(f'*_{run_id}/metadata.yaml')), 'closed log')
+    assert recorder.end() == 0
+    start('aspect_classifier', f'{namespace}_again', {'log_folder': tmp_path})
+    other = connect(f'{namespace}_again')
+    after = other.wait(lambda: found(client=other), 'first drops')
+    assert not found(26, other)
+    before.header.stamp = after.header.stamp
+    assert before == after
+
+
 def test_a_recorder_that_lost_drops_for_good_closes_its_log(
     simulator, client, start, namespace, tmp_path
 ):

@@ -3,6 +3,8 @@
 import os
 import re
 import shutil
+import subprocess
+import sys
 
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
@@ -10,6 +12,7 @@ from resting_aspects_interfaces.msg import (
     AspectDistribution,
     DropConditions,
     PartDescription,
+    RestingPoses,
     Status,
 )
 
@@ -26,7 +29,7 @@ from resting_aspects_ros.logs.outcome import OUTCOME, Outcome
 from resting_aspects_ros.logs.run_log import RunLog
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Qos, Topic
 from resting_aspects_ros.nodes.convert import part_msg, poses_msg, time_msg
-from resting_aspects_ros.nodes.interface import LATCHED
+from resting_aspects_ros.nodes.interface import LATCHED, POSES, RESTING_POSES
 
 SEED = 5
 
@@ -152,6 +155,45 @@ def test_without_a_simulator_what_is_known_is_answered_still(restarted, first, w
     restarted.start_again('drop_simulator')
 
 
+def request(namespace, *words):
+    command = [sys.executable, '-m', 'resting_aspects_ros.cli', 'request', 'tetrahedron']
+    return subprocess.run(
+        [*command, *words, '--ros-args', '-r', f'__ns:={namespace}'],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def test_without_a_simulator_a_request_waits_for_nothing_that_cannot_come(restarted, first, wait):
+    assert restarted.processes['drop_simulator'].end() == 0
+    start_again(restarted, 'aspect_classifier')
+    known(restarted, wait)
+    table = request(restarted.namespace, '--drops', '200')
+    assert table.stdout.startswith(f'tetrahedron, 300 drops on rubber_mat, seed {SEED}')
+    assert 'drop_simulator' not in table.stderr
+    document = request(restarted.namespace, '--drops', '200', '--json')
+    assert document.returncode == 0
+    # On a busy machine it may also say that it waits for the classifier to be found.
+    assert document.stderr.endswith(
+        'warning: neither the picture nor mesh_sha256 of the part: no drop_simulator offers '
+        'tetrahedron\n'
+    )
+
+    def refused_soon():
+        """Once the classifier is there for so long that a simulator would be, too."""
+        refused = request(restarted.namespace, '--drops', '301')
+        assert refused.returncode == 1
+        return refused.stderr.endswith(
+            f'error: no drop_simulator answers on {restarted.namespace}/drop_part, waited 2 s: '
+            'start drop_simulator; known are 300 drops on rubber_mat\n'
+        )
+
+    wait(refused_soon, 'words after 2 s')
+    restarted.start_again('drop_simulator')
+
+
 def test_a_log_that_was_broken_off_is_not_believed_until_it_is_recovered(
     suite, first, wait, start, connect, namespace, tmp_path
 ):
@@ -271,6 +313,8 @@ def test_logs_that_do_not_fit_the_part_are_not_used(
     shutil.copytree(log, tmp_path / log.name)
     for change in ODD:
         with_distribution(log, tmp_path, change)
+    for odd_log in tmp_path.glob('tetrahedron_2030*'):
+        odd_log.rename(odd_log.with_name(f'{odd_log.name}\udcff'))  # a name that is no UTF-8
     client = connect(namespace)
     publisher = client.node.create_publisher(PartDescription, 'parts/tetrahedron', LATCHED)
     publisher.publish(part_msg(part('tetrahedron')))
@@ -356,3 +400,66 @@ def test_two_hundred_logs_are_read_in_the_background(
     # The same drops 200 times.
     told = rf'200 logs of earlier runs in {tmp_path} read in [\d.]+ s: 1 distribution is known, '
     client.wait(lambda: re.search(told, classifier.said), 'word of it')
+
+
+# Runs of the box in the order in which they end: id, seed, drops, and when they began by clocks
+# that stand still and go backwards.
+RUNS = [
+    ('b_same', 31, 60, 10**18),
+    ('a_same', 31, 60, 10**18),
+    ('newer', 32, 60, 2 * 10**18),
+    ('older', 32, 60, 10**18),
+    ('long', 33, 60, 10**18),
+    ('short', 33, 40, 3 * 10**18),
+    ('first', 34, 70, 10**18),
+    ('last', 35, 70, 10**18),
+]
+# What is asked of them, and which run is the answer, by the seeds asked for; None: without one.
+ANSWERS = {31: 'b_same', 32: 'newer', 33: 'long', 34: 'first', 35: 'last', None: 'last'}
+
+
+def test_which_of_several_runs_is_the_answer_is_the_same_before_and_after_a_restart(
+    part, surfaces, wait, start, connect, namespace, tmp_path
+):
+    box, client = part('box_10x20x30'), connect(namespace)
+    parameters = {'log_folder': tmp_path}
+    recorder = start('drop_recorder', namespace, parameters)
+    classifier = start('aspect_classifier', namespace, parameters)
+    conditions = surfaces.get()
+
+    def answers(client):
+        found = {}
+        for seed in ANSWERS:
+            answer = answered(
+                client,
+                wait,
+                box.name,
+                1,
+                seed=[] if seed is None else [seed],
+                surface='rubber_mat',
+            )
+            assert answer.status.code == Status.OK, answer.status.message
+            found[seed] = answer.distribution
+        return found
+
+    described = client.node.create_publisher(PartDescription, f'parts/{box.name}', LATCHED)
+    described.publish(part_msg(box))
+    poses = client.node.create_publisher(RestingPoses, RESTING_POSES, POSES)
+    for run_id, seed, drops, started in RUNS:
+        job, run = plan_run(
+            box, conditions, seed=seed, drops=drops, run_id=run_id, started=started
+        )
+        poses.publish(poses_msg(drop_chunk(job, 0, drops), run, time_msg(1), True))
+        client.wait(
+            lambda run_id=run_id: list(tmp_path.glob(f'*_{run_id}/metadata.yaml')), 'closed log'
+        )
+    before = answers(client)
+    assert {seed: found.run.run_id for seed, found in before.items()} == ANSWERS
+    assert (recorder.end(), classifier.end()) == (0, 0)
+    # In another namespace, where nothing is latched.
+    again = f'{namespace}_again'
+    start('aspect_classifier', again, parameters)
+    after = answers(connect(again))
+    assert {seed: found.run.run_id for seed, found in after.items()} == ANSWERS
+    for seed, found in after.items():
+        assert without_stamp(found) == without_stamp(before[seed])

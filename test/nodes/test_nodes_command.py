@@ -63,7 +63,7 @@ def test_a_request_is_answered_with_one_document_and_ctrl_c_ends_all(
     assert_ended_in_order(nodes, nodes.end(signal.SIGINT), wait, traceback)
 
 
-@pytest.mark.parametrize('way', ['SIGINT', 'SIGTERM', 'Ctrl-C'])
+@pytest.mark.parametrize('way', ['SIGINT', 'SIGTERM', 'SIGHUP', 'Ctrl-C'])
 def test_it_ends_in_order_while_drops_are_under_way(
     nodes, connect, namespace, wait, traceback, way
 ):

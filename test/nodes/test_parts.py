@@ -54,6 +54,21 @@ def test_a_part_is_known_after_a_run_of_it(suite, listed):
     assert (parts['tetrahedron'].known, parts['box_10x20x30'].known) == (True, False)
 
 
+def test_a_file_whose_name_is_no_utf8_is_said_and_no_part(suite, folder, diagnostics_of):
+    mesh = folder / '\udcff.stl'
+    shutil.copy(parts_folder() / 'tetrahedron.stl', mesh)
+    simulator = suite.processes['drop_simulator']
+    said = r'\udcff.stl in '
+    suite.client.wait(lambda: said in simulator.said or not simulator.running, 'word of it')
+    _, message, values = diagnostics_of(suite.client).wait(
+        'drop_simulator', lambda level, *_: level == DiagnosticStatus.WARN, 'warning'
+    )
+    assert '1 mesh is not offered' in message
+    assert said in values[r'not offered: \udcff.stl']
+    assert suite.client.ask('tetrahedron', 3).status.code == Status.OK
+    mesh.unlink()
+
+
 def test_a_run_that_was_canceled_before_its_first_drop_makes_nothing_known(suite, listed):
     box = suite.client.dropping('box_10x20x30', 100_000, first_drop=9)
     suite.client.wait(lambda: box.accepted, 'goal taken')

@@ -1,7 +1,10 @@
 """A log of every run, read back with an independent reader and compared with what was heard."""
 
+import csv
+import os
 import re
 import signal
+import sys
 from datetime import datetime, timezone
 
 import numpy as np
@@ -12,6 +15,7 @@ from rosbags.highlevel import AnyReader
 
 from resting_aspects_ros.config_files import parts_folder
 from resting_aspects_ros.logs.bag_metadata import custom_data
+from resting_aspects_ros.nodes.convert import conditions_msg
 from resting_aspects_ros.nodes.interface import LATCHED, LEAST_BATCH
 
 DROPS = 2 * LEAST_BATCH + 20
@@ -156,6 +160,53 @@ def test_a_canceled_run_has_a_whole_log(suite):
     batches = read(suite.log_of(drop.result.run_id))[f'{suite.namespace}/resting_poses']
     assert sum(len(batch.poses) for batch in batches) == drop.result.drops
     assert batches[-1].last
+
+
+@pytest.mark.parametrize('canceled', [False, True])
+def test_drop_makes_the_drops_of_a_log_again(suite, surfaces, run_command, tmp_path, canceled):
+    """Of a run to a precision under conditions of its own, which a cancel ends before it."""
+    conditions = surfaces.get('steel').changed(height=0.07, friction=0.31, spin=2.0)
+    drop = suite.client.dropping(
+        'hex_nut',
+        precision=0.01 if canceled else 0.1,
+        drops=0,
+        seed=2**64 - 1,
+        conditions=[conditions_msg(conditions)],
+    )
+    if canceled:
+        suite.client.wait(lambda: drop.feedback, 'first feedback')
+        drop.cancel()
+    suite.client.wait(lambda: drop.done, 'goal')
+    folder = suite.log_of(drop.result.run_id)
+    words = ('drop', '--from-log', folder, '--poses', tmp_path / 'again.csv')
+    command = run_command(sys.executable, '-m', 'resting_aspects_ros.cli', *words)
+    suite.client.wait(lambda: not command.running, 'end of the command')
+    assert command.end() == 0, command.said
+    batches = read(folder)[f'{suite.namespace}/resting_poses']
+    poses = [pose.pose for batch in batches for pose in batch.poses]
+    logged = [
+        [getattr(pose.position, axis) for axis in 'xyz']
+        + [getattr(pose.orientation, axis) for axis in 'xyzw']
+        for pose in poses
+    ]
+    with (tmp_path / 'again.csv').open(newline='') as file:
+        made = [[float(value) for value in row[1:8]] for row in list(csv.reader(file))[1:]]
+    assert len(made) == drop.result.drops
+    assert made == logged
+
+
+def test_a_folder_whose_full_name_ros_does_not_take_is_refused(run_command, wait, tmp_path):
+    folder = tmp_path / '\udcff'  # no UTF-8
+    folder.mkdir()
+    start = f'import os; os.chdir({os.fsencode(folder)!r})\n'
+    start += 'from resting_aspects_ros.nodes.drop_recorder import main; raise SystemExit(main())'
+    recorder = run_command(sys.executable, '-c', start)
+    wait(lambda: not recorder.running, 'its end')
+    assert recorder.end() == 2
+    assert (
+        r"\udcff/out/logs', allowed is a full name in UTF-8: ROS takes no other" in recorder.said
+    )
+    assert not list(folder.iterdir())
 
 
 def test_a_folder_that_cannot_be_written_is_told_and_harms_nothing(suite, start, tmp_path):

@@ -18,7 +18,9 @@ from resting_aspects_ros.logs.recovery import BrokenLog
 from resting_aspects_ros.nodes.interface import LEAST_BATCH, POSES, RESTING_POSES
 
 KILLS = 20
-BATCHES = 40
+BATCHES = 200
+# Kills come when so many batches at most are told of: long before the recorder is through.
+LATEST = 100
 
 # Imports once what takes seconds; starts a recorder at each line of input, one after the other.
 RECORDERS = """
@@ -60,6 +62,12 @@ def start_recorder(tmp_path):
             os.killpg(process.pid, signal.SIGKILL)
 
 
+def drops_told(output):
+    """How many drops a recorder says it has written."""
+    found = re.findall(r' (\d+) drops are in .*\n', output.read_text())
+    return max(map(int, found), default=0)
+
+
 def batches_in(log, topic):
     """The batches of poses in a log, in CDR."""
     with AnyReader([log]) as reader:
@@ -68,7 +76,7 @@ def batches_in(log, topic):
 
 
 def test_of_a_recorder_killed_at_random_moments_all_that_it_told_is_recovered(
-    connect, start_recorder, namespace, batches, tmp_path
+    connect, start_recorder, namespace, batches, wait, tmp_path
 ):
     client = connect(namespace)
     published = list(batches(BATCHES, 'killed'))
@@ -80,13 +88,17 @@ def test_of_a_recorder_killed_at_random_moments_all_that_it_told_is_recovered(
     for number in range(1, KILLS + 1):
         pid, output = start_recorder(namespace, number)
         end = f'killed_{number}' if number > 1 else 'killed'
-        client.wait(lambda end=end: list(tmp_path.glob(f'*_{end}/*.mcap')), 'log')
-        time.sleep(rng.uniform(0, 0.1))  # the moment itself, not something that is waited for
+        least = LEAST_BATCH * rng.randint(1, LATEST)
+        wait(
+            lambda output=output, least=least: output.exists() and drops_told(output) >= least,
+            'batches',
+            step=lambda: time.sleep(0.001),
+        )
+        time.sleep(rng.uniform(0, 0.01))  # the moment itself, not something that is waited for
         os.kill(pid, signal.SIGKILL)
         # What it said is all there once it is gone.
         client.wait(lambda pid=pid: not Path(f'/proc/{pid}').exists(), 'its end')
-        found = re.findall(r' (\d+) drops are in .*\n', output.read_text())
-        told = max(map(int, found), default=0)
+        told = drops_told(output)
         (log,) = tmp_path.glob(f'*_{end}')
         BrokenLog(log).recover({})
         recovered = batches_in(log, f'{namespace}/{RESTING_POSES}')
@@ -94,5 +106,6 @@ def test_of_a_recorder_killed_at_random_moments_all_that_it_told_is_recovered(
         # A batch may be written and not told yet.
         assert len(recovered) - 1 <= told / LEAST_BATCH <= len(recovered)
         kept.append(len(recovered))
-    # Moments at which some of it was written, and not all.
-    assert any(0 < number < BATCHES for number in kept), kept
+    # All but perhaps a few, on a busy machine, were in the middle of writing, and nowhere else.
+    assert sum(0 < number < BATCHES for number in kept) >= KILLS - 2, kept
+    assert len(set(kept)) > KILLS / 2, kept

@@ -1,0 +1,63 @@
+"""What the recorder says of its logs: on recorded_runs, to a person, and for /diagnostics."""
+
+from pathlib import Path
+
+from rclpy.node import Node
+from resting_aspects_interfaces.msg import RecordedRun
+
+from resting_aspects_ros.nodes.interface import ALL_LATCHED, RECORDED_RUNS
+from resting_aspects_ros.nodes.open_log import OpenLog
+from resting_aspects_ros.nodes.words import of_run
+
+
+class LogReports:
+    """Publishes recorded_runs.
+
+    error : what went wrong last, in words, until a log is whole again; else empty
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._logger = node.get_logger()
+        self._recorded = node.create_publisher(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
+        self.error = ''
+        self._others_told = False
+
+    def begun(self, log: OpenLog) -> None:
+        """A log is begun, or found to be there already."""
+        self.written(log, always=True)
+        if log.earlier is not None:
+            run = log.run
+            self._logger.info(f'run {run.run_id} of {run.part} is in {log.earlier} already')
+        if log.others and not self._others_told:
+            self._others_told = True
+            self._logger.warning(
+                f'another drop_recorder is writing {log.others[0]}, too: each run has a log of '
+                f'each, here {log.folder}, and its drops are counted once; end one of the two, or '
+                'give it a log_folder of its own (said once)'
+            )
+
+    def written(self, log: OpenLog, *, always: bool = False) -> None:
+        """Tell how far the log is, at its turning points; and once what went wrong."""
+        self._logger.debug(f'{log.drops} drops are in {log.folder}')
+        new_error = bool(log.error) and not log.reported
+        if new_error:
+            log.reported = True
+            self.error = log.problem()
+            self._logger.error(self.error)
+        elif log.closed_whole:
+            self.error = ''  # it works again
+        if new_error or always:
+            self._recorded.publish(log.message())
+
+    def closed(self, log: OpenLog, folder: Path | None) -> None:
+        """A log is closed; folder : None if that went wrong, or there was none to close."""
+        self.written(log, always=True)
+        if folder is None:
+            return
+        words = f'is in {folder}'
+        if not log.closed_whole:
+            what = 'is not whole' if log.run_over else 'was broken off'
+            words = f'{what}: {of_run(log.run, log.drops)} are in {folder}, which is closed'
+        elif log.parts:
+            words += f'; {", ".join(map(str, log.parts))} may be deleted: less of it is there'
+        self._logger.info(f'run {log.run.run_id} of {log.run.part} {words}')
