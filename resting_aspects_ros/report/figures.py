@@ -77,7 +77,7 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
             continue
         x, y = np.cos(middle), np.sin(middle)
         if image is not None and pictured:
-            _place(axes, image, 1.40 * x, 1.28 * y, 0.72)
+            _place(axes, image, 1.46 * x, 1.32 * y, 0.70)
         inside = share >= 2 * LEAST_SLICE
         out = 0.66 if inside else 1.12
         axes.text(
