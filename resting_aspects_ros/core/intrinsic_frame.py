@@ -50,20 +50,17 @@ def third_moments(vertices: Array, faces: Faces, axes: Array) -> Array:
     moments : (10,) float64
         m^6: x3 y3 z3 x2y x2z y2x y2z z2x z2y xyz.
     """
-    corners = np.moveaxis((vertices @ axes)[faces], 1, 0)
+    # By corner, then by axis: each number of all triangles is one row in memory.
+    corners = np.ascontiguousarray(np.moveaxis((vertices @ axes)[faces], 0, 2))
     total = corners.sum(axis=0)
-    weight = np.einsum('ij,ij->i', corners[0], np.cross(corners[1], corners[2])) / 6 / 120
+    cross = np.cross(corners[1], corners[2], axis=0)
+    weight = np.einsum('ij,ij->j', corners[0], cross) / 6 / 120
 
     def moment(i: int, j: int, k: int) -> float:
-        s, v = total.T, corners
+        s = total
         f = s[i] * s[j] * s[k]
-        for p in v:
-            f = f + (
-                p[:, i] * p[:, j] * s[k]
-                + p[:, i] * s[j] * p[:, k]
-                + s[i] * p[:, j] * p[:, k]
-                + 2 * p[:, i] * p[:, j] * p[:, k]
-            )
+        for p in corners:
+            f += p[i] * p[j] * (s[k] + 2 * p[k]) + p[k] * (p[i] * s[j] + s[i] * p[j])
         return float(weight @ f)
 
     return np.array([moment(*np.repeat(np.arange(3), powers).tolist()) for powers in _POWERS])

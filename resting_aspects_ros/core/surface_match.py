@@ -30,6 +30,8 @@ STAGES = (5, 25, 125, 625)
 POINTS = 200_000
 # Makes one number of a cell's place, below 2000 either way, and of a normal's direction, 0 to 4.
 _CELL_CODE = np.array([4000**2 * 125, 4000 * 125, 125, 25, 5, 1])
+# Sides of cells, R: the finest, and how much coarser each step is; the largest step is 3 R.
+FINEST, COARSER, LARGEST = 1e-3, 1.4, 24
 # How often each sample is turned by some angle to find out whether any will do.
 TURNS = 3
 
@@ -149,13 +151,26 @@ def _thinned(points: Array, normals: Array, most: int) -> Indices:
 
     So a pocket in a large face keeps samples of its walls however small it is.
     """
-    size = 1e-3
-    chosen: Indices = np.arange(len(points))
-    while len(chosen) > most:
-        cells = np.concatenate([np.floor(points / size), np.round(1.5 * normals) + 2], axis=1)
-        chosen = np.sort(np.unique(cells.astype(np.int64) @ _CELL_CODE, return_index=True)[1])
-        size *= 1.4
-    return chosen
+
+    def chosen(step: int) -> Indices:
+        cells = np.floor(points / (FINEST * COARSER**step)).astype(np.int64)
+        code = np.column_stack([cells, direction]) @ _CELL_CODE
+        return np.sort(np.unique(code, return_index=True)[1])
+
+    direction = (np.round(1.5 * normals) + 2).astype(np.int64)
+    if len(points) <= most:
+        return np.arange(len(points))
+    # The finest cells that are few enough: there are fewer of them the larger they are.
+    low, high = -1, LARGEST
+    best = chosen(high)
+    while high - low > 1:
+        step = (low + high) // 2
+        found = chosen(step)
+        if len(found) <= most:
+            high, best = step, found
+        else:
+            low = step
+    return best
 
 
 def _spread_first(points: Array) -> Indices:

@@ -9,6 +9,8 @@ Flags = npt.NDArray[np.bool_]
 # Second moments of the surface that differ by less, as a share, may be those of a symmetric
 # solid: a tessellation moves them by as much.
 ALIKE = 0.02
+# Triangles whose points are made at once, so that memory stays flat.
+AT_ONCE = 20_000
 
 
 def surface_frame(triangles: Array) -> tuple[Array, Flags]:
@@ -17,12 +19,16 @@ def surface_frame(triangles: Array) -> tuple[Array, Flags]:
     Of three matrices that turn with the surface the one that tells most: two second moments,
     weighted by 1 and by r^4, and the mean of r^2 times the position, times itself.
     """
-    points, weights = _quadrature(triangles)
-    square = np.einsum('ij,ij->i', points, points)
-    moments = [
-        np.einsum('i,ij,ik->jk', weights * square**power, points, points) for power in (0, 2)
-    ]
-    mean = (weights * square) @ points
+    area, second, sixth, mean = 0.0, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    for first in range(0, len(triangles), AT_ONCE):
+        points, weights = _quadrature(triangles[first : first + AT_ONCE])
+        square = np.einsum('ij,ij->i', points, points)
+        area += float(weights.sum())
+        second += (weights[:, None] * points).T @ points
+        sixth += ((weights * square**2)[:, None] * points).T @ points
+        mean += (weights * square) @ points
+    moments = [second / area, sixth / area]
+    mean /= area
     moments.append(np.outer(mean, mean) / max(float(np.linalg.norm(mean)), ALIKE**2))
     size = float(np.trace(moments[0]))
     best = np.eye(3), np.zeros(3, dtype=bool)
@@ -36,7 +42,7 @@ def surface_frame(triangles: Array) -> tuple[Array, Flags]:
 
 
 def _quadrature(triangles: Array) -> tuple[Array, Array]:
-    """Return points (n, 3) and weights (n,), of sum 1, that integrate degree 6 over triangles.
+    """Return points (n, 3) and weights (n,) that integrate degree 6 over triangles.
 
     Gauss's points of a square, its one side drawn together to a corner, so that a surface has the
     same moments however it is divided.
@@ -49,4 +55,4 @@ def _quadrature(triangles: Array) -> tuple[Array, Array]:
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     weights = np.outer(area, weight).ravel()
     points = np.einsum('qc,mcj->mqj', barycentric, triangles).reshape(-1, 3)
-    return points, weights / weights.sum()
+    return points, weights

@@ -105,10 +105,10 @@ def _edges(faces: Indices, normals: Array) -> _Edges:
     Those are left in with an angle of pi and their first two triangles (or one, twice).
     """
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    ends = np.sort(np.stack([start, end], axis=1), axis=1)
-    order = np.lexsort(ends.T)
-    new = np.r_[True, (np.diff(ends[order], axis=0) != 0).any(axis=1)]
-    first = np.flatnonzero(new)
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    number = high * len(normals) * 3 + low  # one for each edge: fewer vertices than 3 a triangle
+    order = np.argsort(number, kind='stable')
+    first = np.flatnonzero(np.diff(number[order], prepend=-1))
     count = np.diff(np.r_[first, len(order)])
     pair = np.stack([order[first], order[first + (count > 1)]], axis=1)
     sides = pair // 3
@@ -116,7 +116,8 @@ def _edges(faces: Indices, normals: Array) -> _Edges:
     sign = np.where(start[pair[:, 0]] == start[pair[:, 1]], -1.0, 1.0)
     a, b = normals[sides[:, 0]], normals[sides[:, 1]] * sign[:, None]
     angle = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum('ij,ij->i', a, b))
-    return _Edges(ends[order[first]], sides, np.where(count == 2, angle, np.pi))
+    ends = np.stack([low, high], axis=1)[order[first]]
+    return _Edges(ends, sides, np.where(count == 2, angle, np.pi))
 
 
 def _facets(normals: Array, area: Array, pairs: Indices) -> Indices:
