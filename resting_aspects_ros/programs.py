@@ -2,7 +2,7 @@
 
 from importlib import import_module
 
-from resting_aspects_ros.signals import catch, end_at_once
+from resting_aspects_ros.signals import catch, end_at_once, ending_at_once
 
 
 def drop_simulator() -> int:
@@ -39,5 +39,7 @@ def resting_aspects() -> int:
 
 
 def _run(node: str) -> int:
-    catch(end_at_once)
-    return int(import_module(f'resting_aspects_ros.nodes.{node}').main())
+    with ending_at_once():
+        main = import_module(f'resting_aspects_ros.nodes.{node}').main
+    # How it ends from here on is its own matter.
+    return int(main())

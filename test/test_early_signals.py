@@ -154,8 +154,8 @@ def test_a_command_that_is_told_to_end_before_it_begins(begin, words, moments, c
         if process.poll() is not None:
             break
         code, printed, errors, took = ended(process, number)
-        if (code, words[0]) == (0, 'estimate') and took < DONE:
-            break
+        if words[0] == 'estimate' and printed and took < DONE:
+            break  # Python gives up its handlers as it ends
         assert_no_trace(errors)
         assert code in (128 + number, *codes), (moment, errors)
         if code == 128 + number != 130:

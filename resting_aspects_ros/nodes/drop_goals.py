@@ -36,8 +36,7 @@ async def drop_result(node: Node, client: ActionClient, goal: DropPart.Goal) -> 
     handle = await _taken(node, client, goal, note_feedback)
     answer = handle.get_result_async()
     while not await wait_for(node, answer, LOOK_PERIOD):
-        if not client.server_is_ready():
-            raise NotAvailableError(f'the simulator went away while it dropped {goal.part}')
+        _check_there(client, goal)
         if time.monotonic() - heard > ASK_PERIOD:
             heard = time.monotonic()
             again = handle.get_result_async()
@@ -63,4 +62,11 @@ async def _taken(
             if handle.accepted or sends:
                 return handle
             raise NotAvailableError('the simulator did not take the goal')
+        _check_there(client, goal)
     raise NotAvailableError(f'the simulator took no goal in {MOST_SENDS * GOAL_TIMEOUT:g} s')
+
+
+def _check_there(client: ActionClient, goal: DropPart.Goal) -> None:
+    """Raises NotAvailableError if the simulator that was there is not any more."""
+    if not client.server_is_ready():
+        raise NotAvailableError(f'the simulator went away while it dropped {goal.part}')

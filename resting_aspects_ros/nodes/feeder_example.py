@@ -149,8 +149,8 @@ def main() -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.parse_args(remove_ros_args(sys.argv)[1:])
-    rclpy.init()
     try:
+        rclpy.init()
         rclpy.spin(FeederExample())
     except (KeyboardInterrupt, ExternalShutdownException):
         pass  # that is how a node is stopped
