@@ -40,7 +40,7 @@ class TriangleTree:
         self._corners, self._skins = corners, skins
         depth = int(np.ceil(np.log2(len(corners))))
         order = np.arange(2**depth) % len(corners)
-        middles = corners.mean(axis=1)
+        middles = np.ascontiguousarray(corners.mean(axis=1).T)
         for level in range(depth):
             order = _halved(order.reshape(2**level, -1), middles)
         self._triangle = order.ravel()
@@ -159,10 +159,13 @@ def _ways_to(corners: Array, points: Array) -> Array:
 
 
 def _halved(groups: Indices, middles: Array) -> Indices:
-    """Order the triangles of each group, (groups, size), across the longest side of its box."""
-    at = middles[groups]
-    longest = np.ptp(at, axis=1).argmax(axis=1)
-    along = np.take_along_axis(at, longest[:, None, None], axis=2)[:, :, 0]
+    """Order the triangles of each group, (groups, size), across the longest side of its box.
+
+    middles : (3, m) float64, by axis: a row of one group is one row in memory.
+    """
+    at = [along[groups] for along in middles]
+    longest = np.argmax([along.max(axis=1) - along.min(axis=1) for along in at], axis=0)
+    along = np.choose(longest[:, None], at)
     half = groups.shape[1] // 2
     return np.take_along_axis(groups, np.argpartition(along, half, axis=1), axis=1)
 
