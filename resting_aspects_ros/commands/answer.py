@@ -76,9 +76,10 @@ class Answer:
 
     @property
     def words(self) -> str:
-        """Drops, surface and seed."""
+        """Drops, of how many if that is not all, surface and seed."""
         surface = surface_text(self.run.conditions)
-        return f'{self.distribution.drops} drops on {surface}, seed {self.run.seed}'
+        of = '' if self.complete else f' of {self.run.drops}'
+        return f'{self.distribution.drops}{of} drops on {surface}, seed {self.run.seed}'
 
     def json(self) -> str:
         """The document."""

@@ -1,44 +1,34 @@
 """What `resting_aspects drop` does: drop a part here and now, without ROS."""
 
 import argparse
-import dataclasses
 import sys
 import time
 import uuid
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, wait
-from contextlib import ExitStack, closing
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TextIO
 
 from resting_aspects_ros.commands.answer import Answer
-from resting_aspects_ros.commands.convergence import REFINEMENT, Convergence, check_convergence
+from resting_aspects_ros.commands.convergence import Convergence
 from resting_aspects_ros.commands.drop_question import DropQuestion
+from resting_aspects_ros.commands.drop_tally import Tally, check_in_finer_steps, drop_all, warn
 from resting_aspects_ros.commands.given_part import mesh_file
 from resting_aspects_ros.commands.interruption import Interruption
 from resting_aspects_ros.commands.outputs import check_output, make_folder
-from resting_aspects_ros.commands.poses_csv import poses_file, write_poses
-from resting_aspects_ros.commands.progress import DropProgress
+from resting_aspects_ros.commands.poses_csv import poses_file
 from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.distribution import METHOD, Distribution, count_poses, no_drops
+from resting_aspects_ros.core.distribution import METHOD, Distribution, no_drops
 from resting_aspects_ros.core.errors import EngineError
-from resting_aspects_ros.core.history import History
 from resting_aspects_ros.core.intervals import check_confidence
-from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.drops.campaign import Workers, drop_chunks
 from resting_aspects_ros.drops.ceiling import most_drops
 from resting_aspects_ros.drops.cluster import ClusterWorkers
-from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.plan import plan_run
-from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.drops.worker_pool import ProcessWorkers, default_workers
 
 INTERRUPTED = 130
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
 # A fall from higher than this, hull radii, was probably meant in another unit.
 HIGH = 200
-# How often it is looked for Ctrl-C, s.
-LOOK_PERIOD = 0.1
 
 
 def drop_here(
@@ -76,18 +66,18 @@ def drop_here(
     failure: EngineError | None = None
     convergence: Convergence | None = None
     checked = not arguments.check_convergence
-    tally = _Tally(empty, run, stop_at, question.ranges)
+    tally = Tally(empty, run, stop_at, question.ranges)
     with ExitStack() as stack:
         workers = _workers(arguments)
         stack.callback(workers.stop)
         for flag, path in _poses_paths(arguments.poses, out):
             tally.tables.append(stack.enter_context(poses_file(flag, path)))
         for warning in (*part.warnings, *_of_height(run.conditions.height, part.hull_radius)):
-            _warn(warning)
+            warn(warning)
         try:
-            _drop_all(part.name, job, workers, tally, stop)
+            drop_all(part.name, job, workers, tally, stop)
             if arguments.check_convergence and not stop.asked:
-                checked, convergence = _check(job, workers, tally, stop)
+                checked, convergence = check_in_finer_steps(job, workers, tally, stop)
         except EngineError as error:
             failure = error
     answer = Answer(
@@ -160,7 +150,7 @@ def _say_how_precise(distribution: Distribution, precision: float) -> None:
     """Warn if all drops that were allowed were made, and that was not enough."""
     half = max((each.upper - each.lower) / 2 for each in distribution.intervals())
     if 0 < precision < half:
-        _warn(
+        warn(
             f'precision {precision:g} was not reached in {distribution.drops} drops, the most '
             f'that were asked for: the widest interval is +-{half:.2g}'
         )
@@ -172,93 +162,6 @@ def _of_height(height: float, radius: float) -> Iterator[str]:
             f'the height is {height:g} m, which is {height / radius:.0f} times the radius of the '
             'part'
         )
-
-
-class _Tally:
-    """What was done so far: counted, and written in rows.
-
-    precision : at which to stop; 0: when all drops are made
-    ranges : which drops they are, if they are not those from the run's first on
-    """
-
-    def __init__(
-        self,
-        distribution: Distribution,
-        run: RunDescription,
-        precision: float,
-        ranges: Sequence[tuple[int, int]],
-    ) -> None:
-        self.distribution = distribution
-        self.run = run
-        self.precision = precision
-        self.ranges = ranges or [(run.first_drop, run.end)]
-        self.tables: list[TextIO] = []
-        self.history = History(distribution.aspects)
-
-    def add(self, poses: RestingPoses) -> None:
-        for table in self.tables:
-            write_poses(table, poses)
-        self.history.add(poses)
-        self.distribution += count_poses(self.distribution.aspects, poses)
-
-    @property
-    def over(self) -> bool:
-        """All drops are made, or enough."""
-        return self.distribution.stops(self.precision, self.run.drops)
-
-
-def _drop_all(
-    label: str, job: DropJob, workers: Workers, tally: _Tally, stop: Interruption
-) -> None:
-    with DropProgress(label, tally.run.drops) as progress:
-        _drop(job, workers, tally, progress.update, stop)
-        progress.end(tally.distribution.drops)
-
-
-def _check(
-    job: DropJob, workers: Workers, tally: _Tally, stop: Interruption
-) -> tuple[bool, Convergence | None]:
-    """Make the same drops in finer steps: whether all were made, and what they show."""
-    coarse = tally.distribution
-    fine = dataclasses.replace(job, refinement=REFINEMENT * job.refinement)
-    run = dataclasses.replace(
-        tally.run, drops=coarse.drops, precision=0.0, time_step=fine.time_step
-    )
-    empty = no_drops(coarse.aspects, confidence=coarse.confidence)
-    again = _Tally(empty, run, 0.0, () if tally.precision else tally.ranges)
-    _drop_all(f'{run.part} in finer steps', fine, workers, again, stop)
-    if not again.over:
-        return False, None
-    found = check_convergence(coarse, again.distribution, run.time_step, run.seed)
-    if found is None:
-        _warn('the convergence cannot be told: no drop came to rest in an aspect')
-    return True, found
-
-
-def _drop(
-    job: DropJob,
-    workers: Workers,
-    tally: _Tally,
-    progress: Callable[[int], None],
-    stop: Interruption,
-) -> None:
-    """Make the drops, or those until somebody asks for an end; raises EngineError."""
-    for first, end in tally.ranges:
-        asked = dataclasses.replace(tally.run, first_drop=first, drops=end - first)
-        with closing(drop_chunks(job, asked, workers, _warn)) as steps:
-            for step in steps:
-                if isinstance(step, Future):
-                    while not stop.asked and not wait([step], LOOK_PERIOD).done:
-                        progress(tally.distribution.drops)
-                else:
-                    tally.add(step)
-                    progress(tally.distribution.drops)
-                if stop.asked or tally.over:
-                    return
-
-
-def _warn(text: str) -> None:
-    print(f'warning: {text}', file=sys.stderr)
 
 
 def _poses_paths(poses: Path | None, out: Path | None) -> Iterator[tuple[str, Path]]:

@@ -20,10 +20,10 @@ from resting_aspects_ros.report.figures import (
     comparison_figure,
     convergence_figure,
     estimates_figure,
-    pie_figure,
 )
 from resting_aspects_ros.report.page_rows import RowText, row_texts
 from resting_aspects_ros.report.picture import MOST_SHOWN, distribution_figure
+from resting_aspects_ros.report.pie import pie_figure
 from resting_aspects_ros.report.portrait import FROM_ABOVE, OBLIQUE, Image, lay, portraits
 from resting_aspects_ros.report.rounding import share_text
 from resting_aspects_ros.report.rows import Row, class_rows, outside_rows
