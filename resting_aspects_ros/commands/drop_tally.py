@@ -46,7 +46,7 @@ class Tally:
     def add(self, poses: RestingPoses) -> None:
         """Count the drops that come next."""
         for table in self.tables:
-            write_poses(table, poses)
+            write_poses(table, poses, self.distribution.aspects)
         self.history.add(poses)
         self.distribution += count_poses(self.distribution.aspects, poses)
 

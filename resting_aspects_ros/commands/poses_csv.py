@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from resting_aspects_ros.commands.outputs import whole_file
+from resting_aspects_ros.core.aspect_set import AspectSet
+from resting_aspects_ros.core.distribution import aspect_ids
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 
 POSES_HEADER = (
     'drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw',
-    'status', 'decided_by', 'time_to_rest', 'energy_growth',
+    'status', 'decided_by', 'time_to_rest', 'energy_growth', 'aspect',
 )  # fmt: skip
 
 
@@ -31,13 +33,13 @@ def poses_file(flag: str, path: Path) -> Iterator[TextIO]:
             yield file
 
 
-def write_poses(file: TextIO, poses: RestingPoses) -> None:
-    """Add a line for each drop."""
-    csv.writer(file).writerows(_rows(poses))
+def write_poses(file: TextIO, poses: RestingPoses, aspects: AspectSet) -> None:
+    """Add a line for each drop, with the aspect that it came to rest in; 0 if that is none."""
+    csv.writer(file).writerows(_rows(poses, aspect_ids(aspects, poses).tolist()))
     file.flush()
 
 
-def _rows(poses: RestingPoses) -> Iterator[tuple[Any, ...]]:
+def _rows(poses: RestingPoses, ids: list[int]) -> Iterator[tuple[Any, ...]]:
     """In full precision: Python prints the shortest text that reads back as the same number."""
     for k in range(len(poses)):
         yield (
@@ -48,4 +50,5 @@ def _rows(poses: RestingPoses) -> Iterator[tuple[Any, ...]]:
             DecidedBy(poses.decided_by[k]).name,
             float(poses.time_to_rest[k]),
             float(poses.energy_growth[k]),
+            ids[k],
         )

@@ -19,6 +19,7 @@ __all__ = [
     'METHOD',
     'Distribution',
     'Interval',
+    'aspect_ids',
     'count_poses',
     'no_drops',
 ]
@@ -128,11 +129,18 @@ def no_drops(
     return Distribution(aspects, none, 0, 0, 0, interval, confidence, by_precision)
 
 
+def aspect_ids(aspects: AspectSet, poses: RestingPoses) -> npt.NDArray[np.int64]:
+    """(n,) aspect in which each drop came to rest; 0 if in none, or if it did not."""
+    settled = poses.status == RestStatus.SETTLED  # of others the pose can be no number
+    ids = np.zeros(len(poses), dtype=np.int64)
+    ids[settled] = aspects.classify(poses.orientation[settled])
+    return ids
+
+
 def count_poses(aspects: AspectSet, poses: RestingPoses) -> Distribution:
     """Classify and count."""
     settled = poses.status == RestStatus.SETTLED
-    ids = aspects.classify(poses.orientation[settled])
-    by_id = np.bincount(ids, minlength=len(aspects) + 1)
+    by_id = np.bincount(aspect_ids(aspects, poses)[settled], minlength=len(aspects) + 1)
     return Distribution(
         aspects,
         by_id[1:],

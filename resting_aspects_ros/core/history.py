@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.aspect_set import AspectSet
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.core.distribution import aspect_ids
+from resting_aspects_ros.core.poses import RestingPoses
 
 Counts = npt.NDArray[np.int64]
 
@@ -34,8 +35,7 @@ class History:
 
     def add(self, poses: RestingPoses) -> None:
         """Count the drops that come after those that were added before."""
-        ids = self._aspects.classify(poses.orientation)
-        ids[poses.status != RestStatus.SETTLED] = 0
+        ids = aspect_ids(self._aspects, poses)
         while len(ids):
             piece, ids = np.split(ids, [self._next - self._drops])
             self._drops += len(piece)

@@ -113,7 +113,7 @@ def test_a_changed_condition_is_no_surface_and_a_unit_is_converted(run):
 def test_poses_are_those_of_the_engine_bit_for_bit(rows, part, surfaces):
     job = make_job(part('box_10x20x30'), surfaces.get(), 7)
     header, *rows = rows
-    names = 'drop,x,y,z,qx,qy,qz,qw,status,decided_by,time_to_rest,energy_growth'
+    names = 'drop,x,y,z,qx,qy,qz,qw,status,decided_by,time_to_rest,energy_growth,aspect'
     assert ','.join(header) == names
     assert [int(row[0]) for row in rows] == list(range(DROPS))
     for poses in (drop_chunk(job, 0, 125), drop_chunk(job, 125, DROPS)):
@@ -144,6 +144,8 @@ def test_counts_are_those_of_the_poses(rows, document, part):
     aspects = find_aspects(part('box_10x20x30'))
     counted = no_drops(aspects) + count_poses(aspects, poses)
     assert [aspect['count'] for aspect in document['aspects']] == counted.counts.tolist()
+    ids = np.array(fields['aspect'], dtype=int)
+    assert np.bincount(ids, minlength=7)[1:].tolist() == counted.counts.tolist()
     assert document['unclassified'] == counted.unclassified
     assert document['unsettled'] == counted.unsettled
     assert document['energy_growth'] == poses.energy_growth.max()

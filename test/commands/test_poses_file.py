@@ -77,12 +77,12 @@ def test_bare_x_y_z_are_positions_where_the_quaternion_has_names_of_its_own(read
 
 
 def test_of_our_own_file_what_settled_is_read_and_the_rest_counted(read):
-    rest = 'ENERGY,0.5,0.01'
+    rest = 'ENERGY,0.5,0.01,1'
     rows = [
         ','.join(POSES_HEADER),
         f'0,9,9,9,{X},{Y},{Z},{W},SETTLED,{rest}',
         f'1,9,9,9,{X},{Y},{Z},{W},UNSETTLED,{rest}',
-        '2,nan,nan,nan,nan,nan,nan,nan,FAILED,STILLNESS,nan,0.0',
+        '2,nan,nan,nan,nan,nan,nan,nan,FAILED,STILLNESS,nan,0.0,0',
         '',
         f'3,9,9,9,0,0,0,-1, settled ,{rest}',
     ]

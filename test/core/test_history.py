@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import count_poses
 from resting_aspects_ros.core.history import FIRST_LOOK, History
-from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import random_orientations
 
 
@@ -28,6 +28,7 @@ def poses(aspects):
     orientation[lost] = random_orientations(rng, int(lost.sum()))
     codes = np.zeros(3000, dtype=np.uint8)
     status = (rng.random(3000) < 0.03).astype(np.uint8)
+    status[7], orientation[7] = RestStatus.FAILED, np.nan
     zero = np.zeros(3000)
     return RestingPoses(0, np.zeros((3000, 3)), orientation, status, codes, zero, zero)
 
