@@ -6,7 +6,7 @@ Nothing heavy is imported here: a program sets its handlers before it imports wh
 import os
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from types import FrameType
 from typing import Any
 
@@ -33,11 +33,16 @@ def end_at_once(number: int, _: FrameType | None) -> None:
 
 
 @contextmanager
-def ending_at_once() -> Iterator[None]:
-    """Let a signal end the process at once; to be used around imports."""
-    before = catch(end_at_once)
+def handled_by(handler: Any) -> Iterator[None]:
+    """Have the signals handled otherwise for a while."""
+    before = catch(handler)
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, old in before.items():
+            signal.signal(number, old)
+
+
+def ending_at_once() -> AbstractContextManager[None]:
+    """Let a signal end the process at once; to be used around imports."""
+    return handled_by(end_at_once)

@@ -91,15 +91,14 @@ class Answer:
             'method': self.method,
             'complete': self.complete,
             'drops_asked': self.run.drops,
+            'history': self.history
+            and [
+                {'drops': n, 'counts': row}
+                for n, row in zip(*(each.tolist() for each in self.history), strict=True)
+            ],
         }
         if self.convergence is not None:
             fields['convergence'] = self.convergence
-        if self.history is not None:
-            drops, counts = self.history
-            fields['history'] = [
-                {'drops': n, 'counts': row}
-                for n, row in zip(drops.tolist(), counts.tolist(), strict=True)
-            ]
         return to_json(distribution_document(self.distribution, fields))
 
     def print(self, *, as_json: bool) -> None:

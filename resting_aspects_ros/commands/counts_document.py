@@ -11,10 +11,15 @@ import numpy as np
 
 from resting_aspects_ros.commands.given_counts import MOST_COUNTED, GivenCounts
 from resting_aspects_ros.core.comparison import REST, Tally
+from resting_aspects_ros.core.distribution import METHOD
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.part import is_valid_name
 from resting_aspects_ros.drops.conditions import DropConditions, HeightOf
 from resting_aspects_ros.drops.run import MOST_SEED, RunDescription
 from resting_aspects_ros.report.document import SCHEMA_VERSION
+
+# ns since the epoch: the year 2262.
+MOST_TIME = 2**63 - 1
 
 
 def read_document(path: Path, text: str) -> GivenCounts:
@@ -25,6 +30,11 @@ def read_document(path: Path, text: str) -> GivenCounts:
         raise InvalidValueError(f'{str(path)!r} is no JSON: {error}') from None
     fields = _Fields(path, document)
     fields.whole('schema_version', low=SCHEMA_VERSION, high=SCHEMA_VERSION)
+    if 'runs' in document or document.get('method', METHOD) != METHOD:
+        kind = 'several runs, by merge' if 'runs' in document else f'method {document["method"]!r}'
+        raise InvalidValueError(
+            f'{str(path)!r} is of {kind}, allowed is a JSON document of one run of drops'
+        )
     aspects = sorted(fields.aspects(), key=lambda aspect: aspect.whole('id', low=1))
     ids = tuple(aspect.whole('id', low=1) for aspect in aspects)
     if len(set(ids)) < len(ids):
@@ -35,7 +45,7 @@ def read_document(path: Path, text: str) -> GivenCounts:
         ids,
         Tally(counts, *(fields.whole(name) for name in REST)),
         np.array([aspect.down() for aspect in aspects]).reshape(-1, 3),
-        fields.text('part'),
+        _part(fields),
         fields.text('part_sha256'),
         _run(fields),
         # A document that does not say was made of all that there was.
@@ -52,6 +62,13 @@ def read_document(path: Path, text: str) -> GivenCounts:
     return given
 
 
+def _part(fields: '_Fields') -> str:
+    name = fields.text('part')
+    if name and not is_valid_name(name):
+        raise fields.wrong('part', name, 'a name of lower case letters, digits and _')
+    return name
+
+
 def _run(fields: '_Fields') -> RunDescription | None:
     """The run, if the document is of one: `classify` writes documents too."""
     document = fields.values
@@ -61,6 +78,7 @@ def _run(fields: '_Fields') -> RunDescription | None:
         'seed': fields.whole('seed', high=MOST_SEED),
         'first_drop': fields.whole('first_drop', high=MOST_SEED),
         'drops': fields.whole('drops_asked', high=MOST_SEED),
+        'started': fields.whole('started', high=MOST_TIME),
     }
     try:
         conditions = dict(document['conditions'])

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from resting_aspects_ros.commands.answer import Answer
+from resting_aspects_ros.commands.convergence import Convergence
 from resting_aspects_ros.commands.counts_document import read_document
 from resting_aspects_ros.commands.csv_file import open_text
 from resting_aspects_ros.commands.given_part import given_part
@@ -54,13 +55,17 @@ def document_answer(
             float(document['energy_growth']),
         )
         distribution.intervals()
-        history = _history(document, len(aspects))
+        history = _history(document, distribution)
+        convergence = document.get('convergence')
+        convergence = None if convergence is None else Convergence(**convergence)
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidValueError(
             f'{str(path)!r} describes its aspects otherwise than this version writes them: '
             f'{type(error).__name__}, {error}'
         ) from None
-    return Answer(distribution, given.run, part, METHOD, given.complete, history=history)
+    return Answer(
+        distribution, given.run, part, METHOD, given.complete, convergence, history=history
+    )
 
 
 def _part(
@@ -117,14 +122,18 @@ def _aspect(fields: dict[str, Any]) -> Aspect:
     )
 
 
-def _history(document: dict[str, Any], aspects: int) -> tuple[Counts, Counts] | None:
+def _history(document: dict[str, Any], distribution: Distribution) -> tuple[Counts, Counts] | None:
     rows = document.get('history')
     if not rows:
         return None
     drops = np.array([row['drops'] for row in rows], dtype=np.int64)
-    counts = np.array([row['counts'] for row in rows], dtype=np.int64).reshape(len(rows), aspects)
+    counts = np.array([row['counts'] for row in rows], dtype=np.int64).reshape(
+        len(rows), len(distribution.aspects)
+    )
     if not (np.diff(drops, prepend=0) > 0).all() or (counts < 0).any():
         raise ValueError('history does not ascend')
     if (counts.sum(axis=1) > drops).any():
         raise ValueError('history counts more than its drops')
+    if drops[-1] != distribution.drops or (counts[-1] != distribution.counts).any():
+        raise ValueError('history does not end with the counts')
     return drops, counts

@@ -74,8 +74,8 @@ def add(subparsers: Any) -> None:
     parser.add_argument(
         '--report',
         action='store_true',
-        help='write report.html, a page with pictures and charts, and its figures, into the '
-        'folder of --out (out/ and the part)',
+        help='with the files of --out (out/ and the part) write report.html, a page with pictures '
+        'and charts',
     )
     parser.add_argument('--poses', metavar='FILE.csv', type=Path, help='write the resting poses')
     parser.add_argument(

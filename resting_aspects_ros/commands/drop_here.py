@@ -1,6 +1,7 @@
 """What `resting_aspects drop` does: drop a part here and now, without ROS."""
 
 import argparse
+import signal
 import sys
 import time
 import uuid
@@ -24,6 +25,7 @@ from resting_aspects_ros.drops.ceiling import most_drops
 from resting_aspects_ros.drops.cluster import ClusterWorkers
 from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.worker_pool import ProcessWorkers, default_workers
+from resting_aspects_ros.signals import handled_by
 
 INTERRUPTED = 130
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
@@ -61,8 +63,7 @@ def drop_here(
         started=time.time_ns(),
     )
     question.check_engine(run)
-    out: Path | None = arguments.out
-    page = _page_folder(arguments, part.name)
+    flag, out = _folder(arguments, part.name)
     failure: EngineError | None = None
     convergence: Convergence | None = None
     checked = not arguments.check_convergence
@@ -70,8 +71,8 @@ def drop_here(
     with ExitStack() as stack:
         workers = _workers(arguments)
         stack.callback(workers.stop)
-        for flag, path in _poses_paths(arguments.poses, out):
-            tally.tables.append(stack.enter_context(poses_file(flag, path)))
+        for option, path in _poses_paths(arguments.poses, flag, out):
+            tally.tables.append(stack.enter_context(poses_file(option, path)))
         for warning in (*part.warnings, *_of_height(run.conditions.height, part.hull_radius)):
             warn(warning)
         try:
@@ -90,7 +91,7 @@ def drop_here(
         mesh_file(arguments.part),
         tally.history.points(),
     )
-    _write(answer, out, page, as_json=arguments.json)
+    _write(answer, out, report=arguments.report, as_json=arguments.json)
     if failure is not None:
         done = tally.distribution.drops
         raise EngineError(f'{failure}, after {done} of {run.drops} drops, which are in the answer')
@@ -102,32 +103,44 @@ def drop_here(
     return INTERRUPTED if missing else 0
 
 
-def _write(answer: Answer, out: Path | None, page: Path | None, *, as_json: bool) -> None:
-    """Files first, so that an answer that nobody reads to its end is still saved."""
-    written = []
-    if out is not None:
-        answer.save_json(out / DOCUMENT)
-        answer.save_picture(out / PICTURE)
-        written.append(f'Written: {", ".join(str(out / n) for n in (DOCUMENT, PICTURE, POSES))}')
-    if page is not None:
+def _write(answer: Answer, out: Path | None, *, report: bool, as_json: bool) -> None:
+    """Save and print the answer, whatever of it fails; the page, which takes longest, at last."""
+    try:
+        if out is not None:
+            answer.save_json(out / DOCUMENT)
+            if not report:
+                answer.save_picture(out / PICTURE)
+    finally:
+        answer.print(as_json=as_json)
+    if out is None:
+        return
+    if not as_json:
+        names = (DOCUMENT, POSES) if report else (DOCUMENT, PICTURE, POSES)
+        print(f'Written: {", ".join(str(out / name) for name in names)}', flush=True)
+    if report:
         from resting_aspects_ros.commands.report_files import write_report
 
-        written.append(f'Report: {write_report(answer, page)}')
-    answer.print(as_json=as_json)
-    if not as_json:
-        print(*written, sep='\n', end='\n' if written else '')
+        # All else is saved: who does not want to wait for the page need not.
+        with handled_by(signal.default_int_handler):
+            page = write_report(answer, out)
+        if not as_json:
+            print(f'Report: {page}')
 
 
-def _page_folder(arguments: argparse.Namespace, part: str) -> Path | None:
-    """Where the report goes, if one is asked for; raises InvalidValueError if it cannot."""
-    if not arguments.report:
-        return None
-    # It takes a while to import, which drops without a report do not need.
-    from resting_aspects_ros.commands.report_files import check_report, default_folder
+def _folder(arguments: argparse.Namespace, part: str) -> tuple[str, Path | None]:
+    """Where the answer goes, if it is to be saved, and which flag says so.
 
-    folder: Path = arguments.out or default_folder(part)
-    check_report('--report' if arguments.out is None else '--out', folder)
-    return folder
+    Raises InvalidValueError if it cannot be written there.
+    """
+    flag, out = '--out', arguments.out
+    if arguments.report:
+        # It takes a while to import, which drops without a report do not need.
+        from resting_aspects_ros.commands.report_files import check_report, default_folder
+
+        if out is None:
+            flag, out = '--report', default_folder(part)
+        check_report(flag, out)
+    return flag, out
 
 
 def _workers(arguments: argparse.Namespace) -> ProcessWorkers | ClusterWorkers:
@@ -164,14 +177,14 @@ def _of_height(height: float, radius: float) -> Iterator[str]:
         )
 
 
-def _poses_paths(poses: Path | None, out: Path | None) -> Iterator[tuple[str, Path]]:
-    """Where the poses go, checked, like what goes beside them."""
+def _poses_paths(poses: Path | None, flag: str, out: Path | None) -> Iterator[tuple[str, Path]]:
+    """Where the poses go, checked, like what goes beside them, which ``flag`` asks for."""
     check_output('--poses', poses)
     if out is not None:
-        make_folder('--out', out)
+        make_folder(flag, out)
         for name in (DOCUMENT, PICTURE, POSES):
-            check_output('--out', out / name)
-        yield '--out', out / POSES
+            check_output(flag, out / name)
+        yield flag, out / POSES
     if poses is not None and not (out is not None and _same(poses, out / POSES)):
         yield '--poses', poses
 

@@ -17,14 +17,8 @@ from resting_aspects_ros.core.file_names import printable
 from resting_aspects_ros.core.intervals import Array
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.report.aspect_table import symmetry_text
-from resting_aspects_ros.report.page import (
-    ENDINGS,
-    FIGURES,
-    PAGE,
-    Measured,
-    Report,
-    report_files,
-)
+from resting_aspects_ros.report.comparison_words import Measured
+from resting_aspects_ros.report.page import ENDINGS, FIGURES, PAGE, Report, report_files
 
 # Of the tables that are drawn for p values: the same question has the same answer.
 SEED = 1
@@ -38,16 +32,24 @@ def default_folder(part: str) -> Path:
 def check_report(flag: str, folder: Path) -> None:
     """Make the folder; InvalidValueError if that cannot be, or a file in it cannot be written."""
     make_folder(flag, folder)
-    for name in (PAGE, *(f'{figure}.{ending}' for figure in FIGURES for ending in ENDINGS)):
+    for name in (PAGE, *_figure_files()):
         check_output(flag, folder / name)
+
+
+def _figure_files() -> list[str]:
+    return [f'{figure}.{ending}' for figure in FIGURES for ending in ENDINGS]
 
 
 def write_report(answer: Answer, folder: Path, against: GivenCounts | None = None) -> Path:
     """Write it; returns where the page is. Raises OutputError."""
-    report = _report(answer, against)
-    for name, data in report_files(report):
+    written = set()
+    for name, data in report_files(_report(answer, against)):
         with whole_file(folder / name) as file:
             file.write_bytes(data)
+        written.add(name)
+    for name in _figure_files():
+        if name not in written:  # of an earlier report: it does not belong to this page
+            (folder / name).unlink(missing_ok=True)
     return folder / PAGE
 
 
@@ -73,7 +75,7 @@ def _measured(answer: Answer, against: GivenCounts) -> Measured:
     own = answer.distribution.by_class()
     counted = Tally(own.counts, own.unclassified, own.unsettled, own.failed)
     found = compare(counted, tally, np.random.default_rng(SEED), own.confidence)
-    return Measured(printable(against.path.name), tally, found)
+    return Measured(printable(against.path.name), counted, tally, found)
 
 
 def _estimates(answer: Answer) -> tuple[dict[str, Array], dict[str, str]]:
@@ -94,11 +96,19 @@ def _estimates(answer: Answer) -> tuple[dict[str, Array], dict[str, str]]:
 def _notes(answer: Answer) -> Iterator[str]:
     run, drops = answer.run, answer.distribution.drops
     if not answer.complete:
-        yield f'Not all drops are counted: {drops} of {run.drops}.'
+        asked = (
+            f'until every interval is at most ±{run.precision:g}' if run.precision else run.drops
+        )
+        yield f'The run is not complete: {drops} drops are counted, asked for were {asked}.'
     if answer.convergence is not None:
         yield answer.convergence.text().replace('\n', ' ')
     if answer.part is None:
-        yield 'The mesh of the part was not found: there are no pictures.'
+        yield (
+            'The mesh of the part is not at hand: there are no pictures, and nothing from its '
+            'shape alone.'
+        )
+    else:
+        yield from (f'{warning[0].upper()}{warning[1:]}.' for warning in answer.part.warnings)
 
 
 def _facts(answer: Answer) -> dict[str, list[tuple[str, str]]]:

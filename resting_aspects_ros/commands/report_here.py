@@ -19,6 +19,11 @@ def report_here(arguments: argparse.Namespace) -> int:
     if arguments.against is not None:
         against = read_counts(arguments.against)
         aspects = answer.distribution.aspects
+        if not answer.distribution.counts.any():
+            raise InvalidValueError(
+                f'{str(arguments.result)!r} has no drop in an aspect, allowed with --against are '
+                '1 or more'
+            )
         check_against(against, answer.run.part, answer.run.part_sha256, aspects)
     folder = arguments.out or default_folder(answer.run.part)
     check_report('--out', folder)

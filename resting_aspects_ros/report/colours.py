@@ -19,9 +19,16 @@ COLOURS = (
 GREY = '#B8B8B8'  # what is in no aspect
 
 
+# The second ten are these made lighter, the third darker, and so on: towards which, and how far.
+_ROUNDS = ((0.0, 0.0), (1.0, 0.5), (0.0, 0.4))
+
+
 def aspect_colour(aspect: Aspect) -> str:
-    """'#RRGGBB', by symmetry class; they repeat after ten."""
-    return COLOURS[(aspect.symmetry_class - 1) % len(COLOURS)]
+    """'#RRGGBB', by symmetry class; they repeat after three times ten."""
+    turn, k = divmod(aspect.symmetry_class - 1, len(COLOURS))
+    towards, far = _ROUNDS[turn % len(_ROUNDS)]
+    mixed = [round(255 * (c + (towards - c) * far)) for c in rgb(COLOURS[k])]
+    return '#{:02X}{:02X}{:02X}'.format(*mixed)
 
 
 def rgb(colour: str) -> tuple[float, float, float]:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from resting_aspects_ros.core.estimators.estimate import METHODS
 from resting_aspects_ros.core.history import Counts
-from resting_aspects_ros.core.intervals import Array, Interval, intervals
+from resting_aspects_ros.core.intervals import Array, Interval
 from resting_aspects_ros.report.figure_style import (
     FAINT,
     PAPER,
@@ -18,7 +19,7 @@ from resting_aspects_ros.report.figure_style import (
     percent_axis,
     plain_axes,
 )
-from resting_aspects_ros.report.rounding import decimals_of, probability_text
+from resting_aspects_ros.report.rounding import probability_text
 from resting_aspects_ros.report.rows import Row
 
 if TYPE_CHECKING:
@@ -28,11 +29,11 @@ if TYPE_CHECKING:
 WIDTH = 7.2  # inches
 MOST_LINES = 10  # as there are colours
 # Of the methods; one form each, so that they differ without colour.
-MARKERS = 'osD^vPX'
+MARKERS = 'osD^vPX'  # in the order of METHODS
 
 
 def convergence_figure(
-    rows: Sequence[Row], drops: Counts, counts: Sequence[Counts], confidence: float
+    rows: Sequence[Row], drops: Counts, bands: Sequence[Sequence[Interval]]
 ) -> 'Figure':
     """Share of each row after growing numbers of drops, with its interval as a band.
 
@@ -42,8 +43,8 @@ def convergence_figure(
         Of many those with the most drops are shown.
     drops : (m,) int
         Ascending.
-    counts : sequence of (m,) int
-        Of each row.
+    bands : sequence of sequence of Interval
+        After each number of drops, of each row.
     """
     figure = new_figure(WIDTH, 3.6)
     axes = figure.add_axes((0.09, 0.14, 0.66, 0.82))
@@ -52,12 +53,9 @@ def convergence_figure(
     top = 0.0
     ends = []
     for k in sorted(most):
-        bands = [
-            intervals([int(count)], int(n), confidence=confidence)[0]
-            for count, n in zip(counts[k], drops, strict=True)
-        ]
-        lower, upper = ([getattr(band, side) for band in bands] for side in ('lower', 'upper'))
-        shares = [band.probability for band in bands]
+        own = [after[k] for after in bands]
+        lower, upper = ([getattr(each, side) for each in own] for side in ('lower', 'upper'))
+        shares = [each.probability for each in own]
         axes.fill_between(drops, lower, upper, color=rows[k].colour, alpha=0.22, linewidth=0)
         axes.plot(drops, shares, color=rows[k].colour, linewidth=1.8)
         top = max(top, *upper[len(upper) // 3 :])
@@ -89,7 +87,8 @@ def estimates_figure(rows: Sequence[Row], estimates: Mapping[str, Array]) -> 'Fi
         wide = row.interval.upper - row.interval.lower
         axes.barh(y, wide, 0.5, row.interval.lower, color=row.colour, alpha=0.55)
         axes.plot([row.interval.probability] * 2, [y - 0.25, y + 0.25], color=TEXT, linewidth=1.4)
-    for marker, (name, shares) in zip(MARKERS, estimates.items(), strict=False):
+    for name, shares in estimates.items():
+        marker = MARKERS[list(METHODS).index(name)]
         axes.plot(
             shares,
             places,
@@ -117,7 +116,7 @@ def estimates_figure(rows: Sequence[Row], estimates: Mapping[str, Array]) -> 'Fi
 def comparison_figure(
     rows: Sequence[Row],
     sides: Mapping[str, Sequence[Interval]],
-    deviation: Array,
+    differences: Sequence[str],
 ) -> 'Figure':
     """Two distributions side by side, with whiskers, and how far they are apart.
 
@@ -126,8 +125,8 @@ def comparison_figure(
     sides : mapping
         By the side's name, the first in full colour and the other one paler: the interval of each
         row.
-    deviation : (rows,) float
-        First less second, as shares.
+    differences : sequence of str
+        Of each row, what is written beside it.
     """
     figure, axes, places = _lying(rows, 0.62)
     top = max(each.upper for side in sides.values() for each in side)
@@ -157,9 +156,8 @@ def comparison_figure(
         )
     for k, y in enumerate(places):
         end = max(side[k].upper for side in sides.values())
-        decimals = min(decimals_of(next(iter(sides.values()))[k]) + 1, 2)
         axes.annotate(
-            f'{100 * deviation[k] + 0.0:+.{decimals}f}',
+            differences[k],
             (end, y),
             (8, 0),
             textcoords='offset points',
@@ -168,7 +166,7 @@ def comparison_figure(
             va='center',
             color=TEXT,
         )
-    axes.set_xlim(0, top * 1.15)
+    axes.set_xlim(0, top * 1.3)
     percent_axis(axes, 'x', top)
     return figure
 

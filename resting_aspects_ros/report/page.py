@@ -3,18 +3,22 @@
 import base64
 import io
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resting_aspects_ros.core.comparison import Comparison, Tally
 from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.history import Counts
-from resting_aspects_ros.core.intervals import Array, intervals
+from resting_aspects_ros.core.intervals import Array, Interval
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.report.colours import rgb
+from resting_aspects_ros.report.comparison_words import (
+    Measured,
+    comparison_words,
+    difference_texts,
+)
 from resting_aspects_ros.report.figure_style import inline_svg, png_bytes, svg_text
 from resting_aspects_ros.report.figures import (
     comparison_figure,
@@ -25,7 +29,7 @@ from resting_aspects_ros.report.page_rows import RowText, row_texts
 from resting_aspects_ros.report.picture import MOST_SHOWN, distribution_figure
 from resting_aspects_ros.report.pie import pie_figure
 from resting_aspects_ros.report.portrait import FROM_ABOVE, OBLIQUE, Image, lay, portraits
-from resting_aspects_ros.report.rounding import share_text
+from resting_aspects_ros.report.rounding import interval_text, share_text
 from resting_aspects_ros.report.rows import Row, class_rows, outside_rows
 from resting_aspects_ros.report.scene import scene
 from resting_aspects_ros.report.standing import shown_part
@@ -38,23 +42,10 @@ PAGE = 'report.html'
 FIGURES = ('distribution', 'pie', 'convergence', 'estimates', 'comparison')
 ENDINGS = ('png', 'svg')
 _FILES = 'page_files'
-# Of a picture in a row: twice what it is shown with, for fine screens.
-PIXELS = 320
+# Of a picture in a row: twice what it is shown with, for fine screens; of many rows, see page.css.
+PIXELS, PIXELS_OF_MANY, MANY = 320, 192, 12
 # Rows with pictures; of more those with the most drops have them.
 MOST_PICTURED = 60
-
-
-@dataclass(frozen=True, eq=False)
-class Measured:
-    """What the drops are held against, counted by symmetry class.
-
-    comparison : Comparison
-        Of the drops with it.
-    """
-
-    name: str
-    tally: Tally
-    comparison: Comparison
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +106,8 @@ class _Drawn:
         """By the row's index."""
         lying = [self.lying[k] for k in self.pictured]
         colours = [rgb(self.rows[k].colour) for k in self.pictured]
-        return dict(zip(self.pictured, portraits(lying, colours, PIXELS, view), strict=True))
+        pixels = PIXELS if len(self.rows) <= MANY else PIXELS_OF_MANY
+        return dict(zip(self.pictured, portraits(lying, colours, pixels, view), strict=True))
 
 
 def _figures(report: Report, drawn: _Drawn) -> dict[str, 'Figure']:
@@ -131,30 +123,34 @@ def _figures(report: Report, drawn: _Drawn) -> dict[str, 'Figure']:
         ),
     }
     if report.history is not None and len(report.history[0]) > 1 and rows:
-        drops, counts = report.history
-        figures['convergence'] = convergence_figure(
-            rows, drops, _of_rows(rows, counts.T), distribution.confidence
-        )
+        drops = report.history[0]
+        figures['convergence'] = convergence_figure(rows, drops, _bands(report))
     if report.estimates and rows:
         figures['estimates'] = estimates_figure(
             rows, {name: np.array(_of_rows(rows, p)) for name, p in report.estimates.items()}
         )
     if report.measured is not None:
-        figures['comparison'] = _comparison(rows, report)
+        figures['comparison'] = comparison_figure(
+            rows, report.measured.sides(), difference_texts(report.measured.comparison)
+        )
     return figures
 
 
-def _comparison(rows: Sequence[Row], report: Report) -> 'Figure':
-    assert report.measured is not None
-    tally, found = report.measured.tally, report.measured.comparison
-    counts = np.array([row.count for row in rows])
-    sides = {
-        f'simulated, {counts.sum()} drops': intervals(counts, int(counts.sum())),
-        f'{report.measured.name}, {tally.counts.sum()} drops': intervals(
-            tally.counts, int(tally.counts.sum())
-        ),
-    }
-    return comparison_figure(rows, sides, found.deviation)
+def _bands(report: Report) -> list[list[Interval]]:
+    """After each number of drops of the history the interval of each class, as of the last."""
+    assert report.history is not None
+    return [
+        replace(
+            report.distribution,
+            counts=counts,
+            unclassified=int(drops - counts.sum()),
+            unsettled=0,
+            failed=0,
+        )
+        .by_class()
+        .intervals()
+        for drops, counts in zip(*report.history, strict=True)
+    ]
 
 
 def _page(report: Report, drawn: _Drawn, svgs: Mapping[str, str]) -> str:
@@ -181,8 +177,9 @@ def _page(report: Report, drawn: _Drawn, svgs: Mapping[str, str]) -> str:
         interval=report.distribution.interval.capitalize(),
         rows=texts,
         bars=_largest(texts),
-        unseen=_unseen(drawn.rows),
+        unseen=_unseen(drawn.rows) if report.distribution.drops else '',
         figures={name: inline_svg(svg, name, labels[name]) for name, svg in svgs.items()},
+        comparison=report.measured and comparison_words(report.measured, drawn.rows),
         estimates={
             name: [share_text(p) for p in _of_rows(drawn.rows, shares)]
             for name, shares in report.estimates.items()
@@ -207,7 +204,9 @@ def _largest(rows: Sequence[RowText]) -> list[RowText]:
 def _unseen(rows: Sequence[Row]) -> str:
     """Rows in which no drop ended, with the bounds of their probability, in words."""
     return ', '.join(
-        f'{row.name} (at most {share_text(row.interval.upper)} %)' for row in rows if not row.count
+        f'{row.name} (at most {interval_text(row.interval).removeprefix("0 to ")})'
+        for row in rows
+        if not row.count
     )
 
 

@@ -145,24 +145,32 @@ def _bar(interval: Interval, longest: float) -> Bar:
 
 
 def _facts(row: Row, height: str) -> tuple[tuple[str, str, str], ...]:
-    aspect = row.aspects[0]
-    barrier = f'{1000 * aspect.least_barrier:.3g} mm' if aspect.neighbour else 'none'
+    basin = sum(aspect.basin_share for aspect in row.aspects)
     return (
         ('centre of mass', f'{height} mm high', 'above the surface'),
         (
             'least barrier',
-            f'{barrier}, to {aspect.neighbour}' if aspect.neighbour else barrier,
+            _barrier(row),
             'the least rise of the centre of mass that tips the part over, and into which aspect',
         ),
         (
             'basin',
-            f'{share_text(aspect.basin_share * len(row.aspects))} %',
+            f'{share_text(basin)} %',
             'share of all directions from which the part, let go without speed, rolls here',
         ),
-        ('rests on', SIDES[aspect.sweep], 'the side on which it lies'),
+        ('rests on', SIDES[row.aspects[0].sweep], 'the side on which it lies'),
         (
             'alike',
             str(len(row.aspects)),
             'aspects that a rotation of the part takes to each other (symmetry multiplicity)',
         ),
     )
+
+
+def _barrier(row: Row) -> str:
+    aspect = row.aspects[0]
+    if not aspect.neighbour:
+        return 'none'
+    alike = aspect.neighbour in {each.id for each in row.aspects}
+    to = 'one alike' if alike else str(aspect.neighbour)
+    return f'{1000 * aspect.least_barrier:.3g} mm, to {to}'

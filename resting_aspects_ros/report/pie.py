@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 WIDE, HIGH = 5.0, 4.4  # of a pie
 # Radii that a pie's figure is wide to each side, with pictures around it and without.
 REACH, BARE_REACH = 1.84, 1.32
-# Slices of less have no words and no picture, which would lie on each other.
+# Slices of less have no words, and of less than twice this no picture: they would lie on each
+# other.
 LEAST_SLICE = 0.03
 # Pictures around a pie of more slices would be too small.
 MOST_PICTURES = 8
@@ -60,9 +61,9 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
         if not big:
             continue
         x, y = np.cos(middle), np.sin(middle)
-        if image is not None and pictured:
-            _place(axes, image, 1.46 * x, 1.32 * y, 0.70)
         inside = share >= 2 * LEAST_SLICE
+        if image is not None and pictured and inside:
+            _place(axes, image, 1.46 * x, 1.32 * y, 0.70)
         out = 0.66 if inside else 1.12
         axes.text(
             out * x,

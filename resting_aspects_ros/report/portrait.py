@@ -36,6 +36,7 @@ LIGHT /= np.linalg.norm(LIGHT)
 
 DARKEST = 0.5  # of the colour, on a side that faces away from the light
 EDGE_COLOUR = np.array([0.13, 0.13, 0.15])
+MOST_EDGE = 0.6  # of the part's pixels
 SHADOW = 0.28  # opacity
 SOFT = 7  # fine pixels of the shadow's border
 
@@ -171,8 +172,10 @@ def _portrait(solid: LyingPart, colour: Array, scale: float, pixels: int, view: 
     image[part, :3] = shade[seen.face[part], None] * colour
     image[part, 3] = 1.0
     edge = _thicker(edges(seen, solid.normals))
-    image[edge, :3] = EDGE_COLOUR
-    image[edge, 3] = 1.0
+    # A part that is a few pixels thin would be all edge.
+    if np.count_nonzero(edge & part) < MOST_EDGE * np.count_nonzero(part):
+        image[edge, :3] = EDGE_COLOUR
+        image[edge, 3] = 1.0
     return _reduced(image)[::-1].astype(np.float32)
 
 

@@ -51,6 +51,21 @@ def interval_text(interval: Interval) -> str:
     return f'{_percent(interval.lower, decimals)} to {_percent(interval.upper, decimals)} %'
 
 
+def points_text(deviation: float, lower: float, upper: float) -> str:
+    """A difference of shares with its bounds, in percentage points: '+3.1 (-0.9 to +7.0)'."""
+    decimals = decimals_of(Interval(deviation, lower, upper))
+    found, low, high = (_points(x, decimals) for x in (deviation, lower, upper))
+    return f'{found} ({low} to {high})'
+
+
+def chance_text(p_value: float) -> str:
+    """How often chance alone does so much: 'in 12 % of cases'."""
+    if p_value < 0.001:
+        return 'in less than 1 of 1000 cases'
+    percent = 100 * p_value
+    return f'in {percent:.1g} % of cases' if percent < 1 else f'in {percent:.0f} % of cases'
+
+
 def share_text(share: float) -> str:
     """In percent without the sign, as '27.8'; of less than 1 % two digits, as '0.034'."""
     percent = 100 * share
@@ -72,6 +87,11 @@ def millimetre_texts(lengths: npt.NDArray[np.float64]) -> list[str]:
 def _percent(share: float, decimals: int) -> str:
     # Nothing is exactly nothing: decimals would say that it was measured that well.
     return f'{100 * share:.{decimals}f}' if share else '0'
+
+
+def _points(share: float, decimals: int) -> str:
+    # Adding zero makes no -0.0.
+    return f'{round(100 * share, decimals) + 0.0:+.{decimals}f}'
 
 
 def _signed(value: float) -> str:

@@ -52,12 +52,28 @@ try {
     await page.mouse.up();
     turned = await seen();
   }
+  // From the last row on the screen: the part is to be seen as it turns.
+  const inSight = () => page.evaluate(() => {
+    const { top, bottom } = document.getElementById('stage').getBoundingClientRect();
+    return top >= -1 && bottom <= innerHeight + 1;
+  });
+  await buttons.nth(count - 1).scrollIntoViewIfNeeded();
+  await buttons.nth(count - 1).click();
+  const in_sight = [await inSight()];
+  await page.evaluate(() => getSelection().selectAllChildren(document.querySelector('h1')));
+  await buttons.first().focus();
+  await page.keyboard.press('Enter');
+  in_sight.push(await inSight());
+  const marked = await page.locator('#view-name').textContent();
+
   const text = (selector) => page.locator(selector).allInnerTexts();
   process.stdout.write(JSON.stringify({
     said,
     asked: asked.filter((url) => !url.startsWith('data:')),
     views,
     turned,
+    in_sight,
+    marked,
     buttons: count,
     rows: await text('.row h3'),
     headings: await text('h2'),

@@ -89,7 +89,7 @@ def test_the_part_stands_in_each_aspect(part, name):
         assert (marker.lifetime.sec, marker.lifetime.nanosec) == (0, 0)  # for ever
 
 
-def test_parts_side_by_side_do_not_touch_and_differ_in_colour(part):
+def test_parts_side_by_side_do_not_touch_and_what_looks_alike_has_one_colour(part):
     part = part('hex_nut')
     aspects = find_aspects(part)
     meshes, _ = split(PartMarkers(part, aspects).message(no_drops(aspects), STAMP))
@@ -98,8 +98,10 @@ def test_parts_side_by_side_do_not_touch_and_differ_in_colour(part):
     for k, (low, high) in enumerate(boxes):
         for other_low, other_high in boxes[:k]:
             assert (low > other_high).any() or (high < other_low).any()
-    colours = {(m.color.r, m.color.g, m.color.b) for m in meshes.values()}
-    assert len(colours) == len(meshes)
+    colours = {k: (m.color.r, m.color.g, m.color.b) for k, m in meshes.items()}
+    of_classes = [{colours[a.id] for a in members} for members in aspects.classes()]
+    assert [len(each) for each in of_classes] == [1, 1]
+    assert len(set(colours.values())) == 2
 
 
 def test_texts_have_as_many_digits_as_the_drops_allow(part):

@@ -10,28 +10,40 @@ from scipy.spatial import HalfspaceIntersection
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.comparison import Tally, compare
 from resting_aspects_ros.core.distribution import Distribution
-from resting_aspects_ros.report.page import Measured, Report, report_files
+from resting_aspects_ros.report.comparison_words import Measured
+from resting_aspects_ros.report.page import Report, report_files
 
 
 @pytest.fixture(scope='session')
 def make_report():
     """Make the report of a part with a share of the drops in each aspect, and 3 % in none."""
 
-    def make(part, *, drops=1000, unseen=(), measured=False, **more):
+    def make(
+        part,
+        *,
+        drops=1000,
+        unseen=(),
+        measured=False,
+        interval='wilson',
+        confidence=0.95,
+        **more,
+    ):
         aspects = find_aspects(part)
         weights = np.array([a.basin_share for a in aspects.aspects])
         weights[[k - 1 for k in unseen]] = 0.0
         counts = np.random.default_rng(4).multinomial(
             drops - 3 * drops // 100, weights / weights.sum()
         )
-        distribution = Distribution(aspects, counts, drops * 2 // 100, drops // 100, 0)
+        distribution = Distribution(
+            aspects, counts, drops * 2 // 100, drops // 100, 0, interval, confidence
+        )
         if measured:
-            own = Tally(distribution.by_class().counts)
+            own = Tally(distribution.by_class().counts, distribution.unclassified, drops // 100)
             other = Tally(own.counts // 2 + 3)
             found = compare(own, other, np.random.default_rng(1))
-            more['measured'] = Measured('by hand', other, found)
+            more['measured'] = Measured('by hand', own, other, found)
         looks = np.array([10, 30, 100, 300, distribution.drops])
-        more.setdefault('history', (looks, np.outer(looks, counts) // drops))
+        more.setdefault('history', (looks, np.outer(looks, counts) // distribution.drops))
         return Report(part.name, f'{drops} drops on a tray', distribution, part, **more)
 
     return make

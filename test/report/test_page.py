@@ -15,7 +15,15 @@ from PIL import Image
 
 from resting_aspects_ros.core.rotations import rotate
 from resting_aspects_ros.report.colours import aspect_colour
-from resting_aspects_ros.report.page import ENDINGS, FIGURES, MOST_PICTURED, PIXELS, Report
+from resting_aspects_ros.report.page import (
+    ENDINGS,
+    FIGURES,
+    MOST_PICTURED,
+    PIXELS,
+    Report,
+    _bands,
+)
+from resting_aspects_ros.report.rounding import chance_text, points_text
 from resting_aspects_ros.report.standing import MOST_OF_PICTURES
 
 VOID = {'meta', 'link', 'br', 'img', 'path', 'use', 'rect', 'input', 'hr', 'image'}
@@ -173,12 +181,71 @@ def test_words_from_outside_are_text(page):
     assert any(words(each) == '0.2 m <script>' for each in page.all('dd'))
 
 
+def test_bands_end_with_the_intervals_of_the_rows(part, make_report):
+    report = make_report(part('hex_nut'), interval='simultaneous', confidence=0.99)
+    bands = _bands(report)
+    assert len(bands) == len(report.history[0])
+    assert bands[-1] == report.distribution.by_class().intervals()
+    wilson = make_report(part('hex_nut')).distribution.by_class().intervals()
+    for wide, narrow in zip(bands[-1], wilson, strict=True):
+        assert wide.lower < narrow.lower < narrow.upper < wide.upper
+
+
+def test_measured_and_simulated_in_words(page, bracket):
+    found = bracket.measured.comparison
+    said = {
+        words(each): words(value)
+        for each, value in zip(page.all('dt'), page.all('dd'), strict=True)
+    }
+    assert said['mean deviation'] == f'{100 * found.mean_deviation:.1f} points'
+    largest = float(re.match(r'[+-][\d.]+', said['largest'])[0])
+    assert largest == pytest.approx(100 * found.largest_deviation, abs=0.51)
+    assert re.fullmatch(r'in \d+ % of cases', said['chance alone would do as much'])
+    cells = [words(each) for each in page.all('td')]
+    told = [re.findall(r'[+-][\d.]+', c) for c in cells if re.match(r'[+-][\d.]+ \(', c)]
+    expected = np.stack([found.deviation, found.lower, found.upper], axis=1)
+    np.testing.assert_allclose(np.array(told, dtype=float), 100 * expected, atol=0.51)
+    # What was counted in no aspect is beside it.
+    assert any(words(each) == 'unclassified, of all drops' for each in page.all('th'))
+    assert 'No difference that chance does not explain' in words(
+        page.all('p', **{'class': 'verdict'})[0]
+    )
+
+
+@pytest.mark.parametrize(
+    ('p_value', 'said'),
+    [
+        (1.0, 'in 100 % of cases'),
+        (0.997, 'in 100 % of cases'),
+        (0.123, 'in 12 % of cases'),
+        (0.004, 'in 0.4 % of cases'),
+        (0.0001, 'in less than 1 of 1000 cases'),
+    ],
+)
+def test_chance_is_told_without_exponents(p_value, said):
+    assert chance_text(p_value) == said
+
+
+@pytest.mark.parametrize(
+    ('numbers', 'said'),
+    [
+        ((0.031, -0.009, 0.070), '+3.1 (-0.9 to +7.0)'),
+        ((1.0, 0.98, 1.0), '+100.0 (+98.0 to +100.0)'),
+        ((-0.00012, -0.001, 0.0008), '-0.01 (-0.10 to +0.08)'),
+        ((0.0, -0.2, 0.2), '+0 (-20 to +20)'),
+    ],
+)
+def test_a_difference_has_the_digits_that_its_bounds_allow(numbers, said):
+    assert points_text(*numbers) == said
+
+
 def test_sections_that_have_nothing_to_say_are_left_out(part, make_report, written):
     report = make_report(part('l_bracket'), history=None)
     folder = written(report)
     page = Reader((folder / 'report.html').read_text(encoding='utf-8'))
     assert [words(each) for each in page.all('h2')] == [
         'Aspects',
+        'How the probabilities converged',
         'What was dropped, and how',
         'How to read this',
     ]
@@ -190,7 +257,8 @@ def test_sections_that_have_nothing_to_say_are_left_out(part, make_report, writt
 
 
 def test_pictures_are_of_the_part_in_its_colour(page, bracket):
-    images = [each for each in page.all('img') if each['src']]
+    shown, *images = [each for each in page.all('img') if each['src']]
+    assert shown['src'] == images[0]['src']  # in place of the view until there is one
     assert len(images) == 2 * 5
     for k, (oblique, above) in enumerate(zip(images[::2], images[1::2], strict=True)):
         assert 'obliquely' in oblique['alt']
@@ -214,7 +282,7 @@ def decoded(element):
 def test_from_above_a_part_is_as_large_as_its_outline(part, make_report, written):
     report = make_report(part('box_10x20x30'))
     page = Reader((written(report) / 'report.html').read_text(encoding='utf-8'))
-    images = page.all('img', **{'class': 'above'})
+    images = page.all('img', alt='from above')
     sides = [(30, 20), (30, 10), (20, 10)]  # lying on the largest face first
     sizes = []
     for each in images:
@@ -265,7 +333,8 @@ def test_many_aspects(many_sided, make_report, written):
     text = (written(report) / 'report.html').read_text(encoding='utf-8')
     page = Reader(text)
     assert len([each for each in page.all('li') if 'data-row' in each]) == classes + 2
-    assert len([e for e in page.all('img') if e['src']]) == 2 * min(classes, MOST_PICTURED)
+    rows = [each for each in page.all('img') if each['alt']]
+    assert len(rows) == 2 * min(classes, MOST_PICTURED)
     assert len(text) < 5_000_000
 
 

@@ -88,6 +88,9 @@ def test_an_aspect_is_chosen_and_the_part_lies_so(look, bracket, width, scheme):
         )
         assert (counts > 0.01 * counts.sum()).sum() >= 4
     assert differ(views[-1]['picture'], seen['turned']) > 0.02
+    # Chosen from the last row on, the view is in sight; also while other text is marked.
+    assert seen['in_sight'] == [True, True]
+    assert seen['marked'] == 'aspect 1'
     paper, ink = seen['colours']
     assert (paper > ink + 100) if scheme == 'light' else (ink > paper + 100)
 

@@ -25,6 +25,8 @@ function makeView() {
   const renderer = new THREE.WebGLRenderer({ canvas, context });
   renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
   renderer.shadowMap.enabled = true;
+  document.getElementById('view-hint').textContent =
+    'Drag to turn; then the wheel or two fingers zoom. Choose an aspect below.';
   stage.append(canvas);
 
   const geometry = new THREE.BufferGeometry();
@@ -59,6 +61,10 @@ function makeView() {
   camera.position.copy(FROM);
   const controls = new OrbitControls(camera, canvas);
   controls.enablePan = false;
+  // The wheel scrolls the page, but for who has taken hold of the part.
+  controls.enableZoom = false;
+  canvas.addEventListener('pointerdown', () => { controls.enableZoom = true; });
+  canvas.addEventListener('pointerleave', () => { controls.enableZoom = false; });
   controls.minDistance = 1.4;
   controls.maxDistance = 9;
   controls.maxPolarAngle = Math.PI / 2 - 0.03;
@@ -112,10 +118,13 @@ function makePicture() {
   image.alt = '';
   stage.append(image);
   return (row, atOnce, element) => {
-    image.src = element.querySelector('img')?.src ?? '';
+    const picture = element.querySelector('img');
+    image.hidden = !picture;
+    if (picture) image.src = picture.src;
   };
 }
 
+stage.replaceChildren();
 const show = context ? makeView() : makePicture();
 
 function choose(element, atOnce = false) {
@@ -131,9 +140,13 @@ function choose(element, atOnce = false) {
 
 for (const row of rows) {
   row.addEventListener('click', (event) => {
-    // Text can be marked, and a class opened, without another choice.
-    if (event.target.closest('details') || String(getSelection())) return;
+    // Text of the row can be marked, and a class opened, without another choice.
+    const marked = getSelection();
+    const marking = !marked.isCollapsed && row.contains(marked.anchorNode);
+    const button = event.target.closest('button');
+    if (event.target.closest('details') || (marking && !button)) return;
     choose(row);
+    stage.scrollIntoView({ block: 'nearest', behavior: still.matches ? 'auto' : 'smooth' });
   });
 }
 if (rows.length) choose(rows[0], true);
