@@ -98,6 +98,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         # From here on another one is held back: the interpreter gives up its handlers as it ends,
         # and the exit code would be the signal's.
         signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+        # Not held back from the threads that libraries have begun.
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
         return _end(INTERRUPTED, str(interrupt) or 'interrupted')
     return code
 
