@@ -14,7 +14,7 @@ from resting_aspects_ros.commands.given_part import given_part
 from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.comparison import compare_with_exact
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate, estimate
+from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate, estimate_each
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
 from resting_aspects_ros.core.intervals import Array
 from resting_aspects_ros.core.part import Part
@@ -104,17 +104,10 @@ def _estimates(
     shape: RestingShape, names: Sequence[str]
 ) -> tuple[dict[str, Estimate | None], dict[str, str]]:
     """By method what it says, or why it says nothing."""
-    estimates: dict[str, Estimate | None] = {}
-    reasons: dict[str, str] = {}
-    for name in names:
-        try:
-            estimates[name] = estimate(shape, name)
-        except NotDefinedError as error:
-            estimates[name] = None
-            reasons[name] = str(error)
+    found, reasons = estimate_each(shape, names)
     if len(reasons) == len(names):
         raise NotDefinedError('; '.join(reasons.values()))
-    return estimates, reasons
+    return {name: found.get(name) for name in names}, reasons
 
 
 def _of_classes(found: Estimate) -> Array:

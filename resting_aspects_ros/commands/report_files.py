@@ -11,8 +11,8 @@ from resting_aspects_ros.commands.outputs import check_output, make_folder, whol
 from resting_aspects_ros.commands.run_facts import condition_facts, when_text
 from resting_aspects_ros.commands.surface_text import surface_text
 from resting_aspects_ros.core.comparison import Tally, compare
-from resting_aspects_ros.core.estimators.estimate import METHODS, estimate
-from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
+from resting_aspects_ros.core.estimators.estimate import METHODS, estimate_each
+from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.core.file_names import printable
 from resting_aspects_ros.core.intervals import Array
 from resting_aspects_ros.core.part import Part
@@ -55,7 +55,11 @@ def write_report(answer: Answer, folder: Path, against: GivenCounts | None = Non
 
 def _report(answer: Answer, against: GivenCounts | None) -> Report:
     distribution, part = answer.distribution, answer.part
-    estimates, reasons = _estimates(answer)
+    estimates: dict[str, Array] = {}
+    reasons: dict[str, str] = {}
+    if part is not None and len(distribution.aspects):
+        found, reasons = estimate_each(RestingShape(part, distribution.aspects), METHODS)
+        estimates = {name: each.probabilities for name, each in found.items()}
     return Report(
         title=answer.run.part,
         subtitle=answer.words,
@@ -78,27 +82,10 @@ def _measured(answer: Answer, against: GivenCounts) -> Measured:
     return Measured(printable(against.path.name), counted, tally, found)
 
 
-def _estimates(answer: Answer) -> tuple[dict[str, Array], dict[str, str]]:
-    """What each method predicts, or why it says nothing."""
-    found: dict[str, Array] = {}
-    reasons: dict[str, str] = {}
-    if answer.part is None or not len(answer.distribution.aspects):
-        return found, reasons
-    shape = RestingShape(answer.part, answer.distribution.aspects)
-    for name in METHODS:
-        try:
-            found[name] = estimate(shape, name).probabilities
-        except NotDefinedError as error:
-            reasons[name] = str(error)
-    return found, reasons
-
-
 def _notes(answer: Answer) -> Iterator[str]:
     run, drops = answer.run, answer.distribution.drops
     if not answer.complete:
-        asked = (
-            f'until every interval is at most ±{run.precision:g}' if run.precision else run.drops
-        )
+        asked = f'those to a precision of ±{run.precision:g}' if run.precision else f'{run.drops}'
         yield f'The run is not complete: {drops} drops are counted, asked for were {asked}.'
     if answer.convergence is not None:
         yield answer.convergence.text().replace('\n', ' ')

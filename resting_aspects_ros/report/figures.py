@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH = 7.2  # inches
-MOST_LINES = 10  # as there are colours
+MOST_LINES = 10  # more would hide each other
 # Of the methods; one form each, so that they differ without colour.
 MARKERS = 'osD^vPX'  # in the order of METHODS
 

@@ -1,6 +1,6 @@
 """The methods by name, and the distribution that each predicts."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,3 +90,17 @@ def estimate(shape: RestingShape, method: str) -> Estimate:
         places = [aspect.id - 1 for aspect in members]
         found[places] = found[places].mean()
     return Estimate(aspects, method, found / found.sum())
+
+
+def estimate_each(
+    shape: RestingShape, names: Iterable[str]
+) -> tuple[dict[str, Estimate], dict[str, str]]:
+    """By method what it says, and of those that say nothing, why."""
+    found: dict[str, Estimate] = {}
+    reasons: dict[str, str] = {}
+    for name in names:
+        try:
+            found[name] = estimate(shape, name)
+        except NotDefinedError as error:
+            reasons[name] = str(error)
+    return found, reasons
