@@ -37,7 +37,10 @@ def percent_axis(axes: 'Axes', name: str, most: float) -> None:
     from matplotlib.ticker import MaxNLocator
 
     axis = getattr(axes, f'{name}axis')
-    ticks = MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(0, most)
+    low, high = getattr(axes, f'get_{name}lim')()
+    pixels = axes.bbox.size['xy'.index(name)] * most / (high - low)
+    bins = min(max(int(pixels / PIXELS_PER_INCH / 0.6), 1), 5)
+    ticks = MaxNLocator(bins, steps=[1, 2, 5, 10]).tick_values(0, most)
     axis.set_ticks([tick for tick in ticks if 0 <= tick <= most * 1.001])
     axis.set_major_formatter(lambda share, _: f'{100 * share:.6g} %')
 

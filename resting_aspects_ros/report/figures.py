@@ -26,14 +26,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-WIDTH = 7.2  # inches
+WIDE, NARROW = 7.2, 4.1  # inches; the second is for a telephone
 MOST_LINES = 10  # more would hide each other
 # Of the methods; one form each, so that they differ without colour.
 MARKERS = 'osD^vPX'  # in the order of METHODS
+# Right of the places of rows, inches.
+_RIGHT = 0.25
 
 
 def convergence_figure(
-    rows: Sequence[Row], drops: Counts, bands: Sequence[Sequence[Interval]]
+    rows: Sequence[Row],
+    drops: Counts,
+    bands: Sequence[Sequence[Interval]],
+    width: float = WIDE,
 ) -> 'Figure':
     """Share of each row after growing numbers of drops, with its interval as a band.
 
@@ -46,8 +51,9 @@ def convergence_figure(
     bands : sequence of sequence of Interval
         After each number of drops, of each row.
     """
-    figure = new_figure(WIDTH, 3.6)
-    axes = figure.add_axes((0.09, 0.14, 0.66, 0.82))
+    figure = new_figure(width, 3.6)
+    left, right = 0.5, 1.75  # inches; the names stand right
+    axes = figure.add_axes((left / width, 0.14, 1 - (left + right) / width, 0.82))
     plain_axes(axes, 'y')
     most = sorted(range(len(rows)), key=lambda k: -rows[k].count)[:MOST_LINES]
     top = 0.0
@@ -74,7 +80,9 @@ def convergence_figure(
     return figure
 
 
-def estimates_figure(rows: Sequence[Row], estimates: Mapping[str, Array]) -> 'Figure':
+def estimates_figure(
+    rows: Sequence[Row], estimates: Mapping[str, Array], width: float = WIDE
+) -> 'Figure':
     """What each method predicts for each row, over the interval of the drops as a bar.
 
     Parameters
@@ -82,7 +90,9 @@ def estimates_figure(rows: Sequence[Row], estimates: Mapping[str, Array]) -> 'Fi
     estimates : mapping
         By the method's name, (rows,) probabilities.
     """
-    figure, axes, places = _lying(rows, 0.5)
+    columns = int(width / 1.7)  # of the legend
+    lines = -(-len(estimates) // columns)
+    figure, axes, places = _lying(rows, 0.5, width, 0.35 + 0.2 * lines)
     for row, y in zip(rows, places, strict=True):
         wide = row.interval.upper - row.interval.lower
         axes.barh(y, wide, 0.5, row.interval.lower, color=row.colour, alpha=0.55)
@@ -104,11 +114,12 @@ def estimates_figure(rows: Sequence[Row], estimates: Mapping[str, Array]) -> 'Fi
     percent_axis(axes, 'x', top)
     figure.legend(
         loc='lower left',
-        ncols=4,
+        ncols=columns,
         frameon=False,
         fontsize=8,
         labelcolor=TEXT,
-        bbox_to_anchor=(0.12, 0.0),
+        bbox_to_anchor=(0.02, 0.0),
+        columnspacing=1.2,
     )
     return figure
 
@@ -117,6 +128,7 @@ def comparison_figure(
     rows: Sequence[Row],
     sides: Mapping[str, Sequence[Interval]],
     differences: Sequence[str],
+    width: float = WIDE,
 ) -> 'Figure':
     """Two distributions side by side, with whiskers, and how far they are apart.
 
@@ -128,7 +140,7 @@ def comparison_figure(
     differences : sequence of str
         Of each row, what is written beside it.
     """
-    figure, axes, places = _lying(rows, 0.62)
+    figure, axes, places = _lying(rows, 0.62, width, 0.75)
     top = max(each.upper for side in sides.values() for each in side)
     for (name, side), shift, alpha in zip(sides.items(), (-0.2, 0.2), (1.0, 0.45), strict=True):
         shares = np.array([each.probability for each in side])
@@ -147,8 +159,8 @@ def comparison_figure(
         axes.annotate(
             f'{"above" if shift < 0 else "below"}: {name}',
             (0, 0),
-            (0, -30 if shift < 0 else -42),
-            xycoords='axes fraction',
+            (8, 20 if shift < 0 else 8),
+            xycoords='figure fraction',
             textcoords='offset points',
             size=8,
             color=FAINT,
@@ -166,17 +178,23 @@ def comparison_figure(
             va='center',
             color=TEXT,
         )
-    axes.set_xlim(0, top * 1.3)
+    # As wide as the words beside the longest bar.
+    words = 0.1 + 0.083 * max(map(len, differences), default=0)
+    place = axes.get_position().width * width
+    axes.set_xlim(0, top * place / (place - words))
     percent_axis(axes, 'x', top)
     return figure
 
 
-def _lying(rows: Sequence[Row], inches: float) -> tuple['Figure', 'Axes', Array]:
+def _lying(
+    rows: Sequence[Row], inches: float, width: float, below: float
+) -> tuple['Figure', 'Axes', Array]:
     """Axes with a place of so many inches for each row, from top to bottom, and its name."""
-    below = 0.75
     height = inches * len(rows) + below + 0.1
-    figure = new_figure(WIDTH, height)
-    axes = figure.add_axes((0.17, below / height, 0.80, 1 - (below + 0.1) / height))
+    figure = new_figure(width, height)
+    left = 0.2 + 0.08 * max((len(row.name) for row in rows), default=0)
+    place = 1 - (left + _RIGHT) / width
+    axes = figure.add_axes((left / width, below / height, place, 1 - (below + 0.1) / height))
     plain_axes(axes, 'x')
     places = np.arange(len(rows), dtype=np.float64)
     axes.set_ylim(len(rows) - 0.5, -0.5)
@@ -192,12 +210,14 @@ def _label_ends(axes: 'Axes', ends: Sequence[tuple[float, Row]], top: float) -> 
     for share, row in sorted(ends, key=lambda end: end[0]):
         y = max(share, y + apart)
         axes.plot(
-            1.015, y, 's', color=row.colour, transform=axes.get_yaxis_transform(), clip_on=False
+            1.0, y, '>', color=row.colour, transform=axes.get_yaxis_transform(), clip_on=False
         )
         axes.annotate(
             f'{row.name}  {probability_text(row.interval)}',
-            (1.035, y),
+            (1.0, y),
+            (8, 0),
             xycoords=('axes fraction', 'data'),
+            textcoords='offset points',
             size=8,
             va='center',
             color=TEXT,

@@ -21,6 +21,8 @@ from resting_aspects_ros.report.comparison_words import (
 )
 from resting_aspects_ros.report.figure_style import inline_svg, png_bytes, svg_text
 from resting_aspects_ros.report.figures import (
+    NARROW,
+    WIDE,
     comparison_figure,
     convergence_figure,
     estimates_figure,
@@ -83,10 +85,11 @@ def report_files(report: Report) -> Iterator[tuple[str, bytes]]:
     drawn = _Drawn(report)
     figures = _figures(report, drawn)
     svgs = {name: svg_text(figure) for name, figure in figures.items()}
+    narrow = {name: svg_text(each) for name, each in _wide_figures(report, drawn, NARROW)}
     for name, figure in figures.items():
         yield f'{name}.png', png_bytes(figure)
         yield f'{name}.svg', svgs[name].encode()
-    yield PAGE, _page(report, drawn, svgs).encode()
+    yield PAGE, _page(report, drawn, svgs, narrow).encode()
 
 
 class _Drawn:
@@ -113,7 +116,7 @@ class _Drawn:
 def _figures(report: Report, drawn: _Drawn) -> dict[str, 'Figure']:
     """Those that there are, by name."""
     rows, distribution = drawn.rows, report.distribution
-    figures = {
+    return {
         'distribution': distribution_figure(
             distribution, drawn.part, f'{report.title}, {report.subtitle}'
         ),
@@ -121,19 +124,21 @@ def _figures(report: Report, drawn: _Drawn) -> dict[str, 'Figure']:
             [*rows, *drawn.outside],
             [drawn.oblique.get(k) for k in range(len(rows) + len(drawn.outside))],
         ),
+        **dict(_wide_figures(report, drawn, WIDE)),
     }
+
+
+def _wide_figures(report: Report, drawn: _Drawn, width: float) -> Iterator[tuple[str, 'Figure']]:
+    """Names and figures of what a telephone shows in another width, inches."""
+    rows = drawn.rows
     if report.history is not None and len(report.history[0]) > 1 and rows:
-        drops = report.history[0]
-        figures['convergence'] = convergence_figure(rows, drops, _bands(report))
+        yield 'convergence', convergence_figure(rows, report.history[0], _bands(report), width)
     if report.estimates and rows:
-        figures['estimates'] = estimates_figure(
-            rows, {name: np.array(_of_rows(rows, p)) for name, p in report.estimates.items()}
-        )
+        shares = {name: np.array(_of_rows(rows, p)) for name, p in report.estimates.items()}
+        yield 'estimates', estimates_figure(rows, shares, width)
     if report.measured is not None:
-        figures['comparison'] = comparison_figure(
-            rows, report.measured.sides(), difference_texts(report.measured.comparison)
-        )
-    return figures
+        differences = difference_texts(report.measured.comparison)
+        yield 'comparison', comparison_figure(rows, report.measured.sides(), differences, width)
 
 
 def _bands(report: Report) -> list[list[Interval]]:
@@ -153,7 +158,9 @@ def _bands(report: Report) -> list[list[Interval]]:
     ]
 
 
-def _page(report: Report, drawn: _Drawn, svgs: Mapping[str, str]) -> str:
+def _page(
+    report: Report, drawn: _Drawn, svgs: Mapping[str, str], narrow: Mapping[str, str]
+) -> str:
     # A fifth of a second to import, which no other command needs.
     import jinja2
 
@@ -179,6 +186,9 @@ def _page(report: Report, drawn: _Drawn, svgs: Mapping[str, str]) -> str:
         bars=_largest(texts),
         unseen=_unseen(drawn.rows) if report.distribution.drops else '',
         figures={name: inline_svg(svg, name, labels[name]) for name, svg in svgs.items()},
+        narrow={
+            name: inline_svg(svg, f'{name}-narrow', labels[name]) for name, svg in narrow.items()
+        },
         comparison=report.measured and comparison_words(report.measured, drawn.rows),
         estimates={
             name: [share_text(p) for p in _of_rows(drawn.rows, shares)]

@@ -1,5 +1,5 @@
 // Opens a page in headless Chromium, uses it as a person does, and prints what was seen as JSON.
-// node look.js CHROMIUM PAGE WIDTH light|dark [with|without WebGL]
+// node look.js CHROMIUM PAGE WIDTH light|dark [with|without WebGL | scriptless]
 import { chromium } from 'playwright-core';
 
 const [executablePath, page_file, width, colorScheme, webgl = 'with'] = process.argv.slice(2);
@@ -14,6 +14,7 @@ const browser = await chromium.launch({ executablePath, args });
 try {
   const context = await browser.newContext({
     viewport: { width: Number(width), height: 800 }, colorScheme, reducedMotion: 'reduce',
+    javaScriptEnabled: webgl !== 'scriptless',
   });
   const page = await context.newPage();
   const said = [];
@@ -30,6 +31,21 @@ try {
     }));
     return (await page.locator('#stage').screenshot()).toString('base64');
   };
+  const text = (selector) => page.locator(selector).allInnerTexts();
+  if (webgl === 'scriptless') {
+    const open = page.locator('details').first();
+    await open.locator('summary').click();
+    process.stdout.write(JSON.stringify({
+      said,
+      rows: await text('.row h3'),
+      numbers: await text('.row .number b'),
+      hint: await page.locator('#view-hint').textContent(),
+      opened: await open.locator('table').innerText(),
+      picture: (await page.locator('#stage').screenshot()).toString('base64'),
+    }));
+    await browser.close();
+    process.exit();
+  }
   const buttons = page.locator('.row button');
   const count = await buttons.count();
   const views = [];
@@ -66,7 +82,29 @@ try {
   in_sight.push(await inSight());
   const marked = await page.locator('#view-name').textContent();
 
-  const text = (selector) => page.locator(selector).allInnerTexts();
+  // Words in the figures that can be seen: their sizes in pixels, and what is wrong with them.
+  const figures = await page.evaluate(() => [...document.querySelectorAll('figure svg')].filter(
+    (svg) => svg.getBoundingClientRect().width > 0,
+  ).map((svg) => {
+    const around = svg.getBoundingClientRect();
+    const words = [...svg.querySelectorAll('text')].map((one) => {
+      const box = one.getBoundingClientRect();
+      return { box, words: one.textContent, pixels: box.height };
+    });
+    const outside = words.filter(({ box }) => box.left < around.left - 1
+      || box.right > around.right + 1 || box.top < around.top - 1
+      || box.bottom > around.bottom + 1 || box.right > innerWidth);
+    const on_another = words.filter(({ box }, k) => words.slice(k + 1).some(({ box: other }) => (
+      Math.min(box.right, other.right) - Math.max(box.left, other.left) > 2
+      && Math.min(box.bottom, other.bottom) - Math.max(box.top, other.top) > 5)));
+    return {
+      name: svg.getAttribute('aria-label'),
+      words: words.length,
+      smallest: Math.min(...words.map(({ pixels }) => pixels)),
+      outside: outside.map(({ words: said_there }) => said_there),
+      on_another: on_another.map(({ words: said_there }) => said_there),
+    };
+  }));
   process.stdout.write(JSON.stringify({
     said,
     asked: asked.filter((url) => !url.startsWith('data:')),
@@ -75,6 +113,7 @@ try {
     in_sight,
     marked,
     buttons: count,
+    figures,
     rows: await text('.row h3'),
     headings: await text('h2'),
     overflow: await page.evaluate(() => document.documentElement.scrollWidth - innerWidth),

@@ -13,6 +13,8 @@ import pytest
 import trimesh
 from PIL import Image
 
+from resting_aspects_ros.core.aspects import find_aspects
+
 JS = Path(__file__).parents[1] / 'js'
 DESK, TELEPHONE = 1200, 390
 
@@ -91,8 +93,31 @@ def test_an_aspect_is_chosen_and_the_part_lies_so(look, bracket, width, scheme):
     # Chosen from the last row on, the view is in sight; also while other text is marked.
     assert seen['in_sight'] == [True, True]
     assert seen['marked'] == 'aspect 1'
+    assert len(seen['figures']) == 4
+    check_words(seen['figures'])
     paper, ink = seen['colours']
     assert (paper > ink + 100) if scheme == 'light' else (ink > paper + 100)
+
+
+def check_words(figures):
+    """All words of the figures can be read."""
+    for figure in figures:
+        assert figure['words'] > 0
+        assert figure['outside'] == [], figure['name']
+        assert figure['on_another'] == [], figure['name']
+        assert figure['smallest'] > 8, figure['name']
+
+
+def test_without_scripts_all_but_the_view_is_there(look, part, make_report, written):
+    report = make_report(part('hex_nut'))
+    seen = look(written(report), webgl='scriptless')
+    assert seen['said'] == []
+    classes = len(report.distribution.aspects.classes())
+    assert len(seen['rows']) == len(seen['numbers']) == classes + 2
+    assert seen['hint'] == ''  # nothing can be turned
+    assert [line.split()[0] for line in seen['opened'].splitlines()[1:]] == ['1', '2']
+    _, counts = np.unique(pixels(seen['picture']).reshape(-1, 3) // 8, axis=0, return_counts=True)
+    assert (counts > 0.01 * counts.sum()).sum() >= 4  # a part with its sides
 
 
 def test_without_3d_graphics_the_picture_is_shown(look, bracket):
@@ -114,7 +139,11 @@ def test_other_parts_are_read_as_well(look, part, solid, many_sided, make_report
         shape = solid(trimesh.creation.icosphere(subdivisions=3, radius=10))
     else:
         shape = part('cylinder_d20_h20')
-    report = make_report(shape)
+    aspects = len(find_aspects(shape))
+    estimates = {
+        name: np.full(aspects, 1 / aspects) for name in ('solid_angle', 'stability', 'csa')
+    }
+    report = make_report(shape, measured=True, estimates=estimates)
     folder = written(report)
     for width in (DESK, TELEPHONE):
         seen = look(folder, width)
@@ -122,3 +151,4 @@ def test_other_parts_are_read_as_well(look, part, solid, many_sided, make_report
         assert seen['overflow'] <= 0
         assert seen['broken'] == 0
         assert len(seen['rows']) == len(report.distribution.aspects.classes()) + 2
+        check_words(seen['figures'])
