@@ -16,6 +16,7 @@ from resting_aspects_ros.core.history import Counts
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.report.document import distribution_document, to_json
+from resting_aspects_ros.report.rounding import size_text
 from resting_aspects_ros.report.table import distribution_table, never_seen_text
 
 # Of a table that goes into a pipe or a file.
@@ -106,7 +107,9 @@ class Answer:
         if as_json:
             sys.stdout.write(self.json())
             return
-        print_table(self.distribution, self.title)
+        # A mesh that is read in a wrong unit shows by its size.
+        size = f', {size_text(self.part)}' if self.part else ''
+        print_table(self.distribution, f'{self.run.part}{size}\n{self.words}')
         if self.convergence is not None:
             print(self.convergence.text())
 

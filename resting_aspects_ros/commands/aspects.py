@@ -39,6 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
         from resting_aspects_ros.core.aspects import find_aspects
         from resting_aspects_ros.report.aspect_table import aspect_table, symmetry_text
         from resting_aspects_ros.report.document import aspects_document, to_json
+        from resting_aspects_ros.report.rounding import size_text
 
     part = given_part(arguments.part, arguments.unit, arguments.parts)
     for warning in part.warnings:
@@ -48,7 +49,8 @@ def run(arguments: argparse.Namespace) -> int:
         sys.stdout.write(to_json(aspects_document(part, aspects)))
         return 0
     count, classes = len(aspects), len(aspects.classes())
-    title = f'{part.name}: {_number(count, "aspect")} in {_number(classes, "class")}'
+    words = f'{_number(count, "aspect")} in {_number(classes, "class")}'
+    title = f'{part.name}, {size_text(part)}: {words}'
     console = make_console()
     show_table(console, aspect_table(aspects, title))
     if aspects.symmetry is not None:

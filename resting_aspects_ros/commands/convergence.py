@@ -1,5 +1,6 @@
 """What `resting_aspects drop --check-convergence` says: whether the time step shows."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,19 +41,28 @@ class Convergence:
     p_value: float
 
     def text(self) -> str:
-        """In two lines of up to 80 columns."""
+        """In lines of up to 80 columns."""
+        enough = ''
         if not self.lower <= 0 <= self.upper:
             verdict = 'more than chance explains'
         elif self.upper - self.lower > 2 * TELLING:
             verdict = f'too few drops to see {100 * TELLING:g} %'
+            enough = f'\nSome {self._enough()} drops would do.'
         else:
             verdict = 'as chance explains'
         return (
             f'In {REFINEMENT} times finer steps ({self.time_step * 1e6:.3g} us) aspect '
             f'{self.aspect} moves most: {100 * self.shift:+.2g} percentage points,\n'
             f'{verdict} ({100 * self.confidence:g} % interval {100 * self.lower:+.2g} to '
-            f'{100 * self.upper:+.2g}, {self.drops} drops each).'
+            f'{100 * self.upper:+.2g}, {self.drops} drops each).{enough}'
         )
+
+    def _enough(self) -> int:
+        """Drops, one digit of them, after which a shift of TELLING shows."""
+        # Intervals get narrower with the root of the drops.
+        drops = self.drops * ((self.upper - self.lower) / (2 * TELLING)) ** 2
+        step = 10 ** math.floor(math.log10(drops))
+        return math.ceil(drops / step) * step
 
 
 def check_convergence(

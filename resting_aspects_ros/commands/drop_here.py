@@ -25,7 +25,7 @@ from resting_aspects_ros.drops.ceiling import most_drops
 from resting_aspects_ros.drops.cluster import ClusterWorkers
 from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.worker_pool import ProcessWorkers, default_workers
-from resting_aspects_ros.signals import handled_by
+from resting_aspects_ros.signals import ending_at_once, handled_by
 
 INTERRUPTED = 130
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
@@ -114,17 +114,23 @@ def _write(answer: Answer, out: Path | None, *, report: bool, as_json: bool) -> 
         answer.print(as_json=as_json)
     if out is None:
         return
-    if not as_json:
-        names = (DOCUMENT, POSES) if report else (DOCUMENT, PICTURE, POSES)
-        print(f'Written: {", ".join(str(out / name) for name in names)}', flush=True)
-    if report:
-        from resting_aspects_ros.commands.report_files import write_report
+    names = (DOCUMENT, POSES) if report else (DOCUMENT, PICTURE, POSES)
+    written = f'Written: {", ".join(str(out / name) for name in names)}'
+    if not report:
+        _say(written, as_json=as_json)
+        return
+    # All else is saved: who does not want to wait for the page need not.
+    with handled_by(signal.default_int_handler):
+        _say(written, as_json=as_json)
+        with ending_at_once():
+            from resting_aspects_ros.commands.report_files import write_report
+        page = write_report(answer, out)
+    _say(f'Report: {page}', as_json=as_json)
 
-        # All else is saved: who does not want to wait for the page need not.
-        with handled_by(signal.default_int_handler):
-            page = write_report(answer, out)
-        if not as_json:
-            print(f'Report: {page}')
+
+def _say(line: str, *, as_json: bool) -> None:
+    if not as_json:
+        print(line, flush=True)
 
 
 def _folder(arguments: argparse.Namespace, part: str) -> tuple[str, Path | None]:
@@ -173,7 +179,7 @@ def _of_height(height: float, radius: float) -> Iterator[str]:
     if height > HIGH * radius:
         yield (
             f'the height is {height:g} m, which is {height / radius:.0f} times the radius of the '
-            'part'
+            f'part; millimetres are written {height:g}mm'
         )
 
 

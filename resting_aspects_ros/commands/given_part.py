@@ -1,11 +1,13 @@
 """The part that is meant by what a person typed."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.config_files import parts_folder
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError
+from resting_aspects_ros.core.mesh_file import FORMATS
 from resting_aspects_ros.core.part import DEFAULT_UNIT, UNITS, Part, load_part
 from resting_aspects_ros.drops.part_library import PartLibrary, read_part_yaml
 
@@ -24,7 +26,15 @@ def given_part(text: str, unit: str | None, folder: Path | None) -> Part:
         )
     if folder is not None and not folder.is_dir():
         raise InvalidValueError(f'--parts is {str(folder)!r}, allowed is a folder of meshes')
-    return PartLibrary(folder or parts_folder()).load(text)
+    try:
+        return PartLibrary(folder or parts_folder()).load(text)
+    except UnknownPartError:
+        if here := _mesh_here(text):
+            raise UnknownPartError(
+                f'part {text!r} is not known: of the file in this folder the whole name is '
+                f'needed, {here!r}'
+            ) from None
+        raise
 
 
 def mesh_file(text: str | None) -> Path | None:
@@ -32,6 +42,15 @@ def mesh_file(text: str | None) -> Path | None:
     if text and (os.sep in text or Path(text).suffix or text in ('.', '..')):
         return Path(text)
     return None
+
+
+def _mesh_here(stem: str) -> str:
+    """Name of a mesh in the working folder; empty if there is none."""
+    with suppress(OSError):
+        for file in sorted(Path().iterdir()):
+            if file.stem == stem and file.suffix.lower().removeprefix('.') in FORMATS:
+                return file.name
+    return ''
 
 
 def _sheet(sheet: Path, unit: str | None) -> dict[str, Any]:

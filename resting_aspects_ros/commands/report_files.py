@@ -19,6 +19,7 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.report.aspect_table import symmetry_text
 from resting_aspects_ros.report.comparison_words import Measured
 from resting_aspects_ros.report.page import ENDINGS, FIGURES, PAGE, Report, report_files
+from resting_aspects_ros.report.rounding import size_text
 
 # Of the tables that are drawn for p values: the same question has the same answer.
 SEED = 1
@@ -131,11 +132,10 @@ def _part_facts(part: Part | None, answer: Answer) -> list[tuple[str, str]]:
     hashes = [('part sha256', answer.run.part_sha256)]
     if part is None:
         return [('name', answer.run.part), *hashes]
-    size = ' x '.join(f'{1000 * side:.4g}' for side in np.ptp(part.vertices, axis=0))
     symmetry = answer.distribution.aspects.symmetry
     return [
         ('name', part.name),
-        ('size along its axes', f'{size} mm'),
+        ('size along its axes', size_text(part)),
         ('mesh', f'{part.mesh_format} in {part.unit}, {len(part.faces)} triangles'),
         ('mass', f'{1000 * part.mass:.4g} g'),
         *([('symmetry', symmetry_text(symmetry))] if symmetry is not None else []),

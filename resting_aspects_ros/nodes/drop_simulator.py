@@ -51,7 +51,7 @@ from resting_aspects_ros.nodes.requests import (
     asked_conditions,
     error_status,
 )
-from resting_aspects_ros.nodes.shared_work import SharedWork
+from resting_aspects_ros.nodes.shared_drops import SharedDrops
 from resting_aspects_ros.nodes.simulated_runs import SimulatedRuns
 from resting_aspects_ros.nodes.spin import run_node
 from resting_aspects_ros.nodes.words import counted, listed, of_run, run_values, under_way
@@ -81,7 +81,7 @@ class DropSimulator(Node):
         self._workers = Workers(self, values['workers'] or default_workers())
         self._goals: list[GoalProgress] = []
         self._runs = SimulatedRuns()
-        self._repairs: SharedWork[DropPart.Result] = SharedWork(self)
+        self._shared = SharedDrops(self)
         self._counted_with = AspectSet('', ())
         self._drops = Meter()
         self._recordings = Recordings(self)
@@ -110,27 +110,27 @@ class DropSimulator(Node):
 
     async def _execute(self, handle: ServerGoalHandle) -> DropPart.Result:
         progress = GoalProgress(handle)
-        result = progress.result
         self._goals.append(progress)
         try:
             await self._drop_and_note(handle, progress)
-            result.status = status(Status.OK)
+            said = status(Status.OK)
             handle.succeed()
         except CanceledError as error:
-            result.status = error_status(error)
+            said = error_status(error)
             handle.canceled()
         except RestingAspectsError as error:
-            result.status = error_status(error)
+            said = error_status(error)
             handle.abort()
         except InvalidHandle:
-            pass  # the node was destroyed; nobody can be told
+            said = status(Status.FAILED, 'the node has ended')  # nobody can be told
         except Exception as error:  # noqa: BLE001 - the edge: a defect must not look like an answer
             self.get_logger().error(f'drop_part failed: {error!r}')
-            result.status = status(Status.FAILED, f'unexpected: {error!r}')
+            said = status(Status.FAILED, f'unexpected: {error!r}')
             handle.abort()
         finally:
             self._goals.remove(progress)
-        return result
+        progress.result.status = said
+        return progress.result
 
     async def _drop_and_note(self, handle: ServerGoalHandle, progress: GoalProgress) -> None:
         try:
@@ -142,18 +142,18 @@ class DropSimulator(Node):
         """Make the drops of a goal and publish them; fills the result as it goes."""
         if len(self._goals) > MOST_GOALS:
             raise BusyError(f'{MOST_GOALS} drop_part goals are under way, try again later')
-        goal = handle.request
-        job, asked, run = self._plan(goal)
-        progress.result.run_id = run.run_id
-        drop = partial(self._make, handle, progress, job, asked, run)
-        if not goal.run_id:
-            await drop()
-            return
+        job, asked, run = self._plan(handle.request)
         # What one consumer has lost others often have lost, too, and each asks for it.
-        key = (run.run_id, asked.first_drop, asked.end, asked.precision)
-        result, made = progress.result, await self._repairs.do(key, drop)
-        result.drops, result.settled = made.drops, made.settled
-        result.unsettled, result.failed = made.unsettled, made.failed
+        key = (
+            handle.request.run_id,
+            run.part,
+            *run.sequence(),
+            asked.first_drop,
+            asked.end,
+            asked.precision,
+        )
+        drop = partial(self._make, handle, progress, job, asked, run)
+        await self._shared.make(key, progress, drop)
 
     async def _make(
         self,
@@ -162,7 +162,7 @@ class DropSimulator(Node):
         job: DropJob,
         asked: RunDescription,
         run: RunDescription,
-    ) -> DropPart.Result:
+    ) -> None:
         progress.begin(asked)
         # Of a new run, or of one that is taken up again where another simulator left it.
         ends_run = asked.end == run.end
@@ -193,7 +193,6 @@ class DropSimulator(Node):
             self._publish(batches.rest(asked.first_drop), run, last=ends_run)
             if ends_run:
                 self._runs.over(run)
-        return progress.result
 
     def _diagnose(self) -> Diagnosis:
         begun = [(p.so_far, p.rate) for p in self._goals if p.so_far is not None]

@@ -1,12 +1,14 @@
 """How far a drop_part goal is."""
 
 import time
+from copy import copy
 
 from rclpy.action.server import ServerGoalHandle
 from resting_aspects_interfaces.action import DropPart
 
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.drops.run import RunDescription
+from resting_aspects_ros.nodes.requests import CanceledError
 
 
 class GoalProgress:
@@ -26,7 +28,7 @@ class GoalProgress:
     def begin(self, asked: RunDescription) -> None:
         """These drops are made from now on."""
         self._asked = asked
-        self.result.run_id = asked.run_id
+        self.result = DropPart.Result(run_id=asked.run_id)
         self._begun = time.monotonic()
 
     def add(self, chunk: RestingPoses) -> None:
@@ -39,7 +41,27 @@ class GoalProgress:
         result.failed += int((chunk.status == RestStatus.FAILED).sum())
         seconds = time.monotonic() - self._begun
         self.rate = result.drops / seconds if seconds > 0 else 0.0
-        feedback = DropPart.Feedback(done=result.drops, total=self._asked.drops)
+        self._feed_back(self._asked)
+
+    def follow(self, maker: 'GoalProgress') -> None:
+        """Be as far as another goal, which makes the same drops."""
+        before, self.result, self.rate = self.result, copy(maker.result), maker.rate
+        if self.result.drops != before.drops and maker.so_far is not None:
+            self._feed_back(maker.so_far[0])
+
+    def check_wanted(self) -> None:
+        """CanceledError if the goal, of which no drop is made yet, was canceled."""
+        if not self._handle.is_cancel_requested:
+            return
+        followed, self.result = self.result.drops, DropPart.Result()
+        raise CanceledError(
+            'canceled; its drops were under way for another goal'
+            if followed
+            else 'canceled before the first drop'
+        )
+
+    def _feed_back(self, asked: RunDescription) -> None:
+        feedback = DropPart.Feedback(done=self.result.drops, total=asked.drops)
         feedback.drops_per_second = self.rate
         self._handle.publish_feedback(feedback)
 

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.distribution import Distribution, Interval
+from resting_aspects_ros.core.part import Part
 
 
 def interval_of(distribution: Distribution, count: int) -> Interval:
@@ -82,6 +83,11 @@ def millimetre_texts(lengths: npt.NDArray[np.float64]) -> list[str]:
     longest = float(lengths.max(initial=0.0)) * 1000
     whole_digits = math.floor(math.log10(longest)) + 1 if longest > 0 else 1
     return [f'{1000 * length:.{max(4 - whole_digits, 0)}f}' for length in lengths]
+
+
+def size_text(part: Part) -> str:
+    """Lengths along the axes of the mesh, as '40 x 30 x 12.5 mm'."""
+    return ' x '.join(f'{1000 * side:.4g}' for side in np.ptp(part.vertices, axis=0)) + ' mm'
 
 
 def _percent(share: float, decimals: int) -> str:

@@ -1,7 +1,9 @@
 """`drop --check-convergence`: the same drops in finer steps, and how far the answer moves."""
 
 import json
+import re
 import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -53,6 +55,15 @@ def test_it_is_told_whether_chance_explains_the_shift(part, counts, words):
     assert lines[0].startswith('In 2 times finer steps (150 us) aspect 1 moves most: -')
     assert lines[1].startswith(f'{words} (95 % interval ')
     assert lines[1].endswith(f'{drops} drops each).')
+    # With so many the interval is as narrow as is asked for, or a digit of the number narrower.
+    assert bool(lines[2:]) == ('too few' in words)
+    for line in lines[2:]:
+        enough = int(re.fullmatch(r'Some (\d+) drops would do.', line)[1])
+        scale = enough // drops
+        more = check_convergence(
+            *(replace(each, counts=each.counts * scale) for each in (coarse, fine)), 1.5e-4, seed=1
+        )
+        assert 0.005 < (more.upper - more.lower) / 2 < 0.0101
     assert max(map(len, lines)) <= 80
 
 

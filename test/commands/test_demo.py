@@ -83,10 +83,13 @@ def test_the_demo_drops_a_part_over_ros_and_shows_it(begin, nodes_of, left, tmp_
     assert process.returncode == 0, errors
     left(process.pid, nodes)
 
-    first, title, *lines = printed.splitlines()
+    first, title, words, *lines = printed.splitlines()
     assert re.fullmatch(r'Starting \w+, \w+, \w+ as three processes \.\.\.', first)
     assert all(node in first for node in NODES)
-    assert title.rstrip() == 'l_bracket, 1000 drops on rubber_mat, seed 1'
+    assert [title.rstrip(), words.rstrip()] == [
+        'l_bracket, 40 x 30 x 20 mm',
+        '1000 drops on rubber_mat, seed 1',
+    ]
     aspects = [line.split()[0] for line in lines if re.match(r' +\d+ .* % ', line)]
     assert aspects == ['1', '2', '3', '4', '5']
     log, report = (re.fullmatch(r'(\w+): +(.+)', line) for line in lines[-2:])

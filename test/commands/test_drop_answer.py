@@ -173,7 +173,10 @@ def test_out_holds_the_same_and_a_picture(box_run, document):
 def test_a_piped_table_fits_80_columns_and_has_no_colour(run, tmp_path):
     ended = run(*WORDS, '--drops', 5, '--height', '50mm', '--out', tmp_path)
     lines = ended.stdout.splitlines()
-    assert lines[0].rstrip() == 'box_10x20x30, 5 drops on rubber_mat with height 0.05 m, seed 7'
+    assert [line.rstrip() for line in lines[:2]] == [
+        'box_10x20x30, 10 x 20 x 30 mm',
+        '5 drops on rubber_mat with height 0.05 m, seed 7',
+    ]
     assert max(map(len, lines[:-1])) <= 80
     assert '\x1b' not in ended.stdout
     for aspect in range(1, 7):

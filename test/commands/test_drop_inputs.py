@@ -40,6 +40,23 @@ def test_a_mesh_file(heights, box, tmp_path, file, mesh_format):
     assert heights(file) == pytest.approx(BOX)
 
 
+@pytest.mark.parametrize('file', ['my_box.stl', 'my_box.STL', 'my_box.obj'])
+def test_a_file_that_is_named_without_its_ending_is_found_and_told(refused, box, tmp_path, file):
+    box.export(tmp_path / file, file_type=file[-3:].lower())
+    assert refused('drop', 'my_box') == (
+        "error: part 'my_box' is not known: of the file in this folder the whole name is needed, "
+        f'{file!r}'
+    )
+
+
+def test_a_wrong_unit_shows_by_the_size(run, box, tmp_path):
+    box.export(tmp_path / 'box.stl')
+    for unit, size in (('mm', '10 x 20 x 30 mm'), ('in', '254 x 508 x 762 mm')):
+        for command in (('drop', '--drops', 1), ('aspects',)):
+            first = run(*command, 'box.stl', '--unit', unit).stdout.splitlines()[0]
+            assert first.strip().startswith(f'box, {size}')
+
+
 def test_a_mesh_file_in_a_folder_and_its_unit(heights, box, tmp_path):
     (tmp_path / 'in.here').mkdir()
     box.export(tmp_path / 'in.here' / 'box.stl')
