@@ -29,7 +29,7 @@ def given_part(text: str, unit: str | None, folder: Path | None) -> Part:
     try:
         return PartLibrary(folder or parts_folder()).load(text)
     except UnknownPartError:
-        if here := _mesh_here(text):
+        if folder is None and (here := _mesh_here(text)):
             raise UnknownPartError(
                 f'part {text!r} is not known: of the file in this folder the whole name is '
                 f'needed, {here!r}'

@@ -1,7 +1,9 @@
-"""Callbacks of the suite's nodes: what others publish must not end a node, nor a clock of theirs.
+"""Topics and callbacks of the suite's nodes: what others publish must not end or hold up a node.
 
 rclpy ends the process with an exception that leaves a callback, and its timers stand still while
-nobody publishes simulated time.
+nobody publishes simulated time. In every turn it looks at all event handlers; those that warn of
+QoS that does not fit, two for each topic, took longer than all else of an answer. Who is at the
+other end of such a topic is warned there.
 """
 
 from collections.abc import Callable
@@ -9,7 +11,9 @@ from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
@@ -32,7 +36,21 @@ def subscribe(
         ``take`` gets the message's bytes.
     """
     lost = f'a message on {node.resolve_topic_name(topic)} is not used'
-    return node.create_subscription(kind, topic, guarded(node, lost, take), qos, raw=raw)
+    return node.create_subscription(
+        kind,
+        topic,
+        guarded(node, lost, take),
+        qos,
+        event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        raw=raw,
+    )
+
+
+def advertise(node: Node, kind: Any, topic: str, qos: QoSProfile | int) -> Publisher:
+    """A publisher."""
+    return node.create_publisher(
+        kind, topic, qos, event_callbacks=PublisherEventCallbacks(use_default_callbacks=False)
+    )
 
 
 def guarded(node: Node, lost: str, act: Callable[..., object]) -> Callable[..., None]:

@@ -7,6 +7,7 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.nodes.callbacks import advertise
 from resting_aspects_ros.nodes.convert import pose_msg
 from resting_aspects_ros.nodes.interface import CURRENT_POSES, FRAME, LATCHED
 
@@ -21,7 +22,7 @@ class CurrentPoses:
     """
 
     def __init__(self, node: Node) -> None:
-        self._publisher = node.create_publisher(PoseArray, CURRENT_POSES, LATCHED)
+        self._publisher = advertise(node, PoseArray, CURRENT_POSES, LATCHED)
         self._run_id = ''
         self._position = np.zeros((0, 3))
         self._orientation = np.zeros((0, 4))

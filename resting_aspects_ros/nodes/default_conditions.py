@@ -12,7 +12,7 @@ from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.surfaces import DEFAULT_SURFACE, Surfaces
-from resting_aspects_ros.nodes.callbacks import subscribe
+from resting_aspects_ros.nodes.callbacks import advertise, subscribe
 from resting_aspects_ros.nodes.convert import conditions_from, conditions_msg
 from resting_aspects_ros.nodes.interface import DEFAULT_CONDITIONS, LATCHED
 from resting_aspects_ros.nodes.parameters import Parameter, on_change
@@ -34,7 +34,7 @@ class OfferedDefault:
 
     def __init__(self, node: Node, surfaces: Surfaces) -> None:
         self._surfaces = surfaces
-        self._publisher = node.create_publisher(DropConditionsMsg, DEFAULT_CONDITIONS, LATCHED)
+        self._publisher = advertise(node, DropConditionsMsg, DEFAULT_CONDITIONS, LATCHED)
         on_change(node, SURFACE.name, surfaces.get, self._take)
         self._take(node.get_parameter(SURFACE.name).value)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from resting_aspects_ros.nodes.callbacks import guarded, steady_timer
+from resting_aspects_ros.nodes.callbacks import advertise, guarded, steady_timer
 from resting_aspects_ros.nodes.interface import DIAGNOSTICS
 from resting_aspects_ros.nodes.presence import Alone
 
@@ -72,7 +72,7 @@ def publish_diagnostics(
 
     alone : adds what is wrong if there are others of the node's kind
     """
-    publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS, DEPTH)
+    publisher = advertise(node, DiagnosticArray, DIAGNOSTICS, DEPTH)
 
     def publish() -> None:
         found = diagnose()

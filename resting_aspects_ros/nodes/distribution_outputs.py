@@ -7,7 +7,7 @@ from visualization_msgs.msg import MarkerArray
 
 from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.drops.run import RunDescription
-from resting_aspects_ros.nodes.callbacks import guarded, steady_timer
+from resting_aspects_ros.nodes.callbacks import advertise, guarded, steady_timer
 from resting_aspects_ros.nodes.convert import NANOSECONDS
 from resting_aspects_ros.nodes.current_poses import CurrentPoses
 from resting_aspects_ros.nodes.distribution_messages import distribution_msg
@@ -39,7 +39,7 @@ class DistributionOutputs:
         self._outputs: dict[str, Publisher] = {}
         self._changed: dict[str, RunAccount] = {}  # by part; what changed last is last
         self._published: dict[str, str] = {}  # part -> part_sha256
-        self._markers = node.create_publisher(MarkerArray, MARKERS, LATCHED)
+        self._markers = advertise(node, MarkerArray, MARKERS, LATCHED)
         self.poses = CurrentPoses(node)
         self._shown: tuple[str, PartMarkers] | None = None  # part_sha256, its markers
         period = node.get_parameter(PUBLISH_PERIOD.name).value
@@ -51,7 +51,7 @@ class DistributionOutputs:
         """Make the topic of a part, if it is not there yet."""
         if part not in self._outputs:
             topic = f'{ASPECT_DISTRIBUTIONS}/{part}'
-            self._outputs[part] = self._node.create_publisher(AspectDistribution, topic, LATCHED)
+            self._outputs[part] = advertise(self._node, AspectDistribution, topic, LATCHED)
         return self._outputs[part]
 
     def change(self, account: RunAccount) -> None:

@@ -29,6 +29,7 @@ from resting_aspects_ros.drops.run import RunDescription, check_run_id
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.drops.worker_pool import MOST_WORKERS, default_workers
 from resting_aspects_ros.nodes.batches import Batches
+from resting_aspects_ros.nodes.callbacks import advertise
 from resting_aspects_ros.nodes.convert import poses_msg, status
 from resting_aspects_ros.nodes.default_conditions import SURFACE, OfferedDefault
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, Meter, publish_diagnostics
@@ -85,7 +86,7 @@ class DropSimulator(Node):
         self._counted_with = AspectSet('', ())
         self._drops = Meter()
         self._recordings = Recordings(self)
-        self._poses = self.create_publisher(RestingPosesMsg, RESTING_POSES, POSES)
+        self._poses = advertise(self, RestingPosesMsg, RESTING_POSES, POSES)
         self._parts = PartOffers(self, self._library)
         self._server = ActionServer(
             self,

@@ -5,6 +5,7 @@ from pathlib import Path
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import RecordedRun
 
+from resting_aspects_ros.nodes.callbacks import advertise
 from resting_aspects_ros.nodes.interface import ALL_LATCHED, RECORDED_RUNS
 from resting_aspects_ros.nodes.open_log import OpenLog
 from resting_aspects_ros.nodes.words import of_run
@@ -18,7 +19,7 @@ class LogReports:
 
     def __init__(self, node: Node) -> None:
         self._logger = node.get_logger()
-        self._recorded = node.create_publisher(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
+        self._recorded = advertise(node, RecordedRun, RECORDED_RUNS, ALL_LATCHED)
         self.error = ''
         self._others_told = False
 

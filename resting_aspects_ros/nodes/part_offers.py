@@ -7,7 +7,7 @@ from resting_aspects_interfaces.msg import PartDescription
 from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.part_library import PartLibrary
-from resting_aspects_ros.nodes.callbacks import guarded, steady_timer
+from resting_aspects_ros.nodes.callbacks import advertise, guarded, steady_timer
 from resting_aspects_ros.nodes.convert import part_msg
 from resting_aspects_ros.nodes.interface import LATCHED, PARTS
 
@@ -43,7 +43,7 @@ class PartOffers:
             self._complain(warning)
         if publisher is None:
             topic = f'{PARTS}/{part.name}'
-            publisher = self._node.create_publisher(PartDescription, topic, LATCHED)
+            publisher = advertise(self._node, PartDescription, topic, LATCHED)
         publisher.publish(part_msg(part))
         self._offered[part.name] = (part.part_sha256, publisher)
 

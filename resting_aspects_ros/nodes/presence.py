@@ -18,6 +18,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import LivelinessPolicy, QoSProfile
 from std_msgs.msg import Empty
 
+from resting_aspects_ros.nodes.callbacks import advertise
 from resting_aspects_ros.nodes.interface import PRESENCE
 
 # A node that was killed, or is held up as a whole, is taken for alive so long, s.
@@ -43,7 +44,7 @@ class Living:
             lambda _: None,
             _qos(),
             event_callbacks=SubscriptionEventCallbacks(
-                matched=self._matched, liveliness=self._changed
+                matched=self._matched, liveliness=self._changed, use_default_callbacks=False
             ),
         )
 
@@ -97,7 +98,7 @@ class Alone:
 
 def announce(node: Node, kind: str) -> Publisher:
     """Let others see that the node is alive, until it is destroyed."""
-    return node.create_publisher(Empty, f'{PRESENCE}/{kind}', _qos())
+    return advertise(node, Empty, f'{PRESENCE}/{kind}', _qos())
 
 
 def _qos() -> QoSProfile:
