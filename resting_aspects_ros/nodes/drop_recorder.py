@@ -45,6 +45,7 @@ from resting_aspects_ros.nodes.run_health import RunHealth
 from resting_aspects_ros.nodes.run_tracker import RunProgress, RunTracker
 from resting_aspects_ros.nodes.spin import run_node
 from resting_aspects_ros.nodes.topic_watch import TopicWatch
+from resting_aspects_ros.nodes.waiting import wait_for
 from resting_aspects_ros.nodes.words import counted
 
 PARAMETERS = (
@@ -60,6 +61,8 @@ PARAMETERS = (
 MOST_EARLY = 100
 # How often it is looked whether a log is whole, s.
 CLOSE_PERIOD = 0.2
+# How often the classifier is asked for a distribution that has not come, s.
+ASK_PERIOD = 1.0
 
 
 class DropRecorder(Node):
@@ -78,9 +81,6 @@ class DropRecorder(Node):
         self._reports = LogReports(self)
         self._tracker = RunTracker(self, self._run_over, self._is_recorded)
         self._health = RunHealth(self, self._tracker)
-        self._classifier = self.create_client(
-            GetDistribution, GET_DISTRIBUTION, qos_profile=SERVICES
-        )
         self._part_watch = TopicWatch(self, PARTS, PartDescription, self._part_described, raw=True)
         self._distribution_watch = TopicWatch(
             self,
@@ -176,29 +176,37 @@ class DropRecorder(Node):
     def _run_over(self, progress: RunProgress) -> None:
         self._logs[progress.run.run_id].run_is_over(whole=progress.complete)
 
-    def _ask_for_distribution(self, log: OpenLog) -> None:
+    async def _ask_for_distribution(self, log: OpenLog) -> None:
         run = log.run
-        asked = self._classifier.call_async(
-            GetDistribution.Request(
-                part=run.part,
-                conditions=[conditions_msg(run.conditions)],
-                drops=1,
-                seed=[run.seed],
-                only_known=True,
-            )
+        request = GetDistribution.Request(
+            part=run.part,
+            conditions=[conditions_msg(run.conditions)],
+            drops=1,
+            seed=[run.seed],
+            only_known=True,
         )
-
-        def answered(answer: Future) -> None:
-            found = answer.result().distribution
-            if found.run.run_id == run.run_id and run.run_id in self._logs:
-                self._write_distribution(log, found, serialize_message(found))
-
-        asked.add_done_callback(guarded(self, 'a distribution is not recorded', answered))
+        # Whoever has a client of a service hears all its answers: there is one while it is used.
+        client = self.create_client(GetDistribution, GET_DISTRIBUTION, qos_profile=SERVICES)
+        never = Future(executor=self.executor)
+        try:
+            while not log.done:
+                answer = client.call_async(request)
+                # It can be that the service has been found and has not found who asks.
+                if await wait_for(self, answer, ASK_PERIOD):
+                    found = answer.result().distribution
+                    if found.run.run_id == run.run_id and run.run_id in self._logs:
+                        self._write_distribution(log, found, serialize_message(found))
+                        return
+                    await wait_for(self, never, ASK_PERIOD)  # it may be reading its logs
+                client.remove_pending_request(answer)
+        finally:
+            self.destroy_client(client)
 
     def _close_whole(self) -> None:
         for log in self._logs.values():
             if log.lacks_distribution():
-                self._ask_for_distribution(log)
+                assert self.executor is not None  # this is called by it
+                self.executor.create_task(self._ask_for_distribution, log)
         for run_id in [run_id for run_id, log in self._logs.items() if log.done]:
             self._close(run_id)
 

@@ -72,7 +72,7 @@ class KnownDistributions:
 
     def __init__(self, aspects_of: Callable[[str], AspectSet | None]) -> None:
         self._aspects_of = aspects_of
-        self._known: dict[tuple[object, ...], Known] = {}
+        self._known: dict[tuple[object, ...], Known] = {}  # by _key
 
     def add(self, run: RunDescription, distribution: Distribution) -> None:
         """Take the distribution of a run that is over.
@@ -116,16 +116,16 @@ class KnownDistributions:
 
         A seed stands for its drops from the first on.
         """
+        asked = part_sha256, conditions.values()
+        if seed is None:
+            known = [each for key, each in self._known.items() if key[:2] == asked]
+        else:
+            known = [self._known[key]] if (key := (*asked, seed, 0)) in self._known else []
         fitting = [
-            (run, distribution)
-            for run, distribution in self._known.values()
-            if run.part_sha256 == part_sha256
-            and run.conditions.values() == conditions.values()
-            and (seed is None or (run.seed, run.first_drop) == (seed, 0))
-            and (
-                distribution.drops >= drops
-                or (precision and is_precise(distribution.counts, distribution.drops, precision))
-            )
+            (run, found)
+            for run, found in known
+            if found.drops >= drops
+            or (precision and is_precise(found.counts, found.drops, precision))
         ]
         return max(fitting, key=_most_drops, default=None)
 
