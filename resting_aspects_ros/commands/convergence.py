@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.drops.run import MOST_DROPS
 
 # Time steps of the check for each of the run's.
 REFINEMENT = 2
@@ -29,6 +30,9 @@ class Convergence:
         Bounds of the true shift; those of all aspects hold together with ``confidence``.
     p_value : float
         How often chance alone moves the shares at least so far.
+    enough : int
+        Drops, one digit of them, with which the widest of these bounds would tell TELLING; 0 in
+        documents of earlier versions, which do not say it.
     """
 
     time_step: float
@@ -39,6 +43,7 @@ class Convergence:
     upper: float
     confidence: float
     p_value: float
+    enough: int = 0
 
     def text(self) -> str:
         """In lines of up to 80 columns."""
@@ -47,7 +52,7 @@ class Convergence:
             verdict = 'more than chance explains'
         elif self.upper - self.lower > 2 * TELLING:
             verdict = f'too few drops to see {100 * TELLING:g} %'
-            enough = f'\nSome {self._enough()} drops would do.'
+            enough = self._enough_text()
         else:
             verdict = 'as chance explains'
         return (
@@ -57,12 +62,10 @@ class Convergence:
             f'{100 * self.upper:+.2g}, {self.drops} drops each).{enough}'
         )
 
-    def _enough(self) -> int:
-        """Drops, one digit of them, after which a shift of TELLING shows."""
-        # Intervals get narrower with the root of the drops.
-        drops = self.drops * ((self.upper - self.lower) / (2 * TELLING)) ** 2
-        step = 10 ** math.floor(math.log10(drops))
-        return math.ceil(drops / step) * step
+    def _enough_text(self) -> str:
+        if self.enough > MOST_DROPS:
+            return f'\nIt would take more than the {MOST_DROPS} drops that a run can have.'
+        return f'\nIt takes about {self.enough} drops.' if self.enough else ''
 
 
 def check_convergence(
@@ -89,4 +92,12 @@ def check_convergence(
         upper=upper,
         confidence=found.confidence,
         p_value=found.p_value,
+        enough=_enough(fine.drops, float((found.upper - found.lower).max())),
     )
+
+
+def _enough(drops: int, widest: float) -> int:
+    # Intervals get narrower with the root of the drops.
+    drops = math.ceil(drops * (widest / (2 * TELLING)) ** 2)
+    step = 10 ** (len(str(drops)) - 1)
+    return -(-drops // step) * step

@@ -25,7 +25,7 @@ from resting_aspects_ros.drops.ceiling import most_drops
 from resting_aspects_ros.drops.cluster import ClusterWorkers
 from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.worker_pool import ProcessWorkers, default_workers
-from resting_aspects_ros.signals import ending_at_once, handled_by
+from resting_aspects_ros.signals import handled_by
 
 INTERRUPTED = 130
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
@@ -122,8 +122,8 @@ def _write(answer: Answer, out: Path | None, *, report: bool, as_json: bool) -> 
     # All else is saved: who does not want to wait for the page need not.
     with handled_by(signal.default_int_handler):
         _say(written, as_json=as_json)
-        with ending_at_once():
-            from resting_aspects_ros.commands.report_files import write_report
+        from resting_aspects_ros.commands.report_files import write_report
+
         page = write_report(answer, out)
     _say(f'Report: {page}', as_json=as_json)
 

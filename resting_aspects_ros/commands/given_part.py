@@ -48,7 +48,8 @@ def _mesh_here(stem: str) -> str:
     """Name of a mesh in the working folder; empty if there is none."""
     with suppress(OSError):
         for file in sorted(Path().iterdir()):
-            if file.stem == stem and file.suffix.lower().removeprefix('.') in FORMATS:
+            ending = file.suffix.lower().removeprefix('.')
+            if file.stem == stem and ending in FORMATS and file.is_file():
                 return file.name
     return ''
 

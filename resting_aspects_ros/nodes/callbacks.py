@@ -2,11 +2,11 @@
 
 rclpy ends the process with an exception that leaves a callback, and its timers stand still while
 nobody publishes simulated time. In every turn it looks at all event handlers; those that warn of
-QoS that does not fit, two for each topic, took longer than all else of an answer. Who is at the
-other end of such a topic is warned there.
+QoS that does not fit, two for each publisher and each subscription, took longer than all else of
+an answer; the nodes of the suite fit, and who else is at the other end of a topic is warned there.
 """
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -59,19 +59,30 @@ def guarded(node: Node, lost: str, act: Callable[..., object]) -> Callable[..., 
     lost : str
         What is not done then, in words.
     """
-    said: set[object] = set()
+    tell = _told_once(node, lost)
 
     def callback(*given: Any) -> None:
         try:
             act(*given)
         except Exception as error:  # noqa: BLE001 - the edge: nothing that comes in ends the node
-            if (kind := _kind(error)) not in said:
-                said.add(kind)
-                known = isinstance(error, RestingAspectsError)
-                words = str(error) if known else f'unexpected: {error!r}'
-                node.get_logger().error(f'{lost}: {words} (said once)')
+            tell(error)
 
     return callback
+
+
+def guarded_task(
+    node: Node, lost: str, act: Callable[..., Awaitable[None]]
+) -> Callable[..., Awaitable[None]]:
+    """As guarded, of what is given to the executor as a task."""
+    tell = _told_once(node, lost)
+
+    async def task(*given: Any) -> None:
+        try:
+            await act(*given)
+        except Exception as error:  # noqa: BLE001 - the edge, as above
+            tell(error)
+
+    return task
 
 
 def steady_timer(
@@ -80,6 +91,19 @@ def steady_timer(
     """A timer that goes on where simulated time stands still."""
     clock = Clock(clock_type=ClockType.STEADY_TIME)
     return node.create_timer(seconds, act, group, clock)
+
+
+def _told_once(node: Node, lost: str) -> Callable[[Exception], None]:
+    said: set[object] = set()
+
+    def tell(error: Exception) -> None:
+        if (kind := _kind(error)) not in said:
+            said.add(kind)
+            known = isinstance(error, RestingAspectsError)
+            words = str(error) if known else f'unexpected: {error!r}'
+            node.get_logger().error(f'{lost}: {words} (said once)')
+
+    return tell
 
 
 def _kind(error: Exception) -> object:

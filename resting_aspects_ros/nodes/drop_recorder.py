@@ -4,6 +4,7 @@ import sys
 import time
 from collections import deque
 
+from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
@@ -17,7 +18,7 @@ from resting_aspects_interfaces.srv import GetDistribution
 
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
-from resting_aspects_ros.nodes.callbacks import guarded, steady_timer, subscribe
+from resting_aspects_ros.nodes.callbacks import guarded, guarded_task, steady_timer, subscribe
 from resting_aspects_ros.nodes.convert import (
     check_description,
     conditions_msg,
@@ -92,6 +93,10 @@ class DropRecorder(Node):
         )
         self._poses = Topic(self.resolve_topic_name(RESTING_POSES), POSES_TYPE, _qos(POSES))
         subscribe(self, RestingPoses, RESTING_POSES, self._batch, POSES, raw=True)
+        self._asking = False
+        self._ask = guarded_task(
+            self, 'distributions are not recorded', self._ask_for_distributions
+        )
         close = guarded(self, 'logs are not closed', self._close_whole)
         steady_timer(self, CLOSE_PERIOD, close)
         alone = Alone(self, DROP_RECORDER, harmless='each writes a log of every run')
@@ -176,7 +181,23 @@ class DropRecorder(Node):
     def _run_over(self, progress: RunProgress) -> None:
         self._logs[progress.run.run_id].run_is_over(whole=progress.complete)
 
-    async def _ask_for_distribution(self, log: OpenLog) -> None:
+    async def _ask_for_distributions(self) -> None:
+        """Ask the classifier for what has not come, until it has, or the logs are closed."""
+        # Whoever has a client of a service hears all its answers: there is one while it is used.
+        client = self.create_client(GetDistribution, GET_DISTRIBUTION, qos_profile=SERVICES)
+        never = Future(executor=self.executor)
+        try:
+            while lacking := [log for log in self._logs.values() if log.lacks_distribution()]:
+                for log in lacking:
+                    if not (client.service_is_ready() and await self._ask_for_one(client, log)):
+                        break
+                await wait_for(self, never, ASK_PERIOD)
+        finally:
+            self.destroy_client(client)
+            self._asking = False
+
+    async def _ask_for_one(self, client: Client, log: OpenLog) -> bool:
+        """Whether there was an answer."""
         run = log.run
         request = GetDistribution.Request(
             part=run.part,
@@ -185,28 +206,21 @@ class DropRecorder(Node):
             seed=[run.seed],
             only_known=True,
         )
-        # Whoever has a client of a service hears all its answers: there is one while it is used.
-        client = self.create_client(GetDistribution, GET_DISTRIBUTION, qos_profile=SERVICES)
-        never = Future(executor=self.executor)
-        try:
-            while not log.done:
-                answer = client.call_async(request)
-                # It can be that the service has been found and has not found who asks.
-                if await wait_for(self, answer, ASK_PERIOD):
-                    found = answer.result().distribution
-                    if found.run.run_id == run.run_id and run.run_id in self._logs:
-                        self._write_distribution(log, found, serialize_message(found))
-                        return
-                    await wait_for(self, never, ASK_PERIOD)  # it may be reading its logs
-                client.remove_pending_request(answer)
-        finally:
-            self.destroy_client(client)
+        answer = client.call_async(request)
+        # It can be that the service has been found and has not found who asks.
+        if not await wait_for(self, answer, ASK_PERIOD):
+            client.remove_pending_request(answer)
+            return False
+        found = answer.result().distribution
+        if found.run.run_id == run.run_id and log.lacks_distribution():
+            self._write_distribution(log, found, serialize_message(found))
+        return True
 
     def _close_whole(self) -> None:
-        for log in self._logs.values():
-            if log.lacks_distribution():
-                assert self.executor is not None  # this is called by it
-                self.executor.create_task(self._ask_for_distribution, log)
+        if not self._asking and any(log.lacks_distribution() for log in self._logs.values()):
+            self._asking = True
+            assert self.executor is not None  # this is called by it
+            self.executor.create_task(self._ask)
         for run_id in [run_id for run_id, log in self._logs.items() if log.done]:
             self._close(run_id)
 

@@ -141,9 +141,8 @@ class DropSimulator(Node):
 
     async def _drop(self, handle: ServerGoalHandle, progress: GoalProgress) -> None:
         """Make the drops of a goal and publish them; fills the result as it goes."""
-        if len(self._goals) > MOST_GOALS:
-            raise BusyError(f'{MOST_GOALS} drop_part goals are under way, try again later')
         job, asked, run = self._plan(handle.request)
+        progress.result.run_id = handle.request.run_id
         # What one consumer has lost others often have lost, too, and each asks for it.
         key = (
             handle.request.run_id,
@@ -164,6 +163,8 @@ class DropSimulator(Node):
         asked: RunDescription,
         run: RunDescription,
     ) -> None:
+        if sum(each.so_far is not None for each in self._goals) >= MOST_GOALS:
+            raise BusyError(f'{MOST_GOALS} drop_part goals are under way, try again later')
         progress.begin(asked)
         # Of a new run, or of one that is taken up again where another simulator left it.
         ends_run = asked.end == run.end

@@ -23,6 +23,7 @@ class GoalProgress:
         self._handle = handle
         self._asked: RunDescription | None = None
         self._begun = 0.0
+        self._told = 0
         self.rate = 0.0
 
     def begin(self, asked: RunDescription) -> None:
@@ -45,15 +46,16 @@ class GoalProgress:
 
     def follow(self, maker: 'GoalProgress') -> None:
         """Be as far as another goal, which makes the same drops."""
-        before, self.result, self.rate = self.result, copy(maker.result), maker.rate
-        if self.result.drops != before.drops and maker.so_far is not None:
+        self.result, self.rate = copy(maker.result), maker.rate
+        # Fewer they are when another goal has begun them anew.
+        if self.result.drops > self._told and maker.so_far is not None:
             self._feed_back(maker.so_far[0])
 
     def check_wanted(self) -> None:
         """CanceledError if the goal, of which no drop is made yet, was canceled."""
         if not self._handle.is_cancel_requested:
             return
-        followed, self.result = self.result.drops, DropPart.Result()
+        followed, self.result = self.result.drops, DropPart.Result(run_id=self.result.run_id)
         raise CanceledError(
             'canceled; its drops were under way for another goal'
             if followed
@@ -61,7 +63,8 @@ class GoalProgress:
         )
 
     def _feed_back(self, asked: RunDescription) -> None:
-        feedback = DropPart.Feedback(done=self.result.drops, total=asked.drops)
+        self._told = self.result.drops
+        feedback = DropPart.Feedback(done=self._told, total=asked.drops)
         feedback.drops_per_second = self.rate
         self._handle.publish_feedback(feedback)
 

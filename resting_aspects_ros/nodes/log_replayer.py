@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.logs.log_reader import unfinished
 from resting_aspects_ros.logs.recording import RecordedMessage, Recording
-from resting_aspects_ros.nodes.callbacks import advertise, steady_timer
+from resting_aspects_ros.nodes.callbacks import steady_timer
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, publish_diagnostics
 from resting_aspects_ros.nodes.interface import LOG_REPLAYER, PAUSE, RESUME, SERVICES
 from resting_aspects_ros.nodes.parameters import Parameter, declare
@@ -63,7 +63,7 @@ class LogReplayer(Node):
         self._log = recording.path
         topics, skipped = replayed_topics(recording)
         self._outputs = {
-            topic.recorded: advertise(self, topic.message, topic.name, topic.qos)
+            topic.recorded: self.create_publisher(topic.message, topic.name, topic.qos)
             for topic in topics
         }
         self._watch = watch

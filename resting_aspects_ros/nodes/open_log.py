@@ -45,7 +45,6 @@ class OpenLog:
         self.parts: list[Path] = []
         self.others: list[Path] = []
         self._whole = False
-        self._asked = False
         self._over_at: float | None = None
         self.folder = folder
         self._log: RunLog | None = None
@@ -140,11 +139,10 @@ class OpenLog:
         return f'{run} is not recorded: {self.error}'
 
     def lacks_distribution(self) -> bool:
-        """Whether the last distribution should have come by now; True once."""
-        if self._over_at is None or self.has_distribution or self._asked or self.error:
+        """Whether the last distribution should have come by now, and is worth waiting for."""
+        if self._over_at is None or self.has_distribution or self.error or self.done:
             return False
-        self._asked = time.monotonic() - self._over_at > ASK_AFTER
-        return self._asked
+        return time.monotonic() - self._over_at > ASK_AFTER
 
     @property
     def run_over(self) -> bool:

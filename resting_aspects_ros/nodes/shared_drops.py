@@ -9,7 +9,7 @@ from resting_aspects_ros.nodes.goal_progress import GoalProgress
 from resting_aspects_ros.nodes.waiting import wait_for
 
 # How often a goal that follows another one looks how far that is, s.
-FOLLOW_PERIOD = 0.2
+FOLLOW_PERIOD = 0.5
 
 
 class SharedDrops:

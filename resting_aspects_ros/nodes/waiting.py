@@ -11,12 +11,17 @@ async def wait_for(node: Node, future: Future, seconds: float) -> bool:
     if future.done():
         return True
     either = Future(executor=node.executor)
-    future.add_done_callback(lambda _: _finish(either))
+
+    def finish(_: Future) -> None:
+        _finish(either)
+
+    future.add_done_callback(finish)
     timer = steady_timer(node, seconds, lambda: _finish(either))
     try:
         await either
     finally:
         node.destroy_timer(timer)
+        future.remove_done_callback(finish)  # who waits often would leave many
     return bool(future.done())
 
 

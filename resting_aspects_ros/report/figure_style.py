@@ -70,7 +70,7 @@ def inline_svg(svg: str, name: str, label: str) -> str:
     svg : str
         By svg_text.
     name : str
-        Another one for each figure of the page; letters.
+        Another one for each figure of the page; letters and '-'.
     label : str
         What the figure shows, for people who do not see it; without characters of XML.
     """

@@ -21,8 +21,6 @@ from resting_aspects_ros.report.comparison_words import (
 )
 from resting_aspects_ros.report.figure_style import inline_svg, png_bytes, svg_text
 from resting_aspects_ros.report.figures import (
-    NARROW,
-    WIDE,
     comparison_figure,
     convergence_figure,
     estimates_figure,
@@ -32,6 +30,7 @@ from resting_aspects_ros.report.picture import MOST_SHOWN, distribution_figure
 from resting_aspects_ros.report.pie import pie_figure
 from resting_aspects_ros.report.portrait import FROM_ABOVE, OBLIQUE, Image, lay, portraits
 from resting_aspects_ros.report.rounding import interval_text, share_text
+from resting_aspects_ros.report.row_axes import NARROW, WIDE
 from resting_aspects_ros.report.rows import Row, class_rows, outside_rows
 from resting_aspects_ros.report.scene import scene
 from resting_aspects_ros.report.standing import shown_part

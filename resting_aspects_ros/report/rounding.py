@@ -87,7 +87,12 @@ def millimetre_texts(lengths: npt.NDArray[np.float64]) -> list[str]:
 
 def size_text(part: Part) -> str:
     """Lengths along the axes of the mesh, as '40 x 30 x 12.5 mm'."""
-    return ' x '.join(f'{1000 * side:.4g}' for side in np.ptp(part.vertices, axis=0)) + ' mm'
+    sides = 1000 * np.ptp(part.vertices, axis=0)
+    # Without an exponent, however large a wrong unit makes it.
+    texts = (
+        np.format_float_positional(side, precision=4, fractional=False, trim='-') for side in sides
+    )
+    return ' x '.join(texts) + ' mm'
 
 
 def _percent(share: float, decimals: int) -> str:

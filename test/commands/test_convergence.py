@@ -58,7 +58,7 @@ def test_it_is_told_whether_chance_explains_the_shift(part, counts, words):
     # With so many the interval is as narrow as is asked for, or a digit of the number narrower.
     assert bool(lines[2:]) == ('too few' in words)
     for line in lines[2:]:
-        enough = int(re.fullmatch(r'Some (\d+) drops would do.', line)[1])
+        enough = int(re.fullmatch(r'It takes about (\d+) drops.', line)[1])
         scale = enough // drops
         more = check_convergence(
             *(replace(each, counts=each.counts * scale) for each in (coarse, fine)), 1.5e-4, seed=1

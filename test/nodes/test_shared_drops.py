@@ -1,7 +1,11 @@
 """Goals for the same drops at the same time: they are made once, for as long as one wants them."""
 
+import signal
+
 import pytest
 from resting_aspects_interfaces.msg import Status
+
+from resting_aspects_ros.nodes.drop_simulator import MOST_GOALS
 
 DROPS = 4000
 MANY = 200_000  # until it is canceled
@@ -13,17 +17,22 @@ def heard(suite):
 
 
 @pytest.fixture
-def two(suite, heard):
-    """Two goals for the same drops; the second is sent when the first has made some."""
+def goals(suite, heard):
+    """Some goals for the same drops, all accepted before the first drop is made."""
 
-    def two(drops, seed, **fields):
-        first = suite.client.dropping('tetrahedron', drops, seed=seed, **fields)
-        suite.client.wait(lambda: first.feedback, 'first drops')
-        second = suite.client.dropping('tetrahedron', drops, seed=seed, **fields)
-        suite.client.wait(lambda: second.accepted, 'second goal')
-        return first, second
+    def goals(count, *asked, **fields):
+        simulator = suite.processes['drop_simulator']
+        assert simulator.send_to_workers(signal.SIGSTOP)
+        try:
+            made = []
+            for _ in range(count):
+                made.append(suite.client.dropping('tetrahedron', *asked, **fields))
+                suite.client.wait(lambda: made[-1].accepted, 'goal')
+        finally:
+            simulator.send_to_workers(signal.SIGCONT)
+        return made
 
-    return two
+    return goals
 
 
 def runs_of(heard, seed):
@@ -31,16 +40,16 @@ def runs_of(heard, seed):
 
 
 @pytest.mark.parametrize(('seed', 'precision'), [(71, 0.0), (72, 0.02)])
-def test_one_run_answers_both(suite, heard, two, seed, precision):
-    drops = two(DROPS, seed, precision=precision)
+def test_one_run_answers_both(suite, heard, goals, seed, precision):
+    drops = goals(2, DROPS, seed=seed, precision=precision)
     suite.client.wait(lambda: all(drop.done for drop in drops), 'both results')
     first, second = (drop.result for drop in drops)
     assert first.status.code == second.status.code == Status.OK
     assert first == second
+    assert first.log  # of the follower, too
     assert runs_of(heard, seed) == {first.run_id}
     # Who came second is told how far it is, too, up to its end.
     done = [feedback.done for feedback in drops[1].feedback]
-    assert done
     assert done == sorted(set(done))
     assert done[-1] == first.drops
     totals = [{feedback.total for feedback in drop.feedback} for drop in drops]
@@ -48,8 +57,9 @@ def test_one_run_answers_both(suite, heard, two, seed, precision):
     assert all(feedback.drops_per_second > 0 for feedback in drops[1].feedback)
 
 
-def test_a_cancel_of_the_second_leaves_the_first_alone(suite, heard, two):
-    first, second = two(MANY, 73)
+def test_a_cancel_of_the_second_leaves_the_first_alone(suite, heard, goals):
+    first, second = goals(2, MANY, seed=73)
+    suite.client.wait(lambda: second.feedback, 'some drops')
     second.cancel()
     suite.client.wait(lambda: second.done, 'end of the second', seconds=5)
     assert second.outcome == 'canceled'
@@ -59,26 +69,55 @@ def test_a_cancel_of_the_second_leaves_the_first_alone(suite, heard, two):
     suite.client.wait(lambda: len(first.feedback) > before + 2, 'more of the first')
     first.cancel()
     suite.client.wait(lambda: first.done, 'end of the first')
-    assert runs_of(heard, 73) == {first.result.run_id}
+    assert runs_of(heard, 73) == {first.result.run_id} == {second.result.run_id}
 
 
-def test_a_cancel_of_the_first_leaves_the_second_its_drops(suite, heard, two):
-    first, second = two(DROPS, 74)
+def test_a_cancel_of_the_first_leaves_the_others_their_drops(suite, heard, goals):
+    first, *others = goals(3, 2 * DROPS, seed=74)
+    suite.client.wait(lambda: first.feedback, 'some drops')
     first.cancel()
-    suite.client.wait(lambda: first.done and second.done, 'both results')
+    suite.client.wait(lambda: all(drop.done for drop in (first, *others)), 'results')
     assert first.result.status.code == Status.CANCELED
-    assert second.result.status.code == Status.OK
-    assert second.result.drops == DROPS
-    assert runs_of(heard, 74) == {first.result.run_id, second.result.run_id}
+    assert 0 < first.result.drops < 2 * DROPS
+    again, last = (drop.result for drop in others)
+    assert again == last
+    assert (again.status.code, again.drops) == (Status.OK, 2 * DROPS)
+    assert runs_of(heard, 74) == {first.result.run_id, again.run_id}
+    for drop in others:
+        done = [feedback.done for feedback in drop.feedback]
+        assert done == sorted(set(done))
+
+
+def test_all_are_canceled_together(suite, heard, goals):
+    drops = goals(3, MANY, seed=77)
+    suite.client.wait(lambda: drops[0].feedback, 'some drops')
+    for drop in drops:
+        drop.cancel()
+    suite.client.wait(lambda: all(drop.done for drop in drops), 'results')
+    assert {drop.outcome for drop in drops} == {'canceled'}
+    assert runs_of(heard, 77) == {drops[0].result.run_id}
+
+
+def test_who_follows_is_not_among_those_who_are_too_many(suite, goals):
+    drops = goals(MOST_GOALS + 4, 500, seed=78)
+    suite.client.wait(lambda: all(drop.done for drop in drops), 'results')
+    assert {drop.result.status.code for drop in drops} == {Status.OK}
 
 
 @pytest.mark.parametrize(
-    'other', [{'seed': 76}, {'drops': 5001}, {'precision': 0.01}, {'first_drop': 1}]
+    'other',
+    [
+        {'seed': 76},
+        {'drops': 5001},
+        {'precision': 0.01},
+        {'first_drop': 1},
+        {'surface': 'steel'},
+        {'part': 'box_10x20x30'},
+    ],
 )
 def test_other_drops_are_another_run(suite, other):
-    asked = {'drops': 5000, 'seed': 75}
-    first = suite.client.dropping('tetrahedron', **asked)
-    second = suite.client.dropping('tetrahedron', **asked | other)
+    asked = {'part': 'tetrahedron', 'drops': 5000, 'seed': 75}
+    first, second = (suite.client.dropping(**asked | each) for each in ({}, other))
     suite.client.wait(lambda: first.done and second.done, 'both results')
     assert first.result.status.code == second.result.status.code == Status.OK
     assert first.result.run_id != second.result.run_id

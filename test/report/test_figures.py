@@ -1,0 +1,87 @@
+"""The figures of a report beside its pictures: all words can be read, in both widths."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from resting_aspects_ros.core.estimators.estimate import METHODS
+from resting_aspects_ros.core.intervals import Interval
+from resting_aspects_ros.report.figures import (
+    comparison_figure,
+    convergence_figure,
+    estimates_figure,
+)
+from resting_aspects_ros.report.row_axes import NARROW, WIDE
+from resting_aspects_ros.report.rows import Row
+
+NAMES = ['aspect 1', 'aspects 2 and 3', 'aspects 4, 5, 6 and 12', 'aspects 10, 12, ... 30']
+SHARES = [0.9, 0.06, 0.03, 0.01]
+WIDTHS = pytest.mark.parametrize('width', [WIDE, NARROW])
+
+
+@pytest.fixture
+def rows():
+    colours = ['#0072B2', '#E69F00', '#009E73', '#D55E00']
+    return [
+        Row(name, round(1e6 * p), Interval(p, 0.99 * p, 1.01 * p), colour)
+        for name, p, colour in zip(NAMES, SHARES, colours, strict=True)
+    ]
+
+
+def check_words(figure):
+    """Each word is in the figure, and none lies on another."""
+    figure.draw_without_rendering()
+    boxes = {}
+    for text in figure.findobj(lambda each: hasattr(each, 'get_text')):
+        if text.get_visible() and text.get_text().strip():
+            boxes[text.get_text()] = text.get_window_extent()
+    assert boxes
+    for words, box in boxes.items():
+        assert min(box.x0, box.y0) >= 0, words
+        assert box.x1 <= figure.bbox.x1, words
+        assert box.y1 <= figure.bbox.y1, words
+    for (one, a), (other, b) in itertools.combinations(boxes.items(), 2):
+        across = min(a.x1, b.x1) - max(a.x0, b.x0)
+        high = min(a.y1, b.y1) - max(a.y0, b.y0)
+        assert min(across, high) < 2, (one, other)
+    return boxes
+
+
+@WIDTHS
+@pytest.mark.parametrize('drops', [2, 20, 99, 150, 1000, 26_000, 50_000, 300_000, 2_000_000])
+def test_numbers_of_drops_below_an_axis(rows, width, drops):
+    looks = np.array(sorted({min(n, drops) for n in (1, 10, 13, 100, 1000, 10_000, drops)}))
+    bands = [[row.interval for row in rows]] * len(looks)
+    boxes = check_words(convergence_figure(rows, looks, bands, width))
+    assert f'{drops:,}'.replace(',', ' ') in boxes
+
+
+@WIDTHS
+@pytest.mark.parametrize(
+    'differences',
+    [
+        ['+1 (0 to +2)'] * 4,
+        ['-12.35 (-12.51 to -12.21)', '+0.12 (-0.02 to +0.15)', '0', '-0.015 (-0.021 to 0.000)'],
+    ],
+)
+@pytest.mark.parametrize('name', ['a.csv', 'manual_count_of_the_night_shift_2025-01-31.csv'])
+def test_two_sides_with_long_words(rows, width, differences, name):
+    own = [row.interval for row in rows]
+    sides = {'simulated': own, f'{name}, 980 of 1000 drops are in an aspect': own}
+    figure = comparison_figure(rows, sides, differences, width)
+    check_words(figure)
+    (axes,) = figure.axes
+    # The longest bar with its interval ends inside, and takes a good part of the room.
+    low, high = axes.get_xlim()
+    assert low == 0
+    share = own[0].upper / high
+    assert 0.3 < share < 1
+
+
+@WIDTHS
+@pytest.mark.parametrize('methods', [1, 4, len(METHODS)])
+def test_all_methods_are_named(rows, width, methods):
+    estimates = {name: np.full(len(rows), 1 / len(rows)) for name in list(METHODS)[:methods]}
+    boxes = check_words(estimates_figure(rows, estimates, width))
+    assert {*estimates, *NAMES} <= set(boxes)
