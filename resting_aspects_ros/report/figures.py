@@ -54,7 +54,7 @@ def convergence_figure(
     figure = new_figure(width, 3.6)
     most = sorted(sorted(range(len(rows)), key=lambda k: -rows[k].count)[:MOST_LINES])
     name = short_name if width <= NARROW else _name
-    labels = {k: f'{name(rows[k])}  {probability_text(rows[k].interval)}' for k in most}
+    labels = {k: f'{name(rows[k])}: {probability_text(rows[k].interval)}' for k in most}
     left, right = 0.5, 0.25 + 0.07 * max(map(len, labels.values()), default=0)  # inches
     axes = figure.add_axes((left / width, 0.14, 1 - (left + right) / width, 0.82))
     plain_axes(axes, 'y')
