@@ -8,7 +8,7 @@ from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
-from rclpy.task import Future
+from rclpy.task import Future, Task
 from resting_aspects_interfaces.msg import (
     AspectDistribution,
     PartDescription,
@@ -93,7 +93,7 @@ class DropRecorder(Node):
         )
         self._poses = Topic(self.resolve_topic_name(RESTING_POSES), POSES_TYPE, _qos(POSES))
         subscribe(self, RestingPoses, RESTING_POSES, self._batch, POSES, raw=True)
-        self._asking = False
+        self._asking: Task | None = None
         self._ask = guarded_task(
             self, 'distributions are not recorded', self._ask_for_distributions
         )
@@ -188,13 +188,15 @@ class DropRecorder(Node):
         never = Future(executor=self.executor)
         try:
             while lacking := [log for log in self._logs.values() if log.lacks_distribution()]:
+                if not client.service_is_ready():
+                    await wait_for(self, never, CLOSE_PERIOD)
+                    continue
                 for log in lacking:
-                    if not (client.service_is_ready() and await self._ask_for_one(client, log)):
+                    if not await self._ask_for_one(client, log):
                         break
                 await wait_for(self, never, ASK_PERIOD)
         finally:
             self.destroy_client(client)
-            self._asking = False
 
     async def _ask_for_one(self, client: Client, log: OpenLog) -> bool:
         """Whether there was an answer."""
@@ -217,10 +219,10 @@ class DropRecorder(Node):
         return True
 
     def _close_whole(self) -> None:
-        if not self._asking and any(log.lacks_distribution() for log in self._logs.values()):
-            self._asking = True
+        lacking = any(log.lacks_distribution() for log in self._logs.values())
+        if lacking and (self._asking is None or self._asking.done()):
             assert self.executor is not None  # this is called by it
-            self.executor.create_task(self._ask)
+            self._asking = self.executor.create_task(self._ask)
         for run_id in [run_id for run_id, log in self._logs.items() if log.done]:
             self._close(run_id)
 
