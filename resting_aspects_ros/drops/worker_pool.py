@@ -5,11 +5,18 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from concurrent.futures import (
+    BrokenExecutor,
+    Executor,
+    Future,
+    InvalidStateError,
+    ProcessPoolExecutor,
+)
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
+from functools import partial
 from multiprocessing import get_context, parent_process
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from resting_aspects_ros.core.errors import InvalidValueError
 
@@ -87,12 +94,21 @@ class _Pool(ProcessPoolExecutor):
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> 'Future[T]':
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # processes inherit it
         try:
-            return super().submit(fn, *args, **kwargs)
+            future = super().submit(fn, *args, **kwargs)
         except (BrokenPipeError, ConnectionResetError) as error:
             # What a worker is begun with goes through a pipe to it.
             raise BrokenProcessPool('a worker died before it had begun') from error
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        # A pool that breaks tells all its futures so, and in Python 3.11 the first one that was
+        # cancelled ends that with an error: the others would be waited for for ever.
+        future.set_exception = partial(_fail, future)  # type: ignore[method-assign]
+        return future
+
+
+def _fail(future: 'Future[Any]', error: BaseException | None) -> None:
+    with suppress(InvalidStateError):
+        Future.set_exception(future, error)
 
 
 def stop_pool(pool: ProcessPoolExecutor) -> None:

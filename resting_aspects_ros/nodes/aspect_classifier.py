@@ -25,6 +25,7 @@ from resting_aspects_ros.nodes.diagnostics import Diagnosis, Meter, publish_diag
 from resting_aspects_ros.nodes.distribution_answers import DistributionAnswers
 from resting_aspects_ros.nodes.distribution_outputs import PUBLISH_PERIOD, DistributionOutputs
 from resting_aspects_ros.nodes.drop_requests import DropRequests, DropSpec
+from resting_aspects_ros.nodes.earlier_runs import EarlierRuns
 from resting_aspects_ros.nodes.interface import (
     ASPECT_CLASSIFIER,
     CLASSIFY_POSE,
@@ -89,8 +90,13 @@ class AspectClassifier(Node):
         self._outputs = DistributionOutputs(self, self._parts)
         self._tracker = RunTracker(self, self._run_over, self._is_known)
         self._health = RunHealth(self, self._tracker)
+        self._earlier = EarlierRuns(self)
         self._requests = DropRequests(
-            self, self._over_future, self._under_way, self._tracker.look_after
+            self,
+            self._over_future,
+            self._under_way,
+            self._tracker.look_after,
+            self._earlier,
         )
         self._memory = Memory(
             self,
@@ -158,6 +164,7 @@ class AspectClassifier(Node):
 
     def _batch(self, message: RestingPoses) -> None:
         poses = poses_from(message)
+        self._earlier.hear()
         arrivals = self._tracker.accept(message)
         self._outputs.poses.take(message.run.run_id, poses, message.header.stamp)
         for progress, new in arrivals:

@@ -16,6 +16,7 @@ from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.nodes.convert import conditions_msg
 from resting_aspects_ros.nodes.drop_goals import ASK_PERIOD, LOOK_PERIOD, drop_result
+from resting_aspects_ros.nodes.earlier_runs import EarlierRuns
 from resting_aspects_ros.nodes.interface import ACTION_SERVICES, DROP_PART
 from resting_aspects_ros.nodes.requests import CanceledError, NotAvailableError, status_error
 from resting_aspects_ros.nodes.waiting import wait_for
@@ -65,11 +66,13 @@ class DropRequests:
         over: Callable[[str], Future],
         under_way: Callable[[DropSpec], 'RunAccount | None'],
         look_after: Callable[[str, float], None],
+        earlier: EarlierRuns,
     ) -> None:
         self._node = node
         self._over = over
         self._find = under_way
         self._look_after = look_after
+        self._earlier = earlier
         self._client = ActionClient(node, DropPart, DROP_PART, **ACTION_SERVICES)
         self._begun = time.monotonic()
         self._under_way: dict[DropSpec, Future] = {}
@@ -104,6 +107,7 @@ class DropRequests:
 
     async def _run(self, spec: DropSpec) -> 'RunAccount':
         await self.simulator()
+        await self._earlier.wait()
         begun = self._find(spec)
         if begun is not None:
             return await self._follow(begun.run)

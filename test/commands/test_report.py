@@ -158,12 +158,12 @@ def test_measured_and_simulated_side_by_side(dropped, run_in):
     assert (folder / 'beside' / 'comparison.png').exists()
     # By aspect it is the same question: those that look alike are added up.
     lines = ''.join(f'{k},{30 if k < 3 else 0}\n' for k in range(1, 8))
-    (folder / 'by_aspect.csv').write_text(f'aspect,count\n{lines}8,40\n')
+    (folder / 'each.csv').write_text(f'aspect,count\n{lines}8,40\n')
     ended = run_in(
-        folder, 'report', 'o/distribution.json', '--against', 'by_aspect.csv', '--out', 'beside'
+        folder, 'report', 'o/distribution.json', '--against', 'each.csv', '--out', 'beside'
     )
     again = page_of(ended, folder)[1]
-    assert again.replace('by_aspect.csv', 'hand.csv') == page
+    assert again.replace('each.csv', 'hand.csv') == page
 
 
 def test_with_json_nothing_else_is_printed(run, tmp_path):

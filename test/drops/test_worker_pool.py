@@ -7,6 +7,7 @@ import select
 import signal
 import subprocess
 import sys
+import threading
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
@@ -132,6 +133,22 @@ def test_a_pool_can_be_stopped_while_it_works_and_others_go_on(pool):
         endless[-1].result(timeout=60)  # who waits for it hears of it
     assert pool.submit(os.getpid).result() in mine
     stop_pool(stopped)  # nothing is left to stop
+
+
+def test_cancelled_work_keeps_no_other_waiting_when_a_worker_dies(monkeypatch):
+    raised = []
+    monkeypatch.setattr(threading, 'excepthook', raised.append)
+    pool = make_pool(1)
+    worker = pool.submit(os.getpid).result()
+    futures = [pool.submit(signal.pause) for _ in range(9)]
+    for future in futures[5::2]:
+        assert future.cancel()
+    os.kill(worker, signal.SIGKILL)
+    for future in futures:
+        with pytest.raises((CancelledError, BrokenProcessPool)):
+            future.result(timeout=60)
+    stop_pool(pool)
+    assert raised == []
 
 
 def test_a_pool_that_breaks_is_replaced_once_by_whoever_comes_first(workers):
