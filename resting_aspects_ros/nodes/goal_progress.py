@@ -47,8 +47,7 @@ class GoalProgress:
     def follow(self, maker: 'GoalProgress') -> None:
         """Be as far as another goal, which makes the same drops."""
         self.result, self.rate = copy(maker.result), maker.rate
-        # Fewer they are when another goal has begun them anew.
-        if self.result.drops > self._told and maker.so_far is not None:
+        if maker.so_far is not None:
             self._feed_back(maker.so_far[0])
 
     def check_wanted(self) -> None:
@@ -63,6 +62,8 @@ class GoalProgress:
         )
 
     def _feed_back(self, asked: RunDescription) -> None:
+        if self.result.drops <= self._told:
+            return  # they are begun anew after the goal that made them was canceled
         self._told = self.result.drops
         feedback = DropPart.Feedback(done=self._told, total=asked.drops)
         feedback.drops_per_second = self.rate
