@@ -118,7 +118,9 @@ class DropSimulator(Node):
             handle.succeed()
         except CanceledError as error:
             said = error_status(error)
-            handle.canceled()
+            # Where the run of another goal was canceled, this goal was not.
+            end = handle.canceled if handle.is_cancel_requested else handle.abort
+            end()
         except RestingAspectsError as error:
             said = error_status(error)
             handle.abort()
@@ -153,7 +155,7 @@ class DropSimulator(Node):
             asked.precision,
         )
         drop = partial(self._make, handle, progress, job, asked, run)
-        await self._shared.make(key, progress, drop)
+        await self._shared.make(key, progress, drop, new=not handle.request.run_id)
 
     async def _make(
         self,

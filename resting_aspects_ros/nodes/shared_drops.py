@@ -6,6 +6,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from resting_aspects_ros.nodes.goal_progress import GoalProgress
+from resting_aspects_ros.nodes.requests import CanceledError
 from resting_aspects_ros.nodes.waiting import wait_for
 
 # How often a goal that follows another one looks how far that is, s.
@@ -20,28 +21,41 @@ class SharedDrops:
         self._makers: dict[Hashable, tuple[GoalProgress, Future]] = {}
 
     async def make(
-        self, key: Hashable, progress: GoalProgress, make: Callable[[], Awaitable[None]]
+        self,
+        key: Hashable,
+        progress: GoalProgress,
+        make: Callable[[], Awaitable[None]],
+        *,
+        new: bool,
     ) -> None:
         """Fill the progress of a goal, by its own drops or by those that are under way.
 
         Raises what ``make`` raises, and CanceledError if the goal is canceled; the one that it
-        follows goes on. What was begun for another and failed, or was canceled, is begun anew.
+        follows goes on. If a new run that it follows is canceled, so is it; other drops that were
+        begun for another and failed, or were canceled, are begun anew.
         """
         while key in self._makers:
             maker, over = self._makers[key]
             while not await wait_for(self._node, over, FOLLOW_PERIOD):
                 progress.check_wanted()
                 progress.follow(maker)
-            if over.result():
+            ended = over.result()
+            if ended is True:
                 progress.follow(maker)
                 return
             progress.check_wanted()
+            if new and isinstance(ended, CanceledError):
+                progress.follow(maker)
+                raise ended
         over = Future(executor=self._node.executor)
         self._makers[key] = progress, over
-        made = False
+        outcome: object = False
         try:
             await make()
-            made = True
+            outcome = True
+        except CanceledError as error:
+            outcome = CanceledError(str(error))
+            raise
         finally:
             del self._makers[key]
-            over.set_result(made)
+            over.set_result(outcome)
