@@ -79,7 +79,7 @@ def guarded_task(
     async def task(*given: Any) -> None:
         try:
             await act(*given)
-        except Exception as error:  # noqa: BLE001 - the edge, as above
+        except Exception as error:  # noqa: BLE001 - the edge: an exception of a task ends the node
             tell(error)
 
     return task

@@ -31,15 +31,16 @@ class Measured:
     tally: Tally
     comparison: Comparison
 
-    def sides(self) -> dict[str, list[Interval]]:
-        """By the words for each side, the shares of the drops that are in an aspect."""
-        sides = {'simulated': self.own, self.name: self.tally}
-        return {
-            f'{name}, {tally.counts.sum()} of {tally.drops} drops are in an aspect': intervals(
-                tally.counts, int(tally.counts.sum()), confidence=self.comparison.confidence
+    def sides(self) -> list[tuple[str, list[Interval]]]:
+        """Words for each of the two sides, and its shares of the drops that are in an aspect."""
+        confidence = self.comparison.confidence
+        return [
+            (
+                f'{name}, {tally.counts.sum()} of {tally.drops} drops are in an aspect',
+                intervals(tally.counts, int(tally.counts.sum()), confidence=confidence),
             )
-            for name, tally in sides.items()
-        }
+            for name, tally in (('simulated', self.own), (self.name, self.tally))
+        ]
 
 
 @dataclass(frozen=True)
@@ -67,11 +68,10 @@ def comparison_words(measured: Measured, rows: Sequence[Row]) -> ComparisonWords
     """The comparison in words; ``rows`` are those of the classes."""
     found = measured.comparison
     differences = difference_texts(found)
+    (_, simulated), (_, counted) = measured.sides()
     lines = [
         Line(row.name, probability_text(a), probability_text(b), difference)
-        for row, a, b, difference in zip(
-            rows, *measured.sides().values(), differences, strict=True
-        )
+        for row, a, b, difference in zip(rows, simulated, counted, differences, strict=True)
     ]
     for name in REST:
         counts = getattr(measured.own, name), getattr(measured.tally, name)

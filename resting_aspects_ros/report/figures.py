@@ -53,8 +53,8 @@ def convergence_figure(
     """
     figure = new_figure(width, 3.6)
     most = sorted(sorted(range(len(rows)), key=lambda k: -rows[k].count)[:MOST_LINES])
-    name = short_name if width <= NARROW else _name
-    labels = {k: f'{name(rows[k])}: {probability_text(rows[k].interval)}' for k in most}
+    names = {k: short_name(rows[k]) if width <= NARROW else rows[k].name for k in most}
+    labels = {k: f'{names[k]}: {probability_text(rows[k].interval)}' for k in most}
     left, right = 0.5, 0.25 + 0.07 * max(map(len, labels.values()), default=0)  # inches
     axes = figure.add_axes((left / width, 0.14, 1 - (left + right) / width, 0.82))
     plain_axes(axes, 'y')
@@ -128,7 +128,7 @@ def estimates_figure(
 
 def comparison_figure(
     rows: Sequence[Row],
-    sides: Mapping[str, Sequence[Interval]],
+    sides: Sequence[tuple[str, Sequence[Interval]]],
     differences: Sequence[str],
     width: float = WIDE,
 ) -> 'Figure':
@@ -136,21 +136,22 @@ def comparison_figure(
 
     Parameters
     ----------
-    sides : mapping
-        By the side's name, the first in full colour and the other one paler: the interval of each
-        row.
+    sides : sequence of (str, sequence of Interval)
+        Name of each of the two, the first in full colour and the other one paler, and the interval
+        of each row.
     differences : sequence of str
         Of each row, what is written beside it.
     """
     said = '\n'.join(
         textwrap.fill(f'{place}: {name}', int(width / 0.075))
-        for name, place in zip(sides, ('above', 'below'), strict=True)
+        for (name, _), place in zip(sides, ('above', 'below'), strict=True)
     )
     lying = RowAxes(rows, 0.62, width, 0.5 + 0.16 * len(said.splitlines()))
     lying.figure.text(0.2 / width, 0.1 / lying.height, said, size=8, color=FAINT, parse_math=False)
     axes, tall = lying.axes, lying.data(0.25)
-    top = max(each.upper for side in sides.values() for each in side)
-    for side, shift, alpha in zip(sides.values(), (-tall / 2, tall / 2), (1.0, 0.45), strict=True):
+    both = [side for _, side in sides]
+    top = max(each.upper for side in both for each in side)
+    for side, shift, alpha in zip(both, (-tall / 2, tall / 2), (1.0, 0.45), strict=True):
         shares = np.array([each.probability for each in side])
         lower = shares - [each.lower for each in side]
         upper = [each.upper for each in side] - shares
@@ -165,18 +166,13 @@ def comparison_figure(
             elinewidth=1.0,
             capsize=3,
         )
-    beside = lying.write(
-        differences, [max(s[k].upper for s in sides.values()) for k in range(len(rows))]
-    )
+    ends = [max(each.upper for each in of_row) for of_row in zip(*both, strict=True)]
+    beside = lying.write(differences, ends)
     # As wide as the words beside the longest bar.
     place = axes.get_position().width * width
     axes.set_xlim(0, top * place / (place - beside))
     percent_axis(axes, 'x', top)
     return lying.figure
-
-
-def _name(row: Row) -> str:
-    return row.name
 
 
 def _drop_ticks(drops: Counts, inches: float) -> list[float]:

@@ -156,6 +156,12 @@ def test_measured_and_simulated_side_by_side(dropped, run_in):
     said = float(re.search(r'<dt>mean deviation</dt><dd>([\d.]+) points', page)[1])
     assert said == pytest.approx(mean, rel=0.05)
     assert (folder / 'beside' / 'comparison.png').exists()
+    # Whatever the file is called.
+    (folder / 'simulated').write_text('class,count\n1,60\n2,40\n')
+    ended = run_in(
+        folder, 'report', 'o/distribution.json', '--against', 'simulated', '--out', 'beside'
+    )
+    assert ended.returncode == 0, ended.stderr
     # By aspect it is the same question: those that look alike are added up.
     lines = ''.join(f'{k},{30 if k < 3 else 0}\n' for k in range(1, 8))
     (folder / 'each.csv').write_text(f'aspect,count\n{lines}8,40\n')

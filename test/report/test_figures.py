@@ -65,10 +65,13 @@ def test_numbers_of_drops_below_an_axis(rows, width, drops):
         ['-12.35 (-12.51 to -12.21)', '+0.12 (-0.02 to +0.15)', '0', '-0.015 (-0.021 to 0.000)'],
     ],
 )
-@pytest.mark.parametrize('name', ['a.csv', 'manual_count_of_the_night_shift_2025-01-31.csv'])
+@pytest.mark.parametrize(
+    'name', ['a.csv', 'simulated', 'manual_count_of_the_night_shift_2025-01-31.csv']
+)
 def test_two_sides_with_long_words(rows, width, differences, name):
     own = [row.interval for row in rows]
-    sides = {'simulated': own, f'{name}, 980 of 1000 drops are in an aspect': own}
+    words = f'{name}, 980 of 1000 drops are in an aspect'
+    sides = [('simulated', own), (words, own)]
     figure = comparison_figure(rows, sides, differences, width)
     check_words(figure)
     (axes,) = figure.axes
