@@ -4,10 +4,10 @@
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PATH PKG_CONFIG_PATH AMENT_PREFIX_PATH \
          CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help setup dev demo test lint bench validate estimators parts requirements clean
+.PHONY: help setup dev demo test test-all lint bench validate estimators parts requirements clean
 
 help:  ## list the targets
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 20
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 20
 
 setup:  ## make .venv with everything that the suite needs (make PYTHON=... chooses the Python)
 	@tools/setup
@@ -18,9 +18,13 @@ dev: ## the same, and what tests and checks need
 demo: setup  ## set up and run the main job: drop a part and ask for its aspects over ROS
 	@.venv/bin/resting_aspects demo
 
-# On all cores; tests of a file share nodes that are started once.
-test: dev  ## set up and run all tests
-	@.venv/bin/python -m pytest --numprocesses=auto --dist=loadfile
+# On all cores; test/conftest.py says which tests stay on one.
+PYTEST = .venv/bin/python -m pytest --numprocesses=auto --dist=loadgroup --durations=15
+test: dev  ## set up and run all tests but the slow ones
+	@$(PYTEST) -m 'not slow'
+
+test-all: dev  ## set up and run all tests, with more examples of each property
+	@HYPOTHESIS_PROFILE=all $(PYTEST)
 
 lint: dev  ## set up and run ruff and mypy
 	.venv/bin/ruff check

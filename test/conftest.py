@@ -1,10 +1,13 @@
-"""What several tests need: the example parts, parts made of a mesh, and the shipped surfaces."""
+"""Fixtures of all tests, their ROS domain, and how they are distributed over test workers."""
 
 import dataclasses
 import importlib
 import logging
+import os
 from pathlib import Path
 
+import domain_coordinator
+import hypothesis
 import numpy as np
 import pytest
 
@@ -14,6 +17,40 @@ from resting_aspects_ros.drops.part_library import PartLibrary
 from resting_aspects_ros.drops.surfaces import Surfaces
 
 ROOT = Path(__file__).resolve().parents[1]
+
+# A loaded machine is no failure: neither a slow example nor slow generation of examples.
+hypothesis.settings.register_profile(
+    'quick',
+    max_examples=20,
+    derandomize=True,
+    deadline=None,
+    suppress_health_check=[hypothesis.HealthCheck.too_slow],
+)
+hypothesis.settings.register_profile(
+    'all', hypothesis.settings.get_profile('quick'), max_examples=200, derandomize=False
+)
+hypothesis.settings.load_profile(os.environ.get('HYPOTHESIS_PROFILE', 'quick'))
+
+
+def pytest_collection_modifyitems(items):
+    """Keep the tests of a file on one worker if they share a fixture of module scope.
+
+    All other tests are distributed one by one, after these files.
+    """
+    for item in items:
+        definitions = item._fixtureinfo.name2fixturedefs.values()
+        if any(definition[-1].scope == 'module' for definition in definitions):
+            item.add_marker(pytest.mark.xdist_group(item.nodeid.partition('::')[0]))
+
+
+@pytest.fixture(scope='session', autouse=True)
+def domain(tmp_path_factory):
+    """Give each test worker a ROS domain that no other program on this machine uses."""
+    with domain_coordinator.domain_id() as domain, pytest.MonkeyPatch.context() as patch:
+        patch.setenv('ROS_DOMAIN_ID', str(domain))
+        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        patch.setenv('ROS_LOG_DIR', str(tmp_path_factory.mktemp('ros')))
+        yield
 
 
 @pytest.fixture(scope='session')

@@ -60,8 +60,6 @@ def begin(tmp_path):
             env={
                 **os.environ,
                 'PYTHONPATH': str(ROOT),
-                'ROS_DOMAIN_ID': str(os.getpid() % 100 + 1),
-                'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
                 'ROS_LOG_DIR': str(tmp_path / 'ros'),
             },
             stdin=subprocess.DEVNULL,

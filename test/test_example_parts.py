@@ -142,7 +142,7 @@ CORNERS = {
 }
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(seed=st.integers(0, 2**32 - 1))
 @pytest.mark.parametrize('name', CORNERS)
 def test_hull_has_the_corners_of_the_shape_in_every_orientation(name, seed):

@@ -26,6 +26,7 @@ DEPENDENCIES = {
     'builtin_interfaces': (MESSAGES, 'builtin_interfaces'),
     'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg'),
     'diagnostic_msgs': (MESSAGES, 'diagnostic_msgs'),
+    'domain_coordinator': ('ros-domain-coordinator', 'domain_coordinator'),
     'geometry_msgs': (MESSAGES, 'geometry_msgs'),
     'hypothesis': ('hypothesis', 'python3-hypothesis'),
     'jinja2': ('jinja2', 'python3-jinja2'),

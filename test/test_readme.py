@@ -29,15 +29,6 @@ def commands(language='bash'):
     return [line for block in blocks(language) for line in block.splitlines()]
 
 
-@pytest.fixture
-def environment():
-    """Give a ROS domain of our own on this machine."""
-    return os.environ | {
-        'ROS_DOMAIN_ID': str(os.getpid() % 100),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    }
-
-
 def run(command, **options):
     ended = subprocess.run(
         command, capture_output=True, text=True, timeout=120, check=False, **options
@@ -100,18 +91,16 @@ def test_compare(tmp_path):
     assert re.search(r'total variation +0 %', run(here(line), cwd=tmp_path))
 
 
-def test_nodes_request_and_the_python_client(tmp_path, environment):
+def test_nodes_request_and_the_python_client(tmp_path):
     (nodes,) = [line for line in commands() if ' nodes' in line]
     (request,) = [line for line in commands() if ' request ' in line]
     (client,) = blocks('python')
-    suite = subprocess.Popen(
-        here(nodes), cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
-    )
+    suite = subprocess.Popen(here(nodes), cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     try:
-        table = run([*here(request), *FEW_DROPS], cwd=tmp_path, env=environment)
+        table = run([*here(request), *FEW_DROPS], cwd=tmp_path)
         assert 'drops in total' in table
         few = client.replace('drops=1000', 'drops=50')
-        printed = run([sys.executable, '-c', few], cwd=tmp_path, env=environment)
+        printed = run([sys.executable, '-c', few], cwd=tmp_path)
         rows = ast.literal_eval(printed)
         assert [row[0] for row in rows] == [1, 2, 3, 4, 5]
         assert all(0 <= lower <= p <= upper <= 1 for _, p, lower, upper in rows)

@@ -25,9 +25,7 @@ FORMATS = ('stl', 'stl_ascii', 'obj', 'ply')
 turns = st.integers(0, 2**32 - 1).map(
     lambda seed: Rotation.from_quat(np.random.default_rng(seed).standard_normal(4)).as_matrix()
 )
-some = settings(
-    max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+some = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def turned(mesh, matrix, shift=(0, 0, 0)):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.core.closed_surface import closed_surface
@@ -103,7 +103,6 @@ def test_flat_mesh_and_line_have_no_volume():
             assert words in str(caught.value)
 
 
-@settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_flat_mesh_of_any_outline_and_orientation_has_no_volume(seed):
     """The corners are in float32, which leaves them 1e-7 off the plane."""
@@ -142,7 +141,6 @@ def test_mesh_inside_out_is_turned_with_a_warning():
     assert (outward > 0).all()
 
 
-@settings(max_examples=50, deadline=None)
 @given(flips=st.lists(st.booleans(), min_size=24, max_size=24))
 def test_triangles_in_any_disorder_are_turned_outward(flips):
     part = part_of(cubes_in_disorder(flips))
@@ -308,7 +306,6 @@ def test_needle_that_closes_a_gap_stays():
     assert (cubic_mm(part), part.warnings) == (24000, ())
 
 
-@settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_corners_apart_by_noise_of_float32_are_welded(seed):
     """Each triangle of the file gets its own noise, of up to half the tolerance in all."""

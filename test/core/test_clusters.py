@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.transform import Rotation
@@ -67,7 +67,6 @@ def test_a_step_is_within_a_cluster_up_to_the_tolerance_and_not_beyond(share, cl
 
 
 @given(seeds, st.floats(1, 30))
-@settings(deadline=None, max_examples=150)
 def test_the_clusters_are_those_of_single_linkage(seed, degrees):
     down = scattered(seed)
     labels = cluster_directions(down, np.radians(degrees))
@@ -80,7 +79,6 @@ def test_the_clusters_are_those_of_single_linkage(seed, degrees):
 
 
 @given(seeds)
-@settings(deadline=None)
 def test_the_order_of_the_poses_changes_nothing_to_the_last_bit(seed):
     down = scattered(seed)
     order = np.random.default_rng(seed).permutation(len(down))
@@ -91,7 +89,6 @@ def test_the_order_of_the_poses_changes_nothing_to_the_last_bit(seed):
 
 
 @given(seeds)
-@settings(deadline=None)
 def test_turning_the_mesh_keeps_the_clusters_and_turns_their_means(seed):
     down = scattered(seed)
     turn = Rotation.from_quat(np.random.default_rng(seed).standard_normal(4)).as_matrix()

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.core.aspects import find_aspects
@@ -33,7 +33,6 @@ def poses(aspects):
     return RestingPoses(0, np.zeros((3000, 3)), orientation, status, codes, zero, zero)
 
 
-@settings(deadline=None, max_examples=25)
 @given(cuts=st.lists(st.integers(0, 3000), max_size=12), end=st.integers(1, 3000))
 def test_counts_are_those_of_the_first_drops(aspects, poses, cuts, end):
     history = History(aspects)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -74,7 +74,6 @@ def test_third_moments_follow_the_axes():
     np.testing.assert_allclose(turned, straight)
 
 
-@settings(max_examples=60, deadline=None)
 @given(shape=SEEDS, turn=SEEDS)
 def test_frame_turns_with_an_asymmetric_part(shape, turn):
     points = np.random.default_rng(shape).uniform(-20, 20, size=(7, 3))
@@ -93,7 +92,6 @@ def test_frame_turns_with_an_asymmetric_part(shape, turn):
     assert np.linalg.det(turned.principal_axes) == pytest.approx(1)
 
 
-@settings(max_examples=30, deadline=None)
 @given(turn=SEEDS)
 def test_frame_of_a_part_with_a_plane_of_symmetry_turns_with_it(turn):
     part, turned = part_of(angle_bracket()), part_of(angle_bracket(), rotation(turn))
@@ -102,7 +100,6 @@ def test_frame_of_a_part_with_a_plane_of_symmetry_turns_with_it(turn):
     )
 
 
-@settings(max_examples=30, deadline=None)
 @given(turn=SEEDS)
 def test_frame_of_a_box_turns_with_it_up_to_its_symmetry(turn):
     mesh = trimesh.creation.box((10, 20, 30))

@@ -5,7 +5,7 @@ import struct
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.core.errors import PartError, RestingAspectsError
@@ -264,7 +264,6 @@ def test_broken_file_is_told_how(kind, capfd):
     assert capfd.readouterr() == ('', '')
 
 
-@settings(max_examples=300, deadline=None)
 @given(data=st.data())
 @pytest.mark.filterwarnings('error')
 def test_damaged_file_is_a_part_or_an_error_of_the_suite(data):

@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -96,7 +96,6 @@ def test_all_formats_have_the_same_part_and_mm_by_default():
         assert len(part.hull_vertices) == 10, file_format
 
 
-@settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_centre_of_mass_of_a_degenerate_part_is_right_in_every_orientation_and_format(seed):
     """It is over an edge of the long leg's end; an aspect hangs on its last digits."""

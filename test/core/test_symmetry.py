@@ -19,9 +19,7 @@ NO_LANDMARKS = np.zeros((0, 3))
 turns = st.integers(0, 2**32 - 1).map(
     lambda seed: Rotation.from_quat(np.random.default_rng(seed).standard_normal(4)).as_matrix()
 )
-few = settings(
-    max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+few = settings(max_examples=4, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def hull(points):

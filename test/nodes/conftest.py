@@ -1,4 +1,4 @@
-"""Real nodes in real processes, and a client node in this one, on a ROS domain of their own."""
+"""Real nodes in real processes, and a client node in this one."""
 
 import functools
 import itertools
@@ -58,16 +58,6 @@ OUTCOMES = {
     GoalStatus.STATUS_ABORTED: 'aborted',
 }
 _serial = itertools.count()
-
-
-@pytest.fixture(scope='session', autouse=True)
-def domain(tmp_path_factory):
-    """Keep the nodes of this session apart from all others on the machine."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv('ROS_DOMAIN_ID', str(os.getpid() % 100 + 1))
-        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-        patch.setenv('ROS_LOG_DIR', str(tmp_path_factory.mktemp('ros')))
-        yield
 
 
 @pytest.fixture(scope='session')
