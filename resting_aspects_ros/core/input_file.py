@@ -1,0 +1,74 @@
+"""Reading files that people hand in: regular files of a limited size, never a pipe or a device."""
+
+import stat
+from pathlib import Path
+
+from resting_aspects_ros.core.errors import (
+    InvalidValueError,
+    RestingAspectsError,
+    one_line,
+    shown,
+)
+
+# Paths are shown whole as far as a person can read them.
+MAX_PATH = 300
+
+
+def read_input(
+    path: Path,
+    max_bytes: int,
+    what: str,
+    error: type[RestingAspectsError] = InvalidValueError,
+) -> bytes:
+    """Return all bytes of a regular file of at most ``max_bytes``.
+
+    Opening a pipe waits for its writer, and a device may never end; so the kind and the size are
+    checked before the file is opened.
+
+    Parameters
+    ----------
+    path : Path
+        A link to a regular file is allowed.
+    max_bytes : int
+    what : str
+        What the file is, for the error: 'mesh', 'surfaces file'.
+    error : type
+        Raised, with one line that names the file, if it does not exist, is a folder, a pipe, a
+        device or a socket, is too large, or cannot be read.
+    """
+    label = named(what, path)
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise error(f'{label} is {_kind(status.st_mode)}: expected a regular file')
+        if status.st_size <= max_bytes:
+            with path.open('rb') as file:
+                data = file.read(max_bytes + 1)
+            if len(data) <= max_bytes:
+                return data
+    except FileNotFoundError:
+        raise error(f'{label} does not exist') from None
+    except (OSError, ValueError) as cause:  # ValueError: a path with a null byte
+        reason = getattr(cause, 'strerror', None) or one_line(str(cause))
+        raise error(f'{label} cannot be read: {reason}') from None
+    raise error(f'{label} is too large: expected at most {_size(max_bytes)}')
+
+
+def named(what: str, path: str | Path) -> str:
+    """Return what a file is called in errors: its kind and its path."""
+    return f'{what} {shown(str(path), MAX_PATH)}'
+
+
+def _kind(mode: int) -> str:
+    kinds = {
+        stat.S_IFDIR: 'a folder',
+        stat.S_IFIFO: 'a pipe (FIFO)',
+        stat.S_IFCHR: 'a device',
+        stat.S_IFBLK: 'a device',
+        stat.S_IFSOCK: 'a socket',
+    }
+    return kinds.get(stat.S_IFMT(mode), 'not a file')
+
+
+def _size(count: int) -> str:
+    return f'{count >> 20} MiB' if count >= 1 << 20 else f'{count >> 10} KiB'
