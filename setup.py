@@ -40,12 +40,12 @@ setup(
     zip_safe=True,
     entry_points={
         'console_scripts': [
-            f'resting_aspects = {NAME}.programs:resting_aspects',
-            f'drop_simulator = {NAME}.programs:drop_simulator',
-            f'aspect_classifier = {NAME}.programs:aspect_classifier',
-            f'drop_recorder = {NAME}.programs:drop_recorder',
-            f'feeder_example = {NAME}.programs:feeder_example',
-            f'log_replayer = {NAME}.programs:log_replayer',
+            f'resting_aspects = {NAME}.cli:main',
+            f'drop_simulator = {NAME}.nodes.drop_simulator:main',
+            f'aspect_classifier = {NAME}.nodes.aspect_classifier:main',
+            f'drop_recorder = {NAME}.nodes.drop_recorder:main',
+            f'feeder_example = {NAME}.nodes.feeder_example:main',
+            f'log_replayer = {NAME}.nodes.log_replayer:main',
         ],
     },
 )

@@ -2,8 +2,7 @@
 
 Exit codes: 0 done; 2 wrong input, nothing was done; 1 something failed on the way (workers died
 again and again, a node died, the disk is full, no suite answers); 130 interrupted. After 1 and 130
-what was done is saved. An error is one line on standard error. A signal that comes before anything
-is begun, while modules are imported, ends it without a word, with 128 and its number.
+what was done is saved. An error is one line on standard error.
 """
 
 import argparse
@@ -24,14 +23,25 @@ from resting_aspects_ros.core.errors import (
     RestingAspectsError,
     UnknownPartError,
 )
-from resting_aspects_ros.signals import SIGNALS, catch, end_at_once
+from resting_aspects_ros.signals import SIGNALS, catch
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
-COMMANDS = (
-    *('drop', 'report', 'estimate', 'aspects', 'classify', 'compare'),
-    *('request', 'nodes', 'demo'),
-    *('info', 'replay', 'merge', 'recover'),
-)
+# The help of each subcommand. Only the module of the requested one is imported.
+COMMANDS = {
+    'drop': 'drop a part and show how it comes to rest',
+    'report': 'make a page with pictures and charts of a result',
+    'estimate': 'predict the distribution from the shape, without a drop',
+    'aspects': 'show the aspects of a part, without a drop',
+    'classify': 'sort resting poses from a file into aspects',
+    'compare': 'compare two distributions, or one with a count by hand',
+    'request': 'ask the running ROS nodes for a distribution',
+    'nodes': 'run all ROS nodes in one process',
+    'demo': 'drop l_bracket 1000 times over ROS and show the result',
+    'info': 'show what is in a log',
+    'replay': 'publish a log again, on the same topics',
+    'merge': 'count the drops of several logs together',
+    'recover': 'close logs that a crash broke off',
+}
 
 DESCRIPTION = """How a part comes to rest when it is dropped, and how probable each way is.
 Start with: resting_aspects drop l_bracket"""
@@ -53,8 +63,8 @@ class _Parser(argparse.ArgumentParser):
         self.exit(WRONG_INPUT, f'error: {_line(message)} (see {self.prog} --help)\n')
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """All commands and their flags."""
+def make_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
+    """Return a parser of all subcommands, with the flags of the one that `argv` requests."""
     parser = _Parser(
         prog='resting_aspects',
         description=DESCRIPTION,
@@ -63,8 +73,12 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
-    for command in COMMANDS:
-        import_module(f'resting_aspects_ros.commands.{command}').add(subparsers)
+    requested = next((word for word in argv if not word.startswith('-')), '')
+    for command, text in COMMANDS.items():
+        if command == requested:
+            import_module(f'resting_aspects_ros.commands.{command}').add(subparsers)
+        else:
+            subparsers.add_parser(command, help=text)
     return parser
 
 
@@ -73,13 +87,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, TextIOWrapper):
         # A file name can be no text of the terminal's encoding, and is in many a line.
         sys.stdout.reconfigure(errors='backslashreplace')
-    catch(end_at_once)
-    parser = make_parser()
+    words = _joined(sys.argv[1:] if argv is None else argv)
     try:
         # Stopped by a service manager or a closed terminal: the same orderly end as Ctrl-C.
         catch(signal.default_int_handler)
         try:
-            arguments = parser.parse_args(_joined(sys.argv[1:] if argv is None else argv))
+            arguments = make_parser(words).parse_args(words)
             code = int(arguments.run(arguments))
         finally:
             sys.stdout.flush()

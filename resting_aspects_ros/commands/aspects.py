@@ -5,7 +5,6 @@ import sys
 from typing import Any
 
 from resting_aspects_ros.commands.options import add_part
-from resting_aspects_ros.signals import ending_at_once
 
 EXAMPLES = """examples:
   resting_aspects aspects hex_nut
@@ -17,7 +16,6 @@ def add(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'aspects',
-        help='show the aspects of a part, without a drop',
         description='Show in which aspects a part can rest, which of them look alike because a\n'
         'rotation maps the part onto itself, from which share of all directions it\n'
         'rolls into each if it is let go without speed (basin), and by how much its\n'
@@ -33,13 +31,12 @@ def add(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
     # What takes a while to import, which --help does not need.
-    with ending_at_once():
-        from resting_aspects_ros.commands.answer import make_console, show_table
-        from resting_aspects_ros.commands.given_part import given_part
-        from resting_aspects_ros.core.aspects import find_aspects
-        from resting_aspects_ros.report.aspect_table import aspect_table, symmetry_text
-        from resting_aspects_ros.report.document import aspects_document, to_json
-        from resting_aspects_ros.report.rounding import size_text
+    from resting_aspects_ros.commands.answer import make_console, show_table
+    from resting_aspects_ros.commands.given_part import given_part
+    from resting_aspects_ros.core.aspects import find_aspects
+    from resting_aspects_ros.report.aspect_table import aspect_table, symmetry_text
+    from resting_aspects_ros.report.document import aspects_document, to_json
+    from resting_aspects_ros.report.rounding import size_text
 
     part = given_part(arguments.part, arguments.unit, arguments.parts)
     for warning in part.warnings:

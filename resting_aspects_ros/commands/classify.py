@@ -6,7 +6,6 @@ from typing import Any
 
 from resting_aspects_ros.commands.options import add_part_place
 from resting_aspects_ros.commands.quantities import parse_quantity
-from resting_aspects_ros.signals import ending_at_once
 
 EXAMPLES = """examples:
   resting_aspects classify poses.csv
@@ -19,7 +18,6 @@ def add(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'classify',
-        help='sort resting poses from a file into aspects',
         description='Sort resting poses by their orientations alone: two are the same if they\n'
         'differ by a turn about the vertical. With --part also by the aspects that\n'
         'follow from its shape; then poses on which the two differ are listed. They\n'
@@ -52,7 +50,6 @@ def run(arguments: argparse.Namespace) -> int:
     text = arguments.tolerance
     degrees = None if text is None else parse_quantity('--tolerance', text, '')
     # What takes a while to import, which --help does not need.
-    with ending_at_once():
-        from resting_aspects_ros.commands.classify_here import classify_here
+    from resting_aspects_ros.commands.classify_here import classify_here
 
     return classify_here(arguments, degrees)

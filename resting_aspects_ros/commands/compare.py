@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.commands.quantities import parse_quantity
-from resting_aspects_ros.signals import ending_at_once
 
 EXAMPLES = """examples:
   resting_aspects compare out/nut/distribution.json manual.csv
@@ -18,7 +17,6 @@ def add(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'compare',
-        help='compare two distributions, or one with a count by hand',
         description='How far two distributions over the same aspects are apart, and whether\n'
         'chance explains it. Each of A and B is a log (the folder of a run, or its\n'
         '.mcap file), a JSON document of drop or request, or a CSV of counts: a line\n'
@@ -45,7 +43,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
     confidence = parse_quantity('--confidence', arguments.confidence, '')
     # What takes a while to import, which --help does not need.
-    with ending_at_once():
-        from resting_aspects_ros.commands.compare_here import compare_here
+    from resting_aspects_ros.commands.compare_here import compare_here
 
     return compare_here(arguments, confidence)

@@ -11,7 +11,6 @@ from resting_aspects_ros.commands.interruption import Interruption
 from resting_aspects_ros.commands.node_processes import NodeProcesses
 from resting_aspects_ros.commands.outputs import check_output, make_folder
 from resting_aspects_ros.core.errors import RestingAspectsError
-from resting_aspects_ros.signals import ending_at_once
 
 PART, DROPS, SEED = 'l_bracket', 1000, 1
 NODES = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
@@ -28,7 +27,6 @@ def add(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'demo',
-        help=f'drop {PART} {DROPS} times over ROS and show the result',
         description='Start drop_simulator, aspect_classifier and drop_recorder as three\n'
         f'processes that talk over DDS, ask for the distribution of {PART},\n'
         f'{DROPS} drops, as a ROS client, show it, stop everything, and make the report.',
@@ -53,9 +51,8 @@ def run(arguments: argparse.Namespace) -> int:
     for node in NODES:
         check_output('--out', out / f'{node}.log')
     # A second to import, which --help does not need.
-    with ending_at_once():
-        from resting_aspects_ros.commands.logged_answer import logged_answer
-        from resting_aspects_ros.commands.report_files import check_report, write_report
+    from resting_aspects_ros.commands.logged_answer import logged_answer
+    from resting_aspects_ros.commands.report_files import check_report, write_report
 
     check_report('--out', out)
     # A name of its own keeps it apart from other suites on this machine, and this machine from

@@ -30,7 +30,6 @@ def add(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'drop',
-        help='drop a part and show how it comes to rest',
         description='Drop a part many times in simulation and show in which aspects it comes\n'
         'to rest, and how probable each is. Needs no ROS graph.',
         epilog=EXAMPLES,

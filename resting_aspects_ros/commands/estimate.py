@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.commands.options import add_part
-from resting_aspects_ros.signals import ending_at_once
 
 ALL = 'all'
 EXAMPLES = """examples:
@@ -19,7 +18,6 @@ def add(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'estimate',
-        help='predict the distribution from the shape, without a drop',
         description='How probable each aspect of a part is by the analytic methods of the\n'
         'literature: in milliseconds, and without the conditions of a drop, which they\n'
         'know nothing of. docs/estimators.md says how far off each is. With --against\n'
@@ -46,7 +44,6 @@ def add(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
     # What takes a while to import, which --help does not need.
-    with ending_at_once():
-        from resting_aspects_ros.commands.estimate_here import estimate_here
+    from resting_aspects_ros.commands.estimate_here import estimate_here
 
     return estimate_here(arguments)

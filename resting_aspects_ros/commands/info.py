@@ -4,8 +4,6 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.signals import ending_at_once
-
 EXAMPLES = """examples:
   resting_aspects info out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
   resting_aspects info run_0.mcap --json
@@ -16,7 +14,6 @@ def add(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'info',
-        help='show what is in a log',
         description='Part, conditions, seed, versions, number of poses, and the distribution\n'
         'that a log holds, closed or broken off.',
         epilog=EXAMPLES,
@@ -30,7 +27,6 @@ def add(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError if it is no log."""
     # What takes a while to import, which --help does not need.
-    with ending_at_once():
-        from resting_aspects_ros.commands.info_of_log import show_info
+    from resting_aspects_ros.commands.info_of_log import show_info
 
     return show_info(arguments.log, as_json=arguments.json)

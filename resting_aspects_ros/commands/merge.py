@@ -4,8 +4,6 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.signals import ending_at_once
-
 EXAMPLES = """examples:
   resting_aspects merge out/logs/l_bracket_*
   resting_aspects merge monday.mcap tuesday.mcap --any-engine --json
@@ -16,7 +14,6 @@ def add(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'merge',
-        help='count the drops of several logs together',
         description='The distribution over all drops in logs of one part under the same\n'
         'conditions. A drop that is in several of them, by its seed and its index,\n'
         'counts once.',
@@ -38,7 +35,6 @@ def add(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
     # What takes a while to import, which --help does not need.
-    with ending_at_once():
-        from resting_aspects_ros.commands.merge_logs import merge_logs
+    from resting_aspects_ros.commands.merge_logs import merge_logs
 
     return merge_logs(arguments.logs, any_engine=arguments.any_engine, as_json=arguments.json)

@@ -4,7 +4,6 @@ import argparse
 from typing import Any
 
 from resting_aspects_ros.commands.options import add_ros_args
-from resting_aspects_ros.signals import ending_at_once
 
 EXAMPLES = """examples:
   resting_aspects nodes
@@ -17,7 +16,6 @@ def add(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'nodes',
-        help='run all ROS nodes in one process',
         description='Run drop_simulator, aspect_classifier and drop_recorder in one process,\n'
         'until Ctrl-C. Each is a program of its own, too, whose --help lists its\n'
         'parameters.',
@@ -30,11 +28,10 @@ def add(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Spin until told to stop."""
-    with ending_at_once():
-        from resting_aspects_ros.nodes.aspect_classifier import AspectClassifier
-        from resting_aspects_ros.nodes.drop_recorder import DropRecorder
-        from resting_aspects_ros.nodes.drop_simulator import DropSimulator
-        from resting_aspects_ros.nodes.spin import spin_nodes
+    from resting_aspects_ros.nodes.aspect_classifier import AspectClassifier
+    from resting_aspects_ros.nodes.drop_recorder import DropRecorder
+    from resting_aspects_ros.nodes.drop_simulator import DropSimulator
+    from resting_aspects_ros.nodes.spin import spin_nodes
 
     ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
     return spin_nodes([DropSimulator, AspectClassifier, DropRecorder], ros_args)

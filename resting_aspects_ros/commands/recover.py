@@ -4,8 +4,6 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.signals import ending_at_once
-
 EXAMPLES = """examples:
   resting_aspects recover out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
   resting_aspects recover out/logs/*
@@ -16,7 +14,6 @@ def add(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'recover',
-        help='close logs that a crash broke off',
         description='Rebuild index, summary and metadata.yaml of logs whose recorder was killed.\n'
         'Every message that is in the file in full is kept, and a classifier that is\n'
         'started uses the drops. Logs that are closed, or are being written, stay as they\n'
@@ -34,7 +31,6 @@ def add(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError if a single log cannot be recovered."""
     # What takes a while to import, which --help does not need.
-    with ending_at_once():
-        from resting_aspects_ros.commands.recover_logs import recover_logs
+    from resting_aspects_ros.commands.recover_logs import recover_logs
 
     return recover_logs(arguments.logs)

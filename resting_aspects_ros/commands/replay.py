@@ -8,7 +8,6 @@ from resting_aspects_ros.commands.options import add_ros_args
 from resting_aspects_ros.commands.quantities import parse_quantity
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.file_names import is_printable
-from resting_aspects_ros.signals import ending_at_once
 
 EXAMPLES = """examples:
   resting_aspects replay out/logs/l_bracket_20250131T235959Z_4f1c
@@ -21,7 +20,6 @@ def add(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'replay',
-        help='publish a log again, on the same topics',
         description='Publish what is in a log on the topics of the suite, with the recorded QoS,\n'
         'bytes and pauses, so that a controller can be developed without drops. Names\n'
         'are relative to the namespace, whatever it was when the log was recorded. It\n'
@@ -64,10 +62,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.rate is not None:
         given['rate'] = parse_quantity('--rate', arguments.rate, '')
     given |= {name: True for name in ('as_fast_as_possible', 'loop') if getattr(arguments, name)}
-    with ending_at_once():
-        from resting_aspects_ros.commands.progress import ReplayProgress
-        from resting_aspects_ros.nodes.log_replayer import LogReplayer
-        from resting_aspects_ros.nodes.spin import spin_nodes
+    from resting_aspects_ros.commands.progress import ReplayProgress
+    from resting_aspects_ros.nodes.log_replayer import LogReplayer
+    from resting_aspects_ros.nodes.spin import spin_nodes
 
     ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
     with ReplayProgress() as progress:

@@ -5,11 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.commands.options import add_part_place
-from resting_aspects_ros.signals import ending_at_once
 
 EXAMPLES = """examples:
   resting_aspects report out/nut/distribution.json
-  resting_aspects report out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50 --out report
+  resting_aspects report out/logs/l_bracket_20250131T120000Z_4f1c --out report
   resting_aspects report result/distribution.json --against counted_by_hand.csv
   resting_aspects report request.json --part my_part.stl --unit in
 """
@@ -19,7 +18,6 @@ def add(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'report',
-        help='make a page with pictures and charts of a result',
         description='Write report.html, one file that needs no network, with the part in 3D, a\n'
         'picture and the probability of each aspect, charts, and all conditions; and\n'
         'the figures as PNG and SVG.',
@@ -55,7 +53,6 @@ def add(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
     # What takes a while to import, which --help does not need.
-    with ending_at_once():
-        from resting_aspects_ros.commands.report_here import report_here
+    from resting_aspects_ros.commands.report_here import report_here
 
     return report_here(arguments)

@@ -40,7 +40,6 @@ def add(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'request',
-        help='ask the running ROS nodes for a distribution',
         description='Call get_distribution of the running nodes: a known distribution is\n'
         'answered at once, otherwise the part is dropped first.',
         epilog=EXAMPLES,

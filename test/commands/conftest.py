@@ -1,6 +1,8 @@
-"""The command as a person runs it: a process of its own, in an empty folder."""
+"""The command as a person runs it, in an empty folder: in this process, or in one of its own."""
 
+import contextlib
 import csv
+import io
 import json
 import os
 import signal
@@ -8,9 +10,13 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest import mock
 
 import pytest
 import trimesh
+
+from resting_aspects_ros import cli
+from resting_aspects_ros.signals import SIGNALS
 
 COMMAND = [sys.executable, '-m', 'resting_aspects_ros.cli']
 # Settings of whoever runs the tests that would change what is shown.
@@ -26,22 +32,71 @@ def environment():
 
 @pytest.fixture(scope='session')
 def run_in(environment):
-    """Run the command to its end, in a folder."""
+    """Call the command in this process, in a folder; returns what a process would."""
 
-    def run(folder, *words, **options):
-        options = {'capture_output': True, 'text': True, 'env': environment} | options
+    def run(folder, *words, env=None):
         words = [str(word) for word in words]
-        return subprocess.run(
-            [*COMMAND, *words], cwd=folder, timeout=DEADLINE, check=False, **options
-        )
+        out = io.TextIOWrapper(io.BytesIO(), encoding='utf-8')
+        err = io.TextIOWrapper(io.BytesIO(), encoding='utf-8', errors='backslashreplace')
+        with (
+            _folder(folder),
+            _handlers_restored(),
+            mock.patch.dict(os.environ, env or environment, clear=True),
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+        ):
+            try:
+                code = cli.main(words)
+            except SystemExit as ended:  # by argparse
+                code = ended.code
+        for stream in (out, err):
+            stream.flush()
+        printed = [stream.buffer.getvalue().decode() for stream in (out, err)]
+        return subprocess.CompletedProcess(words, code, *printed)
 
     return run
 
 
+@contextlib.contextmanager
+def _folder(folder):
+    """contextlib.chdir is newer than Python 3.10."""
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
+
+
+@contextlib.contextmanager
+def _handlers_restored():
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        signal.set_wakeup_fd(-1)
+
+
 @pytest.fixture
 def run(run_in, tmp_path):
-    """Run the command to its end, in an empty folder."""
+    """Call the command in this process, in an empty folder."""
     return lambda *words, **options: run_in(tmp_path, *words, **options)
+
+
+@pytest.fixture
+def run_process(environment, tmp_path):
+    """Run the command in a process, in an empty folder, to its end."""
+
+    def run(*words, **options):
+        options = {'capture_output': True, 'text': True, 'env': environment} | options
+        words = [str(word) for word in words]
+        return subprocess.run(
+            [*COMMAND, *words], cwd=tmp_path, timeout=DEADLINE, check=False, **options
+        )
+
+    return run
 
 
 @pytest.fixture

@@ -213,9 +213,9 @@ def test_a_reader_that_has_seen_enough_is_no_error(begin, environment):
     assert process.returncode == 1
 
 
-def test_a_full_disk_behind_standard_output_is_a_line(run):
+def test_a_full_disk_behind_standard_output_is_a_line(run_process):
     with Path('/dev/full').open('w') as full:
-        ended = run(
+        ended = run_process(
             *WORDS,
             '--drops',
             1,

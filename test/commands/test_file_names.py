@@ -16,9 +16,10 @@ SHOWN = r'\udcff'
 
 
 @pytest.fixture
-def strict(run, environment):
+def strict(run_process, environment):
     """Run the command where standard output takes UTF-8 and nothing else."""
-    return lambda *words: run(*words, env={**environment, 'PYTHONIOENCODING': 'utf-8:strict'})
+    utf8 = {**environment, 'PYTHONIOENCODING': 'utf-8:strict'}
+    return lambda *words: run_process(*words, env=utf8)
 
 
 @pytest.fixture

@@ -3,22 +3,11 @@
 import re
 import subprocess
 import sys
+from importlib import import_module
 
 import pytest
 
-from resting_aspects_ros import __version__
-from resting_aspects_ros.cli import make_parser
-from resting_aspects_ros.commands import (
-    aspects,
-    classify,
-    compare,
-    demo,
-    drop,
-    merge,
-    nodes,
-    replay,
-    request,
-)
+from resting_aspects_ros import __version__, cli
 from resting_aspects_ros.core.clusters import (
     DEFAULT_TOLERANCE_DEGREES,
     MAX_TOLERANCE_DEGREES,
@@ -34,17 +23,6 @@ from resting_aspects_ros.nodes import (
 )
 from resting_aspects_ros.nodes.log_replayer import LEAST_RATE, MOST_RATE
 
-COMMANDS = {
-    'drop': drop,
-    'aspects': aspects,
-    'classify': classify,
-    'compare': compare,
-    'merge': merge,
-    'request': request,
-    'nodes': nodes,
-    'replay': replay,
-    'demo': demo,
-}
 HEAVY = (
     'numpy', 'scipy', 'trimesh', 'pybullet', 'rclpy', 'matplotlib', 'mcap', 'rich', 'distributed'
 )  # fmt: skip
@@ -64,39 +42,66 @@ def shown(run):
 
 def test_help_lists_commands_and_exit_codes(shown):
     text = shown()
-    for word in (*COMMANDS, 'exit codes', '0 done', '1 something', '2 wrong', '130 interrupted'):
+    for word in (
+        *cli.COMMANDS.values(),
+        'exit codes',
+        '0 done',
+        '1 something',
+        '2 wrong',
+        '130 interrupted',
+    ):
         assert word in text
 
 
-@pytest.mark.parametrize('name', COMMANDS)
+@pytest.mark.parametrize('name', cli.COMMANDS)
 def test_each_command_has_examples_that_are_understood(shown, name):
     text = shown(name)
+    module = import_module(f'resting_aspects_ros.commands.{name}')
     lines = [
         line.partition('(')[0].partition('>')[0].split()
-        for line in COMMANDS[name].EXAMPLES.splitlines()[1:]
+        for line in module.EXAMPLES.splitlines()[1:]
     ]
     assert len(lines) >= 2
     assert name in {line[1] for line in lines}
     for line in lines:
         assert ' '.join(line) in text
         assert line[0] == 'resting_aspects'
-        assert callable(make_parser().parse_args(line[1:]).run)
+        assert callable(cli.make_parser(line[1:]).parse_args(line[1:]).run)
 
 
-@pytest.mark.parametrize('words', [[], *([name] for name in COMMANDS)], ids=' '.join)
-def test_help_loads_nothing_heavy(words):
+def loaded_by(*words):
+    """The heavy modules that a command in a new process loads, and our own of subcommands."""
     code = (
         'import sys\n'
         'from resting_aspects_ros.cli import main\n'
         'try:\n'
-        f'    main({[*words, "--help"]!r})\n'
-        'except SystemExit:\n'
-        f'    print("loaded:", *(name for name in {HEAVY!r} if name in sys.modules))\n'
+        f'    main({list(words)!r})\n'
+        'finally:\n'
+        '    print("\\nloaded:", *sys.modules)\n'
     )
     ended = subprocess.run(
-        [sys.executable, '-c', code], capture_output=True, text=True, check=True
+        [sys.executable, '-c', code], capture_output=True, text=True, check=False
     )
-    assert ended.stdout.splitlines()[-1] == 'loaded:'
+    modules = ended.stdout.splitlines()[-1].split()
+    prefix = 'resting_aspects_ros.commands.'
+    verbs = {name.removeprefix(prefix) for name in modules if name.startswith(prefix)}
+    return set(HEAVY) & set(modules), verbs & set(cli.COMMANDS)
+
+
+def test_help_loads_no_subcommand_and_nothing_heavy():
+    assert loaded_by('--help') == (set(), set())
+
+
+@pytest.mark.parametrize('name', ['drop', 'request', 'replay'])
+def test_only_the_requested_subcommand_is_loaded(name):
+    heavy, verbs = loaded_by(name, '--help')
+    assert verbs == {name}
+    assert heavy & {'pybullet', 'rclpy', 'matplotlib', 'distributed'} == set()
+
+
+@pytest.mark.parametrize('words', [['no_verb'], ['--', 'drop'], ['--no_flag', 'drop', 'part']])
+def test_what_is_no_subcommand_or_flag_is_refused(refused, words):
+    assert any(word in refused(*words) for word in words)
 
 
 @pytest.mark.parametrize('command', ['drop', 'request'])

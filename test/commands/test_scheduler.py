@@ -83,9 +83,9 @@ def test_workers_of_this_machine_and_of_a_cluster_are_not_both_to_be_had(refused
     assert line == f'{words} (see resting_aspects drop --help)'
 
 
-def test_without_dask_it_says_what_to_install(run, tmp_path):
+def test_without_dask_it_says_what_to_install(run_process, tmp_path):
     # The folder in which the command is run is looked at before what is installed.
     (tmp_path / 'distributed.py').write_text('raise ImportError\n', encoding='utf-8')
-    ended = run(*WORDS, '--scheduler', 'tcp://127.0.0.1:1')
+    ended = run_process(*WORDS, '--scheduler', 'tcp://127.0.0.1:1')
     words = "error: scheduler is 'tcp://127.0.0.1:1', which needs Dask: pip install distributed\n"
     assert (ended.returncode, ended.stdout, ended.stderr) == (2, '', words)
