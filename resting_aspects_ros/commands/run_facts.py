@@ -9,10 +9,10 @@ _NANOSECONDS = 1_000_000_000
 
 
 def condition_facts(conditions: DropConditions) -> Iterator[tuple[str, str]]:
-    """Name and value of each condition."""
+    """Label and value of each condition."""
     for name, quantity in QUANTITIES.items():
-        of = f' ({conditions.height_of.name})' if name == 'height' else ''
-        yield name, f'{getattr(conditions, name):g} {quantity.unit}'.rstrip() + of
+        of = f' ({conditions.height_of.label})' if name == 'height' else ''
+        yield quantity.label, f'{getattr(conditions, name):g} {quantity.unit}'.rstrip() + of
 
 
 def when_text(started: int) -> str:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 
 
 class HeightOf(IntEnum):
@@ -19,11 +19,21 @@ class HeightOf(IntEnum):
     LOWEST_POINT = 0
     CENTRE_OF_MASS = 1
 
+    @property
+    def label(self) -> str:
+        """The name for people, such as 'lowest point'."""
+        return self.name.lower().replace('_', ' ')
+
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number with a unit and bounds. ``above`` is a strict lower bound, the others are not."""
+    """A number with a unit and bounds. ``above`` is a strict lower bound, the others are not.
 
+    label : str
+        The name for people, such as 'horizontal speed spread'.
+    """
+
+    label: str
     unit: str
     text: str
     low: float = 0.0
@@ -43,11 +53,11 @@ class Quantity:
         within = number and self.low <= value <= self.high and math.isfinite(value)
         if within and (value > self.low or not self.above):
             return float(value)
-        raise InvalidValueError(f'{name} is {value!r}, allowed is {self.allowed()}')
+        raise InvalidValueError(f'{name} is {shown(value)}, allowed is {self.allowed()}')
 
 
-def _quantity(unit: str, text: str, **bounds: Any) -> Any:
-    return field(metadata={'quantity': Quantity(unit, text, **bounds)})
+def _quantity(label: str, unit: str, text: str, **bounds: Any) -> Any:
+    return field(metadata={'quantity': Quantity(label, unit, text, **bounds)})
 
 
 @dataclass(frozen=True)
@@ -60,28 +70,41 @@ class DropConditions:
         If a value is not a finite number within its bounds.
     """
 
-    height: float = _quantity('m', 'height of release', high=100.0, above=True)
-    restitution: float = _quantity('', 'restitution of part on surface', high=1.0)
-    friction: float = _quantity('', 'Coulomb friction of part on surface', high=10.0)
+    height: float = _quantity('height', 'm', 'height of release', high=100.0, above=True)
+    restitution: float = _quantity('restitution', '', 'restitution of part on surface', high=1.0)
+    friction: float = _quantity('friction', '', 'Coulomb friction of part on surface', high=10.0)
     # More would let a part rest tilted on an edge or a corner. Of slender parts the length is less
     # than the hull radius; see drops.job.rolling_length.
     rolling_friction: float = _quantity(
-        '', 'rolling friction: torque limit / (hull radius x normal force)', high=0.1
+        'rolling friction',
+        '',
+        'rolling friction: torque limit / (hull radius x normal force)',
+        high=0.1,
     )
     spinning_friction: float = _quantity(
-        '', 'friction against spin about the contact normal, like rolling friction', high=1.0
+        'spinning friction',
+        '',
+        'friction against spin about the contact normal, like rolling friction',
+        high=1.0,
     )
-    gravity: float = _quantity('m/s2', 'gravity', low=1e-6, high=1000.0)
+    gravity: float = _quantity('gravity', 'm/s2', 'gravity', low=1e-6, high=1000.0)
     speed_horizontal: float = _quantity(
+        'horizontal speed spread',
         'm/s',
         'standard deviation of each horizontal component of the speed at release',
         high=100.0,
     )
     speed_vertical: float = _quantity(
-        'm/s', 'standard deviation of the vertical speed at release', high=100.0
+        'vertical speed spread',
+        'm/s',
+        'standard deviation of the vertical speed at release',
+        high=100.0,
     )
     spin: float = _quantity(
-        'rad/s', 'standard deviation of each component of the spin at release', high=10000.0
+        'spin spread',
+        'rad/s',
+        'standard deviation of each component of the spin at release',
+        high=10000.0,
     )
     height_of: HeightOf = HeightOf.LOWEST_POINT
     surface: str = ''

@@ -72,12 +72,12 @@ class Surfaces:
 def _changes(known: DropConditions, conditions: DropConditions) -> list[str]:
     """What differs from a surface, each in words."""
     changes = [
-        f'{name} {getattr(conditions, name):g} {quantity.unit}'.rstrip()
+        f'{quantity.label} {getattr(conditions, name):g} {quantity.unit}'.rstrip()
         for name, quantity in QUANTITIES.items()
         if getattr(conditions, name) != getattr(known, name)
     ]
     if conditions.height_of != known.height_of:
-        changes.append(f'height of {conditions.height_of.name}')
+        changes.append(f'height of {conditions.height_of.label}')
     return changes
 
 

@@ -79,7 +79,7 @@ def test_info_of_a_whole_log(run, log, dropped):
         f'part l_bracket, sha256 {dropped[0].part_sha256}',
         'stl in mm, 20 triangles',
         'conditions steel with height 0.045 m and friction 0.31',
-        'height 0.045 m (LOWEST_POINT)',
+        'height 0.045 m (lowest point)',
         'friction 0.31',
         'seed 77',
         'drops 300 of 300',

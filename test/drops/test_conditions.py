@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions, HeightOf
 
 PLAIN = DropConditions(
@@ -44,6 +44,14 @@ def test_every_field_is_a_quantity_with_unit_bounds_and_text_but_two():
     assert all(q.text and math.isfinite(q.high) for q in QUANTITIES.values())
 
 
+def test_labels_are_words_for_people():
+    labels = [*(q.label for q in QUANTITIES.values()), *(h.label for h in HeightOf)]
+    assert len(set(labels)) == len(labels)
+    assert all(label.replace(' ', '').isalpha() and label.islower() for label in labels)
+    assert QUANTITIES['speed_horizontal'].label == 'horizontal speed spread'
+    assert HeightOf.CENTRE_OF_MASS.label == 'centre of mass'
+
+
 @names
 def test_the_bounds_are_allowed_and_what_is_just_beyond_is_not(name):
     quantity = QUANTITIES[name]
@@ -58,12 +66,13 @@ def test_the_bounds_are_allowed_and_what_is_just_beyond_is_not(name):
 
 @names
 @pytest.mark.parametrize(
-    'value', [math.nan, math.inf, -math.inf, -1, 10**400, True, '0.5', None, [0.5], 1j]
+    'value', [math.nan, math.inf, -math.inf, -1, 10**5000, True, '0.5', None, [0.5], 1j], ids=shown
 )
 def test_what_is_no_finite_number_within_bounds_is_refused_in_words(name, value):
     with pytest.raises(InvalidValueError) as caught:
         dataclasses.replace(PLAIN, **{name: value})
-    assert str(caught.value) == f'{name} is {value!r}, allowed is {QUANTITIES[name].allowed()}'
+    allowed = QUANTITIES[name].allowed()
+    assert str(caught.value) == f'{name} is {shown(value)}, allowed is {allowed}'
 
 
 @pytest.mark.parametrize(

@@ -132,7 +132,7 @@ def test_conditions_in_words_are_the_nearest_surface_and_what_differs(surfaces):
     assert surfaces.text(steel) == 'steel'
     assert surfaces.text(mat.changed(friction=0.3)) == 'rubber_mat with friction 0.3'
     changed = steel.changed(spin=5.0, height=0.1)
-    assert surfaces.text(changed) == 'steel with height 0.1 m and spin 5 rad/s'
+    assert surfaces.text(changed) == 'steel with height 0.1 m and spin spread 5 rad/s'
     assert surfaces.text(mat.changed(height=mat.height)) == 'rubber_mat'
     everything = {'height': 1.0, 'friction': 1.0, 'restitution': 0.1, 'gravity': 1.6, 'spin': 1.0}
     assert surfaces.text(mat.changed(**everything)) == 'own conditions'
