@@ -23,7 +23,7 @@ setup(
     description='Natural resting aspects of parts, by simulated drops, as a ROS 2 node suite.',
     license='Apache-2.0',
     maintainer='resting_aspects_ros maintainers',
-    maintainer_email='maintainers@users.noreply.h-seed-bd9ef455.example',
+    maintainer_email='maintainers@resting-aspects.invalid',
     python_requires='>=3.10',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={NAME: ['report/page_files/*']},

@@ -1,92 +1,127 @@
-"""The suite, each node a process, and RViz if it is asked for.
+"""Launch the nodes of the suite, one process each, and RViz on request.
 
 `ros2 launch resting_aspects_ros resting_aspects.launch.py --show-args` lists the arguments.
 """
 
+from pathlib import Path
+
+from ament_index_python.packages import PackageNotFoundError
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.substitutions.substitution_failure import SubstitutionFailure
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
+from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
 
 PACKAGE = 'resting_aspects_ros'
+# The parameters of each node that are launch arguments too.
+NODES = {
+    'drop_simulator': ('parts_folder', 'surface', 'workers'),
+    'aspect_classifier': ('surface', 'log_folder'),
+    'drop_recorder': ('log_folder',),
+}
+# The type of a parameter is declared, because launch would convert the folder name 2025 to int.
+TYPES = {'parts_folder': str, 'surface': str, 'workers': int, 'log_folder': str}
 
 
 def generate_launch_description() -> LaunchDescription:
-    """What `ros2 launch` asks for."""
-    parameters = PathJoinSubstitution(
-        [FindPackageShare(PACKAGE), 'config', 'resting_aspects.yaml']
-    )
-    view = PathJoinSubstitution([FindPackageShare(PACKAGE), 'rviz', 'resting_aspects.rviz'])
-    as_in_file = 'empty: as params_file says'
+    """Return the arguments and the function that checks them before it starts the nodes."""
+    share = FindPackageShare(PACKAGE)
+    parameters = PathJoinSubstitution([share, 'config', 'resting_aspects.yaml'])
+    descriptions = {
+        'log_folder': 'folder of the logs',
+        'parts_folder': 'folder of meshes',
+        'surface': 'surface of requests that name none',
+        'workers': 'number of simulation processes',
+    }
     return LaunchDescription(
         [
             DeclareLaunchArgument('namespace', default_value='', description='of all nodes'),
             DeclareLaunchArgument(
                 'params_file', default_value=parameters, description='ROS parameter file'
             ),
+            *[
+                DeclareLaunchArgument(
+                    name,
+                    default_value='',
+                    description=f'{words}; if empty, params_file decides',
+                )
+                for name, words in descriptions.items()
+            ],
             DeclareLaunchArgument(
-                'log_folder', default_value='', description=f'folder of the logs; {as_in_file}'
-            ),
-            DeclareLaunchArgument(
-                'parts_folder', default_value='', description=f'folder of meshes; {as_in_file}'
-            ),
-            DeclareLaunchArgument(
-                'surface',
-                default_value='',
-                description=f'surface of requests that name none; {as_in_file}',
-            ),
-            DeclareLaunchArgument(
-                'workers', default_value='', description=f'processes that drop; {as_in_file}'
-            ),
-            DeclareLaunchArgument(
-                'rviz', default_value='false', choices=['true', 'false'], description='show it'
+                'rviz', default_value='false', choices=['true', 'false'], description='start RViz'
             ),
             OpaqueFunction(function=suite),
-            Node(
-                package='rviz2',
-                executable='rviz2',
-                namespace=LaunchConfiguration('namespace'),
-                arguments=['-d', view],
-                condition=IfCondition(LaunchConfiguration('rviz')),
-            ),
-            # Below `tray`, so that it is in no one's way who says where the tray stands: RViz has
-            # no fixed frame of which TF knows nothing.
-            Node(
-                package='tf2_ros',
-                executable='static_transform_publisher',
-                namespace=LaunchConfiguration('namespace'),
-                arguments=['--frame-id', 'tray', '--child-frame-id', 'tray_in_rviz'],
-                condition=IfCondition(LaunchConfiguration('rviz')),
-            ),
         ]
     )
 
 
 def suite(context: LaunchContext) -> list[Node]:
-    """The nodes, with the launch arguments that are their parameters."""
-    return [
-        node(context, 'drop_simulator', 'parts_folder', 'surface', 'workers'),
-        node(context, 'aspect_classifier', 'surface', 'log_folder'),
-        node(context, 'drop_recorder', 'log_folder'),
-    ]
+    """Return all nodes; raises RuntimeError before any is started if one cannot be started.
+
+    launch leaves the processes that already run without a parent when starting another one fails.
+    """
+    given = context.launch_configurations
+    if not Path(given['params_file']).is_file():
+        raise RuntimeError(f'invalid params_file {given["params_file"]!r}: expected a file')
+    nodes = [suite_node(context, name) for name in NODES]
+    if given['rviz'] == 'true':
+        nodes += rviz()
+    for node in nodes:
+        check_installed(context, node)
+    return nodes
 
 
-def node(context: LaunchContext, executable: str, *arguments: str) -> Node:
-    """A node; of the arguments those that are given go before the parameter file."""
-    values = {name: LaunchConfiguration(name).perform(context) for name in arguments}
-    # Typed: launch would make a number of a folder that is called 2025.
+def check_installed(context: LaunchContext, node: Node) -> None:
+    """Raise RuntimeError if the program of a node is not installed."""
+    package, program = node.node_package, node.node_executable
+    try:
+        ExecutableInPackage(program, package).perform(context)
+    except (PackageNotFoundError, SubstitutionFailure) as error:
+        raise RuntimeError(
+            f'{program} cannot be started: expected package {package} to be installed, '
+            f'for example with "apt install ros-jazzy-{package.replace("_", "-")}" ({error})'
+        ) from None
+
+
+def suite_node(context: LaunchContext, name: str) -> Node:
+    """Return a node of the suite; launch arguments that are given override params_file."""
     given = {
-        name: ParameterValue(value, value_type=int if name == 'workers' else str)
-        for name, value in values.items()
-        if value
+        argument: ParameterValue(LaunchConfiguration(argument), value_type=TYPES[argument])
+        for argument in NODES[name]
+        if context.launch_configurations[argument]
     }
+    for argument, value in given.items():
+        try:
+            value.evaluate(context)
+        except ValueError:
+            text, kind = context.launch_configurations[argument], TYPES[argument].__name__
+            raise RuntimeError(f'invalid {argument} {text!r}: expected {kind}') from None
     return Node(
         package=PACKAGE,
-        executable=executable,
+        executable=name,
+        # With its full name, the node's own values also override those of a wildcard.
+        name=name,
         namespace=LaunchConfiguration('namespace'),
         parameters=[LaunchConfiguration('params_file'), *([given] if given else [])],
         output='screen',
     )
+
+
+def rviz() -> list[Node]:
+    """Return RViz and a transform below `tray`, because RViz needs its fixed frame in TF.
+
+    The transform that places the tray in the cell is left to the user.
+    """
+    view = PathJoinSubstitution([FindPackageShare(PACKAGE), 'rviz', 'resting_aspects.rviz'])
+    namespace = LaunchConfiguration('namespace')
+    return [
+        Node(package='rviz2', executable='rviz2', namespace=namespace, arguments=['-d', view]),
+        Node(
+            package='tf2_ros',
+            executable='static_transform_publisher',
+            namespace=namespace,
+            arguments=['--frame-id', 'tray', '--child-frame-id', 'tray_in_rviz'],
+        ),
+    ]

@@ -1,56 +1,69 @@
-"""What the launch file names is declared. ROS's launch is not on PyPI, so it is read, not run."""
+"""The launch file, executed by ROS 2's launch where that is installed, and what it names.
+
+launch is not on PyPI: requirements-launch.txt says how to install it.
+"""
 
 import ast
-import importlib.util
 import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
+import rclpy
 
 from resting_aspects_ros.nodes import aspect_classifier, drop_recorder, drop_simulator
 from resting_aspects_ros.nodes.interface import FRAME
+from resting_aspects_ros.nodes.parameters import declare
 
 ROOT = Path(__file__).resolve().parent.parent
 FILE = ROOT / 'launch' / 'resting_aspects.launch.py'
-TREE = ast.parse(FILE.read_text(encoding='utf-8'))
-DECLARED = {
-    module.__name__.rsplit('.', 1)[-1]: {parameter.name for parameter in module.PARAMETERS}
+DEFAULTS = ROOT / 'config' / 'resting_aspects.yaml'
+PARAMETERS = {
+    module.__name__.rsplit('.', 1)[-1]: module.PARAMETERS
     for module in (drop_simulator, aspect_classifier, drop_recorder)
 }
+ARGUMENTS = [
+    'namespace', 'params_file', 'log_folder', 'parts_folder', 'surface', 'workers', 'rviz'
+]  # fmt: skip
+# The programs that rviz:=true adds, and their packages.
+RVIZ = {'rviz2': 'rviz2', 'static_transform_publisher': 'tf2_ros'}
+# Writes its arguments to a file named like itself, in place of the program.
+PROBE = '#!/bin/sh\nprintf "%s\\n" "$@" > "$(dirname "$0")/../../started/$(basename "$0")"\n'
+
+needs_launch = pytest.mark.stated_requirement
 
 
-def calls(name, tree=TREE):
-    """All calls of a function or class of that name."""
-    return [
-        each
-        for each in ast.walk(tree)
-        if isinstance(each, ast.Call) and getattr(each.func, 'id', '') == name
-    ]
+def constant(name):
+    """The value of a constant of the launch file, which cannot be imported without launch."""
+    for each in ast.parse(FILE.read_text(encoding='utf-8')).body:
+        if isinstance(each, ast.Assign) and each.targets[0].id == name:
+            return each.value
+    raise AssertionError(name)
 
 
-def keywords(call):
-    return {keyword.arg: keyword.value for keyword in call.keywords}
+def test_docs_name_all_launch_arguments():
+    text = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
+    sentence = text.split('The launch file takes ')[1].split('installed')[0]
+    assert re.findall(r'`(\w+):=', sentence) == ARGUMENTS
 
 
-def texts(call):
-    """The arguments that are texts."""
-    return [each.value for each in call.args if isinstance(each, ast.Constant)]
+def test_every_node_takes_the_launch_arguments_that_are_its_parameters():
+    nodes = ast.literal_eval(constant('NODES'))
+    types = {
+        key.value: kind.id
+        for key, kind in zip(constant('TYPES').keys, constant('TYPES').values, strict=True)
+    }
+    assert set(types) == set(ARGUMENTS) - {'namespace', 'params_file', 'rviz'}
+    for name, parameters in PARAMETERS.items():
+        shared = {p.name: type(p.default).__name__ for p in parameters if p.name in types}
+        assert set(nodes[name]) == set(shared), name
+        assert shared.items() <= types.items(), name
+    assert set(nodes) == set(PARAMETERS)
 
 
-def arguments():
-    """The launch arguments, with all that is said of each."""
-    return {texts(call)[0]: keywords(call) for call in calls('DeclareLaunchArgument')}
-
-
-def started():
-    """The parameters that are given from launch arguments, by the node that is started."""
-    return {texts(call)[0]: set(texts(call)[1:]) for call in calls('node')}
-
-
-def installed():
-    """Where setup.py puts what, and the programs that it makes."""
+def test_the_files_and_programs_of_the_launch_file_are_installed():
     script = """
 import runpy, setuptools
 setuptools.setup = lambda **given: print((given['data_files'], given['entry_points']))
@@ -60,126 +73,185 @@ runpy.run_path('setup.py')
         [sys.executable, '-c', script], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
     files, entry_points = ast.literal_eval(printed)
-    scripts = [line.split(' = ')[0] for line in entry_points['console_scripts']]
-    return {file: target for target, names in files for file in names}, scripts
+    targets = {file: target for target, names in files for file in names}
+    for path in (
+        'config/resting_aspects.yaml',
+        'rviz/resting_aspects.rviz',
+        'launch/resting_aspects.launch.py',
+    ):  # fmt: skip
+        assert targets[path] == f'share/resting_aspects_ros/{Path(path).parent}'
+    scripts = {line.split(' = ')[0] for line in entry_points['console_scripts']}
+    assert set(PARAMETERS) <= scripts
 
 
-def test_the_arguments_are_these_and_each_is_described():
-    given = arguments()
-    assert set(given) == {
-        'namespace', 'params_file', 'log_folder', 'parts_folder', 'surface', 'workers', 'rviz'
-    }  # fmt: skip
-    assert all({'default_value', 'description'} <= set(said) for said in given.values())
-    choices = ast.literal_eval(given['rviz']['choices'])
-    assert choices == ['true', 'false']
-    assert given['rviz']['default_value'].value == 'false'
+class Launched(NamedTuple):
+    """What a launch did: its exit code, what it printed, and the arguments of each program."""
+
+    code: int
+    said: str
+    started: dict[str, list[str]]
 
 
-def test_docs_ros_names_them_all():
-    text = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
-    sentence = text.split('The launch file takes ')[1].split('installed')[0]
-    assert re.findall(r'`(\w+):=', sentence) == list(arguments())
+@pytest.fixture
+def prefix(tmp_path, monkeypatch):
+    """Install packages whose programs write down their arguments; returns the function."""
+    pytest.importorskip('launch_ros', reason='launch_ros is not installed')
+    (tmp_path / 'started').mkdir()
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+
+    def install(package, *programs):
+        index = tmp_path / 'share' / 'ament_index' / 'resource_index' / 'packages'
+        index.mkdir(parents=True, exist_ok=True)
+        (index / package).touch()
+        folder = tmp_path / 'lib' / package
+        folder.mkdir(parents=True, exist_ok=True)
+        for program in programs:
+            (folder / program).write_text(PROBE)
+            (folder / program).chmod(0o755)
+
+    install('resting_aspects_ros', *PARAMETERS)
+    share = tmp_path / 'share' / 'resting_aspects_ros'
+    share.mkdir()
+    for folder in ('config', 'rviz'):
+        (share / folder).symlink_to(ROOT / folder)
+    return install
 
 
-def test_every_argument_is_used_and_none_that_is_not_declared():
-    named = {name for call in calls('LaunchConfiguration') for name in texts(call)}
-    given = {name for parameters in started().values() for name in parameters}
-    assert named | given == set(arguments())
+@pytest.fixture
+def launch(prefix, tmp_path, capfd, monkeypatch):
+    """Execute the launch file until all programs have ended, as `ros2 launch` does."""
+    from launch import LaunchDescription, LaunchService
+    from launch.actions import IncludeLaunchDescription
+    from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+    monkeypatch.setattr(sys, 'dont_write_bytecode', True)
+
+    def launch(**arguments):
+        source = PythonLaunchDescriptionSource(str(FILE))
+        include = IncludeLaunchDescription(source, launch_arguments=arguments.items())
+        service = LaunchService(noninteractive=True)
+        service.include_launch_description(LaunchDescription([include]))
+        capfd.readouterr()
+        code = service.run()
+        captured = capfd.readouterr()
+        started = {
+            file.name: file.read_text().splitlines() for file in (tmp_path / 'started').iterdir()
+        }
+        return Launched(code, captured.out + captured.err, started)
+
+    return launch
 
 
-def test_the_nodes_and_their_parameters_are_declared():
-    nodes = started()
-    assert set(nodes) == set(DECLARED)
-    for name, parameters in nodes.items():
-        assert parameters <= DECLARED[name], name
-    _, scripts = installed()
-    assert set(nodes) <= set(scripts)
+@pytest.fixture
+def parameters_of():
+    """The full name and the parameters that a node has when it is started with arguments."""
+    context = rclpy.Context()
+    rclpy.init(context=context)
+
+    def parameters_of(name, arguments):
+        node = rclpy.create_node(name, context=context, cli_args=arguments)
+        try:
+            return node.get_fully_qualified_name(), declare(node, PARAMETERS[name])
+        finally:
+            node.destroy_node()
+
+    yield parameters_of
+    rclpy.try_shutdown(context=context)
 
 
-def test_an_argument_is_given_to_every_node_that_has_it():
-    nodes = started()
-    for argument in ('log_folder', 'parts_folder', 'surface', 'workers'):
-        having = {name for name, parameters in DECLARED.items() if argument in parameters}
-        assert having == {name for name, given in nodes.items() if argument in given} != set()
+@needs_launch
+@pytest.mark.parametrize(
+    ('arguments', 'expected'),
+    [
+        ({}, {}),
+        ({'workers': '1'}, {'workers': 1}),
+        ({'workers': '1024'}, {'workers': 1024}),
+        ({'log_folder': '/tmp/my logs'}, {'log_folder': '/tmp/my logs'}),
+        ({'log_folder': '2025'}, {'log_folder': '2025'}),
+        ({'parts_folder': './08'}, {'parts_folder': './08'}),
+        ({'parts_folder': 'true'}, {'parts_folder': 'true'}),
+        ({'surface': 'steel', 'workers': '0'}, {'surface': 'steel', 'workers': 0}),
+        ({'namespace': 'cell_1', 'surface': 'thrown'}, {'surface': 'thrown'}),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_arguments_reach_the_nodes_in_the_declared_types(
+    launch, parameters_of, arguments, expected
+):
+    launched = launch(**arguments)
+    assert launched.code == 0, launched.said
+    assert set(launched.started) == set(PARAMETERS)
+    for name, declared in PARAMETERS.items():
+        full_name, values = parameters_of(name, launched.started[name])
+        namespace = arguments.get('namespace', '')
+        assert full_name == f'/{namespace}/{name}'.replace('//', '/')
+        defaults = dict(parameters_of(name, ['--ros-args', '--params-file', str(DEFAULTS)])[1])
+        given = {key: value for key, value in expected.items() if key in defaults}
+        assert values == defaults | given
+        assert {type(values[p.name]) for p in declared} == {type(p.default) for p in declared}
 
 
-def test_the_programs_are_of_this_package_and_rviz():
-    (own,) = [node for node in calls('Node') if isinstance(keywords(node)['package'], ast.Name)]
-    assert keywords(own)['package'].id == 'PACKAGE'
-    (package,) = [
-        each.value.value
-        for each in TREE.body
-        if isinstance(each, ast.Assign) and each.targets[0].id == 'PACKAGE'
-    ]
-    assert package == 'resting_aspects_ros'
-    rviz, frame = [node for node in calls('Node') if node is not own]
-    assert [keywords(rviz)[name].value for name in ('package', 'executable')] == ['rviz2'] * 2
-    assert [keywords(frame)[name].value for name in ('package', 'executable')] == [
-        'tf2_ros', 'static_transform_publisher'
-    ]  # fmt: skip
-    for node in (rviz, frame):
-        (condition,) = calls('IfCondition', keywords(node)['condition'])
-        assert [texts(call) for call in calls('LaunchConfiguration', condition)] == [['rviz']]
-    for node in (own, rviz, frame):
-        assert texts(keywords(node)['namespace']) == ['namespace']
+@needs_launch
+@pytest.mark.parametrize('key', ['/**', '/**/drop_simulator', '/*/drop_simulator'])
+def test_an_argument_overrides_the_params_file(launch, parameters_of, tmp_path, key):
+    path = tmp_path / 'my parameters.yaml'
+    path.write_text(
+        f'{key}:\n  ros__parameters:\n    workers: 7\n    surface: steel\n'
+        '/**/drop_simulator:\n  ros__parameters:\n    parts_folder: mine\n'
+        if key == '/**'
+        else f'{key}:\n  ros__parameters:\n    workers: 7\n    surface: steel\n'
+        '    parts_folder: mine\n'
+    )
+    launched = launch(namespace='cell', params_file=str(path), workers='3', parts_folder='given')
+    _, values = parameters_of('drop_simulator', launched.started['drop_simulator'])
+    found = [values[name] for name in ('workers', 'surface', 'parts_folder')]
+    assert found == [3, 'steel', 'given']
 
 
-def test_rviz_finds_the_frame_of_the_markers_and_nobody_is_in_its_way():
-    (frame,) = [
-        node
-        for node in calls('Node')
-        if getattr(keywords(node)['package'], 'value', '') == 'tf2_ros'
-    ]
-    words = ast.literal_eval(keywords(frame)['arguments'])
-    given = dict(zip(words[::2], words[1::2], strict=True))
+@needs_launch
+def test_rviz_is_started_in_the_namespace_with_its_frame(prefix, launch):
+    for program, package in RVIZ.items():
+        prefix(package, program)
+    launched = launch(rviz='true', namespace='cell')
+    assert launched.code == 0, launched.said
+    assert set(launched.started) == {*PARAMETERS, *RVIZ}
+    for program in RVIZ:
+        assert '__ns:=/cell' in launched.started[program]
+    option, view = launched.started['rviz2'][:2]
+    assert (option, Path(view).name) == ('-d', 'resting_aspects.rviz')
+    assert Path(view).is_file()
+    words = launched.started['static_transform_publisher']
+    given = dict(zip(words[:4:2], words[1:4:2], strict=True))
+    # Below the tray, so that the transform that places the tray stays the user's.
     assert given['--frame-id'] == FRAME != given['--child-frame-id']
 
 
-def test_a_number_is_given_as_one():
-    (typed,) = calls('ParameterValue')
-    kind = keywords(typed)['value_type']
-    assert ast.unparse(kind) == "int if name == 'workers' else str"
-    of_launch = {name for given in started().values() for name in given}
-    numbers = {
-        parameter.name
-        for module in (drop_simulator, aspect_classifier, drop_recorder)
-        for parameter in module.PARAMETERS
-        if isinstance(parameter.default, int)
-    }
-    assert numbers & of_launch == {'workers'}
+@needs_launch
+@pytest.mark.parametrize('missing', ['rviz2', 'tf2_ros', 'program of rviz2'])
+def test_without_rviz_nothing_is_started_and_the_error_names_it(prefix, launch, missing):
+    for program, package in RVIZ.items():
+        if package != missing:
+            prefix(package, *([] if missing == f'program of {package}' else [program]))
+    launched = launch(rviz='true')
+    assert (launched.code, launched.started) == (1, {})
+    package = missing.rpartition(' ')[2]
+    assert f'expected package {package} to be installed' in launched.said
+    assert f'apt install ros-jazzy-{package.replace("_", "-")}' in launched.said
 
 
-def test_the_files_are_there_and_installed():
-    targets, _ = installed()
-    paths = {
-        '/'.join(each.value for each in call.args[0].elts if isinstance(each, ast.Constant))
-        for call in calls('PathJoinSubstitution')
-    }
-    assert paths == {'config/resting_aspects.yaml', 'rviz/resting_aspects.rviz'}
-    for path in {*paths, 'launch/resting_aspects.launch.py'}:
-        assert (ROOT / path).is_file()
-        folder = Path(path).parent
-        assert targets[path] == f'share/resting_aspects_ros/{folder}'
-
-
-# Not a skip, which is a failure in CI: with the ROS of PyPI it can never run.
-if importlib.util.find_spec('launch_ros'):
-
-    @pytest.fixture
-    def launch_file(monkeypatch):
-        monkeypatch.setattr(sys, 'dont_write_bytecode', True)
-        spec = importlib.util.spec_from_file_location('launch_file', FILE)
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        return module
-
-    def test_launch_takes_it(launch_file):
-        from launch import LaunchContext
-
-        description = launch_file.generate_launch_description()
-        assert {each.name for each in description.get_launch_arguments()} == set(arguments())
-        context = LaunchContext()
-        context.launch_configurations.update(dict.fromkeys(arguments(), '1'))
-        nodes = launch_file.suite(context)
-        assert {node.node_executable for node in nodes} == set(DECLARED)
-        assert {node.node_package for node in nodes} == {'resting_aspects_ros'}
+@needs_launch
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        ({'workers': 'two'}, "invalid workers 'two': expected int"),
+        ({'workers': '1.5'}, "invalid workers '1.5': expected int"),
+        ({'params_file': '/no/such.yaml'}, "invalid params_file '/no/such.yaml': expected a file"),
+        ({'rviz': 'yes'}, 'rviz'),
+        ({'namespace': 'a b'}, 'a b'),
+    ],
+    ids=str,
+)
+def test_after_an_invalid_argument_nothing_is_started(launch, arguments, words):
+    launched = launch(**arguments)
+    assert (launched.code, launched.started) == (1, {})
+    assert words in launched.said

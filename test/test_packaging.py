@@ -23,6 +23,7 @@ MESSAGES = 'ros-jazzy-common-interfaces'
 DEPENDENCIES = {
     'PIL': ('pillow', 'python3-pil'),
     'action_msgs': ('ros-jazzy-rclpy', 'action_msgs'),
+    'ament_index_python': ('ros-jazzy-rclpy', 'ament_index_python'),
     'builtin_interfaces': (MESSAGES, 'builtin_interfaces'),
     'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg'),
     'diagnostic_msgs': (MESSAGES, 'diagnostic_msgs'),
@@ -105,9 +106,29 @@ def test_package_xml_is_valid_without_a_warning(path):
     assert 'Apache License' in (ROOT / 'LICENSE').read_text()
 
 
+def needed_to_launch():
+    """Return what the launch file imports and the packages whose programs it starts."""
+    _, imported = needed('launch')
+    (file,) = (ROOT / 'launch').glob('*.py')
+    started = set(re.findall(r"package='(\w+)'", file.read_text()))
+    assert started == {'rviz2', 'tf2_ros'}
+    return imported | started
+
+
+def test_the_maintainer_address_is_neutral_everywhere():
+    files = [
+        *ROOT.glob('package.xml'),
+        *ROOT.glob('*/package.xml'),
+        *ROOT.glob('examples/*/*.xml'),
+    ]
+    assert len(files) == 3
+    for text in [path.read_text() for path in (*files, ROOT / 'setup.py')]:
+        assert re.findall(r'[\w.]+@[\w.-]+', text) == ['maintainers@resting-aspects.invalid']
+
+
 def test_every_import_of_the_suite_is_in_package_xml_and_in_requirements():
     pinned, keys = needed('resting_aspects_ros')
-    _, in_launch = needed('launch')
+    in_launch = needed_to_launch()
     assert {'numpy', 'ros-jazzy-rclpy'} <= pinned
     assert {'launch', 'launch_ros'} <= in_launch
     assert (keys | in_launch) - names(parse_package(SUITE).exec_depends) == set()
@@ -138,7 +159,7 @@ def test_every_import_of_the_tests_is_in_package_xml_and_in_requirements():
 
 def test_every_name_in_package_xml_is_used():
     _, in_suite = needed('resting_aspects_ros')
-    _, in_launch = needed('launch')
+    in_launch = needed_to_launch()
     _, in_tests = needed('test')
     package = parse_package(SUITE)
     assert names(package.exec_depends) - in_suite - in_launch == set()
