@@ -1,11 +1,42 @@
 """`resting_aspects classify`: sort a file of resting poses, with or without the part."""
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from resting_aspects_ros.commands.answer import make_console, show_table
+from resting_aspects_ros.commands.given_part import given_part
 from resting_aspects_ros.commands.options import add_part_place
+from resting_aspects_ros.commands.poses_file import PosesFile, read_poses_file
 from resting_aspects_ros.commands.quantities import parse_quantity
+from resting_aspects_ros.core.agreement import compare, find_differences
+from resting_aspects_ros.core.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.clusters import (
+    DEFAULT_TOLERANCE_DEGREES,
+    Clusters,
+    check_tolerance,
+    find_clusters,
+)
+from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.rotations import down_in_part
+from resting_aspects_ros.report.agreement_table import (
+    agreement_line,
+    agreement_table,
+    differences_table,
+)
+from resting_aspects_ros.report.cluster_document import agreement_fields, cluster_document
+from resting_aspects_ros.report.cluster_table import cluster_table
+from resting_aspects_ros.report.document import to_json
+
+# Without a part one pose has nothing that it could be compared with.
+AT_LEAST, AT_LEAST_WITH_PART = 2, 1
+INVERSE = np.array([-1.0, -1.0, -1.0, 1.0])
 
 EXAMPLES = """examples:
   resting_aspects classify poses.csv
@@ -47,9 +78,100 @@ def add(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
-    text = arguments.tolerance
-    degrees = None if text is None else parse_quantity('--tolerance', text, '')
-    # What takes a while to import, which --help does not need.
-    from resting_aspects_ros.commands.classify_here import classify_here
+    degrees = DEFAULT_TOLERANCE_DEGREES
+    if arguments.tolerance is not None:
+        degrees = parse_quantity('--tolerance', arguments.tolerance, '')
+    tolerance = float(np.radians(degrees))
+    check_tolerance(tolerance)
+    part = _part(arguments)
+    poses = read_poses_file(arguments.poses, AT_LEAST if part is None else AT_LEAST_WITH_PART)
+    clusters = find_clusters(down_in_part(poses.orientation), tolerance)
+    if part is None:
+        _show_clusters(arguments, poses, clusters, tolerance)
+    else:
+        _show_agreement(arguments, poses, clusters, part, tolerance)
+    return 0
 
-    return classify_here(arguments, degrees)
+
+def _part(arguments: argparse.Namespace) -> Part | None:
+    if arguments.part is not None:
+        part = given_part(arguments.part, arguments.unit, arguments.parts)
+        for warning in part.warnings:
+            print(f'warning: {warning}', file=sys.stderr)
+        return part
+    for flag, value in (('--unit', arguments.unit), ('--parts', arguments.parts)):
+        if value is not None:
+            raise InvalidValueError(f'{flag} is {str(value)!r}, allowed only with --part')
+    return None
+
+
+def _show_clusters(
+    arguments: argparse.Namespace, poses: PosesFile, clusters: Clusters, tolerance: float
+) -> None:
+    distribution = _cluster_distribution(poses, clusters)
+    if arguments.json:
+        sys.stdout.write(to_json(cluster_document(distribution, clusters, tolerance)))
+        return
+    title = f'{arguments.poses.name}, {poses.drops} poses, {_words(len(clusters), "cluster")}'
+    show_table(make_console(), cluster_table(distribution, clusters, title))
+
+
+def _show_agreement(
+    arguments: argparse.Namespace,
+    poses: PosesFile,
+    clusters: Clusters,
+    part: Part,
+    tolerance: float,
+) -> None:
+    aspects = find_aspects(part)
+    ids = aspects.classify(poses.orientation)
+    agreement = compare(ids, len(aspects), clusters)
+    differences = find_differences(agreement, aspects, down_in_part(poses.orientation))
+    by_id = np.bincount(ids, minlength=len(aspects) + 1)
+    distribution = Distribution(
+        aspects, by_id[1:], int(by_id[0]), unsettled=poses.unsettled, failed=poses.failed
+    )
+    _warn_of_another_part(arguments.poses, poses, part, aspects, distribution.unclassified)
+    if arguments.json:
+        document = cluster_document(_cluster_distribution(poses, clusters), clusters, tolerance)
+        places = poses.index, poses.line
+        fields = agreement_fields(distribution, agreement, differences, places)
+        named = {'part': part.name, 'part_sha256': part.part_sha256}
+        sys.stdout.write(to_json(document | named | fields))
+        return
+    console = make_console()
+    title = f'{arguments.poses.name}, {poses.drops} poses of {part.name}'
+    show_table(console, agreement_table(distribution, agreement, clusters, title))
+    console.print(agreement_line(agreement, differences), markup=False, highlight=False)
+    if len(differences):
+        show_table(console, differences_table(differences, clusters, poses.index, poses.line))
+
+
+def _cluster_distribution(poses: PosesFile, clusters: Clusters) -> Distribution:
+    """Shares of clusters in all poses, counted like those of aspects."""
+    nothing = AspectSet('', ())
+    return Distribution(nothing, clusters.counts, 0, poses.unsettled, poses.failed)
+
+
+def _warn_of_another_part(
+    path: Path, poses: PosesFile, part: Part, aspects: AspectSet, unclassified: int
+) -> None:
+    """Say on standard error if most poses fit no aspect, and what might be the reason."""
+    settled = len(poses.index)
+    if unclassified <= settled / 2:
+        return
+    inverse = aspects.classify(poses.orientation * INVERSE)
+    hint = (
+        'the inverse rotations fit, so they may be part from world'
+        if np.count_nonzero(inverse) > settled / 2
+        else 'is this the pose file of another part, or in another unit or frame?'
+    )
+    print(
+        f'warning: {unclassified} of {settled} settled poses in {str(path)!r} are in no aspect '
+        f'of {part.name!r}: {hint}',
+        file=sys.stderr,
+    )
+
+
+def _words(number: int, word: str) -> str:
+    return f'{number} {word}' if number == 1 else f'{number} {word}s'

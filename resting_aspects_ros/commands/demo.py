@@ -2,13 +2,17 @@
 
 import argparse
 import os
+import signal
+import subprocess
 import sys
 import time
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 from resting_aspects_ros.commands.interruption import Interruption
-from resting_aspects_ros.commands.node_processes import NodeProcesses
 from resting_aspects_ros.commands.outputs import check_output, make_folder
 from resting_aspects_ros.core.errors import RestingAspectsError
 
@@ -16,6 +20,7 @@ PART, DROPS, SEED = 'l_bracket', 1000, 1
 NODES = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 LOG_TIMEOUT = 20.0  # s
 LOG_PERIOD = 0.1  # s
+STOP_TIMEOUT = 10.0  # s, for a node to end in order
 
 EXAMPLES = """examples:
   resting_aspects demo
@@ -109,3 +114,65 @@ def _logs(folder: Path, run_id: str) -> list[Path]:
     """The MCAP file of a run, once it is whole: metadata.yaml is written last."""
     whole = folder.glob(f'*_{run_id}/metadata.yaml')
     return [log for metadata in whole for log in metadata.parent.glob('*.mcap')]
+
+
+class NodeProcesses:
+    """Nodes that run; what they print is in <folder>/<node>.log.
+
+    To be used where Ctrl-C is noted, not raised: a process that nobody knows would be left.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def __enter__(self) -> 'NodeProcesses':  # noqa: PYI034 - Self is newer than Python 3.10
+        return self
+
+    def start(self, node: str, ros_args: Sequence[str]) -> None:
+        """Start a node of resting_aspects_ros.nodes."""
+        module = f'resting_aspects_ros.nodes.{node}'
+        with self._log(node).open('wb') as log:
+            self._running[node] = subprocess.Popen(
+                [sys.executable, '-m', module, '--ros-args', *ros_args],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                # Ctrl-C is for this process, which then stops them in order.
+                start_new_session=True,
+            )
+
+    def check(self) -> None:
+        """Raise RestingAspectsError if one has ended."""
+        for node, process in self._running.items():
+            if (code := process.poll()) is not None:
+                raise RestingAspectsError(
+                    f'{node} ended {_manner(code)}: see {str(self._log(node))!r}'
+                )
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        # SIGTERM ends a node without a traceback even while it is still importing.
+        for process in self._running.values():
+            process.terminate()
+        end = time.monotonic() + STOP_TIMEOUT
+        for process in self._running.values():
+            try:
+                process.wait(max(0.0, end - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                with suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)  # with its workers
+                process.wait()
+
+    def _log(self, node: str) -> Path:
+        return self._folder / f'{node}.log'
+
+
+def _manner(code: int) -> str:
+    if code >= 0:
+        return f'with exit code {code}'
+    return f'by signal {signal.Signals(-code).name}'

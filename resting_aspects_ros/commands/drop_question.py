@@ -8,12 +8,11 @@ from pathlib import Path
 from resting_aspects_ros.commands.given_part import given_part
 from resting_aspects_ros.commands.log_warning import warn_if_unfinished
 from resting_aspects_ros.commands.options import conditions_of, drops_of
-from resting_aspects_ros.config_files import surfaces_file
+from resting_aspects_ros.commands.surface_text import shipped_surfaces
 from resting_aspects_ros.core.errors import InvalidValueError, LogError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.drops.run import DEFAULT_SEED, RunDescription, check_seed
-from resting_aspects_ros.drops.surfaces import Surfaces
 
 # What a log says, so that nobody else may.
 _OF_LOG = ('unit', 'parts', 'surface', *QUANTITIES, 'height_of', 'seed')
@@ -75,7 +74,7 @@ def asked_drops(arguments: argparse.Namespace) -> DropQuestion:
         )
     seed = DEFAULT_SEED if arguments.seed is None else arguments.seed
     check_seed(seed)
-    conditions = conditions_of(arguments, Surfaces.read(surfaces_file()))
+    conditions = conditions_of(arguments, shipped_surfaces())
     part = given_part(arguments.part, arguments.unit, arguments.parts)
     return DropQuestion(part, conditions, seed, drops, precision)
 

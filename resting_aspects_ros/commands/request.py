@@ -15,11 +15,10 @@ from resting_aspects_ros.commands.options import (
     drops_of,
 )
 from resting_aspects_ros.commands.outputs import check_output
-from resting_aspects_ros.config_files import surfaces_file
+from resting_aspects_ros.commands.surface_text import shipped_surfaces
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.drops.conditions import QUANTITIES
 from resting_aspects_ros.drops.run import DEFAULT_SEED
-from resting_aspects_ros.drops.surfaces import Surfaces
 
 if TYPE_CHECKING:
     from resting_aspects_ros.commands.answer import Answer
@@ -74,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.method != 'drops':
             return _estimate(arguments, stop)
         # Also without a surface: wrong values are refused before a suite is looked for.
-        conditions = conditions_of(arguments, Surfaces.read(surfaces_file()))
+        conditions = conditions_of(arguments, shipped_surfaces())
         drops, precision = drops_of(arguments)
         # A second to import, which --help does not need.
         from resting_aspects_ros.commands.progress import DropProgress

@@ -1,10 +1,18 @@
-"""Conditions in a few words, for titles."""
+"""The shipped surfaces, and conditions in a few words for titles."""
+
+import functools
 
 from resting_aspects_ros.config_files import surfaces_file
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.surfaces import Surfaces
 
 
+@functools.cache
+def shipped_surfaces() -> Surfaces:
+    """Return the surfaces of config/surfaces.yaml, which is read once."""
+    return Surfaces.read(surfaces_file())
+
+
 def surface_text(conditions: DropConditions) -> str:
-    """The surface, and what was changed of it; see Surfaces.text."""
-    return Surfaces.read(surfaces_file()).text(conditions)
+    """Return the surface, and what was changed of it; see Surfaces.text."""
+    return shipped_surfaces().text(conditions)
