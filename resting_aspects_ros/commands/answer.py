@@ -43,11 +43,13 @@ def show_table(console: Console, table: Table) -> None:
     console.width = before
 
 
-def print_table(distribution: Distribution, title: str) -> None:
+def print_table(
+    distribution: Distribution, title: str, part: Part | None = None, *, each: bool = False
+) -> None:
     """On standard output, with what is known of aspects that were never seen."""
     console = make_console()
-    show_table(console, distribution_table(distribution, title))
-    if unseen := never_seen_text(distribution):
+    show_table(console, distribution_table(distribution, title, part, each=each))
+    if unseen := never_seen_text(distribution, each=each):
         console.print(unseen, highlight=False)
 
 
@@ -100,16 +102,20 @@ class Answer:
         }
         if self.convergence is not None:
             fields['convergence'] = self.convergence
-        return to_json(distribution_document(self.distribution, fields))
+        return to_json(distribution_document(self.distribution, fields, self.part))
 
-    def print(self, *, as_json: bool) -> None:
-        """On standard output, as a document and nothing else, or as a table."""
+    def print(self, *, as_json: bool, each: bool = False) -> None:
+        """On standard output, as a document and nothing else, or as a table.
+
+        ``each`` asks for a row for each aspect, also where several look alike.
+        """
         if as_json:
             sys.stdout.write(self.json())
             return
         # A mesh that is read in a wrong unit shows by its size.
         size = f', {size_text(self.part)}' if self.part else ''
-        print_table(self.distribution, f'{self.run.part}{size}\n{self.words}')
+        title = f'{self.run.part}{size}\n{self.words}'
+        print_table(self.distribution, title, self.part, each=each)
         if self.convergence is not None:
             print(self.convergence.text())
 

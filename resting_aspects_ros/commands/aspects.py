@@ -4,7 +4,7 @@ import argparse
 import sys
 from typing import Any
 
-from resting_aspects_ros.commands.options import add_part
+from resting_aspects_ros.commands.options import add_each, add_part
 
 EXAMPLES = """examples:
   resting_aspects aspects hex_nut
@@ -24,6 +24,7 @@ def add(subparsers: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_part(parser)
+    add_each(parser)
     parser.add_argument('--json', action='store_true', help='print one JSON document instead')
     parser.set_defaults(run=run)
 
@@ -49,9 +50,10 @@ def run(arguments: argparse.Namespace) -> int:
     words = f'{_number(count, "aspect")} in {_number(classes, "class")}'
     title = f'{part.name}, {size_text(part)}: {words}'
     console = make_console()
-    show_table(console, aspect_table(aspects, title))
+    show_table(console, aspect_table(aspects, part, title, each=arguments.each))
     if aspects.symmetry is not None:
         console.print(f'Symmetry: {symmetry_text(aspects.symmetry)}.', highlight=False)
+    console.print('Pictures: resting_aspects drop, with --report.', highlight=False)
     return 0
 
 

@@ -7,6 +7,7 @@ from typing import Any
 from resting_aspects_ros.commands.interruption import Interruption
 from resting_aspects_ros.commands.options import (
     add_conditions,
+    add_each,
     add_part,
     add_run,
     whole,
@@ -82,6 +83,7 @@ def add(subparsers: Any) -> None:
         action='store_true',
         help='make the same drops again in half the time step, and say how far the answer moves',
     )
+    add_each(parser)
     parser.add_argument('--json', action='store_true', help='print one JSON document instead')
     add_conditions(parser)
     parser.set_defaults(run=run)

@@ -91,7 +91,7 @@ def drop_here(
         mesh_file(arguments.part),
         tally.history.points(),
     )
-    _write(answer, out, report=arguments.report, as_json=arguments.json)
+    _write(answer, out, arguments)
     if failure is not None:
         done = tally.distribution.drops
         raise EngineError(f'{failure}, after {done} of {run.drops} drops, which are in the answer')
@@ -103,16 +103,18 @@ def drop_here(
     return INTERRUPTED if missing else 0
 
 
-def _write(answer: Answer, out: Path | None, *, report: bool, as_json: bool) -> None:
+def _write(answer: Answer, out: Path | None, arguments: argparse.Namespace) -> None:
     """Save and print the answer, whatever of it fails; the page, which takes longest, at last."""
+    report, as_json = arguments.report, arguments.json
     try:
         if out is not None:
             answer.save_json(out / DOCUMENT)
             if not report:
                 answer.save_picture(out / PICTURE)
     finally:
-        answer.print(as_json=as_json)
+        answer.print(as_json=as_json, each=arguments.each)
     if out is None:
+        _say('Add --report for pictures of the aspects.', as_json=as_json)
         return
     names = (DOCUMENT, POSES) if report else (DOCUMENT, PICTURE, POSES)
     written = f'Written: {", ".join(str(out / name) for name in names)}'

@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from resting_aspects_ros.commands.options import add_each
+
 EXAMPLES = """examples:
   resting_aspects info out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
   resting_aspects info run_0.mcap --json
@@ -20,6 +22,7 @@ def add(subparsers: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('log', metavar='LOG', type=Path, help='folder of a run, or an .mcap file')
+    add_each(parser)
     parser.add_argument('--json', action='store_true', help='print one JSON document instead')
     parser.set_defaults(run=run)
 
@@ -29,4 +32,4 @@ def run(arguments: argparse.Namespace) -> int:
     # What takes a while to import, which --help does not need.
     from resting_aspects_ros.commands.info_of_log import show_info
 
-    return show_info(arguments.log, as_json=arguments.json)
+    return show_info(arguments.log, as_json=arguments.json, each=arguments.each)

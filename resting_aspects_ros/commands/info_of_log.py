@@ -14,7 +14,7 @@ from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.report.document import SCHEMA_VERSION, distribution_document, to_json
 
 
-def show_info(log: Path, *, as_json: bool) -> int:
+def show_info(log: Path, *, as_json: bool, each: bool) -> int:
     """Read a log and show what is in it; returns the exit code. Raises LogError."""
     found = read_contents(log)
     if as_json:
@@ -26,7 +26,8 @@ def show_info(log: Path, *, as_json: bool) -> int:
         print()
         counted = found.run.distribution.drops
         of = '' if found.run.complete else ', counted before the run was over'
-        print_table(found.run.distribution, f'Distribution of {counted} drops{of}')
+        title = f'Distribution of {counted} drops{of}'
+        print_table(found.run.distribution, title, found.run.part, each=each)
     return 0
 
 
@@ -87,4 +88,4 @@ def _document(found: LogContents) -> dict[str, object]:
     if distribution is None:
         return {'schema_version': SCHEMA_VERSION, **fields, 'log': log}
     fields |= {'method': METHOD, 'complete': found.run.complete, 'log': log}
-    return distribution_document(distribution, fields)
+    return distribution_document(distribution, fields, part)

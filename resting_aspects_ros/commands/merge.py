@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from resting_aspects_ros.commands.options import add_each
+
 EXAMPLES = """examples:
   resting_aspects merge out/logs/l_bracket_*
   resting_aspects merge monday.mcap tuesday.mcap --any-engine --json
@@ -28,6 +30,7 @@ def add(subparsers: Any) -> None:
         action='store_true',
         help='also of different engines, versions of them, or time steps',
     )
+    add_each(parser)
     parser.add_argument('--json', action='store_true', help='print one JSON document instead')
     parser.set_defaults(run=run)
 
@@ -37,4 +40,9 @@ def run(arguments: argparse.Namespace) -> int:
     # What takes a while to import, which --help does not need.
     from resting_aspects_ros.commands.merge_logs import merge_logs
 
-    return merge_logs(arguments.logs, any_engine=arguments.any_engine, as_json=arguments.json)
+    return merge_logs(
+        arguments.logs,
+        any_engine=arguments.any_engine,
+        as_json=arguments.json,
+        each=arguments.each,
+    )

@@ -19,7 +19,7 @@ from resting_aspects_ros.nodes.convert import serialized_part, serialized_poses
 from resting_aspects_ros.report.document import distribution_document, to_json
 
 
-def merge_logs(logs: Sequence[Path], *, any_engine: bool, as_json: bool) -> int:
+def merge_logs(logs: Sequence[Path], *, any_engine: bool, as_json: bool, each: bool) -> int:
     """Read, merge, count and show; returns the exit code.
 
     Raises RestingAspectsError for logs that cannot be read, or do not belong together.
@@ -40,12 +40,13 @@ def merge_logs(logs: Sequence[Path], *, any_engine: bool, as_json: bool) -> int:
             'runs': [list(each.run_ids) for each in merged],
             'seeds': [each.run.seed for each in merged],
         }
-        sys.stdout.write(to_json(distribution_document(distribution, fields)))
+        sys.stdout.write(to_json(distribution_document(distribution, fields, part)))
         return 0
     surface = surface_text(run.conditions)
     runs = len({run_id for each in merged for run_id in each.run_ids})
     words = f'{runs} run{"s" if runs > 1 else ""}'
-    print_table(distribution, f'{part.name}, {distribution.drops} drops of {words} on {surface}')
+    title = f'{part.name}, {distribution.drops} drops of {words} on {surface}'
+    print_table(distribution, title, part, each=each)
     return 0
 
 

@@ -32,6 +32,16 @@ def add_part_place(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_each(parser: argparse.ArgumentParser) -> None:
+    """--each, which shows aspects that look alike one by one."""
+    parser.add_argument(
+        '--each',
+        action='store_true',
+        help='show a row for each aspect, also for those that a rotation of the part maps onto '
+        'each other',
+    )
+
+
 def add_conditions(parser: argparse.ArgumentParser, default: str = DEFAULT_SURFACE) -> None:
     """--surface and one flag for each condition, from the conditions' own declaration."""
     group = parser.add_argument_group(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from resting_aspects_ros.commands.interruption import Interruption
 from resting_aspects_ros.commands.options import (
     add_conditions,
+    add_each,
     add_ros_args,
     add_run,
     changes_of,
@@ -57,6 +58,7 @@ def add(subparsers: Any) -> None:
         action='store_true',
         help='do not drop; without --drops and --precision whatever is known will do',
     )
+    add_each(parser)
     parser.add_argument('--json', action='store_true', help='print one JSON document instead')
     parser.add_argument('--picture', metavar='FILE.png', type=Path, help='write a picture')
     add_conditions(parser, "the simulator's default")
@@ -101,12 +103,10 @@ def run(arguments: argparse.Namespace) -> int:
                     progress.end(message.drops)
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(_what_goes_on(arguments, progress)) from None
-            # Only these show more of the part than the answer has.
-            shown = arguments.json or arguments.picture
-            answer = answer_from(message, _part(client, arguments.part) if shown else None)
+            answer = answer_from(message, _part(client, arguments.part))
         if arguments.picture is not None:
             answer.save_picture(arguments.picture)
-        answer.print(as_json=arguments.json)
+        answer.print(as_json=arguments.json, each=arguments.each)
     return 0
 
 
@@ -128,7 +128,7 @@ def _part(client: 'RestingAspectsClient', name: str) -> 'Part | None':
             raise UnknownPartError(f'no drop_simulator offers {name}')
         return client.get_part(name)
     except (NotAvailableError, UnknownPartError) as error:
-        _warn(f'neither the picture nor mesh_sha256 of the part: {error}')
+        _warn(f'no picture of the part, and not what it rests on: {error}')
         return None
 
 

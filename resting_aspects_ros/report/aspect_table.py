@@ -3,51 +3,67 @@
 import numpy as np
 from rich.table import Table
 
-from resting_aspects_ros.core.aspect_set import AspectSet, Sweep
+from resting_aspects_ros.core.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.resting_on import resting_on
 from resting_aspects_ros.core.symmetry import Symmetry
 from resting_aspects_ros.report.rounding import millimetre_texts
+from resting_aspects_ros.report.rows import ids_text
 from resting_aspects_ros.report.table import down_text, plain_table
 
-_WORDS = {
-    Sweep.POINT: 'flat',
-    Sweep.ARC: 'curved',
-    Sweep.RING: 'ring',
-    Sweep.DOME: 'dome',
-    Sweep.SPHERE: 'sphere',
-}
 
-
-def aspect_table(aspects: AspectSet, title: str) -> Table:
-    """A row for each aspect; it fits 80 columns, and its cells are ASCII.
+def aspect_table(aspects: AspectSet, part: Part, title: str, *, each: bool = False) -> Table:
+    """A row for each symmetry class; it fits 80 columns, and its cells are ASCII.
 
     Parameters
     ----------
+    aspects : AspectSet
+        Of the part.
+    part : Part
     title : str
         Plain text, shown above.
+    each : bool
+        A row for each aspect, with its direction, in place of those for classes.
     """
+    classes = aspects.classes()
+    rows = [(aspect,) for aspect in aspects.aspects] if each else classes
+    several = any(len(row) > 1 for row in rows)
     table = plain_table(title)
-    table.add_column('aspect', justify='right', no_wrap=True)
+    table.add_column('aspects' if several else 'aspect', justify='right', no_wrap=True)
     table.add_column('class', justify='right', no_wrap=True)
-    table.add_column('down in part', no_wrap=True)
-    table.add_column('side', no_wrap=True)
-    table.add_column('height of\ncentre of\nmass (mm)', justify='right', no_wrap=True)
-    table.add_column('basin', justify='right', no_wrap=True)
-    table.add_column('barrier\n(mm)', justify='right', no_wrap=True)
-    table.add_column('to', justify='right', no_wrap=True)
-    rows = aspects.aspects
-    heights = millimetre_texts(np.array([a.com_height for a in rows]))
-    for aspect, height in zip(rows, heights, strict=True):
+    table.add_column('rests on', max_width=14 if each else 24)
+    if each:
+        table.add_column('down in part', no_wrap=True)
+    for heading in ('height of\ncentre of\nmass (mm)', 'basin', 'barrier\n(mm)', 'to'):
+        table.add_column(heading, justify='right', no_wrap=True)
+    heights = millimetre_texts(np.array([row[0].com_height for row in rows]))
+    for row, height in zip(rows, heights, strict=True):
+        aspect = row[0]
+        basin = f'{100 * sum(aspect.basin_share for aspect in row):.1f} %'
         table.add_row(
-            str(aspect.id),
+            ids_text(row),
             str(aspect.symmetry_class),
-            down_text(aspect),
-            _WORDS[aspect.sweep],
+            resting_on(part, aspect),
+            *([down_text(aspect)] if each else []),
             height,
-            f'{100 * aspect.basin_share:.1f} %',
+            basin,
             f'{1000 * aspect.least_barrier:.3g}' if aspect.neighbour else '-',
-            str(aspect.neighbour or '-'),
+            _to_text(aspect, None if each else classes),
         )
     return table
+
+
+def _to_text(aspect: Aspect, classes: list[tuple[Aspect, ...]] | None) -> str:
+    """The aspect to which the least barrier leads, or all of its class."""
+    if not aspect.neighbour:
+        return '-'
+    if classes is None:
+        return str(aspect.neighbour)
+    ids = ({aspect.id for aspect in members} for members in classes)
+    (members,) = (
+        members for members, of in zip(classes, ids, strict=True) if aspect.neighbour in of
+    )
+    return ids_text(members)
 
 
 def symmetry_text(symmetry: Symmetry) -> str:

@@ -13,12 +13,13 @@ import numpy.typing as npt
 from resting_aspects_ros.core.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.core.distribution import Distribution, Interval
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.resting_on import resting_on
 
 SCHEMA_VERSION = 1
 
 
 def distribution_document(
-    distribution: Distribution, run: Mapping[str, object]
+    distribution: Distribution, run: Mapping[str, object], part: Part | None = None
 ) -> dict[str, object]:
     """All that is known of a distribution, of plain types that JSON has. Nothing is rounded.
 
@@ -30,6 +31,8 @@ def distribution_document(
         Arrays become lists, dataclasses objects, an enumeration's member its name, and a number
         that JSON does not have (nan, infinite) null. What this document counts itself, such as
         ``drops``, replaces a field of the same name.
+    part : Part, optional
+        Of the aspects, for ``rests_on``.
 
     Returns
     -------
@@ -56,7 +59,7 @@ def distribution_document(
         'confidence': distribution.confidence,
         'interval': distribution.interval,
         'aspects': [
-            aspect_fields(aspect) | _share(int(count), interval)
+            aspect_fields(aspect, part) | _share(int(count), interval)
             for aspect, count, interval in rows
         ],
         'classes': [
@@ -88,7 +91,7 @@ def aspects_document(part: Part, aspects: AspectSet) -> dict[str, object]:
         document['symmetry'] = aspects.symmetry.kind
         document['symmetry_order'] = aspects.symmetry.order
         document['symmetry_axis'] = None if axis is None else _numbers(axis)
-    document['aspects'] = [aspect_fields(aspect) for aspect in aspects.aspects]
+    document['aspects'] = [aspect_fields(aspect, part) for aspect in aspects.aspects]
     return document
 
 
@@ -97,12 +100,16 @@ def to_json(document: Mapping[str, object]) -> str:
     return json.dumps(document, indent=2, allow_nan=False) + '\n'
 
 
-def aspect_fields(aspect: Aspect) -> dict[str, object]:
-    """What is known of an aspect without a drop, with the names of the message Aspect."""
+def aspect_fields(aspect: Aspect, part: Part | None) -> dict[str, object]:
+    """What is known of an aspect without a drop, with the names of the message Aspect.
+
+    And ``rests_on``, in words.
+    """
     return {
         'id': aspect.id,
         'symmetry_class': aspect.symmetry_class,
         'multiplicity': aspect.multiplicity,
+        'rests_on': resting_on(part, aspect),
         'rolls': aspect.rolls,
         'sweep': aspect.sweep.name,
         'axis': _numbers(aspect.axis),

@@ -47,6 +47,17 @@ def class_rows(distribution: Distribution) -> list[Row]:
     ]
 
 
+def aspect_rows(distribution: Distribution) -> list[Row]:
+    """A row for each aspect, also where several look alike."""
+    rows = zip(
+        distribution.aspects.aspects, distribution.counts, distribution.intervals(), strict=True
+    )
+    return [
+        Row(f'aspect {aspect.id}', int(count), interval, aspect_colour(aspect), (aspect,))
+        for aspect, count, interval in rows
+    ]
+
+
 def outside_rows(distribution: Distribution) -> list[Row]:
     """A grey row for each way in which drops ended in no aspect, of those that there were."""
     return [

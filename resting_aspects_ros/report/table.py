@@ -1,68 +1,99 @@
 """A distribution as a table in a terminal."""
 
-import numpy as np
 from rich import box
 from rich.table import Table
 from rich.text import Text
 
 from resting_aspects_ros.core.aspect_set import Aspect
 from resting_aspects_ros.core.distribution import Distribution, Interval
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.resting_on import resting_on
 from resting_aspects_ros.report.rounding import (
+    decimals_of,
     direction_text,
-    interval_of,
     interval_text,
-    millimetre_texts,
-    outside_aspects,
     probability_text,
 )
+from resting_aspects_ros.report.rows import (
+    Row,
+    aspect_rows,
+    class_rows,
+    outside_rows,
+    short_name,
+)
 
-# Aspects of a class that are named one by one.
-_MOST_NAMED = 6
 # What a probability is called that nobody has measured.
 NOTHING = '-'
+# Longer words on what a part rests on are continued in another line: of classes, and of each
+# aspect, beside its direction.
+_REST_WIDTH, _REST_WIDTH_OF_EACH = 26, 20
 
 
-def distribution_table(distribution: Distribution, title: str) -> Table:
-    """A row for each aspect, seen or not, then what is in none of them, then the drops.
+def distribution_table(
+    distribution: Distribution, title: str, part: Part | None = None, *, each: bool = False
+) -> Table:
+    """A row for each symmetry class, seen or not, then what is in no aspect, then the drops.
 
-    It fits 80 columns, says all without colour, and its cells are ASCII. Probabilities are
-    in percent with the digits that their interval allows, heights in mm.
+    It fits 80 columns, says all without colour, and its cells are ASCII. Probabilities are in
+    percent with the digits that their interval allows.
 
     Parameters
     ----------
     distribution : Distribution
     title : str
         Plain text, shown above.
+    part : Part, optional
+        Of the aspects; with it the table says on what the part rests.
+    each : bool
+        A row for each aspect, with its direction, in place of those for classes.
     """
-    table = _empty_table(title, distribution.confidence)
-    drops = distribution.drops
-    aspects = distribution.aspects.aspects
-    heights = millimetre_texts(np.array([aspect.com_height for aspect in aspects]))
-    rows = zip(aspects, heights, distribution.counts, distribution.intervals(), strict=True)
-    for aspect, height, count, interval in rows:
-        direction = down_text(aspect)
-        table.add_row(str(aspect.id), direction, *shares(interval, int(count), drops), height)
+    rows = aspect_rows(distribution) if each else class_rows(distribution)
+    several = any(len(row.aspects) > 1 for row in rows)
+    table = plain_table(title)
+    table.add_column('aspects' if several else 'aspect', justify='right', no_wrap=True)
+    table.add_column('rests on', max_width=_REST_WIDTH_OF_EACH if each else _REST_WIDTH)
+    if each:
+        table.add_column('down in part', no_wrap=True)
+    percent = f'{100 * distribution.confidence:g} %'
+    for heading in ('proba-\nbility', f'{percent} interval', 'count'):
+        table.add_column(heading, justify='right', no_wrap=True)
+    if several:
+        table.add_column('of each\nof them', justify='right', no_wrap=True)
+    for row in rows:
+        cells = [short_name(row), resting_on(part, row.aspects[0])]
+        if each:
+            cells.append(down_text(row.aspects[0]))
+        cells += shares(row.interval, row.count, distribution.drops)
+        if several:
+            cells.append(_each_text(row, distribution.drops))
+        table.add_row(*cells)
     table.add_section()
-    for label, count in _alike(distribution):
-        table.add_row('', label, *shares(interval_of(distribution, count), count, drops), '')
-    for name, count in outside_aspects(distribution):
-        table.add_row('', name, *shares(interval_of(distribution, count), count, drops), '')
-    table.add_row('', 'drops in total', '', '', str(drops), '', style='bold')
+    for row in outside_rows(distribution):
+        cells = ['', row.name, *([''] if each else [])]
+        table.add_row(*cells, *shares(row.interval, row.count, distribution.drops))
+    cells = ['', 'drops in total', *([''] if each else []), '', '', str(distribution.drops)]
+    table.add_row(*cells, style='bold')
     return table
 
 
-def never_seen_text(distribution: Distribution) -> str:
+def never_seen_text(distribution: Distribution, *, each: bool = False) -> str:
     """What is known of aspects in which no drop ended; empty if there are none."""
-    rows = zip(
-        distribution.aspects.aspects, distribution.counts, distribution.intervals(), strict=True
-    )
     texts = [
-        f'{aspect.id} (at most {100 * interval.upper:.2g} %; '
-        f'the part rolls into it from {100 * aspect.basin_share:.2g} % of all directions)'
-        for aspect, count, interval in rows
-        if not count
+        f'{row.name} (at most {100 * row.interval.upper:.2g} %; the part rolls into '
+        f'{"them" if len(row.aspects) > 1 else "it"} from '
+        f'{100 * sum(aspect.basin_share for aspect in row.aspects):.2g} % of all directions)'
+        for row in (aspect_rows(distribution) if each else class_rows(distribution))
+        if not row.count
     ]
-    return f'Never seen: aspect {", ".join(texts)}.' if texts and distribution.drops else ''
+    return f'Never seen: {", ".join(texts)}.' if texts and distribution.drops else ''
+
+
+def _each_text(row: Row, drops: int) -> str:
+    """The mean probability of the aspects of a row."""
+    if len(row.aspects) == 1 or not drops:
+        return ''
+    share = 100 * row.interval.probability / len(row.aspects)
+    return f'{share:.{decimals_of(row.interval)}f} %'
 
 
 def down_text(aspect: Aspect) -> str:
@@ -70,18 +101,6 @@ def down_text(aspect: Aspect) -> str:
     if aspect.rolls and aspect.axis.any():
         return f'axis {direction_text(aspect.axis)}'
     return direction_text(aspect.down_in_part)
-
-
-def _alike(distribution: Distribution) -> list[tuple[str, int]]:
-    """Symmetry classes of several aspects, in words, with their counts."""
-    found = []
-    counts = distribution.by_class().counts.tolist()
-    for members, count in zip(distribution.aspects.classes(), counts, strict=True):
-        ids = [str(aspect.id) for aspect in members]
-        shown = ids if len(ids) <= _MOST_NAMED else [ids[0], '...', ids[-1]]
-        if len(ids) > 1:
-            found.append((f'{len(ids)} alike: {" ".join(shown)}', count))
-    return found
 
 
 def plain_table(title: str) -> Table:
@@ -95,17 +114,6 @@ def plain_table(title: str) -> Table:
         pad_edge=False,
         collapse_padding=True,
     )
-
-
-def _empty_table(title: str, confidence: float) -> Table:
-    table = plain_table(title)
-    table.add_column('aspect', justify='right', no_wrap=True)
-    table.add_column('down in part', no_wrap=True)
-    table.add_column('probability', justify='right', no_wrap=True)
-    table.add_column(f'{100 * confidence:g} % interval', justify='right', no_wrap=True)
-    table.add_column('count', justify='right', no_wrap=True)
-    table.add_column('height of\ncentre of\nmass (mm)', justify='right', no_wrap=True)
-    return table
 
 
 def shares(interval: Interval, count: int, drops: int) -> tuple[str, str, str]:

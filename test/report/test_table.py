@@ -18,12 +18,13 @@ from resting_aspects_ros.report.rounding import (
     millimetre_texts,
     probability_text,
 )
-from resting_aspects_ros.report.table import distribution_table
+from resting_aspects_ros.report.table import distribution_table, never_seen_text
 
 ROW = re.compile(
-    r'^ *(?P<id>\d*) +(?P<down>[-+ ]\d\.\d\d [-+ ]\d\.\d\d [-+ ]\d\.\d\d|[a-z ]+?)  +'
+    r'^ *(?P<id>\d[\d ,.a-z]*?)?  +(?P<words>[a-z].*?)  +'
+    r'(?P<down>[-+ ]\d\.\d\d [-+ ]\d\.\d\d [-+ ]\d\.\d\d)? *'
     r'(?P<probability>[\d.]+|-)(?: %)? +(?P<lower>[\d.]+) to (?P<upper>[\d.]+) % +(?P<count>\d+)'
-    r'(?: +(?P<height>[\d.]+))? *$'
+    r'(?: +(?P<each>[\d.]+) %)? *$'
 )
 
 
@@ -32,15 +33,16 @@ def aspects(part):
     return find_aspects(part('l_bracket'))
 
 
-def lines(distribution, title='a title'):
+def lines(distribution, title='a title', part=None, **options):
     console = Console(width=80, force_terminal=False)
     with console.capture() as captured:
-        console.print(distribution_table(distribution, title))
+        console.print(distribution_table(distribution, title, part, **options))
     return captured.get().splitlines()
 
 
-def rows(distribution):
-    return [found.groupdict() for line in lines(distribution) if (found := ROW.match(line))]
+def rows(distribution, **options):
+    found = (ROW.match(line) for line in lines(distribution, **options))
+    return [row.groupdict(default='') for row in found if row]
 
 
 def half_digit(text):
@@ -49,10 +51,10 @@ def half_digit(text):
 
 def test_every_aspect_is_a_row_whose_numbers_are_the_distributions(aspects):
     distribution = Distribution(aspects, np.array([2780, 2713, 2490, 1312, 0]), 7, 0, 1)
-    found = rows(distribution)
+    found = rows(distribution, each=True)
     assert [row['id'] for row in found] == ['1', '2', '3', '4', '5', '', '']
     assert [row['count'] for row in found] == ['2780', '2713', '2490', '1312', '0', '7', '1']
-    assert [row['down'] for row in found[5:]] == ['unclassified', 'failed']
+    assert [row['words'] for row in found[5:]] == ['unclassified', 'failed']
     for row, aspect, interval in zip(
         found, aspects.aspects, distribution.intervals(), strict=False
     ):
@@ -61,10 +63,46 @@ def test_every_aspect_is_a_row_whose_numbers_are_the_distributions(aspects):
             assert float(shown) == pytest.approx(
                 100 * getattr(interval, name), abs=half_digit(shown)
             )
-        assert float(row['height']) == pytest.approx(1000 * aspect.com_height, abs=0.005)
         direction = [float(number) for number in row['down'].split()]
         assert direction == pytest.approx(aspect.down_in_part.tolist(), abs=0.005 + 1e-9)
     assert sum(int(row['count']) for row in found) == distribution.drops
+
+
+def test_aspects_that_look_alike_are_one_row_with_their_sum(part):
+    nut = part('hex_nut')
+    counts = np.array([300, 320, 60, 65, 70, 50, 55, 80])
+    distribution = Distribution(find_aspects(nut), counts, 0, 0, 0)
+    flat, side = rows(distribution, part=nut)
+    assert (flat['id'], flat['words']) == ('1 and 2', 'flat side 17 x 19.6 mm')
+    assert (side['id'], side['words']) == ('3 to 8', 'flat side 8.4 x 9.81 mm')
+    assert [flat['count'], side['count']] == ['620', '380']
+    for row, count, many in ((flat, 620, 2), (side, 380, 6)):
+        interval = interval_of(distribution, count)
+        shown = row['probability']
+        assert float(shown) == pytest.approx(100 * count / 1000, abs=half_digit(shown))
+        assert float(row['lower']) == pytest.approx(100 * interval.lower, abs=half_digit(shown))
+        assert float(row['each']) == pytest.approx(count / 10 / many, abs=half_digit(row['each']))
+
+
+def test_every_row_is_shown_when_each_is_asked_for(part):
+    nut = part('hex_nut')
+    distribution = Distribution(find_aspects(nut), np.arange(8) * 10, 0, 0, 0)
+    found = [row for row in rows(distribution, part=nut, each=True) if row['id']]
+    assert [int(row['id']) for row in found] == list(range(1, 9))
+    assert [int(row['count']) for row in found] == [10 * k for k in range(8)]
+
+
+@pytest.mark.parametrize('each', [False, True])
+def test_what_was_never_seen_is_named_as_in_the_table(part, each):
+    aspects = find_aspects(part('hex_nut'))
+    basin = [100 * aspect.basin_share for aspect in aspects.aspects]
+    one = Distribution(aspects, np.array([500, 400, 10, 10, 10, 10, 10, 0]), 0, 0, 0)
+    none = Distribution(aspects, np.array([500, 400, 0, 0, 0, 0, 0, 0]), 0, 0, 0)
+    assert ('aspect 8 (at most' in never_seen_text(one, each=each)) is each
+    assert ('aspects 3 to 8 (at most' in never_seen_text(none, each=each)) is not each
+    words = f'rolls into {"it" if each else "them"} from'
+    share = basin[7] if each else sum(basin[2:])
+    assert f'{words} {share:.2g} % of all' in never_seen_text(none, each=each)
 
 
 def test_the_drops_are_always_told_and_outcomes_that_did_not_happen_are_not(aspects):
@@ -88,16 +126,19 @@ def test_without_drops_nothing_is_claimed(aspects):
 def test_it_fits_80_columns_with_20_aspects_and_2_million_drops_and_is_ascii(solid):
     aspects = find_aspects(solid(trimesh.creation.icosahedron()))
     many = Distribution(aspects, np.full(len(aspects), 99000), 19000, 500, 500)
-    text = lines(many)
-    assert len(rows(many)) == len(aspects) + 3
+    text = lines(many, each=True)
+    assert len(rows(many, each=True)) == len(aspects) + 3
+    text += lines(many)
+    assert len(rows(many)) == 1 + 3
     assert max(len(line) for line in text) <= 80
     assert not any('…' in line for line in text)
     assert all(line.isascii() for line in text if ROW.match(line))
 
 
 def test_a_rolling_part_fits_80_columns(part):
-    aspects = find_aspects(part('cylinder_d20_h20'))
-    text = lines(Distribution(aspects, np.array([50_000, 25_000, 20_000]), 4_000, 0, 0))
+    cylinder = part('cylinder_d20_h20')
+    drops = Distribution(find_aspects(cylinder), np.array([500, 250, 200]), 40, 0, 0)
+    text = lines(drops, part=cylinder, each=True) + lines(drops, part=cylinder)
     assert max(len(line) for line in text) <= 80
     assert not any('…' in line for line in text)
     assert 'axis  0.00  0.00 +1.00' in ''.join(text)
