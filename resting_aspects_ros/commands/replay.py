@@ -1,4 +1,4 @@
-"""`resting_aspects replay`: a log on the suite's topics again."""
+"""`resting_aspects replay`: playback of a log on the topics of the suite."""
 
 import argparse
 from pathlib import Path
@@ -20,12 +20,12 @@ def add(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'replay',
-        description='Publish what is in a log on the topics of the suite, with the recorded QoS,\n'
-        'bytes and pauses, so that a controller can be developed without drops. Names\n'
-        'are relative to the namespace, whatever it was when the log was recorded. It\n'
-        'stays until Ctrl-C when all is published, so that who comes late finds what\n'
-        'is latched: the part, the poses and the last distribution. The services\n'
-        'log_replayer/pause and log_replayer/resume hold it up.',
+        description='Publish the messages of a log on the topics of the suite, with the recorded\n'
+        'QoS, bytes and pauses, so that a controller can be developed without drops.\n'
+        'Names are relative to the namespace of the command, not to the recorded one. It\n'
+        'keeps running after the last message so that late subscribers receive the\n'
+        'latched topics: part, poses and last distribution. The services\n'
+        'log_replayer/pause and log_replayer/resume pause and resume it.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -34,19 +34,19 @@ def add(subparsers: Any) -> None:
     )
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument(
-        '--rate', metavar='R', help='times as fast as it was recorded: 0.001 to 1000 (1)'
+        '--rate', metavar='R', help='playback speed relative to the recording: 0.001 to 1000 (1)'
     )
     pace.add_argument(
         '--as-fast-as-possible',
         action='store_true',
-        help='do not wait as recorded. A reader that keeps as many messages as are offered, 2000 '
-        'of resting_poses, and takes 0.5 MB (6250 poses) a second or more loses none',
+        help='publish as fast as subscribers acknowledge. A subscriber with the offered depth '
+        '(2000 for resting_poses) loses nothing of a run',
     )
     parser.add_argument(
         '--loop',
         action='store_true',
-        help='begin again a second after the end. The runs are the recorded ones each time, with '
-        'the same ids: aspect_classifier and drop_recorder count none of their drops twice',
+        help='start again one second after the end. The runs keep their ids: aspect_classifier '
+        'and drop_recorder count no drop twice',
     )
     add_ros_args(parser)
     parser.set_defaults(run=run)

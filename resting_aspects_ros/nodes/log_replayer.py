@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import Trigger
@@ -19,8 +20,7 @@ from resting_aspects_ros.nodes.interface import LOG_REPLAYER, PAUSE, RESUME, SER
 from resting_aspects_ros.nodes.parameters import Parameter, declare
 from resting_aspects_ros.nodes.presence import announce
 from resting_aspects_ros.nodes.replay import Position, Replay
-from resting_aspects_ros.nodes.replay_pace import FastestPace, Pace, RecordedPace
-from resting_aspects_ros.nodes.replay_topics import ReplayedTopic, replayed_topics
+from resting_aspects_ros.nodes.replay_topics import replayed_topics
 from resting_aspects_ros.nodes.spin import run_node
 from resting_aspects_ros.nodes.words import counted
 
@@ -68,9 +68,15 @@ class LogReplayer(Node):
         }
         self._watch = watch
         self._begun = time.monotonic()
-        fastest = values['as_fast_as_possible']
-        pace = self._fastest(topics) if fastest else RecordedPace(values['rate'])
-        self._replay = Replay(recording, topics, self._publish, pace, loop=values['loop'])
+        self._replay = Replay(
+            recording,
+            topics,
+            self._publish,
+            lambda topic: self._outputs[topic].wait_for_all_acked(Duration()),
+            rate=None if values['as_fast_as_possible'] else values['rate'],
+            loop=values['loop'],
+            warn=self.get_logger().warning,
+        )
         self.create_service(Trigger, PAUSE, self._pause, qos_profile=SERVICES)
         self.create_service(Trigger, RESUME, self._resume, qos_profile=SERVICES)
         self._from_simulator = [
@@ -91,11 +97,6 @@ class LogReplayer(Node):
         )
         self._timer = steady_timer(self, 0.0, self._step)
 
-    def _fastest(self, topics: list[ReplayedTopic]) -> Pace:
-        return FastestPace(
-            {topic.recorded: (self._outputs[topic.recorded], topic.qos) for topic in topics}
-        )
-
     def _publish(self, message: RecordedMessage) -> None:
         self._outputs[message.topic].publish(message.data)
 
@@ -111,8 +112,8 @@ class LogReplayer(Node):
         if position.over:
             self.get_logger().info(
                 f'replayed in {time.monotonic() - self._begun:.3f} s: '
-                f'{counted(position.messages, "message", "messages")}, '
-                f'{counted(position.drops, "drop", "drops")}; what is latched stays until Ctrl-C'
+                f'{counted(position.messages, "message", "messages")}; '
+                'latched topics stay available until Ctrl-C'
             )
 
     def _step_after(self, wait: int) -> None:
@@ -138,7 +139,6 @@ class LogReplayer(Node):
             'log': self._log,
             'at': position,
             'messages published': position.messages,
-            'drops published': position.drops,
             'round': position.round,
         }
         state = 'over' if position.over else 'paused' if position.paused else 'replaying'

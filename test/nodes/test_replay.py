@@ -8,7 +8,6 @@ import struct
 from contextlib import suppress
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from mcap.exceptions import EndOfFile
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
@@ -21,12 +20,12 @@ from resting_aspects_interfaces.msg import (
 )
 from rosbags.highlevel import AnyReader
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from resting_aspects_ros.logs.run_log import RunLog
 from resting_aspects_ros.logs.topics import Qos, Topic
 from resting_aspects_ros.nodes.interface import (
     ALL_LATCHED,
-    DIAGNOSTICS,
     LATCHED,
     LEAST_BATCH,
     POSES,
@@ -80,6 +79,23 @@ def heard(connect, namespace, listen_raw):
     return client, topics
 
 
+def replayer_services(client):
+    """Return a function that calls a service of the replayer: success, word and position."""
+    services = {
+        name: client.node.create_client(Trigger, f'log_replayer/{name}')
+        for name in ('pause', 'resume')
+    }
+    for service in services.values():  # this calls them, resume last
+        client.meet_service(service)
+
+    def call(name):
+        answer = client.call(services[name], Trigger.Request())
+        word, _, position = answer.message.partition(', at ')
+        return answer.success, word, position
+
+    return call
+
+
 def assert_same(distribution, recorded):
     """But for the stamp, which says when it was published."""
     assert distribution.header.stamp != recorded.header.stamp
@@ -87,7 +103,9 @@ def assert_same(distribution, recorded):
     assert distribution == recorded
 
 
-@pytest.mark.parametrize('way', [{'as_fast_as_possible': True}, {'rate': 2.0}])
+@pytest.mark.parametrize(
+    'way', [{'as_fast_as_possible': True}, pytest.param({'rate': 2.0}, marks=pytest.mark.slow)]
+)
 def test_a_fresh_classifier_counts_what_the_log_holds(
     start, connect, namespace, replay, log, recorded, last_distribution, way
 ):
@@ -146,12 +164,12 @@ def test_topics_are_in_the_namespace_of_the_replayer_with_the_recorded_qos(
 
 
 def test_who_comes_late_finds_all_that_is_latched_and_the_replayer_at_rest(
-    connect, namespace, replay, wait, listen_raw, log, recorded, traceback
+    connect, namespace, replay, wait, listen_raw, log, recorded, diagnostics_of, traceback
 ):
     replayer = replay(log, as_fast_as_possible=True)
     wait(lambda: 'replayed in ' in replayer.said, 'end of the log')
     count = sum(map(len, recorded.values()))
-    assert f': {count} messages, {DROPS} drops; what is latched stays' in replayer.said
+    assert f': {count} messages; latched topics stay available' in replayer.said
     client = connect(namespace)
     topics = {name: listen_raw(client, kind, name, qos) for name, (kind, qos) in TOPICS.items()}
     client.wait(lambda: all(topics.values()) and len(topics['resting_poses']) == 3, 'all latched')
@@ -162,6 +180,10 @@ def test_who_comes_late_finds_all_that_is_latched_and_the_replayer_at_rest(
     assert [data for data, _ in topics['resting_poses']] == recorded['resting_poses']
     assert [data for data, _ in topics[PART]] == recorded[PART]
     assert [data for data, _ in topics[DISTRIBUTION]] == recorded[DISTRIBUTION][-1:]
+    call = replayer_services(client)
+    assert [call(name)[:2] for name in ('pause', 'resume')] == [(False, 'over')] * 2
+    _, _, values = diagnostics_of(client).wait('log_replayer', lambda _, m, __: m == 'over', 'end')
+    assert (values['log'], values['messages published']) == (str(log), str(count))
     assert replayer.end(signal.SIGTERM) == 0
     assert not traceback(replayer.said)
 
@@ -212,7 +234,6 @@ def test_a_log_that_was_broken_off_is_replayed_as_far_as_it_is_whole(
 
     found = client.wait(counted, 'two batches')[0]
     assert not found.complete
-    assert f' {2 * LEAST_BATCH} drops; ' in replayer.said
     assert f"log '{cut}' was broken off: what it holds is used" in replayer.said
 
 
@@ -275,18 +296,33 @@ def test_a_log_that_is_damaged_meanwhile_ends_it_with_an_error(
     assert not traceback(replayer.said)
 
 
-def test_a_message_that_is_none_ends_it_with_an_error(replay, wait, tmp_path, traceback):
-    poses = Topic('/resting_poses', 'resting_aspects_interfaces/msg/RestingPoses', Qos(1))
-    with RunLog(tmp_path, 'run') as written:
-        written.write(poses, b'nothing!', 1)
-    replayer = replay(written.path, ready='')
-    wait(lambda: not replayer.running, 'its end')
-    assert replayer.end(number=0) == 1
-    says = (
-        f"error: log '{written.path}', topic /resting_poses: 8 bytes are no batch of resting pos"
-    )
-    assert says in replayer.said
-    assert not traceback(replayer.said)
+def test_services_pause_and_resume_it(heard, replay, log):
+    client, topics = heard
+    replayer = replay(log, rate=0.05)
+    call = replayer_services(client)
+    assert call('resume')[:2] == (True, 'not paused')
+    client.wait(lambda: topics[PART], 'part')
+    success, words, position = call('pause')
+    assert (success, words) == (True, 'paused')
+    assert re.fullmatch(r'\d+\.\d{3} s of \d+\.\d{3} s, message \d+', position)
+    assert call('pause') == (True, 'paused already', position)
+    assert call('resume') == (True, 'resumed', position)
+    for word in ('paused', 'resumed'):
+        told = f']: {word}, at {position}'
+        client.wait(lambda told=told: told in replayer.said, told)
+    assert not re.search(r'\]: (paused already|not paused)', replayer.said)
+
+
+def test_a_loop_is_counted_once(start, heard, replay, log, recorded, diagnostics_of):
+    client, topics = heard
+    told = diagnostics_of(client)
+    start('aspect_classifier', client.node.get_namespace())
+    replay(log, rate=1000.0, loop=True)
+    told.wait('log_replayer', lambda _, __, values: int(values['round']) > 3, 'third round')
+    poses = [data for data, _ in topics['resting_poses']]
+    assert poses[:6] == 2 * recorded['resting_poses']
+    answer = client.ask('tetrahedron', DROPS, seed=[1], only_known=True)
+    assert (answer.status.code, answer.distribution.drops) == (Status.OK, DROPS)
 
 
 @pytest.mark.parametrize(
@@ -322,17 +358,3 @@ def test_what_cannot_be_replayed_is_said_in_one_line(
     (line,) = [line for line in process.said.splitlines() if line.startswith('error: ')]
     assert words.format(**places) in line
     assert not traceback(process.said)
-
-
-def test_it_says_on_diagnostics_how_far_it_is(connect, namespace, replay, log):
-    client = connect(namespace)
-    said = client.listen(DiagnosticArray, DIAGNOSTICS, 10)
-    replay(log, as_fast_as_possible=True)
-
-    def over():
-        statuses = [status for message in said for status in message.status]
-        own = [s for s in statuses if s.name == f'{namespace[1:]}/log_replayer']
-        return own and own[-1].message == 'over' and own[-1]
-
-    values = {each.key: each.value for each in client.wait(over, 'end of the log').values}
-    assert (values['log'], values['drops published']) == (str(log), str(DROPS))

@@ -1,143 +1,196 @@
-"""When replayed messages are published: rate, pause and resume, loop."""
-
-import re
-import statistics
+"""When replayed messages are published: rate, pause and resume, loop, acknowledgements."""
 
 import pytest
-from resting_aspects_interfaces.msg import AspectDistribution, RestingPoses, Status
-from std_srvs.srv import Trigger
+from hypothesis import given
+from hypothesis import strategies as st
 
-from resting_aspects_ros.nodes.interface import ALL_LATCHED, LEAST_BATCH, POSES
+from resting_aspects_ros.logs.recording import Recording
+from resting_aspects_ros.logs.run_log import RunLog
+from resting_aspects_ros.logs.topics import Qos, Topic
+from resting_aspects_ros.nodes.replay import ACK_PERIOD, ACK_TIMEOUT, PAUSE_BEFORE, Replay
+from resting_aspects_ros.nodes.replay_topics import replayed_topics
 
-# Batches of the log, and the time between two of them, s.
-COUNT, GAP = 41, 0.1
-LENGTH = COUNT * GAP
 SECOND = 10**9
+# Batches of the log, its first message is the part, and the time between two messages.
+COUNT, GAP = 41, SECOND // 10
+POSES, PART = '/cell/resting_poses', '/cell/parts/tetrahedron'
 
 
-@pytest.fixture(scope='module')
-def written(batches):
-    return list(batches(COUNT))
+class Player:
+    """A replay with a clock of its own, and subscribers that acknowledge when they are told to.
 
-
-@pytest.fixture(scope='module')
-def log(written, write_log, tmp_path_factory):
-    return write_log(tmp_path_factory.mktemp('log'), written, gap=GAP)
-
-
-@pytest.fixture
-def client(connect, namespace):
-    return connect(namespace)
-
-
-@pytest.fixture
-def heard(client, listen_raw):
-    """Batches and the times at which they were sent, ns."""
-    return listen_raw(client, RestingPoses, 'resting_poses', POSES)
-
-
-@pytest.fixture
-def call(client):
-    """Call a service of the replayer; its success, words, and position: s, length, drops."""
-    services = {
-        name: client.node.create_client(Trigger, f'log_replayer/{name}')
-        for name in ('pause', 'resume')
-    }
-
-    def call(name):
-        for service in services.values():  # resume is met last
-            client.meet_service(service)
-        answer = client.call(services[name], Trigger.Request())
-        found = re.fullmatch(
-            r'([\w ]+), at (\d+\.\d{3}) s of (\d+\.\d{3}) s, (\d+) drops', answer.message
-        )
-        assert found, answer.message
-        return answer.success, found[1], *map(float, found.groups()[1:])
-
-    return call
-
-
-def sent(heard):
-    return [time / SECOND for _, time in heard]
-
-
-@pytest.mark.parametrize('rate', [1.0, 4.0])
-def test_messages_are_as_far_apart_as_they_were_recorded_by_the_rate(
-    client, heard, replay, log, written, rate
-):
-    """By the median of 21 distances over half the log, which a machine that stops hardly moves.
-
-    A message that goes out late moves no other: its bound is 5 %, where adding up 5 ms a message
-    would make 5 % at rate 1 and 20 % at rate 4.
+    published : the clock and the message, of each
     """
-    replay(log, rate=rate)
-    client.wait(lambda: len(heard) == COUNT, 'all batches')
-    assert [data for data, _ in heard] == written
-    times = sent(heard)
-    half = COUNT // 2
-    distances = [times[k + half] - times[k] for k in range(COUNT - half)]
-    assert statistics.median(distances) == pytest.approx(half * GAP / rate, rel=0.05)
+
+    def __init__(self, log, rate=None, *, loop=False):
+        self.now = 5 * SECOND
+        self.published = []
+        self.warnings = []
+        self.asked = []
+        self.acknowledging = True
+        recording = Recording(log)
+        topics, _ = replayed_topics(recording)
+        self.replay = Replay(
+            recording,
+            topics,
+            lambda message: self.published.append((self.now, message)),
+            self.acknowledged,
+            rate=rate,
+            loop=loop,
+            warn=self.warnings.append,
+            clock=lambda: self.now,
+        )
+
+    def acknowledged(self, topic):
+        self.asked.append((self.now, topic))
+        return self.acknowledging
+
+    def run(self, until=None, late=0):
+        """Play until the end, or until a time; each call comes so late."""
+        while (wait := self.replay.play()) is not None:
+            if until is not None and self.now + wait > until:
+                self.now = until
+                return
+            self.now += wait + late
+
+    def times(self, topic=POSES):
+        return [now for now, message in self.published if message.topic == topic]
 
 
-def test_a_pause_holds_it_up_and_then_it_goes_on_as_recorded(client, heard, replay, log, call):
-    rate = 0.5
-    replayer = replay(log, rate=rate)
-    assert call('resume')[:2] == (True, 'not paused')
-    client.wait(lambda: len(heard) >= 5, 'some batches')
-    success, words, seconds, length, drops = call('pause')
-    assert (success, words, length) == (True, 'paused', pytest.approx(LENGTH))
-    client.spin(1.0)  # five batches would come
-    count = len(heard)
-    assert drops == count * LEAST_BATCH
-    # The first comes a gap after the part; one that is due may not have gone out yet.
-    assert count * GAP < seconds + 0.001 < (count + 2) * GAP
-    assert call('pause') == (True, 'paused already', seconds, length, drops)
-    assert len(heard) == count
-    assert call('resume') == (True, 'resumed', seconds, length, drops)
-    client.wait(lambda: len(heard) == COUNT, 'all batches')
-    times = sent(heard)
-    late = [time - k * GAP / rate for k, time in enumerate(times)]
-    # No burst: what was due in the pause comes as far apart as it was recorded.
-    before, after = statistics.median(late[:count]), statistics.median(late[count:])
-    steps = [later - earlier for earlier, later in zip(late[count:], late[count + 1 :])]  # noqa: B905
-    assert statistics.median(map(abs, steps)) < GAP / rate / 4
-    assert after - before > 1.0
-    assert times[count] - times[count - 1] >= 1.0
-    client.wait(lambda: call('pause')[1] == 'over', 'end')
-    for name in ('pause', 'resume'):
-        assert call(name) == (False, 'over', *[pytest.approx(LENGTH)] * 2, COUNT * LEAST_BATCH)
-    for word in ('paused', 'resumed'):
-        told = f']: {word}, at {seconds:.3f} s of {LENGTH:.3f} s, {drops:.0f} drops'
-        client.wait(lambda told=told: told in replayer.said, told)
-    assert not re.search(r'\]: (paused already|not paused|over)', replayer.said)
+@pytest.fixture(scope='module')
+def log(batches, write_log, tmp_path_factory):
+    return write_log(tmp_path_factory.mktemp('log'), batches(COUNT), gap=GAP / SECOND)
 
 
-def test_a_loop_publishes_the_same_again_and_a_classifier_counts_it_once(
-    start, client, heard, replay, log, written, call, diagnostics_of
-):
-    told = diagnostics_of(client)
-    start('aspect_classifier', client.node.get_namespace())
-    distributions = client.listen(
-        AspectDistribution, 'aspect_distributions/tetrahedron', ALL_LATCHED
-    )
-    replay(log, rate=10.0, loop=True)
-    client.wait(lambda: len(heard) >= 2 * COUNT + 5, 'two rounds and more')
-    assert call('pause')[:2] == (True, 'paused')
-    rounds = [data for data, _ in heard]
-    assert rounds == (written * (len(rounds) // COUNT + 1))[: len(rounds)]
-    times = sent(heard)
-    assert times[COUNT] - times[COUNT - 1] > 1.0  # a second, and the gap before the first
-    told.wait(
-        'log_replayer',
-        lambda _, message, values: (
-            (message, values['round']) == ('paused', str(len(rounds) // COUNT + 1))
-        ),
-        'round',
-    )
-    drops = COUNT * LEAST_BATCH
-    client.wait(lambda: distributions and distributions[-1].complete, 'complete distribution')
-    assert {one.drops for one in distributions if one.complete} == {drops}
-    assert max(one.drops for one in distributions) == drops
-    answer = client.ask('tetrahedron', drops, seed=[1], only_known=True)
-    assert (answer.status.code, answer.distribution.drops) == (Status.OK, drops)
-    assert answer.distribution.run.run_id == 'recorded'
+@pytest.mark.parametrize('rate', [0.001, 0.3, 1.0, 4.0, 1000.0])
+def test_each_message_is_published_at_its_time_divided_by_the_rate(log, rate):
+    player = Player(log, rate)
+    player.run()
+    start = 5 * SECOND + PAUSE_BEFORE
+    assert player.times(PART) == [start]
+    due = [start + k * GAP / rate for k in range(1, COUNT + 1)]
+    assert player.times() == pytest.approx(due, abs=1)
+    assert player.asked == []
+
+
+@given(late=st.integers(1, GAP // 4 - 1))
+def test_delays_do_not_add_up(log, late):
+    player = Player(log, 2.0)
+    player.run(late=late)
+    start = 5 * SECOND + PAUSE_BEFORE
+    due = [start + k * GAP // 2 for k in range(1, COUNT + 1)]
+    assert [now - d for now, d in zip(player.times(), due, strict=True)] == [late] * COUNT
+
+
+def test_a_pause_shifts_what_follows_and_publishes_nothing(log):
+    whole, player = Player(log, 0.5), Player(log, 0.5)
+    whole.run()
+    player.run(until=5 * SECOND + PAUSE_BEFORE + SECOND)
+    count = len(player.times())
+    before = player.replay.position
+    player.replay.pause()
+    player.now += 100 * SECOND
+    assert player.replay.play() is None
+    paused = player.replay.position
+    assert (paused.paused, paused.seconds, paused.messages) == (True, 0.5, before.messages)
+    assert len(player.times()) == count == 5
+    player.replay.resume()
+    assert player.replay.position == before
+    player.run()
+    later = [now - 100 * SECOND for now in player.times()[count:]]
+    assert later == whole.times()[count:]
+
+
+def test_the_position_follows_the_clock_from_the_first_message_to_the_end(log):
+    player = Player(log, 4.0)
+    length = COUNT * GAP / SECOND
+    start = player.replay.position
+    assert (start.seconds, start.length, start.messages, start.over) == (0, length, 0, False)
+    player.run(until=5 * SECOND + PAUSE_BEFORE + SECOND // 8)
+    middle = player.replay.position
+    assert (middle.seconds, middle.messages) == (0.5, 6)
+    player.run()
+    end = player.replay.position
+    assert (end.seconds, end.messages, end.over) == (length, COUNT + 1, True)
+    assert str(end) == f'{length:.3f} s of {length:.3f} s, message {COUNT + 1}'
+    player.replay.pause()
+    assert not player.replay.paused
+
+
+def test_a_loop_publishes_the_same_again_after_a_second(log):
+    player = Player(log, 10.0, loop=True)
+    player.run(until=20 * SECOND)
+    data = [message.data for _, message in player.published]
+    once = COUNT + 1
+    assert len(data) > 2 * once
+    assert all(data[k] == data[k % once] for k in range(len(data)))
+    first, second = player.times(PART)[:2]
+    assert second - player.times()[COUNT - 1] == PAUSE_BEFORE
+    assert first == 5 * SECOND + PAUSE_BEFORE
+    assert player.replay.position.round == len(data) // once + 1
+    assert not player.replay.over
+
+
+@pytest.fixture
+def deep_log(tmp_path):
+    """Write a log of some messages of a topic with a depth, at one time."""
+
+    def deep_log(count, depth):
+        topic = Topic('/note', 'std_msgs/msg/String', Qos(depth, durability='transient_local'))
+        with RunLog(tmp_path, f'{count}_{depth}') as log:
+            for k in range(count):
+                log.write(topic, bytes([0, 1, 0, 0, 1, 0, 0, 0, 0]), k * SECOND)
+        return log.path
+
+    return deep_log
+
+
+@pytest.mark.parametrize(('count', 'depth'), [(1, 1), (5, 1), (20, 20), (21, 20), (100, 20)])
+def test_at_full_speed_no_unacknowledged_message_is_replaced(deep_log, count, depth):
+    player = Player(deep_log(count, depth))
+    player.acknowledging = False
+    held = 0
+    while player.replay.play() is not None:
+        player.now += ACK_PERIOD
+        unacknowledged = len(player.published) - held
+        assert unacknowledged <= depth
+        # The subscriber acknowledges all after it was asked for the third time.
+        player.acknowledging = len(player.asked) % 3 == 2
+        if player.acknowledging:
+            held = len(player.published)
+    assert len(player.published) == count
+    assert bool(player.asked) == (count > depth)
+    assert player.warnings == []
+
+
+def test_a_log_within_the_depth_is_published_at_once(log):
+    player = Player(log)
+    player.acknowledging = False
+    player.run()
+    assert set(player.times()) == {5 * SECOND + PAUSE_BEFORE}
+    assert len(player.times()) == COUNT
+
+
+def test_a_subscriber_that_hangs_does_not_hang_the_replay(deep_log):
+    player = Player(deep_log(100, 1))
+    player.acknowledging = False
+    player.run()
+    first, second, *_, last = player.times('/note')
+    assert ACK_TIMEOUT < second - first <= ACK_TIMEOUT + 2 * ACK_PERIOD
+    assert last == second  # it is waited for once
+    (words,) = player.warnings
+    assert words.startswith('a subscriber of note has not acknowledged for 60 s: ')
+
+
+def test_a_pause_is_not_counted_as_time_of_a_hanging_subscriber(deep_log):
+    player = Player(deep_log(2, 1))
+    player.acknowledging = False
+    player.run(until=10 * SECOND)
+    player.replay.pause()
+    player.now += 2 * ACK_TIMEOUT
+    player.replay.resume()
+    player.run(until=player.now + ACK_TIMEOUT // 2)
+    assert player.warnings == []
+    player.acknowledging = True
+    player.run()
+    assert len(player.published) == 2
