@@ -1,0 +1,305 @@
+"""Set-up: which Python it takes, and which steps it repeats after which change."""
+
+import contextlib
+import importlib.util
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+BASE_PYTHON = os.path.realpath(sys.executable)
+THIS_PYTHON = f'exec "{sys.executable}" "$@"'
+REFUSED_BY_PYENV = 'echo "pyenv: python3.10: command not found" >&2; exit 127'
+
+
+def put_program(path, body):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f'#!/bin/sh\n{body}\n')
+    path.chmod(0o755)
+
+
+@pytest.fixture
+def path(tmp_path):
+    """Give a folder that is all of PATH, with what a shell script needs."""
+    folder = tmp_path / 'pyenv' / 'shims'
+    folder.mkdir(parents=True)
+    for name in ('dirname', 'head'):
+        (folder / name).symlink_to(shutil.which(name))
+    return folder
+
+
+@pytest.fixture
+def find(path):
+    """Run tools/find_python."""
+
+    def find(**environment):
+        return subprocess.run(
+            [ROOT / 'tools' / 'find_python'],
+            env={'PATH': str(path), 'CXX': '/bin/sh', **environment},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    return find
+
+
+@pytest.mark.parametrize('chosen', [{}, {'PYTHON': 'python3.10'}])
+def test_a_shim_that_pyenv_refuses_leads_to_the_installed_version(find, path, chosen):
+    put_program(path / 'python3.10', REFUSED_BY_PYENV)
+    put_program(path.parent / 'versions' / '3.10.13' / 'bin' / 'python3.10', THIS_PYTHON)
+    found = find(**chosen)
+    assert found.stdout == f'{BASE_PYTHON}\n', found.stderr
+
+
+def test_what_pyenv_says_is_shown_if_no_version_fits(find, path):
+    put_program(path / 'python3.10', REFUSED_BY_PYENV)
+    refused = find(PYTHON='python3.10')
+    assert refused.returncode == 1
+    assert refused.stdout == ''
+    assert f'{path}/python3.10: pyenv: python3.10: command not found\n' in refused.stderr
+    assert 'sudo apt install python3' in refused.stderr
+
+
+def test_a_python_that_does_not_run_is_passed_over(find, path):
+    put_program(path / 'python3.11', 'exit 127')
+    put_program(path / 'python3.12', THIS_PYTHON)
+    assert find().stdout == f'{BASE_PYTHON}\n'
+
+
+def test_the_named_python_is_the_only_one_tried(find, path):
+    put_program(path / 'python3.11', THIS_PYTHON)
+    refused = find(PYTHON='/no/python')
+    assert refused.returncode == 1
+    assert '/no/python' in refused.stderr
+
+
+@pytest.mark.parametrize('version', [(3, 9, 19), (3, 13, 1)])
+def test_a_python_too_old_or_too_new_is_named_with_its_version(find, path, tmp_path, version):
+    script = f'import runpy, sys; sys.version_info = {version}; runpy.run_path(sys.argv[2])'
+    put_program(path / 'python3', f'exec "{sys.executable}" -c "{script}" "$@"')
+    refused = find()
+    assert refused.returncode == 1
+    assert f'{path}/python3: is Python 3.{version[1]}\n' in refused.stderr
+
+
+def test_a_missing_compiler_is_named_with_its_package(find, path):
+    put_program(path / 'python3.11', THIS_PYTHON)
+    refused = find(CXX='no-such-compiler')
+    assert refused.returncode == 1
+    assert 'a C++ compiler not found: sudo apt install g++' in refused.stderr
+
+
+# A Python and a uv that only note how they are called, and make environments of themselves.
+RECORDER = """
+case $* in
+    -I*) echo "$0" ;;
+    '-m venv '*) mkdir -p "$3/bin" && cp "$0" "$3/bin/python" && cp "$0" "$3/bin/uv" ;;
+    *) echo "$*" >> calls; [ ! -e broken ] ;;
+esac
+"""
+STEPS = {
+    'environment': '-m pip install',
+    'requirements': '--requirement requirements.txt',
+    'package': '--editable .',
+    'dev': '--requirement requirements-dev.txt',
+    'interfaces': 'tools/build_interfaces.py',
+}
+
+
+class Folder:
+    """A folder with the Makefile of this project and the files that its steps depend on."""
+
+    def __init__(self, path):
+        self.path = path
+        (path / 'tools').mkdir(parents=True)
+        for name in ('Makefile', 'tools/make_venv', 'tools/find_python', 'tools/check_python.py'):
+            shutil.copy(ROOT / name, path / name)
+        for name in (
+            'requirements.txt', 'requirements-dev.txt', 'setup.py', 'setup.cfg', 'package.xml',
+            'pyproject.toml', 'tools/build_interfaces.py', 'test/js/package.json',
+            'test/js/package-lock.json', 'resting_aspects_interfaces/msg/Status.msg',
+            'test/js/node_modules/.package-lock.json',
+        ):  # fmt: skip
+            (path / name).parent.mkdir(parents=True, exist_ok=True)
+            (path / name).touch()
+        put_program(path / 'python', RECORDER)
+
+    def make(self, target='dev', **variables):
+        """The exit code and the steps that were done, in order."""
+        (self.path / 'calls').write_text('')
+        given = [f'{name}={value}' for name, value in variables.items()]
+        ended = subprocess.run(
+            ['make', target, *given],
+            cwd=self.path,
+            env={'PATH': os.environ['PATH'], 'PYTHON': './python'} | variables,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        self.printed = ended.stdout
+        calls = (self.path / 'calls').read_text().splitlines()
+        named = [[name for name, words in STEPS.items() if words in call] for call in calls]
+        return ended.returncode, [name for (name,) in named]
+
+    def change(self, file):
+        """Write a file, 100 s after all others."""
+        for path in self.path.rglob('*'):
+            then = path.stat().st_mtime - 100
+            os.utime(path, (then, then))
+        (self.path / file).touch()
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Give a folder that is set up."""
+    folder = Folder(tmp_path / 'a folder')
+    code, steps = folder.make()
+    assert code == 0, folder.printed
+    assert steps == ['environment', 'requirements', 'interfaces', 'package', 'dev']
+    return folder
+
+
+def test_a_finished_set_up_does_and_says_nothing(folder):
+    assert folder.make() == (0, [])
+    assert folder.make('setup') == (0, [])
+    assert folder.printed == ''
+
+
+@pytest.mark.parametrize(
+    ('file', 'steps'),
+    [
+        ('requirements.txt', ['requirements', 'interfaces']),
+        ('requirements-dev.txt', ['dev']),
+        ('setup.py', ['package']),
+        ('package.xml', ['package']),
+        ('resting_aspects_interfaces/msg/Status.msg', ['interfaces']),
+        ('resting_aspects_interfaces/msg/New.msg', ['interfaces']),
+    ],
+)
+def test_a_changed_file_repeats_the_steps_that_depend_on_it(folder, file, steps):
+    folder.change(file)
+    assert folder.make() == (0, steps)
+
+
+def test_a_removed_message_repeats_the_build(folder):
+    (folder.path / 'resting_aspects_interfaces' / 'msg' / 'Status.msg').unlink()
+    assert folder.make() == (0, ['interfaces'])
+
+
+@pytest.mark.parametrize('file', ['requirements.txt', 'requirements-dev.txt'])
+def test_after_an_interrupted_installation_all_is_made_again(folder, file):
+    (folder.path / 'broken').touch()
+    folder.change(file)
+    assert folder.make()[0] != 0
+    (folder.path / 'broken').unlink()
+    code, steps = folder.make()
+    assert code == 0
+    assert steps == ['environment', 'requirements', 'interfaces', 'package', 'dev']
+    assert folder.make() == (0, [])
+
+
+def test_an_interrupted_build_is_repeated(folder):
+    (folder.path / '.venv' / '.interfaces').unlink()
+    (folder.path / 'broken').touch()
+    assert folder.make()[0] != 0
+    (folder.path / 'broken').unlink()
+    assert folder.make() == (0, ['interfaces'])
+
+
+def test_a_moved_folder_is_set_up_again(folder):
+    folder.path = folder.path.rename(folder.path.parent / 'elsewhere')
+    code, steps = folder.make()
+    assert code == 0
+    assert steps[0] == 'environment'
+    assert 'set-up: .venv is made again' in folder.printed
+
+
+def test_another_python_is_used_if_it_is_asked_for(folder):
+    put_program(folder.path / 'other', RECORDER)
+    assert folder.make(PYTHON='') == (0, [])
+    assert folder.make(PYTHON='./other')[1][0] == 'environment'
+    assert folder.make(PYTHON='./other') == (0, [])
+
+
+def test_help_lists_every_target():
+    text = (ROOT / 'Makefile').read_text()
+    declared = text.partition('.PHONY:')[2].partition('\n\n')[0].replace('\\', '').split()
+    printed = subprocess.run(
+        ['make', 'help'], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    listed = [line.split()[1] for line in printed.splitlines()]
+    assert sorted(listed) == sorted(set(declared) - {'always'})
+    assert {'test-all', 'test-pythons', 'test-under-load'} <= set(listed)
+
+
+@pytest.mark.parametrize('end', ['success', 'failure', 'Ctrl-C'])
+def test_busy_processes_end_with_the_tests_beside_which_they_run(folder, end):
+    def busy():
+        """How many shells there are in the folder that look for their parent all the time."""
+        count = 0
+        for process in Path('/proc').glob('[0-9]*'):
+            with contextlib.suppress(OSError):
+                here = (process / 'cwd').readlink() == folder.path
+                count += here and b'kill -0' in (process / 'cmdline').read_bytes()
+        return count
+
+    def wait_for(condition):
+        while not condition():
+            time.sleep(0.02)
+
+    put_program(folder.path / '.venv' / 'bin' / 'python', 'echo run >> runs; read end; exit $end')
+    make = subprocess.Popen(
+        ['make', 'test-under-load'], cwd=folder.path, stdin=subprocess.PIPE, start_new_session=True
+    )
+    runs = folder.path / 'runs'
+    wait_for(runs.exists)
+    assert busy() == 6 + 1  # and their parent
+    if end == 'Ctrl-C':
+        os.killpg(make.pid, signal.SIGINT)
+    make.communicate({'success': b'0\n0\n', 'failure': b'1\n', 'Ctrl-C': b''}[end])
+    assert (make.returncode == 0) == (end == 'success')
+    assert len(runs.read_text().split()) == (2 if end == 'success' else 1)
+    wait_for(lambda: busy() == 0)
+
+
+def test_include_folders_that_do_not_exist_are_dropped_from_cmake_exports(tmp_path):
+    spec = importlib.util.spec_from_file_location(
+        'build_interfaces', ROOT / 'tools' / 'build_interfaces.py'
+    )
+    build_interfaces = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(build_interfaces)
+    cached, file = tmp_path / 'cached.cmake', tmp_path / 'msgExport.cmake'
+    line = '  INTERFACE_INCLUDE_DIRECTORIES "{}"\n'
+    kept = f'${{_IMPORT_PREFIX}}/include/msg;{tmp_path}'
+    before = line.format(f'/opt/python/include;{kept}') + '  OTHER "/opt/python"\n'
+    cached.write_text(before)
+    file.hardlink_to(cached)
+    build_interfaces.drop_missing_include_folders(file)
+    assert file.read_text() == line.format(kept) + '  OTHER "/opt/python"\n'
+    assert cached.read_text() == before
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_a_clean_copy_in_a_folder_with_a_space_works(tmp_path):
+    source = tmp_path / 'a copy'
+    tracked = subprocess.run(
+        ['git', 'ls-files', '-z'], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    for name in filter(None, tracked.stdout.split('\0')):
+        if (ROOT / name).exists():
+            (source / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, source / name)
+    subprocess.run(['make', f'PYTHON={BASE_PYTHON}', 'setup'], cwd=source, check=True)
+    command = ['.venv/bin/resting_aspects', 'aspects', 'l_bracket']
+    printed = subprocess.run(command, cwd=source, capture_output=True, text=True, check=True)
+    assert 'l_bracket' in printed.stdout
+    types = 'from resting_aspects_interfaces.msg import RestingPoses; print(RestingPoses())'
+    subprocess.run([source / '.venv/bin/python', '-c', types], cwd=source, check=True)
