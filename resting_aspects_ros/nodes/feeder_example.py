@@ -1,11 +1,12 @@
-"""An example to copy: a feeder's controller that knows what share of the parts it can pick.
+"""Example of a feeder controller that publishes the share of the parts that a robot can pick.
 
 It calls no service. The distribution of its part is latched on aspect_distributions/<part>, so it
-may start before the suite, after it or in the middle of a run, and hears of every change. Of the
-suite it needs the messages and resting_aspects_ros.client.
+may start before the suite, after it or in the middle of a run, and receives every change. It needs
+only the messages of the suite and resting_aspects_ros.client.
 """
 
 import argparse
+import math
 import sys
 
 import rclpy
@@ -27,11 +28,11 @@ PARAMETERS = (
     ('pickable', [1], 'ids of the aspects in which the robot can pick it'),
 )
 EXPECTED_PICK_RATE = 'expected_pick_rate'
-# What data[0], data[1] and data[2] are.
+# What data[0], data[1] and data[2] are; all are NaN if the part lacks an aspect of `pickable`.
 LABEL = 'probability, lower, upper'
-# Without a distribution for so long it is said what to do, s.
+# A hint is logged if no distribution has arrived within this time, s.
 PATIENCE = 5.0
-# The newest message, also for who comes later; a subscription has to ask for that, too.
+# The newest message, also for late subscribers, which have to request this QoS as well.
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
@@ -48,7 +49,7 @@ class FeederExample(Node):
             values[name] = self.declare_parameter(name, default, descriptor).value
         self._part, self._pickable = values['part'], sorted(set(values['pickable'] or ()))
         if not self._pickable or self._pickable[0] < 1:
-            raise InvalidValueError(f'pickable is {self._pickable}, allowed are ids from 1 on')
+            raise InvalidValueError(f'invalid pickable {self._pickable}: expected ids from 1')
         self._newest: AspectDistribution | None = None
         self._said: set[object] = set()
         self._rate = self.create_publisher(Float64MultiArray, EXPECTED_PICK_RATE, LATCHED)
@@ -64,22 +65,32 @@ class FeederExample(Node):
         before = self._newest
         if message.drops == 0 or (before is not None and _says_less(message, before)):
             return
-        there = {aspect.id for aspect in message.aspects}
+        known = {aspect.id for aspect in message.aspects}
+        missing = [k for k in self._pickable if k not in known]
         try:
-            share = probability_of(message, there.intersection(self._pickable))
+            share = probability_of(message, known.intersection(self._pickable))
         except InvalidValueError as error:
-            self._warn_once(f'a message on {self._input.topic_name} is not used: {error}')
+            self._warn_once(
+                f'a message on {self._input.topic_name} is not used: {error}',
+            )
             return
         self._patience.cancel()
         self._newest = message
         self._compare(before or message, message)
+        data = [math.nan] * 3 if missing else [share.probability, share.lower, share.upper]
         layout = MultiArrayLayout(dim=[MultiArrayDimension(label=LABEL, size=3, stride=3)])
-        data = [share.probability, share.lower, share.upper]
         self._rate.publish(Float64MultiArray(layout=layout, data=data))
+        if missing:
+            words = (
+                f'invalid pickable {self._pickable}: expected ids from 1 to {len(known)}, the '
+                f'aspects of {self._part} (part_sha256 {message.run.part_sha256}); '
+                f'{EXPECTED_PICK_RATE} is NaN'
+            )
+            if self._is_new(words):
+                self.get_logger().error(words)
+            return
         # While a run is under way its numbers change five times a second.
-        state = (message.run.run_id, message.complete)
-        if state not in self._said:
-            self._said.add(state)
+        if self._is_new((message.run.run_id, message.complete)):
             self.get_logger().info(self._in_words(message, share))
 
     def _compare(self, before: AspectDistribution, message: AspectDistribution) -> None:
@@ -88,18 +99,12 @@ class FeederExample(Node):
         if old.part_sha256 != new.part_sha256:
             self._warn_once(
                 f'{self._part} is another version than before (part_sha256 {new.part_sha256}): '
-                'its ids may mean other aspects'
+                'its ids may mean other aspects',
             )
         if old.conditions != new.conditions:
             self._warn_once(
                 f'run {new.run_id} was dropped under other conditions ({_surface(message)}) than '
-                f'the one before ({_surface(before)})'
-            )
-        there = [aspect.id for aspect in message.aspects]
-        if missing := [k for k in self._pickable if k not in there]:
-            self._warn_once(
-                f'pickable has {", ".join(map(str, missing))}, {self._part} has the aspects 1 to '
-                f'{len(there)} only (part_sha256 {new.part_sha256})'
+                f'the one before ({_surface(before)})',
             )
 
     def _in_words(self, message: AspectDistribution, share: Interval) -> str:
@@ -123,9 +128,14 @@ class FeederExample(Node):
         self.get_logger().warning(words)
 
     def _warn_once(self, words: str) -> None:
-        if words not in self._said:
-            self._said.add(words)
+        if self._is_new(words):
             self.get_logger().warning(words)
+
+    def _is_new(self, fact: object) -> bool:
+        """Return whether it was not logged before."""
+        new = fact not in self._said
+        self._said.add(fact)
+        return new
 
 
 def _says_less(message: AspectDistribution, known: AspectDistribution) -> bool:

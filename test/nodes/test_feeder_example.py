@@ -1,5 +1,6 @@
 """The example controller: a process that hears the distribution of its part, whenever it comes."""
 
+import math
 import re
 import shutil
 import signal
@@ -66,6 +67,10 @@ def wait_for_rate(client, rates, values):
     client.wait(lambda: rates and list(rates[-1].data) == values, 'rate')
 
 
+def errors(process):
+    return [line for line in process.said.splitlines() if '[ERROR]' in line]
+
+
 def warnings(process):
     return [line for line in process.said.splitlines() if '[WARN]' in line]
 
@@ -119,14 +124,34 @@ def test_a_part_whose_mesh_is_replaced_is_told_once(suite, feed, rates, folder):
     (folder / 'new').replace(folder / f'{BOX}.stl')
     suite.client.wait(lambda: suite.client.parts()[BOX].part_sha256 != old, 'another version')
     after = suite.client.ask(BOX, 600).distribution
-    suite.client.wait(lambda: '600 of 600 drops' in feeder.said, 'answer')
-    wait_for_rate(suite.client, rates, expected(after, 1))
-    version, ids = warnings(feeder)
+    # Neither the old number, which is latched, nor one of the ids that are there.
+    suite.client.wait(lambda: all(map(math.isnan, rates[-1].data)), 'no number')
     new = after.run.part_sha256
+    error = suite.client.wait(lambda: errors(feeder), 'error')
+    assert error[0].endswith(
+        f'invalid pickable [1, 6]: expected ids from 1 to 3, the aspects of {BOX} '
+        f'(part_sha256 {new}); expected_pick_rate is NaN'
+    )
+    (version,) = warnings(feeder)
     assert version.endswith(
         f'{BOX} is another version than before (part_sha256 {new}): its ids may mean other aspects'
     )
-    assert ids.endswith(f'pickable has 6, {BOX} has the aspects 1 to 3 only (part_sha256 {new})')
+    assert len(errors(feeder)) == 1
+    assert '600 of 600 drops' not in feeder.said
+
+
+@pytest.mark.parametrize('pickable', [[99], [1, 5]])
+def test_an_unknown_aspect_is_an_error_and_its_rate_is_nan(suite, feed, rates, pickable):
+    suite.client.ask('tetrahedron', 300, seed=[1])
+    feeder = feed(suite.namespace, 'tetrahedron', pickable)
+    suite.client.wait(lambda: rates, 'rate')
+    assert [d.label for d in rates[-1].layout.dim] == ['probability, lower, upper']
+    suite.client.ask('tetrahedron', 900, seed=[5])
+    (line,) = suite.client.wait(lambda: errors(feeder), 'error')
+    assert f'invalid pickable {pickable}: expected ids from 1 to 4' in line
+    assert len(rates[-1].data) == 3
+    assert all(math.isnan(number) for rate in rates for number in rate.data)
+    assert 'can be picked' not in feeder.said
 
 
 def test_a_part_that_nobody_dropped_yet(suite, feed, wait, rates):
@@ -221,8 +246,8 @@ def test_a_run_that_was_canceled_before_its_first_drop_says_nothing(
     ('name', 'value', 'words'),
     [
         ('part', 'a nut', 'Invalid topic name: '),
-        ('pickable', [0, 2], 'pickable is [0, 2], allowed are ids from 1 on'),
-        ('pickable', [], 'pickable is [], allowed are ids from 1 on'),
+        ('pickable', [0, 2], 'invalid pickable [0, 2]: expected ids from 1'),
+        ('pickable', [], 'invalid pickable []: expected ids from 1'),
         ('pickable', [1.5], "'pickable' to '[1.5]' of type 'DOUBLE_ARRAY', expecting"),
     ],
 )
