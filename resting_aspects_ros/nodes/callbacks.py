@@ -1,9 +1,9 @@
-"""Topics and callbacks of the suite's nodes: what others publish must not end or hold up a node.
+"""Publishers, subscriptions and timers whose callbacks cannot end or delay a node.
 
-rclpy ends the process with an exception that leaves a callback, and its timers stand still while
-nobody publishes simulated time. In every turn it looks at all event handlers; those that warn of
-QoS that does not fit, two for each publisher and each subscription, took longer than all else of
-an answer; the nodes of the suite fit, and who else is at the other end of a topic is warned there.
+An exception that leaves a callback ends the process in rclpy, and rclpy's timers stand still while
+nobody publishes simulated time. In every turn, rclpy checks all event handlers; those for
+incompatible QoS, two for each publisher and subscription, took longer than the rest of an answer.
+The QoS of the suite's nodes is compatible, and a peer with other QoS is warned on its own side.
 """
 
 from collections.abc import Awaitable, Callable
@@ -12,6 +12,7 @@ from typing import Any
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -19,6 +20,9 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from resting_aspects_ros.core.errors import RestingAspectsError
+
+# Further errors of the same callback are not logged for so long, s.
+LOG_PERIOD = 60.0
 
 
 def subscribe(
@@ -30,10 +34,10 @@ def subscribe(
     *,
     raw: bool = False,
 ) -> Subscription:
-    """Subscribe; a message for which ``take`` raises is dropped, and that is logged.
+    """Subscribe; a message for which ``take`` raises is dropped, and the error is logged.
 
     raw : bool
-        ``take`` gets the message's bytes.
+        Whether ``take`` is called with the message's bytes.
     """
     lost = f'a message on {node.resolve_topic_name(topic)} is not used'
     return node.create_subscription(
@@ -47,25 +51,25 @@ def subscribe(
 
 
 def advertise(node: Node, kind: Any, topic: str, qos: QoSProfile | int) -> Publisher:
-    """A publisher."""
+    """Return a publisher without handlers of QoS events."""
     return node.create_publisher(
         kind, topic, qos, event_callbacks=PublisherEventCallbacks(use_default_callbacks=False)
     )
 
 
 def guarded(node: Node, lost: str, act: Callable[..., object]) -> Callable[..., None]:
-    """The callback, without its exceptions: of each kind the first is logged.
+    """Return the callback with its exceptions logged, at most one within LOG_PERIOD.
 
     lost : str
-        What is not done then, in words.
+        What is not done after an exception, for the log.
     """
-    tell = _told_once(node, lost)
+    report = _reporter(node, lost)
 
     def callback(*given: Any) -> None:
         try:
             act(*given)
         except Exception as error:  # noqa: BLE001 - the edge: nothing that comes in ends the node
-            tell(error)
+            report(error)
 
     return callback
 
@@ -73,14 +77,14 @@ def guarded(node: Node, lost: str, act: Callable[..., object]) -> Callable[..., 
 def guarded_task(
     node: Node, lost: str, act: Callable[..., Awaitable[None]]
 ) -> Callable[..., Awaitable[None]]:
-    """As guarded, of what is given to the executor as a task."""
-    tell = _told_once(node, lost)
+    """As guarded, for a coroutine function that the executor runs as a task."""
+    report = _reporter(node, lost)
 
     async def task(*given: Any) -> None:
         try:
             await act(*given)
         except Exception as error:  # noqa: BLE001 - the edge: an exception of a task ends the node
-            tell(error)
+            report(error)
 
     return task
 
@@ -88,28 +92,20 @@ def guarded_task(
 def steady_timer(
     node: Node, seconds: float, act: Callable[[], object], group: CallbackGroup | None = None
 ) -> Timer:
-    """A timer that goes on where simulated time stands still."""
+    """Return a timer that does not depend on simulated time."""
     clock = Clock(clock_type=ClockType.STEADY_TIME)
     return node.create_timer(seconds, act, group, clock)
 
 
-def _told_once(node: Node, lost: str) -> Callable[[Exception], None]:
-    said: set[object] = set()
+def _reporter(node: Node, lost: str) -> Callable[[Exception], None]:
+    """Return a function that logs errors of one callback, at most one within LOG_PERIOD."""
+    # rclpy throttles each line of code per logger object: callbacks with loggers of their own do
+    # not silence each other.
+    logger = get_logger(node.get_logger().name)
 
-    def tell(error: Exception) -> None:
-        if (kind := _kind(error)) not in said:
-            said.add(kind)
-            known = isinstance(error, RestingAspectsError)
-            words = str(error) if known else f'unexpected: {error!r}'
-            node.get_logger().error(f'{lost}: {words} (said once)')
+    def report(error: Exception) -> None:
+        known = isinstance(error, RestingAspectsError)
+        words = str(error) if known else f'unexpected: {error!r}'
+        logger.error(f'{lost}: {words}', throttle_duration_sec=LOG_PERIOD)
 
-    return tell
-
-
-def _kind(error: Exception) -> object:
-    """Where it was raised: of the next message the words have other values."""
-    place = error.__traceback__
-    while place is not None and place.tb_next is not None:
-        place = place.tb_next
-    at = place and (place.tb_frame.f_code.co_filename, place.tb_lineno)
-    return type(error), at
+    return report

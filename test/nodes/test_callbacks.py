@@ -1,0 +1,77 @@
+"""An exception of a callback is logged and does not end the node."""
+
+import pytest
+import rclpy
+from rcl_interfaces.msg import Log
+from rclpy.executors import SingleThreadedExecutor
+from std_msgs.msg import Int32
+
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.nodes import callbacks
+from resting_aspects_ros.nodes.interface import ALL_LATCHED
+
+
+@pytest.fixture
+def node():
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    yield rclpy.create_node('guarded', context=context, namespace='test_callbacks')
+    rclpy.try_shutdown(context=context)
+
+
+@pytest.fixture
+def logged(node, wait):
+    """Publish numbers on a topic; returns the errors on /rosout up to a last line."""
+    found = []
+    node.create_subscription(Log, '/rosout', found.append, ALL_LATCHED)
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+
+    def logged(publisher, numbers, taken):
+        for number in numbers:
+            publisher.publish(Int32(data=number))
+        spin = lambda: executor.spin_once(0.1)  # noqa: E731
+        wait(lambda: taken and taken[-1] == numbers[-1], 'last number', step=spin)
+        end = f'end after {numbers}'
+        node.get_logger().info(end)
+        wait(lambda: any(line.msg == end for line in found), 'last line', step=spin)
+        return [line.msg for line in found if line.level == Log.ERROR]
+
+    yield logged
+    executor.shutdown()
+
+
+def listen(node, topic, error):
+    taken = []
+
+    def take(message):
+        taken.append(message.data)
+        raise error(f'invalid number {message.data}')
+
+    callbacks.subscribe(node, Int32, topic, take, ALL_LATCHED)
+    return callbacks.advertise(node, Int32, topic, ALL_LATCHED), taken
+
+
+def test_repeated_errors_of_a_callback_are_logged_once_in_a_while(node, logged):
+    publisher, taken = listen(node, 'numbers', InvalidValueError)
+    errors = logged(publisher, range(50), taken)
+    assert taken == list(range(50))
+    topic = '/test_callbacks/numbers'
+    assert errors == [f'a message on {topic} is not used: invalid number 0']
+
+
+def test_callbacks_do_not_silence_each_other(node, logged):
+    first, taken = listen(node, 'first', InvalidValueError)
+    assert len(logged(first, [1, 2], taken)) == 1
+    second, taken = listen(node, 'second', RuntimeError)
+    _, error = logged(second, [3, 4], taken)
+    assert error == (
+        'a message on /test_callbacks/second is not used: '
+        "unexpected: RuntimeError('invalid number 3')"
+    )
+
+
+def test_after_the_period_the_next_error_is_logged(node, logged, monkeypatch):
+    monkeypatch.setattr(callbacks, 'LOG_PERIOD', 0.0)
+    publisher, taken = listen(node, 'numbers', InvalidValueError)
+    assert len(logged(publisher, range(5), taken)) == 5
