@@ -22,9 +22,13 @@ from resting_aspects_ros.core.errors import (
     PartError,
     RestingAspectsError,
     UnknownPartError,
+    one_line,
+    shown,
 )
+from resting_aspects_ros.core.input_file import MAX_PATH
 from resting_aspects_ros.signals import SIGNALS, catch
 
+MAX_LINE = 2000
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 # The help of each subcommand. Only the module of the requested one is imported.
 COMMANDS = {
@@ -137,7 +141,9 @@ def _end(code: int, message: str) -> int:
 
 
 def _line(message: str) -> str:
-    return ' '.join(message.split())
+    """One line without control characters, and short whatever was given."""
+    message = re.sub(rf'\S{{{MAX_PATH + 1},}}', lambda word: shown(word[0])[1:-1], message)
+    return one_line(message, MAX_LINE)
 
 
 if __name__ == '__main__':

@@ -37,6 +37,7 @@ DEPENDENCIES = {
     'mcap': ('mcap', 'mcap-ros2-support'),
     'numpy': ('numpy', 'python3-numpy'),
     'pybullet': ('pybullet', 'python3-pybullet-pip'),
+    'pydantic': ('pydantic', 'python3-pydantic'),
     'pytest': ('pytest', 'python3-pytest'),
     'rcl_interfaces': ('ros-jazzy-rclpy', 'rcl_interfaces'),
     'rclpy': ('ros-jazzy-rclpy', 'rclpy'),

@@ -22,7 +22,7 @@ from resting_aspects_ros.core.clusters import (
     find_clusters,
 )
 from resting_aspects_ros.core.distribution import Distribution
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import down_in_part
 from resting_aspects_ros.report.agreement_table import (
@@ -101,7 +101,7 @@ def _part(arguments: argparse.Namespace) -> Part | None:
         return part
     for flag, value in (('--unit', arguments.unit), ('--parts', arguments.parts)):
         if value is not None:
-            raise InvalidValueError(f'{flag} is {str(value)!r}, allowed only with --part')
+            raise InvalidValueError(f'{flag} is {shown(str(value))}, allowed only with --part')
     return None
 
 
@@ -112,7 +112,8 @@ def _show_clusters(
     if arguments.json:
         sys.stdout.write(to_json(cluster_document(distribution, clusters, tolerance)))
         return
-    title = f'{arguments.poses.name}, {poses.drops} poses, {_words(len(clusters), "cluster")}'
+    name = one_line(arguments.poses.name)
+    title = f'{name}, {poses.drops} poses, {_words(len(clusters), "cluster")}'
     show_table(make_console(), cluster_table(distribution, clusters, title))
 
 
@@ -140,7 +141,7 @@ def _show_agreement(
         sys.stdout.write(to_json(document | named | fields))
         return
     console = make_console()
-    title = f'{arguments.poses.name}, {poses.drops} poses of {part.name}'
+    title = f'{one_line(arguments.poses.name)}, {poses.drops} poses of {part.name}'
     show_table(console, agreement_table(distribution, agreement, clusters, title))
     console.print(agreement_line(agreement, differences), markup=False, highlight=False)
     if len(differences):

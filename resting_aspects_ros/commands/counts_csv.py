@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from resting_aspects_ros.commands.csv_file import CsvTable, short
+from resting_aspects_ros.commands.csv_file import CsvTable
 from resting_aspects_ros.commands.given_counts import MOST_COUNTED, GivenCounts
 from resting_aspects_ros.core.comparison import REST, Tally
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 
 ASPECT, CLASS, COUNT = 'aspect', 'class', 'count'
 
@@ -37,9 +37,9 @@ def read_csv(path: Path, lines: Iterable[str], otherwise: str) -> GivenCounts:
     by_class = CLASS in names and ASPECT not in names
     what = CLASS if by_class else ASPECT
     if [names.count(column) for column in (what, COUNT)] != [1, 1]:
-        shown = short(', '.join(table.header))
+        names_shown = shown(', '.join(table.header))
         raise InvalidValueError(
-            f'{table.where} should name the columns and is {shown!r}, allowed are one aspect '
+            f'{table.where} should name the columns and is {names_shown}, allowed are one aspect '
             f'or class and one count, in columns parted by , or ;. A file may be {otherwise}'
         )
     aspect, count = names.index(what), names.index(COUNT)

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from resting_aspects_ros.commands.counts_csv import read_csv
-from resting_aspects_ros.commands.counts_document import read_document
 from resting_aspects_ros.commands.csv_file import open_text
 from resting_aspects_ros.commands.given_counts import GivenCounts, check_counts
 from resting_aspects_ros.commands.log_warning import warn_if_unfinished
@@ -15,6 +14,7 @@ from resting_aspects_ros.core.errors import InvalidValueError, LogError
 from resting_aspects_ros.logs.log_reader import is_log, last_message
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE
 
+MAX_BYTES = 1 << 26
 ALLOWED = (
     'a log (the folder of a run, or its .mcap file), a JSON document of drop or request, or a CSV '
     'with columns aspect (or class) and count'
@@ -26,10 +26,13 @@ def read_counts(path: Path) -> GivenCounts:
     if is_log(path):
         given = _read_log(path)
     else:
-        with open_text(path, ALLOWED) as file:
+        with open_text(path, 'counts file', MAX_BYTES) as file:
             text = file.read()
             if path.suffix == '.json' or text.lstrip().startswith('{'):
-                given = read_document(path, text)
+                # Only this needs the library that checks documents.
+                from resting_aspects_ros.commands.result_json import counts_of, read_document
+
+                given = counts_of(path, read_document(path, text))
             else:
                 given = read_csv(path, io.StringIO(text, newline=''), ALLOWED)
     check_counts(given)

@@ -1,35 +1,31 @@
 """CSV files of any make: with a line of names, in UTF-8, parted by , or ;."""
 
 import csv
+import io
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
 from typing import TextIO
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.input_file import named, read_input
 
 
 @contextmanager
-def open_text(path: Path, allowed: str = 'a CSV') -> Iterator[TextIO]:
-    """A text file, or a pipe; what cannot be read in it becomes an InvalidValueError.
+def open_text(path: Path, what: str, max_bytes: int) -> Iterator[TextIO]:
+    """Read a text file; what cannot be read in it becomes an InvalidValueError.
 
-    allowed : str
-        What the file may be, in words.
+    what : str
+        What the file is, in words.
     """
+    file = io.BytesIO(read_input(path, max_bytes, what))
     try:
-        with path.open(newline='', encoding='utf-8-sig') as file:
-            yield file
-    except OSError as error:
-        raise InvalidValueError(
-            f'{str(path)!r} cannot be read: {error.strerror}, allowed is {allowed}'
-        ) from None
+        yield io.TextIOWrapper(file, encoding='utf-8-sig', newline='')
     except UnicodeDecodeError:
-        raise InvalidValueError(
-            f'{str(path)!r} is no text in UTF-8, allowed is {allowed}'
-        ) from None
+        raise InvalidValueError(f'{named(what, path)} is not text in UTF-8') from None
     except csv.Error as error:
-        raise InvalidValueError(f'{str(path)!r} is no CSV: {error}') from None
+        raise InvalidValueError(f'{named(what, path)} is not a CSV: {error}') from None
 
 
 class CsvTable:
@@ -64,7 +60,7 @@ class CsvTable:
         """What to raise for a cell."""
         return InvalidValueError(
             f'{str(self._path)!r} line {line}, column {self.header[column]!r} is '
-            f'{short(row[column])!r}, allowed is {allowed}'
+            f'{shown(row[column])}, allowed is {allowed}'
         )
 
     def _filled(self) -> Iterator[tuple[int, list[str]]]:
@@ -73,9 +69,3 @@ class CsvTable:
             for row in self._reader
             if any(cell.strip() for cell in row)
         )
-
-
-def short(text: str) -> str:
-    """The beginning of a text that may be long."""
-    longest = 100
-    return text if len(text) <= longest else text[:longest] + '...'

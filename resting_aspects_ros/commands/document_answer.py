@@ -1,18 +1,21 @@
 """A JSON document of `drop` or `request` as the answer that it holds."""
 
-import json
 import math
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from resting_aspects_ros.commands.answer import Answer
-from resting_aspects_ros.commands.convergence import Convergence
-from resting_aspects_ros.commands.counts_document import read_document
+from resting_aspects_ros.commands.counts_files import MAX_BYTES
 from resting_aspects_ros.commands.csv_file import open_text
 from resting_aspects_ros.commands.given_part import given_part
+from resting_aspects_ros.commands.result_json import (
+    FullAspect,
+    RunDocument,
+    counts_of,
+    read_document,
+)
 from resting_aspects_ros.core.aspect_set import Aspect, AspectSet, Sweep
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import METHOD, Distribution
@@ -20,57 +23,58 @@ from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsErr
 from resting_aspects_ros.core.history import Counts
 from resting_aspects_ros.core.part import Part
 
-ALLOWED = 'a log (the folder of a run, or its .mcap file), or a JSON document of drop or request'
-
 
 def document_answer(
     path: Path, part_text: str | None, unit: str | None, parts: Path | None
 ) -> Answer:
     """Read it; the part is the one that is named, else that of the document, if it is found.
 
-    Raises InvalidValueError with file, field, value and what is allowed.
+    Raises InvalidValueError with file, field, value and what was expected.
     """
-    with open_text(path, ALLOWED) as file:
-        text = file.read()
-    given = read_document(path, text)
-    if given.run is None:
-        raise InvalidValueError(f'{str(path)!r} is of no run, allowed is {ALLOWED}')
-    document: dict[str, Any] = json.loads(text)
+    with open_text(path, 'result file', MAX_BYTES) as file:
+        document = read_document(path, file.read())
+    given = counts_of(path, document)
+    if given.run is None or not isinstance(document, RunDocument):
+        raise InvalidValueError(
+            f'{str(path)!r} is not of a run: expected a log (the folder of a run, or its '
+            '.mcap file), or a JSON document of drop or request'
+        )
     part = _part(path, document, part_text, unit, parts)
+    ordered = sorted(document.aspects, key=lambda each: each.id)
+    aspects = AspectSet(given.part_sha256, tuple(map(_aspect, ordered)))
+    if part is not None:
+        found = find_aspects(part)
+        aspects = found if found.is_like(aspects) else aspects
     try:
-        fields = sorted(document['aspects'], key=lambda each: each['id'])
-        aspects = AspectSet(given.part_sha256, tuple(map(_aspect, fields)))
-        if part is not None:
-            found = find_aspects(part)
-            aspects = found if found.is_like(aspects) else aspects
         distribution = Distribution(
             aspects,
             given.tally.counts,
             given.tally.unclassified,
             given.tally.unsettled,
             given.tally.failed,
-            str(document['interval']),
-            float(document['confidence']),
-            given.run.precision > 0,
-            float(document['energy_growth']),
+            document.interval,
+            document.confidence,
+            document.precision > 0,
+            document.energy_growth,
         )
         distribution.intervals()
         history = _history(document, distribution)
-        convergence = document.get('convergence')
-        convergence = None if convergence is None else Convergence(**convergence)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidValueError(
-            f'{str(path)!r} describes its aspects otherwise than this version writes them: '
-            f'{type(error).__name__}, {error}'
-        ) from None
+    except ValueError as error:
+        raise InvalidValueError(f'{str(path)!r}: {error}') from None
     return Answer(
-        distribution, given.run, part, METHOD, given.complete, convergence, history=history
+        distribution,
+        given.run,
+        part,
+        METHOD,
+        given.complete,
+        document.convergence,
+        history=history,
     )
 
 
 def _part(
     path: Path,
-    document: dict[str, Any],
+    document: RunDocument,
     text: str | None,
     unit: str | None,
     parts: Path | None,
@@ -78,62 +82,62 @@ def _part(
     """The part of the document; raises RestingAspectsError if the one that is named is another."""
     if text is not None:
         part = given_part(text, unit, parts)
-        if part.part_sha256 != document['part_sha256']:
+        if part.part_sha256 != document.part_sha256:
             raise InvalidValueError(
                 f'--part is {text!r} with part_sha256 {part.part_sha256!r}, allowed is that of '
-                f'{str(path)!r}: {document["part_sha256"]!r}'
+                f'{str(path)!r}: {document.part_sha256!r}'
             )
         return part
-    mesh_file = document.get('mesh_file')
     try:
-        if isinstance(mesh_file, str):
-            part = given_part(mesh_file, document.get('unit') if unit is None else unit, None)
+        if document.mesh_file is None:
+            part = given_part(document.part, unit, parts)
         else:
-            part = given_part(document['part'], unit, parts)
+            part = given_part(document.mesh_file, unit or document.unit, None)
     except RestingAspectsError as error:
         why = str(error)
     else:
-        if part.part_sha256 == document['part_sha256']:
+        if part.part_sha256 == document.part_sha256:
             return part
         why = f'{part.name!r} is another part than it was when it was dropped'
     print(f'warning: no pictures: {why}. --part names the part', file=sys.stderr)
     return None
 
 
-def _aspect(fields: dict[str, Any]) -> Aspect:
-    barrier = fields['least_barrier']
-    down = np.array(fields['down_in_part'], dtype=np.float64)
+def _aspect(fields: FullAspect) -> Aspect:
+    down = np.array(fields.down_in_part, dtype=np.float64)
+    barrier = fields.least_barrier
     return Aspect(
-        id=fields['id'],
+        id=fields.id,
         down_in_part=down,
-        com_height=float(fields['com_height']),
-        orientation=np.array(fields['orientation'], dtype=np.float64),
-        support=np.array(fields['support'], dtype=np.float64).reshape(-1, 2),
-        basin_share=float(fields['basin_share']),
-        least_barrier=math.inf if barrier is None else float(barrier),
-        neighbour=int(fields['neighbour']),
-        symmetry_class=fields['symmetry_class'],
-        multiplicity=int(fields['multiplicity']),
-        rolls=bool(fields['rolls']),
-        sweep=Sweep[fields['sweep']],
-        axis=np.array(fields['axis'], dtype=np.float64),
+        com_height=fields.com_height,
+        orientation=np.array(fields.orientation, dtype=np.float64),
+        support=np.array(fields.support, dtype=np.float64).reshape(-1, 2),
+        basin_share=fields.basin_share,
+        least_barrier=math.inf if barrier is None else barrier,
+        neighbour=fields.neighbour,
+        symmetry_class=fields.symmetry_class,
+        multiplicity=fields.multiplicity,
+        rolls=fields.rolls,
+        sweep=Sweep[fields.sweep],
+        axis=np.array(fields.axis, dtype=np.float64),
         directions=down[None],
         links=np.zeros((0, 2), dtype=np.int64),
     )
 
 
-def _history(document: dict[str, Any], distribution: Distribution) -> tuple[Counts, Counts] | None:
-    rows = document.get('history')
+def _history(document: RunDocument, distribution: Distribution) -> tuple[Counts, Counts] | None:
+    """Counts after growing numbers of drops; raises ValueError if they are not such."""
+    rows = document.history
     if not rows:
         return None
-    drops = np.array([row['drops'] for row in rows], dtype=np.int64)
-    counts = np.array([row['counts'] for row in rows], dtype=np.int64).reshape(
-        len(rows), len(distribution.aspects)
-    )
-    if not (np.diff(drops, prepend=0) > 0).all() or (counts < 0).any():
-        raise ValueError('history does not ascend')
-    if (counts.sum(axis=1) > drops).any():
-        raise ValueError('history counts more than its drops')
+    drops = np.array([row.drops for row in rows], dtype=np.int64)
+    if any(len(row.counts) != len(distribution.aspects) for row in rows):
+        raise ValueError('invalid history: expected a count of each aspect in each row')
+    counts = np.array([row.counts for row in rows], dtype=np.int64).reshape(len(rows), -1)
+    if not (np.diff(drops, prepend=0) > 0).all() or (counts.sum(axis=1) > drops).any():
+        raise ValueError(
+            'invalid history: expected ascending drops that are not fewer than counts'
+        )
     if drops[-1] != distribution.drops or (counts[-1] != distribution.counts).any():
-        raise ValueError('history does not end with the counts')
+        raise ValueError('invalid history: expected the counts of the document in its last row')
     return drops, counts

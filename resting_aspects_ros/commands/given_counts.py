@@ -10,7 +10,7 @@ import numpy.typing as npt
 from resting_aspects_ros.commands.surface_text import surface_text
 from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.comparison import Tally
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.drops.run import RunDescription
 
 # More than a run can have; numpy draws tables of less than 1e9.
@@ -56,7 +56,7 @@ class GivenCounts:
     @property
     def title(self) -> str:
         """File, part, drops, surface and seed, as far as they are known."""
-        words = [str(self.path), *([self.part] if self.part else [])]
+        words = [one_line(str(self.path)), *([self.part] if self.part else [])]
         if self.run is None:
             return ', '.join([*words, f'{self.drops} drops'])
         surface = surface_text(self.run.conditions)
@@ -105,8 +105,8 @@ def check_against(given: GivenCounts, part: str, part_sha256: str, aspects: Aspe
     path = str(given.path)
     if given.part_sha256 and given.part_sha256 != part_sha256:
         raise InvalidValueError(
-            f'--against is {path!r} of {given.part!r} with part_sha256 {given.part_sha256!r}, '
-            f'allowed is that of {part!r}: {part_sha256!r}'
+            f'--against is {path!r} of {given.part!r} with part_sha256 '
+            f'{shown(given.part_sha256)}, allowed is that of {part!r}: {part_sha256!r}'
         )
     if given.by_class:
         what, many = 'a class', 'classes'

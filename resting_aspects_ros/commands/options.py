@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from resting_aspects_ros.commands.quantities import parse_quantity
+from resting_aspects_ros.core.errors import shown
 from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.drops.run import DEFAULT_DROPS, check_drops
 from resting_aspects_ros.drops.surfaces import DEFAULT_SURFACE, Surfaces
@@ -143,4 +144,4 @@ def whole(text: str) -> int:
     try:
         return int(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f'{text!r} is no whole number') from None
+        raise argparse.ArgumentTypeError(f'{shown(text)} is not an integer') from None

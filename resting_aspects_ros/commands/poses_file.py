@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.commands.csv_file import CsvTable, open_text, short
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.commands.csv_file import CsvTable, open_text
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE, canonical
 
@@ -24,6 +24,8 @@ ALLOWED_NAMES = (
 )
 _QUATERNION = re.compile(r'(?:pose)?(?:orientation|rotation|rot|quaternion|quat|q)+([xyzw])')
 _AXES = 'xyzw'
+# Of the largest run there are 300 MB.
+MAX_BYTES = 1 << 29
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +68,7 @@ def read_poses_file(path: Path, at_least: int) -> PosesFile:
     InvalidValueError
         With file, line, column, value and what is allowed.
     """
-    with open_text(path) as file:
+    with open_text(path, 'pose file', MAX_BYTES) as file:
         table = CsvTable(path, file)
         found = _Poses(path, table)
         for line, row in table.rows():
@@ -159,10 +161,9 @@ def _quaternion_columns(where: str, header: Sequence[str]) -> list[int]:
             if missing
             else f'several columns are {" and ".join(twice)} of the quaternion'
         )
-        shown = short(', '.join(header))
         raise InvalidValueError(
-            f'{where} should name the columns and is {shown!r}: {problem}, allowed are '
-            f'{ALLOWED_NAMES}'
+            f'{where} should name the columns and is {shown(", ".join(header))}: {problem}, '
+            f'allowed are {ALLOWED_NAMES}'
         )
     return [names.index(axis) for axis in _AXES]
 

@@ -2,7 +2,7 @@
 
 import re
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 
 # Factors to SI, by the unit that a quantity has inside.
 _FACTORS: dict[str, dict[str, float]] = {
@@ -26,5 +26,5 @@ def parse_quantity(name: str, text: str, unit: str) -> float:
         allowed = (
             f'a number, in {unit} or with one of {", ".join(factors)}' if unit else 'a number'
         )
-        raise InvalidValueError(f'{name} is {text!r}, allowed is {allowed}')
+        raise InvalidValueError(f'{name} is {shown(text)}, allowed is {allowed}')
     return float(match[1]) * factors.get(match[2], 1.0)

@@ -17,7 +17,7 @@ from resting_aspects_ros.commands.options import (
 )
 from resting_aspects_ros.commands.outputs import check_output
 from resting_aspects_ros.commands.surface_text import shipped_surfaces
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.drops.conditions import QUANTITIES
 from resting_aspects_ros.drops.run import DEFAULT_SEED
 
@@ -116,7 +116,9 @@ def _check_alone(arguments: argparse.Namespace) -> None:
     for name in of_drops:
         if (given := getattr(arguments, name)) not in (None, ''):
             flag = f'--{name.replace("_", "-")}'
-            raise InvalidValueError(f'{flag} is {str(given)!r}, allowed only with --method drops')
+            raise InvalidValueError(
+                f'{flag} is {shown(str(given))}, allowed only with --method drops'
+            )
 
 
 def _part(client: 'RestingAspectsClient', name: str) -> 'Part | None':

@@ -3,6 +3,7 @@
 import functools
 
 from resting_aspects_ros.config_files import surfaces_file
+from resting_aspects_ros.core.errors import one_line
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.surfaces import Surfaces
 
@@ -15,4 +16,4 @@ def shipped_surfaces() -> Surfaces:
 
 def surface_text(conditions: DropConditions) -> str:
     """Return the surface, and what was changed of it; see Surfaces.text."""
-    return shipped_surfaces().text(conditions)
+    return one_line(shipped_surfaces().text(conditions))

@@ -211,7 +211,7 @@ def test_a_mesh_file_with_its_unit(sorted_by, box, tmp_path):
     ('words', 'says'),
     [
         (['p.csv'], "'p.csv' has 1 poses, allowed are 2 or more"),
-        (['q.csv'], "'q.csv' cannot be read: No such file"),
+        (['q.csv'], "pose file 'q.csv' does not exist"),
         (['p.csv', '--tolerance', '0'], 'tolerance is 0 degrees, allowed is 1 to 30 degrees'),
         (['p.csv', '--tolerance', '-3'], 'tolerance is -3 degrees, allowed is 1 to 30 degrees'),
         (['p.csv', '--tolerance', 'wide'], "--tolerance is 'wide', allowed is a number"),

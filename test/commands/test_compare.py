@@ -340,8 +340,8 @@ def test_ids_of_two_counts_by_hand_may_be_any(compared, tmp_path):
     ('words', 'says'),
     [
         (['m.csv'], 'required: B'),
-        (['nowhere', 'm.csv'], "'nowhere' cannot be read: No such file or directory"),
-        (['m.csv', 'nowhere.json'], "'nowhere.json' cannot be read: No such file"),
+        (['nowhere', 'm.csv'], "counts file 'nowhere' does not exist"),
+        (['m.csv', 'nowhere.json'], "counts file 'nowhere.json' does not exist"),
         (['m.csv', 'm.csv', '--confidence', '2'], 'confidence is 2.0, allowed is more than 0.5'),
         (
             ['m.csv', 'm.csv', '--confidence', 'high'],
@@ -399,7 +399,7 @@ def test_spellings_of_a_count_by_hand(tmp_path, text):
         ('2,', "column 'count' is '', allowed is a whole number"),
         ('2,1_0', "column 'count' is '1_0', allowed"),
         ('2,100000001', "column 'count' is '100000001', allowed"),
-        ('2,' + '9' * 5000, "...', allowed is a whole number"),
+        ('2,' + '9' * 5000, "99', allowed is a whole number"),
         ('2', 'f line 3 has 1 columns, allowed are 2'),
         ('2,3,4', 'f line 3 has 3 columns, allowed are 2'),
     ],
@@ -432,69 +432,7 @@ def test_what_is_no_count_by_hand(refusal, text, says):
 
 def test_what_is_no_text(refusal):
     words = refusal('aspect;count;Größe\n', encoding='latin-1')
-    assert words.startswith('f is no text in UTF-8, allowed is a log (the folder of a run, or')
-
-
-@pytest.mark.parametrize(
-    ('text', 'says'),
-    [
-        ('{"a": ', 'f.json is no JSON: Expecting value'),
-        ('{"a":' * 100_000, 'f.json is no JSON: '),
-        ('', 'f.json is no JSON'),
-        ('[]', 'f.json: the document is [], allowed is an object'),
-        ('{}', 'f.json: schema_version is missing, allowed is 1'),
-        ('{"schema_version": 2}', 'f.json: schema_version is 2, allowed is 1'),
-        ('{"schema_version": 1, "clusters": []}', 'f.json: aspects is missing, allowed is a list'),
-        (
-            '{"schema_version": 1, "aspects": [3]}',
-            'f.json: aspects[0] is 3, allowed is an object',
-        ),
-    ],
-)
-def test_what_is_no_document_of_a_distribution(refusal, text, says):
-    assert says in refusal(text, 'f.json')
-
-
-@pytest.mark.parametrize(
-    ('field', 'value', 'says'),
-    [
-        ('drops', 201, 'drops is 201, allowed is 200, the sum of all counts'),
-        ('drops', '200', "drops is '200', allowed is 0 to 100000000"),
-        ('unsettled', -1, 'unsettled is -1, allowed is 0 to'),
-        ('unsettled', True, 'unsettled is True, allowed is 0 to'),
-        ('failed', None, 'failed is missing, allowed is 0 to'),
-        ('part_sha256', 5, 'part_sha256 is 5, allowed is a text'),
-        ('seed', 1.5, 'seed is 1.5, allowed is 0 to 18446744073709551615'),
-        ('conditions', {}, 'describes its run otherwise than this version writes it'),
-        ('conditions', 3, 'describes its run otherwise than this version writes it'),
-    ],
-)
-def test_a_field_that_is_wrong_is_named(write_json, tmp_path, field, value, says):
-    write_json('f.json', fields={field: value})
-    with pytest.raises(InvalidValueError) as caught:
-        read_counts(tmp_path / 'f.json')
-    assert says in str(caught.value)
-    assert repr(str(tmp_path / 'f.json')) in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ('name', 'value', 'says'),
-    [
-        ('id', 0, 'aspects[1].id is 0, allowed is 1 to'),
-        ('id', 1, 'ids are (1, 1, 3, 4, 5), allowed is each aspect once'),
-        ('count', 2.5, 'aspects[1].count is 2.5, allowed is 0 to'),
-        ('down_in_part', [0, 1], 'aspects[1].down_in_part is [0, 1], allowed is three numbers'),
-    ],
-)
-def test_an_aspect_that_is_wrong_is_named(write_json, tmp_path, name, value, says):
-    path = tmp_path / 'f.json'
-    write_json(path.name)
-    document = json.loads(path.read_text())
-    document['aspects'][1][name] = value
-    path.write_text(json.dumps(document))
-    with pytest.raises(InvalidValueError) as caught:
-        read_counts(path)
-    assert says in str(caught.value)
+    assert words == 'counts file f is not text in UTF-8'
 
 
 def test_a_document_that_is_not_complete(compared, write_json, tmp_path):

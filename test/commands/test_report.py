@@ -191,9 +191,9 @@ def test_with_json_nothing_else_is_printed(run, tmp_path):
         (['d.json', '--against', 'few.csv'], 'the classes [1, 2]'),
         (['d.json', '--part', 'l_bracket'], 'part_sha256'),
         (['d.json', '--out', 'd.json'], '--out'),
-        (['other.json'], 'schema_version'),
-        (['text.json'], 'no JSON'),
-        (['half.json'], 'aspects otherwise'),
+        (['other.json'], 'has no schema_version'),
+        (['text.json'], 'not JSON'),
+        (['half.json'], 'invalid aspects[0].orientation'),
     ],
 )
 def test_wrong_input_is_told_in_a_line(run_in, refused, tmp_path, words, said):
