@@ -111,10 +111,10 @@ $(VENV)/.dev: requirements-dev.txt $(VENV)/.made | $(VENV)/.requirements
 	$(call install,requirements-dev.txt)
 	@touch $@
 
-$(VENV)/.interfaces: $(VENV)/.made requirements.txt tools/build_interfaces.py \
+$(VENV)/.interfaces: $(VENV)/.made requirements.txt tools/build_interfaces \
         $(shell find resting_aspects_interfaces) | $(VENV)/.requirements
 	@echo "set-up: building resting_aspects_interfaces"
-	@$(BIN)/python tools/build_interfaces.py
+	@tools/build_interfaces $(VENV)
 	@touch $@
 
 # Without npm or a network, set-up goes on, and the tests that need this are skipped.
