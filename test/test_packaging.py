@@ -33,6 +33,7 @@ DEPENDENCIES = {
     'jinja2': ('jinja2', 'python3-jinja2'),
     'launch': (None, 'launch'),  # with a ROS, where the launch file is used
     'launch_ros': (None, 'launch_ros'),
+    'lz4': ('mcap', 'mcap-ros2-support'),  # what mcap reads chunks with
     'matplotlib': ('matplotlib', 'python3-matplotlib'),
     'mcap': ('mcap', 'mcap-ros2-support'),
     'numpy': ('numpy', 'python3-numpy'),
@@ -51,6 +52,7 @@ DEPENDENCIES = {
     'unique_identifier_msgs': ('ros-jazzy-rclpy', 'unique_identifier_msgs'),
     'visualization_msgs': (MESSAGES, 'visualization_msgs'),
     'yaml': ('pyyaml', 'python3-yaml'),
+    'zstandard': ('mcap', 'mcap-ros2-support'),
 }
 # What the suite can do without, by the extra of setup.py that asks for it; package.xml has no such
 # thing.

@@ -8,7 +8,6 @@ import numpy as np
 from resting_aspects_ros.commands.counts_csv import read_csv
 from resting_aspects_ros.commands.csv_file import open_text
 from resting_aspects_ros.commands.given_counts import GivenCounts, check_counts
-from resting_aspects_ros.commands.log_warning import warn_if_unfinished
 from resting_aspects_ros.core.comparison import Tally
 from resting_aspects_ros.core.errors import InvalidValueError, LogError
 from resting_aspects_ros.logs.log_reader import is_log, last_message
@@ -51,6 +50,7 @@ def _read_log(path: Path) -> GivenCounts:
             f'{DISTRIBUTION_TYPE}'
         )
     # A second to import, which other files do not need.
+    from resting_aspects_ros.commands.logged_run import warn_if_unfinished
     from resting_aspects_ros.nodes.distribution_messages import serialized_distribution
 
     try:

@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     for node in NODES:
         check_output('--out', out / f'{node}.log')
     # A second to import, which --help does not need.
-    from resting_aspects_ros.commands.logged_answer import logged_answer
+    from resting_aspects_ros.commands.logged_run import logged_answer
     from resting_aspects_ros.commands.report_files import check_report, write_report
 
     check_report('--out', out)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from resting_aspects_ros.commands.given_part import given_part
-from resting_aspects_ros.commands.log_warning import warn_if_unfinished
 from resting_aspects_ros.commands.options import conditions_of, drops_of
 from resting_aspects_ros.commands.surface_text import shipped_surfaces
 from resting_aspects_ros.core.errors import InvalidValueError, LogError
@@ -100,7 +99,7 @@ def _logged(arguments: argparse.Namespace, drops: int, precision: float) -> Drop
         )
     if part is None or part.part_sha256 != run.part_sha256:
         raise InvalidValueError(f'--from-log is {str(log)!r}, which does not describe its part')
-    warn_if_unfinished(log)
+    contents.warn_if_unfinished()
     if arguments.drops is not None or arguments.precision is not None:
         return DropQuestion(part, run.conditions, run.seed, drops, precision, run)
     # Those that are there, wherever the run ended: it can have been canceled, or broken off.

@@ -1,10 +1,23 @@
 """`resting_aspects merge`: the drops of several logs as one distribution, each drop once."""
 
 import argparse
+import dataclasses
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from resting_aspects_ros.commands.answer import print_table
+from resting_aspects_ros.commands.logged_run import LogContents, read_contents, warn_if_unfinished
 from resting_aspects_ros.commands.options import add_each
+from resting_aspects_ros.commands.surface_text import surface_text
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.distribution import METHOD, Distribution, count_poses, no_drops
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.drops.merge import MergedDrops, merge_drops
+from resting_aspects_ros.logs.log_reader import log_files
+from resting_aspects_ros.report.document import distribution_document, to_json
 
 EXAMPLES = """examples:
   resting_aspects merge out/logs/l_bracket_*
@@ -36,13 +49,57 @@ def add(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do it; raises RestingAspectsError for wrong input."""
-    # What takes a while to import, which --help does not need.
-    from resting_aspects_ros.commands.merge_logs import merge_logs
+    """Read, merge, count and show; returns the exit code.
 
-    return merge_logs(
-        arguments.logs,
-        any_engine=arguments.any_engine,
-        as_json=arguments.json,
-        each=arguments.each,
-    )
+    Raises RestingAspectsError for logs that cannot be read, or do not belong together.
+    """
+    logs = arguments.logs
+    found = [read_contents(file, keep_poses=True) for log in logs for file in log_files(log)]
+    pieces = (piece for each in found for piece in each.run.pieces)
+    merged = merge_drops(pieces, any_engine=arguments.any_engine)
+    if not merged:
+        raise InvalidValueError(f'no drops are in {_named(logs)}, allowed are logs of runs')
+    run = merged[0].run
+    part = _part(found, run.part_sha256)
+    if part is None:
+        raise InvalidValueError(
+            f'{_named(logs)} do not describe their part: allowed are logs that the recorder '
+            'closed, at least one'
+        )
+    for log in logs:
+        warn_if_unfinished(log)
+    distribution = _counted(part, merged)
+    if arguments.json:
+        fields = {
+            **dataclasses.asdict(run),
+            'mesh_sha256': part.mesh_sha256,
+            'method': METHOD,
+            'runs': [list(each.run_ids) for each in merged],
+            'seeds': [each.run.seed for each in merged],
+        }
+        sys.stdout.write(to_json(distribution_document(distribution, fields, part)))
+        return 0
+    surface = surface_text(run.conditions)
+    runs = len({run_id for each in merged for run_id in each.run_ids})
+    words = f'{runs} run{"s" if runs > 1 else ""}'
+    title = f'{part.name}, {distribution.drops} drops of {words} on {surface}'
+    print_table(distribution, title, part, each=arguments.each)
+    return 0
+
+
+def _part(found: Sequence[LogContents], part_sha256: str) -> Part | None:
+    """Return the part as one of the logs describes it."""
+    parts = (each.run.part for each in found)
+    return next((part for part in parts if part and part.part_sha256 == part_sha256), None)
+
+
+def _counted(part: Part, merged: Sequence[MergedDrops]) -> Distribution:
+    total = no_drops(find_aspects(part))
+    for each in merged:
+        for poses in each.poses:
+            total += count_poses(total.aspects, poses)
+    return total
+
+
+def _named(logs: Sequence[Path]) -> str:
+    return ', '.join(repr(str(log)) for log in logs)

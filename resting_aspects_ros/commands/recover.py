@@ -1,8 +1,14 @@
 """`resting_aspects recover`: close logs that were broken off."""
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
+
+from resting_aspects_ros.commands.logged_run import TYPES, LoggedRun, rest_of_run
+from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.logs.outcome import OUTCOME
+from resting_aspects_ros.logs.recovery import Account, recover_log
 
 EXAMPLES = """examples:
   resting_aspects recover out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
@@ -17,8 +23,8 @@ def add(subparsers: Any) -> None:
         description='Rebuild index, summary and metadata.yaml of logs whose recorder was killed.\n'
         'Every message that is in the file in full is kept, and a classifier that is\n'
         'started uses the drops. Logs that are closed, or are being written, stay as they\n'
-        'are. A file in which more is damaged than its end is kept beside the new one,\n'
-        'as .damaged.',
+        'are. A file that is damaged before its end is refused: "mcap recover", of the\n'
+        'MCAP command line tool, copies what is readable in it.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -29,8 +35,45 @@ def add(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do it; raises RestingAspectsError if a single log cannot be recovered."""
-    # What takes a while to import, which --help does not need.
-    from resting_aspects_ros.commands.recover_logs import recover_logs
+    """Recover one after the other, and print what was found; returns the exit code.
 
-    return recover_logs(arguments.logs)
+    One that cannot be recovered does not hold up the others. Raises RestingAspectsError at the
+    end.
+    """
+    failed = []
+    for log in arguments.logs:
+        try:
+            print(f'{log}: {_recover(log)}', flush=True)
+        except RestingAspectsError as error:
+            failed.append(error)
+    for earlier in failed[:-1]:
+        print(f'error: {earlier}', file=sys.stderr)
+    if failed:
+        raise failed[-1]
+    return 0
+
+
+def _recover(log: Path) -> str:
+    """Recover a log; returns what was done."""
+    logged = LoggedRun(log)
+    account = Account(TYPES, logged.take, lambda: _notes(logged))
+    recovered = recover_log(log, account)
+    if recovered.being_written:
+        return 'is being written, left as it is'
+    words = _drops(logged) if not account.error else f'its drops were not counted: {account.error}'
+    if recovered.closed:
+        return f'is closed already, {recovered.messages} messages, {words}'
+    return f'{recovered.messages} messages recovered, {words}'
+
+
+def _notes(logged: LoggedRun) -> dict[str, dict[str, str]]:
+    return {} if logged.run is None else {OUTCOME: logged.outcome().record()}
+
+
+def _drops(logged: LoggedRun) -> str:
+    """Return how many of its drops a log has."""
+    if logged.run is None:
+        return 'no drops'
+    outcome = logged.outcome()
+    words = f'{outcome.drops} of {logged.run.drops} drops of {logged.run.part}'
+    return words + rest_of_run(logged.run, outcome)

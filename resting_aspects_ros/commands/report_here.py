@@ -42,6 +42,6 @@ def _answer(arguments: argparse.Namespace) -> Answer:
                 'part'
             )
     # It imports ROS, which a document does not need.
-    from resting_aspects_ros.commands.logged_answer import logged_answer
+    from resting_aspects_ros.commands.logged_run import logged_answer
 
     return logged_answer(path)

@@ -8,13 +8,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.core.yaml_file import read_yaml
 from resting_aspects_ros.logs.topics import yaml_text
 
 _VERSION = 9
 _ROS_DISTRO = 'jazzy'
 _FILE_NAME = 'metadata.yaml'
+_INFORMATION = 'rosbag2_bagfile_information'
+# A topic needs about 700 bytes of it.
+_MAX_BYTES = 1 << 20
 
 # rosbag2's word for the starting time of a bag in which nothing is.
 _NEVER = 2**63 - 1
@@ -59,6 +62,10 @@ class BagMetadata:
         self.start = log_time if self.start is None else self.start
         self.end = log_time
 
+    def note(self, name: str, values: dict[str, str]) -> None:
+        """Repeat a record of free text of the file, as `name.key`."""
+        self.custom.update({f'{name}.{key}': value for key, value in values.items()})
+
     def information(self) -> dict[str, Any]:
         """Give the keys and values under `rosbag2_bagfile_information`."""
         messages = sum(each.messages for each in self.topics.values())
@@ -93,7 +100,7 @@ def write_metadata(folder: Path, metadata: BagMetadata) -> None:
     temporary = folder / 'metadata.yaml.tmp'
     try:
         with temporary.open('w', encoding='utf-8') as file:
-            file.write(yaml_text({'rosbag2_bagfile_information': metadata.information()}))
+            file.write(yaml_text({_INFORMATION: metadata.information()}))
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(folder / _FILE_NAME)
@@ -107,13 +114,11 @@ def write_metadata(folder: Path, metadata: BagMetadata) -> None:
 
 def read_information(folder: Path) -> object:
     """What metadata.yaml has under `rosbag2_bagfile_information`; None if it cannot be read."""
-    file = folder / _FILE_NAME
     try:
-        if not file.is_file():
-            return None  # nothing, or a pipe, which would be waited for without end
-        return yaml.safe_load(file.read_text(encoding='utf-8'))['rosbag2_bagfile_information']
-    except (OSError, ValueError, yaml.YAMLError, LookupError, TypeError):
+        document = read_yaml(folder / _FILE_NAME, 'metadata', _MAX_BYTES, LogError)
+    except LogError:
         return None
+    return document.get(_INFORMATION) if isinstance(document, dict) else None
 
 
 def custom_data(folder: Path) -> dict[str, str]:

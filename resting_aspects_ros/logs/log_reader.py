@@ -1,27 +1,20 @@
 """Read a log, whole or broken off: messages as the bytes that were on the wire."""
 
-import os
-import struct
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack
 from pathlib import Path
-from typing import BinaryIO
 
-from mcap.exceptions import EndOfFile
-from mcap.records import Channel, McapRecord, Message, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Message
 
-from resting_aspects_ros.core.errors import LogError, NoLogError
-from resting_aspects_ros.logs.file_lock import is_locked
+from resting_aspects_ros.core.errors import LogError, NoLogError, shown
+from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.logs.log_file import LogFile
+from resting_aspects_ros.logs.mcap_file import MAGIC
+from resting_aspects_ros.logs.record_file import ALLOWED
 from resting_aspects_ros.logs.schemas import load_schema
 
 _SUFFIX = '.mcap'
-_MAGIC = b'\x89MCAP'
-# A whole file both begins and ends with it.
-_END = b'\x89MCAP0\r\n'
-_ALLOWED = 'allowed is the folder of a run, or an .mcap file'
-# Where a file is cut within a number mcap raises the second, within a letter the third.
-_CUT = (EndOfFile, struct.error, UnicodeDecodeError)
+_BEGINS = MAGIC[:5]
 
 
 def is_log(path: Path) -> bool:
@@ -32,13 +25,13 @@ def is_log(path: Path) -> bool:
         return False  # nothing, or a pipe, of which what is read is gone
     try:
         with path.open('rb') as file:
-            return file.read(len(_MAGIC)) == _MAGIC
+            return file.read(len(_BEGINS)) == _BEGINS
     except OSError:
         return False
 
 
-def last_message(path: Path, type_name: str) -> bytes | None:
-    """The message of a type that was logged last.
+def messages(path: Path, type_name: str) -> Iterator[bytes]:
+    """Read all messages of a type, in CDR, in the order of the files.
 
     The index at the end of a file is not needed: of a log that was broken off, or is still being
     written, what is whole in it counts.
@@ -50,136 +43,93 @@ def last_message(path: Path, type_name: str) -> bytes | None:
     type_name : str
         `resting_aspects_interfaces/msg/AspectDistribution`.
 
-    Returns
-    -------
-    bytes or None
-        The message in CDR; None if there is none.
-
     Raises
     ------
     LogError
-        If it is no log, cannot be read, is damaged before its end, or was written with another
-        definition of the type than the installed one.
+        If it is no log, cannot be read, is damaged, or was written with another definition of the
+        type than the installed one.
     """
+    for log in log_files(path):
+        with LogFile(log) as file:
+            for message in typed_messages(file, [type_name]):
+                yield message[1].data
+
+
+def last_message(path: Path, type_name: str) -> bytes | None:
+    """Read the message of a type that was logged last; None if there is none. See messages."""
     last: Message | None = None
-    for file in log_files(path):
-        for message in _messages(file, type_name):
-            if last is None or message.log_time >= last.log_time:
-                last = message
+    for log in log_files(path):
+        with LogFile(log) as file:
+            for _, message in typed_messages(file, [type_name]):
+                if last is None or message.log_time >= last.log_time:
+                    last = message
     return None if last is None else last.data
 
 
-def messages(path: Path, type_name: str) -> Iterator[bytes]:
-    """All messages of a type, in CDR, in the order in which they were logged; as last_message."""
-    for file in log_files(path):
-        for message in _messages(file, type_name):
-            yield message.data
+def typed_messages(file: LogFile, types: Collection[str]) -> Iterator[tuple[str, Message]]:
+    """Read all messages of some types in a file, each with its type; raises as messages."""
+    checked: set[int] = set()
+    for record in file.records():
+        if not isinstance(record, Message):
+            continue
+        type_name = file.type_of(record.channel_id)
+        if type_name in types:
+            if record.channel_id not in checked:
+                channel = file.channels[record.channel_id]
+                check_definition(file.path, type_name, written_hash(channel))
+                checked.add(record.channel_id)
+            yield type_name, record
 
 
 def one_file(path: Path) -> Path:
-    """The MCAP file of a log that has one; raises LogError if there is none, or more."""
+    """Return the MCAP file of a log that has one; raises LogError if there is none, or more."""
     files = log_files(path)
     if len(files) > 1:
-        raise LogError(f'folder {str(path)!r} has {len(files)} {_SUFFIX} files, allowed is one')
+        raise LogError(f'{named("folder", path)} has {len(files)} {_SUFFIX} files, allowed is one')
     return files[0]
 
 
 def log_files(path: Path) -> list[Path]:
-    """The MCAP files of a log, by name.
-
-    Raises NoLogError for a folder without any, for a file that is none, and for what is neither: a
-    pipe would be waited for without end.
-    """
+    """Return the MCAP files of a log, by name; NoLogError for a folder without any."""
     if not path.is_dir():
-        _check_file(path)
         return [path]
     found = sorted(file for file in path.glob(f'*{_SUFFIX}') if file.is_file())
     if not found:
-        words = f'folder {str(path)!r} is no log: no {_SUFFIX} file is in it'
+        words = f'{named("folder", path)} is no log: no {_SUFFIX} file is in it'
         if logs := len({file.parent for file in path.glob(f'*/*{_SUFFIX}')}):
             words += f', but in {logs} folders in it'
-        raise NoLogError(f'{words}, {_ALLOWED}')
-    for file in found:
-        _check_file(file)
+        raise NoLogError(f'{words}, {ALLOWED}')
     return found
-
-
-def _check_file(path: Path) -> None:
-    """Raises NoLogError for what is not, or is not the beginning of, an MCAP file."""
-    if path.exists() and not path.is_file():
-        raise NoLogError(f'log {str(path)!r} is neither a file nor a folder')
-    try:
-        with path.open('rb') as file:
-            begins = file.read(len(_END))
-    except OSError as error:
-        words = f'log {str(path)!r} cannot be read: {error.strerror}'
-        raise NoLogError(f'{words}, {_ALLOWED}') from None
-    if not _END.startswith(begins):
-        words = f'log {str(path)!r} is damaged, or no MCAP file: it begins with {begins!r}'
-        raise NoLogError(f'{words}, {_ALLOWED}')
-
-
-def records(path: Path) -> Iterator[McapRecord]:
-    """All records of an MCAP file in their order, up to where the file is cut.
-
-    Raises LogError if it cannot be read, or is damaged before its end.
-    """
-    try:
-        with _opened(path) as file:
-            try:
-                yield from StreamReader(file, validate_crcs=True).records
-            except _CUT as error:
-                if _is_finished(file):
-                    raise ValueError('a record does not end within the file') from error
-    except LogError:
-        raise
-    except Exception as error:
-        # Whatever the parser or the decompressor makes of it.
-        raise LogError(f'log {str(path)!r} is damaged, or no MCAP file: {error}') from error
-
-
-def _locked(path: Path) -> bool:
-    with _opened(path) as file:
-        return is_locked(file)
-
-
-def _has_end(path: Path) -> bool:
-    with _opened(path) as file:
-        return _is_finished(file)
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[BinaryIO]:
-    try:
-        with path.open('rb') as file:
-            yield file
-    except OSError as error:
-        raise LogError(f'log {str(path)!r} cannot be read: {error.strerror}') from None
-
-
-def _is_finished(file: BinaryIO) -> bool:
-    """Whether it ends as a whole file does: then what seems to be cut within it is damaged."""
-    size = file.seek(0, os.SEEK_END)
-    file.seek(max(0, size - len(_END)))
-    return size > len(_END) and file.read() == _END
 
 
 def is_being_written(path: Path) -> bool:
     """Whether a process is writing a file of a log now; LogError if it cannot be read."""
-    return any(_locked(file) for file in log_files(path))
+    with ExitStack() as stack:
+        return any(stack.enter_context(LogFile(log)).being_written for log in log_files(path))
 
 
 def unfinished(path: Path) -> str:
-    """What it means that a log has no end, in a line for a person; empty if it has one.
+    """Return what it means that a log has no end, in a line for a person; empty if it has one.
 
     Raises LogError if it cannot be read.
     """
-    if is_being_written(path):
-        return f'log {str(path)!r} is being written: what it holds by now is used'
-    if all(_has_end(file) for file in log_files(path)):
+    with ExitStack() as stack:
+        files = [stack.enter_context(LogFile(log)) for log in log_files(path)]
+        return state_text(
+            path,
+            being_written=any(file.being_written for file in files),
+            finished=all(file.finished for file in files),
+        )
+
+
+def state_text(path: Path, *, being_written: bool, finished: bool) -> str:
+    """Return the warning for a log that is used in this state; empty if it is closed."""
+    if being_written:
+        return f'{named("log", path)} is being written: what it holds by now is used'
+    if finished:
         return ''
     return (
-        f'log {str(path)!r} was broken off: what it holds is used '
+        f'{named("log", path)} was broken off: what it holds is used '
         '("resting_aspects recover" closes it)'
     )
 
@@ -195,25 +145,12 @@ def check_definition(path: Path, type_name: str, type_hash: str | None) -> None:
     installed = load_schema(type_name).type_hash
     if type_hash not in (None, installed):
         raise LogError(
-            f'log {str(path)!r} has {type_name} of type hash {type_hash!r}, allowed is that of '
-            f'the installed definition: {installed!r}'
+            f'{named("log", path)} was recorded by another version of resting_aspects_ros, whose '
+            f'{type_name} has the type hash {shown(type_hash)}: expected that of the installed '
+            f'version, {installed!r}'
         )
 
 
 def written_hash(channel: Channel) -> str | None:
-    """The hash of the definition with which a channel was written, if the log says it."""
+    """Return the hash of the definition with which a channel was written, if the log says it."""
     return channel.metadata.get('topic_type_hash') or None
-
-
-def _messages(path: Path, type_name: str) -> Iterator[Message]:
-    """Messages of a type in the order of the file."""
-    schemas: dict[int, str] = {}
-    channels: set[int] = set()
-    for record in records(path):
-        if isinstance(record, Schema):
-            schemas[record.id] = record.name
-        elif isinstance(record, Channel) and schemas.get(record.schema_id) == type_name:
-            check_definition(path, type_name, written_hash(record))
-            channels.add(record.id)
-        elif isinstance(record, Message) and record.channel_id in channels:
-            yield record

@@ -1,11 +1,8 @@
 """What every MCAP file of the suite has: its profile, its channels, and its end."""
 
 import os
-import struct
-import zlib
 from typing import BinaryIO
 
-from mcap.opcode import Opcode
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 from resting_aspects_ros import __version__
@@ -13,8 +10,8 @@ from resting_aspects_ros.logs.bag_metadata import BagMetadata, TopicCount
 from resting_aspects_ros.logs.topics import yaml_text
 
 MAGIC = b'\x89MCAP0\r\n'
-# The footer: opcode, length, where the summary begins and where its offsets do, and its checksum.
-_FOOTER = struct.Struct('<BQQQI')
+# The last record, before the magic bytes at the end.
+FOOTER_SIZE = 29
 # The record in which rosbag2 keeps a bag's metadata.yaml.
 ROSBAG2 = 'rosbag2'
 
@@ -47,18 +44,3 @@ def finish_file(writer: Writer, stream: BinaryIO, metadata: BagMetadata) -> None
     stream.flush()
     os.fsync(stream.fileno())
     stream.close()
-
-
-def summary_start(file: BinaryIO) -> int | None:
-    """Where the summary with the index begins; None if there is none, or it is damaged."""
-    size = file.seek(0, os.SEEK_END)
-    file.seek(max(0, size - _FOOTER.size - len(MAGIC)))
-    end = file.read()
-    if len(end) < _FOOTER.size + len(MAGIC) or end[_FOOTER.size :] != MAGIC:
-        return None
-    opcode, length, start, _, crc = _FOOTER.unpack(end[: _FOOTER.size])
-    if (opcode, length) != (Opcode.FOOTER, _FOOTER.size - 9) or not 0 < start < size:
-        return None
-    file.seek(start)
-    summary = file.read(size - len(MAGIC) - 4 - start)
-    return int(start) if crc in (0, zlib.crc32(summary)) else None

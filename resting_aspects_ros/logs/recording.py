@@ -6,10 +6,12 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
-from mcap.records import Channel, Message, Schema
+from mcap.records import Channel, Message
 
-from resting_aspects_ros.core.errors import LogError
-from resting_aspects_ros.logs.log_reader import log_files, records, written_hash
+from resting_aspects_ros.core.errors import LogError, one_line
+from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.logs.log_file import LogFile
+from resting_aspects_ros.logs.log_reader import log_files, written_hash
 from resting_aspects_ros.logs.topics import Qos, recorded_qos
 
 
@@ -125,8 +127,12 @@ class Recording:
             known = self.topics.setdefault(topic.name, topic)
             if (topic.type, topic.type_hash) != (known.type, known.type_hash):
                 raise LogError(
-                    f'log {str(self.path)!r} has topic {topic.name} as {topic.type} '
-                    f'({topic.type_hash}) and as {known.type} ({known.type_hash}), allowed is one'
+                    one_line(
+                        f'log {str(self.path)!r} has topic {topic.name} as {topic.type} '
+                        f'({topic.type_hash}) and as {known.type} ({known.type_hash}), '
+                        'allowed is one',
+                        600,
+                    )
                 )
             time = message.time
             span = self._spans.setdefault(topic.name, Span(time, time, 0))
@@ -160,25 +166,24 @@ def _first(file: _File) -> Iterator[RecordedMessage]:
 
 
 def _read(path: Path) -> Iterator[tuple[RecordedTopic, RecordedMessage]]:
-    schemas: dict[int, str] = {}
     topics: dict[int, RecordedTopic] = {}
     time = 0
-    for record in records(path):
-        if isinstance(record, Schema):
-            schemas[record.id] = record.name
-        elif isinstance(record, Channel):
-            topics[record.id] = _topic(path, record, schemas.get(record.schema_id, ''))
-        elif isinstance(record, Message) and record.channel_id in topics:
-            topic = topics[record.channel_id]
-            time = max(time, record.log_time)
-            yield topic, RecordedMessage(topic.name, time, record.data)
+    with LogFile(path) as file:
+        for record in file.records():
+            if isinstance(record, Message):
+                key = record.channel_id
+                if key not in topics:
+                    topics[key] = _topic(path, file.channels[key], file.type_of(key))
+                time = max(time, record.log_time)
+                yield topics[key], RecordedMessage(topics[key].name, time, record.data)
 
 
 def _topic(path: Path, channel: Channel, type_name: str) -> RecordedTopic:
     try:
         qos = recorded_qos(channel.metadata.get('offered_qos_profiles', ''))
     except LogError as error:
-        raise LogError(f'log {str(path)!r}, topic {channel.topic}: {error}') from None
+        topic = one_line(channel.topic)
+        raise LogError(f'{named("log", path)}, topic {topic}: {error}') from None
     return RecordedTopic(
         channel.topic, type_name, channel.message_encoding, qos, written_hash(channel)
     )

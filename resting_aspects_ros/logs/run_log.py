@@ -118,7 +118,7 @@ class RunLog:
         """Add a record of free text, which metadata.yaml repeats as `name.key` in custom_data."""
         with self._guard():
             self._writer.add_metadata(name, values)
-            self._metadata.custom.update({f'{name}.{key}': values[key] for key in values})
+            self._metadata.note(name, values)
 
     def flush(self) -> None:
         """Bring everything written so far to where it survives the death of this process.

@@ -9,7 +9,8 @@ from typing import Any
 
 import yaml
 
-from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.core.errors import LogError, shown
+from resting_aspects_ros.core.yaml_file import parse_yaml
 
 # The types of what a run's log holds.
 POSES_TYPE = 'resting_aspects_interfaces/msg/RestingPoses'
@@ -123,10 +124,12 @@ def recorded_qos(text: str) -> Qos | None:
                 _told(each['durability'], _DURABILITIES),
                 _told(each['history'], _HISTORIES),
             )
-            for each in yaml.safe_load(text) or []
+            for each in parse_yaml(text, f'QoS {shown(text)}', LogError) or []
         ]
-    except (yaml.YAMLError, LookupError, TypeError) as error:
-        raise LogError(f'QoS {text!r} is not allowed: no profiles of rosbag2: {error!r}') from None
+    except (LookupError, TypeError) as error:
+        raise LogError(
+            f'QoS {shown(text)} is not allowed: no profiles of rosbag2: {shown(error)}'
+        ) from None
     if not offered:
         return None
     return Qos(
@@ -156,4 +159,6 @@ def _told(word: str, words: tuple[str, ...]) -> str:
 
 def _require_one_of(what: str, value: str, allowed: Collection[str]) -> None:
     if value not in allowed:
-        raise LogError(f'QoS {what} {value!r} is not allowed: it must be {" or ".join(allowed)}')
+        raise LogError(
+            f'QoS {what} {shown(value)} is not allowed: it must be {" or ".join(allowed)}'
+        )

@@ -225,10 +225,10 @@ def part_from(msg: PartDescription) -> Part:
     )
 
 
-def serialized_poses(data: bytes) -> tuple[Run, RestingPoses]:
-    """The run and the poses of a batch as a log has it; RuntimeError if it cannot be read."""
+def serialized_poses(data: bytes) -> tuple[Run, RestingPoses, bool]:
+    """Run, poses and whether it is the last, of a batch in a log; RuntimeError if unreadable."""
     msg = deserialize_message(data, RestingPosesMsg)
-    return run_from(msg.run), poses_from(msg)
+    return run_from(msg.run), poses_from(msg), bool(msg.last)
 
 
 def serialized_batch(data: bytes) -> tuple[Run, int, int, bool]:

@@ -72,7 +72,7 @@ def distribution_document(
             for members, count, interval in class_rows
         ],
     }
-    given = {str(name): _plain(value) for name, value in run.items() if name not in own}
+    given = {str(name): plain(value) for name, value in run.items() if name not in own}
     return {'schema_version': SCHEMA_VERSION} | given | own
 
 
@@ -116,7 +116,7 @@ def aspect_fields(aspect: Aspect, part: Part | None) -> dict[str, object]:
         'down_in_part': _numbers(aspect.down_in_part),
         'orientation': _numbers(aspect.orientation),
         'com_height': float(aspect.com_height),
-        'least_barrier': _plain(float(aspect.least_barrier)),
+        'least_barrier': plain(float(aspect.least_barrier)),
         'neighbour': aspect.neighbour,
         'basin_share': float(aspect.basin_share),
         'support': _numbers(aspect.support),
@@ -138,7 +138,7 @@ def _numbers(array: npt.NDArray[np.float64]) -> list[Any]:
     return values
 
 
-def _plain(value: object) -> object:
+def plain(value: object) -> object:
     """The same value of types that JSON has."""
     if isinstance(value, Enum):
         return value.name
@@ -147,7 +147,7 @@ def _plain(value: object) -> object:
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
     if isinstance(value, Mapping):
-        return {str(name): _plain(entry) for name, entry in value.items()}
+        return {str(name): plain(entry) for name, entry in value.items()}
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_plain(entry) for entry in value]
+        return [plain(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -243,20 +243,24 @@ def test_of_a_log_without_its_end_a_line_says_what_is_used(run, log, words):
         assert words_of_it in said(cut)
 
 
-def test_recover_says_what_is_lost_and_where_the_old_file_is(run, log, tmp_path):
+@pytest.mark.parametrize('command', ['info', 'recover', 'merge', 'report', 'replay', 'drop'])
+def test_a_log_damaged_in_its_middle_is_refused(run, log, command):
     folder = log()
     file = folder / 'run_0.mcap'
     content = bytearray(file.read_bytes())
-    at = content.index(b'\x04\0\0\0zstd', content.index(b'\x04\0\0\0zstd') + 9)
-    content[at + 40] ^= 1  # in the second batch
+    at = content.index(b'zstd')
+    if command not in {'info', 'drop'}:  # which read no more than the first batch
+        at = content.index(b'zstd', at + 9)
+    content[at + 40] ^= 1
     file.write_bytes(content)
-    ended = run('recover', folder)
-    assert (ended.returncode, ended.stderr) == (0, '')
-    words = '200 of 300 drops of l_bracket, the others are not in this log'
-    lost = 'damaged, lost: 1 chunk; the old file is run_0.mcap.damaged'
-    assert ended.stdout == f'{folder}: 5 messages recovered, {words}; {lost}\n'
-    assert (folder / 'run_0.mcap.damaged').read_bytes() == content
-    assert run('recover', folder).stdout == f'{folder}: is closed already, 5 messages, {words}\n'
+    ended = run(command, *(['--from-log'] if command == 'drop' else []), folder)
+    assert ended.returncode == (2 if command in {'drop', 'replay'} else 1)
+    (line,) = ended.stderr.splitlines()
+    assert f'log {str(file)!r} is damaged: found ' in line
+    assert '"mcap recover"' in line
+    assert ended.stdout == ''
+    assert [path.name for path in sorted(folder.iterdir())] == ['metadata.yaml', 'run_0.mcap']
+    assert file.read_bytes() == content
 
 
 def test_recover_keeps_messages_that_this_version_cannot_read(run, tmp_path):

@@ -31,7 +31,7 @@ RUN = {'run_id': '4f1c', 'note': 'café: "yes"\nno'}
 SAFE = 2**53
 
 
-pytestmark = pytest.mark.stated_requirement
+pytestmark = [pytest.mark.stated_requirement, pytest.mark.slow]
 
 
 @pytest.fixture(scope='module')

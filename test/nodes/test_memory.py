@@ -16,8 +16,8 @@ from resting_aspects_interfaces.msg import (
     Status,
 )
 
+from resting_aspects_ros import cli
 from resting_aspects_ros.client import AnswerTimeoutError, RestingAspectsClient
-from resting_aspects_ros.commands.recover_logs import recover_logs
 from resting_aspects_ros.config_files import parts_folder
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import count_poses
@@ -213,7 +213,7 @@ def test_a_log_that_was_broken_off_is_not_believed_until_it_is_recovered(
     answer = client.ask('tetrahedron', 300, only_known=True)
     assert answer.status.code == Status.NOT_AVAILABLE
     assert classifier.end() == 0
-    recover_logs([tmp_path / log.name])
+    assert cli.main(['recover', str(tmp_path / log.name)]) == 0
     classifier = start('aspect_classifier', namespace, {'log_folder': tmp_path})
     client.forget()
     assert answered(client, wait).distribution.drops == 300

@@ -14,7 +14,7 @@ import pytest
 from resting_aspects_interfaces.msg import RestingPoses
 from rosbags.highlevel import AnyReader
 
-from resting_aspects_ros.logs.recovery import BrokenLog
+from resting_aspects_ros.logs.recovery import recover_log
 from resting_aspects_ros.nodes.interface import LEAST_BATCH, POSES, RESTING_POSES
 
 KILLS = 20
@@ -100,7 +100,7 @@ def test_of_a_recorder_killed_at_random_moments_all_that_it_told_is_recovered(
         client.wait(lambda pid=pid: not Path(f'/proc/{pid}').exists(), 'its end')
         told = drops_told(output)
         (log,) = tmp_path.glob(f'*_{end}')
-        BrokenLog(log).recover({})
+        recover_log(log)
         recovered = batches_in(log, f'{namespace}/{RESTING_POSES}')
         assert recovered == published[: len(recovered)]
         # A batch may be written and not told yet.

@@ -7,7 +7,7 @@ import pytest
 from mcap.reader import make_reader
 from resting_aspects_interfaces.msg import PartDescription, RestingPoses, Status
 
-from resting_aspects_ros.commands.merge_logs import merge_logs
+from resting_aspects_ros import cli
 from resting_aspects_ros.logs.bag_metadata import custom_data
 from resting_aspects_ros.nodes.convert import part_msg
 from resting_aspects_ros.nodes.interface import LATCHED, LEAST_BATCH, POSES, RESTING_POSES
@@ -69,7 +69,7 @@ def test_it_is_told_once_and_neither_log_is_called_superfluous(recorders, logs):
 
 
 def test_no_drop_is_counted_twice(recorders, logs, start, connect, namespace, capsys):
-    assert merge_logs(sorted(logs.glob('*run0*')), any_engine=False, as_json=False) == 0
+    assert cli.main(['merge', *map(str, sorted(logs.glob('*run0*')))]) == 0
     assert f'tetrahedron, {BATCHES * LEAST_BATCH} drops of 1 run on' in capsys.readouterr().out
     other = f'{namespace}_again'
     start('aspect_classifier', other, {'log_folder': logs})
