@@ -12,7 +12,7 @@ from sensitivity import fit
 
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.comparison import compare
-from resting_aspects_ros.drops.job import make_job
+from resting_aspects_ros.drops.plan import make_job
 
 
 @pytest.fixture(scope='module')

@@ -6,6 +6,7 @@ Prints tables, and writes out/bench.json and docs/bench.md.
 import json
 import os
 
+from bench_case import example_job
 from bench_command import command
 from bench_estimators import estimators
 from bench_geometry import geometry
@@ -13,7 +14,7 @@ from bench_latency import latency
 from bench_memory import memory
 from bench_report import Section, machine, markdown, show
 from bench_scaling import scaling
-from bench_suite import begun_pool
+from bench_suite import begun_workers
 from bench_ways import ways
 from dropper import ROOT
 from rich.console import Console
@@ -52,9 +53,9 @@ def main() -> None:
     print(f'Written: {FIGURES.relative_to(ROOT)}, {DOCUMENT.relative_to(ROOT)}')
 
 
-def _scaling(workers: int) -> Section:
-    with begun_pool(workers) as pool:
-        return scaling(pool, workers)
+def _scaling(count: int) -> Section:
+    with begun_workers(count, example_job()) as workers:
+        return scaling(workers)
 
 
 if __name__ == '__main__':

@@ -11,8 +11,9 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.rotations import Array, down_in_part
 from resting_aspects_ros.drops.conditions import HeightOf
-from resting_aspects_ros.drops.job import DropJob, make_job
+from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.part_library import PartLibrary
+from resting_aspects_ros.drops.plan import make_job
 from resting_aspects_ros.drops.release import CHUNK, Release, depth_of, part_from_body, releases
 from resting_aspects_ros.drops.settling import (
     LOOK,

@@ -1,7 +1,6 @@
 """How the cost of drops grows with the corners of the hull and with their number."""
 
 import time
-from concurrent.futures import Executor
 
 from bench_case import example_job, example_part, job_of
 from bench_geometry import EGG, egg
@@ -14,6 +13,7 @@ from resting_aspects_ros.core.distribution import count_poses, no_drops
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.drops.campaign import submit_drops
 from resting_aspects_ros.drops.release import CHUNK
+from resting_aspects_ros.drops.worker_pool import ProcessWorkers
 
 CORNERS = (8, 20, 50, 100, 200, 500, 1000, 2000)
 EGG_CHUNKS = 2  # for each worker
@@ -23,15 +23,15 @@ LONGEST = 60.0
 SLICE = 10_000
 
 
-def scaling(executor: Executor, workers: int) -> Section:
+def scaling(workers: ProcessWorkers) -> Section:
     """Both, with workers that have begun."""
-    by_corners, eggs = _corners(executor, workers)
-    by_number, numbers = _numbers(executor, workers)
+    by_corners, eggs = _corners(workers)
+    by_number, numbers = _numbers(workers)
     text = (
-        f'{workers} workers that have begun. First hulls of random points on an ellipsoid with '
-        f'half axes {":".join(f"{a:g}" for a in EGG)} mm, on `rubber_mat`, '
-        f'{EGG_CHUNKS * workers * CHUNK} drops of each: the more corners, the rounder, and the '
-        'longer it rolls; *µs a step* is the cost of one step of one body, on all cores '
+        f'{workers.count} workers that have begun. First hulls of random points on an ellipsoid '
+        f'with half axes {":".join(f"{a:g}" for a in EGG)} mm, on `rubber_mat`, '
+        f'{EGG_CHUNKS * workers.count * CHUNK} drops of each: the more corners, the rounder, and '
+        'the longer it rolls; *µs a step* is the cost of one step of one body, on all cores '
         'together. *Prepare*: landscape and rest rule, once for a part. Then the example part: '
         'drops made, classified and counted, of which the parent keeps nothing. What would take '
         f'more than {LONGEST:g} s is told from its last {SLICE} drops, and marked.'
@@ -41,7 +41,7 @@ def scaling(executor: Executor, workers: int) -> Section:
     )
 
 
-def _corners(executor: Executor, workers: int) -> tuple[Table, dict[str, dict[str, float]]]:
+def _corners(workers: ProcessWorkers) -> tuple[Table, dict[str, dict[str, float]]]:
     table = Table(
         ['corners', 'aspects', 'prepare (s)', 'drops/s', 'T simulated', 'µs a step', 'unsettled']
     )
@@ -51,9 +51,9 @@ def _corners(executor: Executor, workers: int) -> tuple[Table, dict[str, dict[st
         begun = time.perf_counter()
         job = job_of(part)
         prepared = time.perf_counter() - begun
-        drops = EGG_CHUNKS * workers * CHUNK
+        drops = EGG_CHUNKS * workers.count * CHUNK
         begun = time.perf_counter()
-        futures = submit_drops(job, 0, drops, executor, lambda: 2 * workers)
+        futures = submit_drops(job, 0, drops, workers)
         poses = RestingPoses.join([future.result() for future in futures])
         seconds = time.perf_counter() - begun
         mean = float(simulated(job, poses).mean())
@@ -78,7 +78,7 @@ def _corners(executor: Executor, workers: int) -> tuple[Table, dict[str, dict[st
     return table, found
 
 
-def _numbers(executor: Executor, workers: int) -> tuple[Table, dict[str, dict[str, object]]]:
+def _numbers(workers: ProcessWorkers) -> tuple[Table, dict[str, dict[str, object]]]:
     aspects, job = find_aspects(example_part()), example_job()
     table = Table(['drops', 'seconds', 'drops/s', ''])
     found: dict[str, dict[str, object]] = {}
@@ -88,7 +88,7 @@ def _numbers(executor: Executor, workers: int) -> tuple[Table, dict[str, dict[st
         made = drops if measured else SLICE
         distribution = no_drops(aspects)
         begun = time.perf_counter()
-        for future in submit_drops(job, drops - made, made, executor, lambda: 2 * workers):
+        for future in submit_drops(job, drops - made, made, workers):
             distribution += count_poses(aspects, future.result())
         seconds, before = (time.perf_counter() - begun) * drops / made, drops
         note = '' if measured else f'extrapolated from {made}'

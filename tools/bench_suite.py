@@ -1,9 +1,7 @@
 """The suite's own drops, timed from the process that takes the poses."""
 
-import os
 import time
 from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 
 import numpy as np
@@ -15,30 +13,30 @@ from resting_aspects_ros.drops.campaign import submit_drops
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.release import CHUNK, releases
 from resting_aspects_ros.drops.settling import REST_WINDOW
-from resting_aspects_ros.drops.worker_pool import make_pool, stop_pool
+from resting_aspects_ros.drops.worker_pool import ProcessWorkers
 
-# For so long a worker is busy that says who it is, s, so that another has to say it, too.
-_BUSY = 0.05
+# Chunks for each worker.
+_WARM_UP = 10
 
 
 @contextmanager
-def begun_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+def begun_workers(count: int, job: DropJob) -> Iterator[ProcessWorkers]:
     """Worker processes that have all read their modules."""
-    pool = make_pool(workers)
+    workers = ProcessWorkers(count)
     try:
-        seen: set[int] = set()
-        while len(seen) < workers:
-            seen |= {answer.result() for answer in [pool.submit(_who) for _ in range(workers)]}
-        yield pool
+        # More chunks than one worker drops while another one starts.
+        for future in submit_drops(job, 0, _WARM_UP * count * CHUNK, workers):
+            future.result()
+        yield workers
     finally:
-        stop_pool(pool)
+        workers.stop()
 
 
-def suite(executor: Executor, workers: int, job: DropJob, chunks: range) -> Trial:
+def suite(workers: ProcessWorkers, job: DropJob, chunks: range) -> Trial:
     """Make the drops of some chunks, as the commands do."""
     first, drops = chunks.start * CHUNK, len(chunks) * CHUNK
     begun = time.perf_counter()
-    futures = submit_drops(job, first, drops, executor, lambda: 2 * workers)
+    futures = submit_drops(job, first, drops, workers)
     poses = RestingPoses.join([future.result() for future in futures])
     seconds = time.perf_counter() - begun
     settled = poses.status == RestStatus.SETTLED
@@ -54,8 +52,3 @@ def simulated(job: DropJob, poses: RestingPoses) -> np.ndarray:
     still = (poses.decided_by == DecidedBy.STILLNESS) & (poses.status == RestStatus.SETTLED)
     times = poses.time_to_rest / job.time_unit - left_out[begin : begin + len(poses)]
     return np.nan_to_num(times) + REST_WINDOW * still
-
-
-def _who() -> int:
-    time.sleep(_BUSY)
-    return os.getpid()

@@ -6,6 +6,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
+from multiprocessing import get_context
 
 import numpy as np
 from bench_case import EXAMPLE, Trial, example_job, example_part
@@ -19,7 +20,7 @@ from bench_engines import (
 )
 from bench_plain import plain_loop, plain_loop_energy, plain_loop_looks
 from bench_report import Section, Table
-from bench_suite import begun_pool, suite
+from bench_suite import begun_workers, suite
 from rich.console import Console
 from rich.progress import track
 
@@ -89,20 +90,16 @@ def ways(console: Console, workers: int) -> Section:
 
 
 def _known(stack: ExitStack, workers: int) -> list[Way]:
-    def pool(size: int) -> ProcessPoolExecutor:
-        return stack.enter_context(begun_pool(size))
+    job = example_job()
+    many, one = (stack.enter_context(begun_workers(count, job)) for count in (workers, 1))
 
     def alone(work: Work) -> Work:
-        return partial(_elsewhere, pool(1), work)
+        pool = ProcessPoolExecutor(1, get_context('spawn'))
+        return partial(_elsewhere, stack.enter_context(pool), work)
 
     return [
-        Way(
-            'suite',
-            f'suite, {workers} workers',
-            partial(suite, pool(workers), workers),
-            SUITE_CHUNKS * workers,
-        ),
-        Way('one_worker', 'suite, 1 worker', partial(suite, pool(1), 1), SUITE_CHUNKS),
+        Way('suite', f'suite, {workers} workers', partial(suite, many), SUITE_CHUNKS * workers),
+        Way('one_worker', 'suite, 1 worker', partial(suite, one), SUITE_CHUNKS),
         Way('plain_loop', 'plain loop, read each step', alone(plain_loop)),
         Way('plain_loop_looks', 'plain loop, read every T/2', alone(plain_loop_looks)),
         Way('plain_loop_energy', 'plain loop, ended by energy', alone(plain_loop_energy)),

@@ -27,9 +27,8 @@ class Dropper:
 
     def poses(self, job: DropJob, drops: int) -> Iterator[RestingPoses]:
         """The first drops of a job, in pieces."""
-        workers = self._workers
-        for future in submit_drops(job, 0, drops, workers.executor, workers.lookahead):
-            yield future.result()
+        for future in submit_drops(job, 0, drops, self._workers):
+            yield self._workers.result(future)
 
     def distribution(self, part: Part, job: DropJob, drops: int) -> Distribution:
         """Where the first drops of a job end."""

@@ -16,8 +16,7 @@ from resting_aspects_ros.core.comparison import Comparison, compare_with_exact
 from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate, estimate
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.drops.engine import ENGINE, ENGINE_VERSION
-from resting_aspects_ros.drops.job import make_job
+from resting_aspects_ros.drops.plan import ENGINE, ENGINE_VERSION, make_job
 from resting_aspects_ros.drops.worker_pool import ProcessWorkers, default_workers
 
 RESULT = ROOT / 'docs' / 'estimators.md'

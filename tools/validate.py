@@ -14,7 +14,7 @@ from rich.console import Console
 from validate_engine import decision, time_step
 from validate_world import world
 
-from resting_aspects_ros.drops.engine import ENGINE, ENGINE_VERSION
+from resting_aspects_ros.drops.plan import ENGINE, ENGINE_VERSION
 from resting_aspects_ros.drops.worker_pool import ProcessWorkers, default_workers
 
 RESULT = ROOT / 'docs' / 'validation.md'

@@ -13,7 +13,7 @@ from resting_aspects_ros.core.intervals import intervals
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.rotations import down_in_part
 from resting_aspects_ros.drops.conditions import DropConditions
-from resting_aspects_ros.drops.job import make_job
+from resting_aspects_ros.drops.plan import make_job
 
 # Of each case; and, of each, for each of the steps up and down of a value.
 CASE_DROPS = 6000

@@ -8,6 +8,7 @@ import uuid
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from resting_aspects_ros.commands.answer import Answer
 from resting_aspects_ros.commands.convergence import Convergence
@@ -22,10 +23,12 @@ from resting_aspects_ros.core.distribution import METHOD, Distribution, no_drops
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.intervals import check_confidence
 from resting_aspects_ros.drops.ceiling import most_drops
-from resting_aspects_ros.drops.cluster import ClusterWorkers
 from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.worker_pool import ProcessWorkers, default_workers
 from resting_aspects_ros.signals import handled_by
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.drops.cluster import ClusterWorkers
 
 INTERRUPTED = 130
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
@@ -68,30 +71,33 @@ def drop_here(
     convergence: Convergence | None = None
     checked = not arguments.check_convergence
     tally = Tally(empty, run, stop_at, question.ranges)
-    with ExitStack() as stack:
-        workers = _workers(arguments)
-        stack.callback(workers.stop)
-        for option, path in _poses_paths(arguments.poses, flag, out):
-            tally.tables.append(stack.enter_context(poses_file(option, path)))
-        for warning in (*part.warnings, *_of_height(run.conditions.height, part.hull_radius)):
-            warn(warning)
-        try:
-            drop_all(part.name, job, workers, tally, stop)
-            if arguments.check_convergence and not stop.asked:
-                checked, convergence = check_in_finer_steps(job, workers, tally, stop)
-        except EngineError as error:
-            failure = error
-    answer = Answer(
-        tally.distribution,
-        run,
-        part,
-        METHOD,
-        tally.over,
-        convergence,
-        mesh_file(arguments.part),
-        tally.history.points(),
-    )
-    _write(answer, out, arguments)
+    workers = _workers(arguments)
+    try:
+        with ExitStack() as stack:
+            for option, path in _poses_paths(arguments.poses, flag, out):
+                tally.tables.append(stack.enter_context(poses_file(option, path)))
+            for warning in (*part.warnings, *_of_height(run.conditions.height, part.hull_radius)):
+                warn(warning)
+            try:
+                drop_all(part.name, job, workers, tally, stop)
+                if arguments.check_convergence and not stop.asked:
+                    checked, convergence = check_in_finer_steps(job, workers, tally, stop)
+            except EngineError as error:
+                failure = error
+        answer = Answer(
+            tally.distribution,
+            run,
+            part,
+            METHOD,
+            tally.over,
+            convergence,
+            mesh_file(arguments.part),
+            tally.history.points(),
+        )
+        _write(answer, out, arguments)
+    finally:
+        # Last, so that the answer is written whatever becomes of the workers.
+        workers.stop()
     if failure is not None:
         done = tally.distribution.drops
         raise EngineError(f'{failure}, after {done} of {run.drops} drops, which are in the answer')
@@ -151,8 +157,10 @@ def _folder(arguments: argparse.Namespace, part: str) -> tuple[str, Path | None]
     return flag, out
 
 
-def _workers(arguments: argparse.Namespace) -> ProcessWorkers | ClusterWorkers:
+def _workers(arguments: argparse.Namespace) -> 'ProcessWorkers | ClusterWorkers':
     if arguments.scheduler is not None:
+        from resting_aspects_ros.drops.cluster import ClusterWorkers
+
         return ClusterWorkers(arguments.scheduler)
     return ProcessWorkers(default_workers() if arguments.workers is None else arguments.workers)
 

@@ -8,15 +8,18 @@ two of them, its maxima corners on which it stands on its head.
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.basins import basin_areas
 from resting_aspects_ros.core.descent import Descent
-from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.polyhedron import Indices, Polyhedron, polyhedron
 from resting_aspects_ros.core.rotations import Array
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.core.part import Part
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +53,7 @@ class Landscape:
         Facets of the hull on which the part can stay, lowest first.
     """
 
-    def __init__(self, part: Part) -> None:
+    def __init__(self, part: 'Part') -> None:
         self.radius = part.hull_radius
         self.hull: Polyhedron = polyhedron(
             (part.hull_vertices - part.centre_of_mass) / self.radius

@@ -5,7 +5,6 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import ConvexHull
 
 from resting_aspects_ros.core.rotations import Array, angle_between
 
@@ -95,6 +94,9 @@ class Polyhedron:
 
 def polyhedron(points: Array) -> Polyhedron:
     """The hull of points (n, 3) from the origin, which is inside, in units of R."""
+    # Worker processes use the class without SciPy, and start in a fraction of the time.
+    from scipy.spatial import ConvexHull
+
     hull = ConvexHull(points)
     triangles = hull.simplices.astype(np.int64)
     a, b, c = np.moveaxis(points[triangles], 1, 0)

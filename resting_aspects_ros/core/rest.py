@@ -6,13 +6,16 @@ still does.
 """
 
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from resting_aspects_ros.core.joining import Joined
 from resting_aspects_ros.core.landscape import Landscape
 from resting_aspects_ros.core.polyhedron import Indices
 from resting_aspects_ros.core.rotations import Array
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.core.joining import Joined
 
 # Below the saddle by this, m g R: at impacts an engine can add a little energy. Without it 3 of
 # 800 drops of an L bracket were decided wrongly, with it none.
@@ -28,7 +31,7 @@ class RestRule:
         margin: there only stillness tells.
     """
 
-    def __init__(self, landscape: Landscape, aspects: list[Joined]) -> None:
+    def __init__(self, landscape: Landscape, aspects: 'list[Joined]') -> None:
         self._landscape = landscape
         aspect = np.empty(len(landscape.minima), dtype=np.int64)
         for number, joined in enumerate(aspects):

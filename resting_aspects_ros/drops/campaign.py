@@ -1,59 +1,51 @@
-"""A run's drops, made in chunks by any executor and handed over in their order."""
+"""A run's drops, made in chunks by any workers and handed over in their order."""
 
 from collections import deque
 from collections.abc import Callable, Generator
-from concurrent.futures import CancelledError, Executor, Future
-from typing import Protocol
+from concurrent.futures import CancelledError, Future
+from typing import Any, Protocol
 
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.drops.engine import drop_chunk
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.release import CHUNK
 from resting_aspects_ros.drops.run import RunDescription
 
-# Workers that die are replaced, until so many died without a chunk handed over between.
-MOST_DEATHS = 3
+# So many workers may die, each with no chunk handed over since the one before.
+MAX_DEATHS = 3
 
 
 class Workers(Protocol):
-    """Who makes drops: an executor, and another one when it breaks."""
-
-    @property
-    def executor(self) -> Executor:
-        """The one that takes chunks now."""
+    """What drops chunks: processes of this machine, or a cluster."""
 
     def lookahead(self) -> int:
-        """Chunks to have under way now, so that nobody waits for work."""
+        """Chunks to have submitted now, so that no worker waits for work."""
+
+    def submit(self, job: DropJob, first: int, end: int) -> 'Future[Any]':
+        """Begin to drop the drops ``first`` to ``end - 1``, all of one chunk."""
+
+    def result(self, future: 'Future[Any]') -> RestingPoses:
+        """The poses of a submitted chunk; raises what went wrong."""
 
     def deaths(self, error: Exception) -> int:
         """How many workers died, if the error says that; else 0."""
 
-    def replace(self, broken: Executor) -> None:
-        """See to it that there are workers again; who comes second finds them there."""
-
 
 def submit_drops(
-    job: DropJob, first_drop: int, drops: int, executor: Executor, lookahead: Callable[[], int]
-) -> Generator['Future[RestingPoses]', None, None]:
+    job: DropJob, first_drop: int, drops: int, workers: Workers
+) -> Generator['Future[Any]', None, None]:
     """Futures of consecutive chunks of drops, in order, ``lookahead()`` of them under way.
-
-    Any executor of concurrent.futures will do. Threads give the same poses as processes, but no
-    speed: Bullet's binding never lets go of Python's lock, so one of them drops at a time.
 
     Memory does not grow with the number of drops: a chunk is submitted only when an earlier one
     is taken. Closing the iterator cancels what has not begun.
     """
-    pending: deque[Future[RestingPoses]] = deque()
+    pending: deque[Future[Any]] = deque()
     first, end = first_drop, first_drop + drops
     try:
         while first < end or pending:
-            most = lookahead()
-            if most < 1:
-                raise ValueError(f'lookahead is {most}, allowed is 1 or more')
-            while first < end and len(pending) < most:
+            while first < end and len(pending) < max(1, workers.lookahead()):
                 stop = min(end, (first // CHUNK + 1) * CHUNK)
-                pending.append(executor.submit(drop_chunk, job, first, stop))
+                pending.append(workers.submit(job, first, stop))
                 first = stop
             yield pending.popleft()
     finally:
@@ -64,12 +56,12 @@ def submit_drops(
 def drop_chunks(
     job: DropJob, asked: RunDescription, workers: Workers, warn: Callable[[str], None]
 ) -> Generator['Future[RestingPoses] | RestingPoses', None, None]:
-    """The chunks of a run in their order, each after its future, which is there to be waited for.
+    """The chunks of a run in their order, each after its future.
 
-    How to wait is left to who iterates, a command or a node in its loop; who does not wait is
-    held up until the chunk is there. When workers die, the chunks that were not handed over are
-    dropped again, by others: since the poses depend on the job and the index alone, nothing tells
-    such a run from an undisturbed one, but what is told to ``warn``.
+    The caller waits for the future in its own way, as a command or in the loop of a node; one
+    that does not wait is blocked until the chunk is done. When workers die, the chunks that were
+    not handed over are dropped again. Since the poses depend on the job and the index alone, such
+    a run equals an undisturbed one; ``warn`` is told.
 
     Raises
     ------
@@ -79,29 +71,27 @@ def drop_chunks(
     """
     first, deaths = asked.first_drop, 0
     while first < asked.end:
-        executor = workers.executor
-        futures = submit_drops(job, first, asked.end - first, executor, workers.lookahead)
+        futures = submit_drops(job, first, asked.end - first, workers)
         try:
             for future in futures:
                 yield future
-                chunk = future.result()
+                chunk = workers.result(future)
                 first, deaths = chunk.end, 0
                 yield chunk
-        except EngineError:
-            raise
         except CancelledError:
             raise EngineError(f'the workers went away {_near(first, asked)}') from None
         except Exception as error:
             died = workers.deaths(error)
             if died == 0:
+                if isinstance(error, EngineError):
+                    raise
                 raise EngineError(f'a worker failed {_near(first, asked)}: {error!r}') from error
             deaths += died
-            if deaths >= MOST_DEATHS:
+            if deaths >= MAX_DEATHS:
                 raise EngineError(
                     f'{deaths} worker processes died in a row {_near(first, asked)}'
                 ) from None
-            warn(f'a worker died {_near(first, asked)}: its drops are made again')
-            workers.replace(executor)
+            warn(f'a worker died {_near(first, asked)}: its drops are repeated')
         finally:
             futures.close()
 

@@ -2,16 +2,17 @@
 
 import asyncio
 import logging
-from collections.abc import Callable, Mapping
-from concurrent.futures import Executor, Future
+from concurrent.futures import Future
+from importlib.metadata import version
 from typing import Any, TypeVar
 
+from resting_aspects_ros import __version__
 from resting_aspects_ros.core.errors import EngineError, InvalidValueError
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.drops.job import DropJob
 
 # For the scheduler to answer, and then for a worker to be there, s.
 PATIENCE = 4.0
-# What the poses depend on, beside the job: of other versions they need not be the same.
-PACKAGES = ('resting_aspects_ros', 'pybullet', 'numpy', 'scipy')
 
 T = TypeVar('T')
 
@@ -19,8 +20,8 @@ T = TypeVar('T')
 class ClusterWorkers:
     """The workers of a Dask cluster, as many as there are at any time: Workers of a campaign.
 
-    A worker that dies is seen to by the scheduler, which gives its chunks to others. If there are
-    none left, the drops wait for new ones.
+    The scheduler gives the chunks of a worker that dies to others. If none is left, the drops
+    wait for new ones.
 
     scheduler : str
         Its address, such as ``tcp://10.0.0.5:8786``.
@@ -28,33 +29,44 @@ class ClusterWorkers:
     Raises
     ------
     InvalidValueError
-        If distributed is not installed, or if there is no scheduler with workers of the versions
-        that are here.
+        If distributed is not installed, or if there is no scheduler with workers.
     """
 
     def __init__(self, scheduler: str) -> None:
         self._client = _connect(scheduler)
-        try:
-            self._versions = _versions_everywhere(self._client, scheduler)
-        except BaseException:
-            self.stop()
-            raise
         self._count = self._counted_for = 0
-        # Not pure: what failed for somebody else is no answer.
-        self._executor = _LikeHere(self._client.get_executor(pure=False), self._versions)
-
-    @property
-    def executor(self) -> Executor:
-        """Of the whole cluster."""
-        return self._executor
+        # Not pure: a failure for another client is no answer.
+        self._executor = self._client.get_executor(pure=False)
+        self._job: DropJob | None = None
+        self._job_there: Any = None
 
     def lookahead(self) -> int:
         """Two chunks for each worker that is there now."""
-        # To count takes a word with the scheduler, which not every chunk must wait for.
+        # To count takes a round trip to the scheduler, which not every chunk must wait for.
         if self._counted_for == 0:
             self._count = self._counted_for = max(1, len(self._client.nthreads()))
         self._counted_for -= 1
         return 2 * self._count
+
+    def submit(self, job: DropJob, first: int, end: int) -> 'Future[Any]':
+        """Drop a chunk on a worker."""
+        if job is not self._job:
+            # A task of its own, so that each worker gets it once. Unlike scattered data it is
+            # made again when the workers that hold it die.
+            self._job, self._job_there = job, self._client.submit(_same, job, pure=False)
+        future: Future[Any] = self._executor.submit(_drop, self._job_there, first, end)
+        return future
+
+    def result(self, future: 'Future[Any]') -> RestingPoses:
+        """The poses of a chunk; EngineError if the worker's versions are not those here."""
+        poses, worker, versions = future.result()
+        for name, here in _versions().items():
+            if versions[name] != here:
+                raise EngineError(
+                    f'invalid worker {worker}: expected {name} {here}, not {versions[name]}'
+                )
+        chunk: RestingPoses = poses
+        return chunk
 
     def deaths(self, error: Exception) -> int:
         """Workers that died with the same chunk one after the other, until Dask gave it up."""
@@ -62,44 +74,31 @@ class ClusterWorkers:
 
         return error.allowed_failures + 1 if isinstance(error, KilledWorker) else 0
 
-    def replace(self, broken: Executor) -> None:
-        """Nothing: an executor of a cluster does not break with its workers."""
-
     def stop(self) -> None:
         """Leave the cluster, which cancels what has not begun."""
         self._client.close(timeout=PATIENCE)
 
 
-class _LikeHere(Executor):
-    """The cluster's executor, for work that is to be done with the versions that are here."""
-
-    def __init__(self, executor: Executor, versions: Mapping[str, str | None]) -> None:
-        self._executor = executor
-        self._versions = versions
-
-    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> 'Future[T]':
-        return self._executor.submit(_do_like, self._versions, fn, *args, **kwargs)
+def _same(job: T) -> T:
+    return job
 
 
-def _do_like(
-    there: Mapping[str, str | None], fn: Callable[..., T], *args: Any, **kwargs: Any
-) -> T:
-    """Do something on a worker, which may have come after the others were looked at."""
+def _drop(job: DropJob, first: int, end: int) -> tuple[RestingPoses, str, dict[str, str]]:
+    """The poses of a chunk, and what they depend on beside the job."""
     from distributed import get_worker
-    from distributed.versions import get_versions
 
-    if difference := _difference(get_versions(PACKAGES)['packages'], there):
-        raise EngineError(f'the worker {get_worker().address} {difference}')
-    return fn(*args, **kwargs)
+    from resting_aspects_ros.drops.engine import drop_chunk
+
+    return drop_chunk(job, first, end), get_worker().address, _versions()
 
 
-def _difference(versions: Mapping[str, str | None], wanted: Mapping[str, str | None]) -> str:
-    """The first package that is of another version, in words; empty if there is none."""
-    for name in PACKAGES:
-        if versions[name] != wanted[name]:
-            has = f'{name} {versions[name]}' if versions[name] else f'no {name}'
-            return f'has {has}, here it is {wanted[name]}'
-    return ''
+def _versions() -> dict[str, str]:
+    """Versions of which others need not give the same poses."""
+    return {
+        'resting_aspects_ros': __version__,
+        'pybullet': version('pybullet'),
+        'numpy': version('numpy'),
+    }
 
 
 def _connect(scheduler: str) -> Any:
@@ -142,17 +141,3 @@ async def _role(address: str) -> str:
     credentials = Security().get_connection_args('client')
     async with rpc(address, connection_args=credentials) as server:
         return str((await server.identity())['type'])
-
-
-def _versions_everywhere(client: Any, scheduler: str) -> Mapping[str, str | None]:
-    """The versions that are here; InvalidValueError if they are others somewhere."""
-    found = client.get_versions(packages=PACKAGES)
-    wanted: Mapping[str, str | None] = found['client']['packages']
-    # The scheduler reads what is submitted, too.
-    for where, its in (('the scheduler', found['scheduler']), *found['workers'].items()):
-        if difference := _difference(its['packages'], wanted):
-            raise InvalidValueError(
-                f'scheduler is {scheduler!r}, allowed is one of the versions that are here: '
-                f'{where} {difference}'
-            )
-    return wanted

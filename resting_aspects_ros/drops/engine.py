@@ -13,7 +13,6 @@ import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
-from importlib.metadata import version
 
 import numpy as np
 import numpy.typing as npt
@@ -44,9 +43,6 @@ def _silent() -> Iterator[None]:
 
 with _silent():  # it prints when it was built, in every process
     import pybullet
-
-ENGINE = 'bullet'
-ENGINE_VERSION = version('pybullet')
 
 # Slots are this far apart, R. Bodies never meet (collision mask); apart, they cost least.
 SLOT_SPACING = 4.0

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.rotations import Array, down_in_part, random_orientations
+from resting_aspects_ros.core.rotations import Array, composed, down_in_part, random_orientations
 from resting_aspects_ros.drops.conditions import HeightOf
 from resting_aspects_ros.drops.job import DropJob
 
@@ -63,13 +62,13 @@ def releases(job: DropJob, chunk: int) -> Release:
 
 
 def body_from_part(of_part: Array, axes: Array) -> Array:
-    """Tray from body, given tray from part: the body's axes are the part's principal axes."""
-    return np.asarray((Rotation.from_quat(of_part) * Rotation.from_matrix(axes)).as_quat())
+    """Tray from body, given tray from part and the job's axes."""
+    return composed(of_part, axes)
 
 
 def part_from_body(of_body: Array, axes: Array) -> Array:
-    """Tray from part, given tray from body."""
-    return np.asarray((Rotation.from_quat(of_body) * Rotation.from_matrix(axes).inv()).as_quat())
+    """Tray from part, given tray from body and the job's axes."""
+    return composed(of_body, axes * [-1, -1, -1, 1])
 
 
 def depth_of(xyzw: Array, hull: Array) -> Array:

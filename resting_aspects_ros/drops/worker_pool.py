@@ -2,30 +2,33 @@
 
 import os
 import signal
+import socket
 import sys
 import threading
-from collections.abc import Callable
-from concurrent.futures import (
-    BrokenExecutor,
-    Executor,
-    Future,
-    InvalidStateError,
-    ProcessPoolExecutor,
-)
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from functools import partial
-from multiprocessing import get_context, parent_process
-from typing import Any, ParamSpec, TypeVar
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
+from subprocess import DEVNULL, Popen, TimeoutExpired
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import EngineError, InvalidValueError
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.drops.job import DropJob
 
-MOST_WORKERS = 1024
-# Workers run at lower priority than what else this machine does.
-NICENESS = 5
+MAX_WORKERS = 1024
+# A worker imports from where its parent does, whatever the working folder holds.
+_PROGRAM = (
+    'import sys; sys.path[:] = sys.argv[2:]; '
+    'from resting_aspects_ros.drops.worker import main; main(int(sys.argv[1]))'
+)
+# The parent decides what these mean. A terminal sends them to all of its processes.
+_PARENTS_SIGNALS = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+# A killed process ends at once, unless the system holds it; s.
+_END_TIMEOUT = 5.0
 
-P = ParamSpec('P')
-T = TypeVar('T')
+
+class WorkerDiedError(EngineError):
+    """The process that dropped a chunk ended."""
 
 
 def default_workers() -> int:
@@ -34,109 +37,134 @@ def default_workers() -> int:
 
 
 class ProcessWorkers:
-    """A pool of processes, and a new one when it breaks: Workers of a campaign, or of several.
+    """Worker processes, each with a connection of its own: Workers of one campaign or several.
+
+    A worker that dies fails the chunk that it dropped, and is replaced. The others are not
+    affected, since they share no lock and no pipe with it.
 
     count : int
-        How many processes.
+        Number of processes.
+
+    Raises
+    ------
+    InvalidValueError
+        The count is out of bounds.
+    EngineError
+        The system starts no more processes.
     """
 
     def __init__(self, count: int) -> None:
+        if not 1 <= count <= MAX_WORKERS:
+            raise InvalidValueError(f'invalid workers {count}: expected 1 to {MAX_WORKERS}')
         self.count = count
-        self._pool = make_pool(count)
-
-    @property
-    def executor(self) -> ProcessPoolExecutor:
-        """The pool."""
-        return self._pool
+        self._threads = ThreadPoolExecutor(count, thread_name_prefix='drops')
+        self._idle: SimpleQueue[_Worker] = SimpleQueue()
+        self._workers: set[_Worker] = set()
+        self._lock = threading.Lock()
+        self._stopped = False
+        try:
+            for _ in range(count):
+                self._idle.put(self._start())
+        except BaseException:
+            self.stop()
+            raise
 
     def lookahead(self) -> int:
-        """One chunk that is dropped and one that waits, for each process."""
+        """One chunk in work and one waiting, for each process."""
         return 2 * self.count
 
-    def deaths(self, error: Exception) -> int:
-        """A pool whose worker dies breaks, and with it all that was submitted."""
-        return int(isinstance(error, BrokenExecutor))
+    def submit(self, job: DropJob, first: int, end: int) -> 'Future[RestingPoses]':
+        """Drop a chunk as soon as a process is free."""
+        return self._threads.submit(self._drop, job, first, end)
 
-    def replace(self, broken: Executor) -> None:
-        """Make a new pool, unless another campaign has done so."""
-        if self._pool is broken:
-            stop_pool(self._pool)
-            self._pool = make_pool(self.count)
+    def result(self, future: 'Future[RestingPoses]') -> RestingPoses:
+        """The poses of a chunk."""
+        return future.result()
+
+    def deaths(self, error: Exception) -> int:
+        """1 for the error of a worker that died, else 0."""
+        return int(isinstance(error, WorkerDiedError))
 
     def stop(self) -> None:
-        """End the processes; what they are dropping is given up."""
-        stop_pool(self._pool)
+        """End the processes; chunks that are not done are given up."""
+        with self._lock:
+            self._stopped = True
+            workers, self._workers = self._workers, set()
+        for worker in workers:
+            worker.kill()
+        # No thread waits for a process any more: its connection is shut down.
+        self._threads.shutdown(cancel_futures=True)
+        for worker in workers:
+            worker.wait()
 
-
-def make_pool(workers: int) -> ProcessPoolExecutor:
-    """Worker processes for drops. Spawned: a fork of a process with threads is unsafe."""
-    if not 1 <= workers <= MOST_WORKERS:
-        raise InvalidValueError(f'workers is {workers}, allowed is 1 to {MOST_WORKERS}')
-    pool = _Pool(workers, get_context('spawn'), initializer=_start_worker)
-    # Workers begin with the first work that they get, and take a second to read their modules:
-    # with this they do it now, and not while somebody waits for the first drops. One that dies
-    # meanwhile is noticed with the first drops.
-    with suppress(BrokenExecutor):
-        for _ in range(workers):
-            pool.submit(os.getpid)
-    return pool
-
-
-class _Pool(ProcessPoolExecutor):
-    """Begins its workers, which submit does when they are needed, with Ctrl-C held off.
-
-    It reaches every process of the terminal, and a worker can ignore it only when it has read its
-    modules, after about a second; until then it would end in a traceback, and the pool with it.
-
-    Raises BrokenExecutor also for a worker that dies while it is begun.
-    """
-
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> 'Future[T]':
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # processes inherit it
+    def _drop(self, job: DropJob, first: int, end: int) -> RestingPoses:
+        worker = self._idle.get()
         try:
-            future = super().submit(fn, *args, **kwargs)
-        except (BrokenPipeError, ConnectionResetError) as error:
-            # What a worker is begun with goes through a pipe to it.
-            raise BrokenProcessPool('a worker died before it had begun') from error
+            return worker.drop(job, first, end)
+        except WorkerDiedError:
+            with self._lock:
+                self._workers.discard(worker)
+            worker.kill()
+            worker.wait()
+            worker = self._start()
+            raise
+        finally:
+            self._idle.put(worker)
+
+    def _start(self) -> '_Worker':
+        with self._lock:
+            if self._stopped:
+                raise WorkerDiedError('the workers were stopped')
+            try:
+                worker = _Worker()
+            except OSError as error:
+                raise EngineError(f'cannot start a worker process: {error.strerror}') from None
+            self._workers.add(worker)
+            return worker
+
+
+class _Worker:
+    """A process that runs `worker.main`; begins to import what it needs at once."""
+
+    def __init__(self) -> None:
+        self._job: DropJob | None = None
+        self._socket, theirs = socket.socketpair()
+        self._connection = Connection(os.dup(self._socket.fileno()))
+        # A process inherits which signals are blocked.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, _PARENTS_SIGNALS)
+        try:
+            with theirs:
+                self._process = Popen(
+                    [sys.executable, '-c', _PROGRAM, str(theirs.fileno()), *sys.path],
+                    pass_fds=[theirs.fileno()],
+                    stdin=DEVNULL,
+                    # Bullet prints to standard output.
+                    stdout=DEVNULL,
+                )
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        # A pool that breaks tells all its futures so, and in Python 3.11 the first one that was
-        # cancelled ends that with an error: the others would be waited for for ever.
-        future.set_exception = partial(_fail, future)  # type: ignore[method-assign]
-        return future
 
+    def drop(self, job: DropJob, first: int, end: int) -> RestingPoses:
+        """Drop a chunk; raises WorkerDiedError, and what the worker raised."""
+        try:
+            # The job is sent once: it may be large, and the engine keeps what belongs to it.
+            self._connection.send((None if job is self._job else job, first, end))
+            self._job = job
+            answer = self._connection.recv()
+        except (EOFError, OSError):
+            raise WorkerDiedError('a worker process died') from None
+        if isinstance(answer, Exception):
+            raise answer
+        poses: RestingPoses = answer
+        return poses
 
-def _fail(future: 'Future[Any]', error: BaseException | None) -> None:
-    with suppress(InvalidStateError):
-        Future.set_exception(future, error)
+    def kill(self) -> None:
+        """End the process, and whatever waits for it, also if it does not end."""
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._process.kill()
 
-
-def stop_pool(pool: ProcessPoolExecutor) -> None:
-    """End a pool now: what has not begun is cancelled, what is being dropped is given up."""
-    # As kill_workers of Python 3.14 does; other pools of this process live on. Without it the
-    # interpreter would wait for chunks that nobody wants any more.
-    for worker in list((pool._processes or {}).values()):  # noqa: SLF001
-        worker.kill()
-    # Waits for the pool's thread: a pool that is collected while its thread closes their pipe
-    # leaves a traceback.
-    pool.shutdown(cancel_futures=True)
-
-
-def _start_worker() -> None:
-    # Whoever asks, and waits for an answer, comes before the drops.
-    os.nice(NICENESS)
-    # The parent decides what Ctrl-C means.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    # Bullet prints to standard output, where the parent's answer goes.
-    sys.stdout.flush()
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    # A pool's workers wait for ever for a parent that was killed; these end with it.
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+    def wait(self) -> None:
+        """Wait for the end of a process that was killed."""
+        with suppress(TimeoutExpired):
+            self._process.wait(_END_TIMEOUT)

@@ -27,7 +27,7 @@ from resting_aspects_ros.drops.part_library import PartLibrary
 from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.run import RunDescription, check_run_id
 from resting_aspects_ros.drops.surfaces import Surfaces
-from resting_aspects_ros.drops.worker_pool import MOST_WORKERS, default_workers
+from resting_aspects_ros.drops.worker_pool import MAX_WORKERS, default_workers
 from resting_aspects_ros.nodes.batches import Batches
 from resting_aspects_ros.nodes.callbacks import advertise
 from resting_aspects_ros.nodes.convert import poses_msg, status
@@ -62,7 +62,7 @@ PARAMETERS = (
     Parameter('parts_folder', '', 'folder of meshes that can be asked for; empty: the examples'),
     Parameter('surfaces_file', '', 'YAML file of named conditions; empty: the one of the suite'),
     SURFACE,
-    Parameter('workers', 0, 'processes that drop; 0: one per core', (0, MOST_WORKERS)),
+    Parameter('workers', 0, 'processes that drop; 0: one per core', (0, MAX_WORKERS)),
 )
 # Goals that are worked on at the same time; they share the workers chunk by chunk.
 MOST_GOALS = 16

@@ -17,7 +17,7 @@ from resting_aspects_ros.core.distribution import count_poses, no_drops
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 from resting_aspects_ros.drops.conditions import QUANTITIES
 from resting_aspects_ros.drops.engine import drop_chunk
-from resting_aspects_ros.drops.job import make_job
+from resting_aspects_ros.drops.plan import make_job
 
 DROPS = 130  # of two chunks, for two workers
 WORDS = ('drop', 'box_10x20x30', '--seed', 7)

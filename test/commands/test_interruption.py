@@ -8,8 +8,9 @@ import time
 from contextlib import suppress
 
 import pytest
+import trimesh
 
-from resting_aspects_ros.drops.campaign import MOST_DEATHS
+from resting_aspects_ros.drops.campaign import MAX_DEATHS
 
 # Falls from far above need fine time steps: the first chunk takes a while.
 SLOW = ('drop', 'l_bracket', '--drops', 100_000, '--workers', 2, '--height', '3m')
@@ -19,11 +20,25 @@ ENOUGH = 60.0  # s
 
 
 def some_done(line):
-    return re.match(r'tetrahedron: [1-9]\d* of 200000 drops  \d+ drops/s$', line)
+    return re.match(r'\w+: [1-9]\d* of \d+ drops  \d+ drops/s$', line)
 
 
-def test_ctrl_c_in_the_middle(begin, ended, read_until):
-    process = begin(*QUICK, *OUTPUTS)
+@pytest.fixture
+def disc(tmp_path_factory):
+    """A folder of parts with one whose job is larger than a pipe, 64 KiB.
+
+    Such a job once blocked the end of the program for ever.
+    """
+    folder = tmp_path_factory.mktemp('parts')
+    mesh = trimesh.creation.cylinder(radius=10, height=4, sections=200)
+    mesh.export(folder / 'disc.stl')
+    return folder
+
+
+@pytest.mark.parametrize('part', ['tetrahedron', 'disc'])
+def test_ctrl_c_in_the_middle(begin, ended, read_until, disc, part):
+    parts = ('--parts', disc) if part == 'disc' else ()
+    process = begin('drop', part, *parts, *QUICK[2:], *OUTPUTS)
     read_until(process.stderr, some_done)
     # As the terminal does: to all processes.
     os.killpg(process.pid, signal.SIGINT)
@@ -111,13 +126,23 @@ def test_a_terminal_that_closes_does_not_end_what_nohup_began(begin, ended, read
 
 def workers_of(process, session):
     processes = session(process.pid).items()
-    return [pid for pid, words in processes if '--multiprocessing-fork' in words]
+    return [pid for pid, words in processes if 'drops.worker ' in ' '.join(words)]
 
 
-def test_a_worker_that_is_killed_in_the_middle_costs_no_drop(
-    begin, run, wait_for_poses, session, tmp_path
+def test_large_job_with_a_precision_ends(begin, disc):
+    for _ in range(3):
+        process = begin('drop', 'disc', '--parts', disc, '--workers', 2, '--precision', 0.1)
+        printed, errors = process.communicate(timeout=ENOUGH)
+        assert process.returncode == 0, errors
+        assert '250 drops on rubber_mat, seed 1' in printed
+
+
+@pytest.mark.parametrize(('part', 'drops'), [('tetrahedron', 1500), ('disc', 400)])
+def test_killed_worker_costs_no_drop(
+    begin, run, wait_for_poses, session, tmp_path, disc, part, drops
 ):
-    words = ('drop', 'tetrahedron', '--drops', 1500, '--workers', 2, '--poses')
+    parts = ('--parts', disc) if part == 'disc' else ()
+    words = ('drop', part, *parts, '--drops', drops, '--workers', 2, '--poses')
     assert run(*words, 'undisturbed.csv').returncode == 0
     process = begin(*words, 'p.csv')
     wait_for_poses('p')
@@ -127,12 +152,10 @@ def test_a_worker_that_is_killed_in_the_middle_costs_no_drop(
     printed, errors = process.communicate(timeout=ENOUGH)
     assert process.returncode == 0, errors
     assert re.search(
-        r'^warning: a worker died near drop \d+ of tetrahedron: its drops are made again$',
-        errors,
-        re.M,
+        rf'^warning: a worker died near drop \d+ of {part}: its drops are repeated$', errors, re.M
     )
     assert 'Traceback' not in errors
-    assert printed.splitlines()[1].strip() == '1500 drops on rubber_mat, seed 1'
+    assert printed.splitlines()[1].strip() == f'{drops} drops on rubber_mat, seed 1'
     assert (tmp_path / 'p.csv').read_bytes() == (tmp_path / 'undisturbed.csv').read_bytes()
 
 
@@ -148,7 +171,7 @@ def test_workers_that_die_again_and_again(begin, ended, read_until, session):
     assert document['drops'] > 0
     done = document['drops']
     assert lines[-1] == (
-        f'error: {MOST_DEATHS} worker processes died in a row near drop {done} of tetrahedron, '
+        f'error: {MAX_DEATHS} worker processes died in a row near drop {done} of tetrahedron, '
         f'after {done} of 200000 drops, which are in the answer'
     )
 

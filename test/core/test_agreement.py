@@ -11,7 +11,7 @@ from resting_aspects_ros.core.clusters import Clusters, find_clusters
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import down_in_part, random_orientations
 from resting_aspects_ros.drops.engine import drop_chunk
-from resting_aspects_ros.drops.job import make_job
+from resting_aspects_ros.drops.plan import make_job
 
 # Parts with flat sides only.
 POLYHEDRA = (

@@ -4,7 +4,7 @@ import pytest
 
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.drops.engine import drop_chunk
-from resting_aspects_ros.drops.job import make_job
+from resting_aspects_ros.drops.plan import make_job
 from resting_aspects_ros.drops.release import CHUNK
 
 

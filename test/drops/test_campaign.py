@@ -1,13 +1,8 @@
 """Campaigns: order and bounds of what is under way, and workers that die."""
 
 import dataclasses
-from concurrent.futures import (
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    Future,
-    ThreadPoolExecutor,
-)
+from concurrent.futures import BrokenExecutor, CancelledError, Future
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,39 +10,29 @@ import pytest
 
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.drops.campaign import MOST_DEATHS, drop_chunks, submit_drops
+from resting_aspects_ros.drops.campaign import MAX_DEATHS, drop_chunks, submit_drops
 from resting_aspects_ros.drops.engine import drop_chunk
-from resting_aspects_ros.drops.job import make_job
-from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.drops.plan import make_job, plan_run
 from resting_aspects_ros.drops.release import CHUNK
-from resting_aspects_ros.drops.worker_pool import make_pool
+from resting_aspects_ros.drops.worker_pool import ProcessWorkers
 
 
-class Recorder(Executor):
-    """Keeps what is submitted; futures are finished by the test."""
+class Recorder:
+    """Workers that keep what is submitted; futures are finished by the test."""
 
-    def __init__(self):
+    def __init__(self, lookahead):
+        self.lookahead = lookahead
         self.asked = []
         self.futures = []
 
-    def submit(self, fn, /, *args, **kwargs):
-        assert (fn, kwargs) == (drop_chunk, {})
-        self.asked.append(args)
+    def submit(self, *task):
+        self.asked.append(task)
         self.futures.append(Future())
         return self.futures[-1]
 
 
-class InPlace(Executor):
-    """Does what is submitted here and now."""
-
-    def submit(self, fn, /, *args, **kwargs):
-        future = Future()
-        future.set_result(fn(*args, **kwargs))
-        return future
-
-
-class Mortal(Executor):
-    """Workers of a campaign, and their executor, whose chunks end as they are told beforehand.
+class Mortal:
+    """Workers whose chunks end as they are told beforehand.
 
     ends : list
         Of each chunk that is taken in turn: None, or what is raised; all others are dropped.
@@ -56,10 +41,8 @@ class Mortal(Executor):
     def __init__(self, *ends):
         self.ends = list(ends)
         self.asked = []
-        self.executor = self
-        self.replaced = 0
 
-    def submit(self, fn, /, job, first, stop):
+    def submit(self, job, first, stop):
         end = self.ends.pop(0) if self.ends else None
         if isinstance(end, BrokenOnSubmit):
             raise end
@@ -73,15 +56,14 @@ class Mortal(Executor):
             future.set_exception(end)
         return future
 
+    def result(self, future):
+        return future.result()
+
     def lookahead(self):
         return 1
 
     def deaths(self, error):
         return getattr(error, 'deaths', int(isinstance(error, BrokenExecutor)))
-
-    def replace(self, broken):
-        assert broken is self
-        self.replaced += 1
 
 
 class BrokenOnSubmit(BrokenExecutor):
@@ -89,7 +71,7 @@ class BrokenOnSubmit(BrokenExecutor):
 
 
 class ManyDeathsError(Exception):
-    deaths = MOST_DEATHS + 1
+    deaths = MAX_DEATHS + 1
 
 
 DEATH = BrokenExecutor('a child process terminated abruptly')
@@ -132,15 +114,13 @@ def campaign(part, surfaces):
     return drop
 
 
-@pytest.fixture(scope='module')
-def job(part, surfaces):
-    return make_job(part('tetrahedron'), surfaces.get(), seed=5)
-
-
-@pytest.fixture(scope='module')
-def pool():
-    with make_pool(2) as pool:
-        yield pool
+@contextmanager
+def closing_workers(count):
+    workers = ProcessWorkers(count)
+    try:
+        yield workers
+    finally:
+        workers.stop()
 
 
 @pytest.mark.parametrize(
@@ -160,59 +140,57 @@ def pool():
     ],
 )
 def test_drops_are_cut_at_the_chunks_of_the_engine(first, drops, chunks):
-    executor = Recorder()
-    futures = list(submit_drops('job', first, drops, executor, lambda: 2))
-    assert executor.asked == [('job', low, high) for low, high in chunks]
-    assert futures == executor.futures
+    workers = Recorder(lambda: 2)
+    futures = list(submit_drops('job', first, drops, workers))
+    assert workers.asked == [('job', low, high) for low, high in chunks]
+    assert futures == workers.futures
 
 
 @pytest.mark.parametrize('lookahead', [1, 2, 5])
 def test_no_more_than_the_lookahead_are_under_way(lookahead):
-    executor = Recorder()
-    chunks = submit_drops('job', 0, 10 * CHUNK, executor, lambda: lookahead)
-    assert executor.asked == []  # nothing before the first is asked for
+    workers = Recorder(lambda: lookahead)
+    chunks = submit_drops('job', 0, 10 * CHUNK, workers)
+    assert workers.asked == []  # nothing before the first is asked for
     for taken, future in enumerate(chunks, start=1):
         # Handed over in order, not by which is done first.
-        assert future is executor.futures[taken - 1]
-        assert len(executor.futures) == min(10, taken - 1 + lookahead)
-    assert len(executor.futures) == 10
-
-
-def test_without_a_lookahead_nothing_could_be_done():
-    with pytest.raises(ValueError, match=r'^lookahead is 0, allowed is 1 or more$'):
-        next(submit_drops('job', 0, 1, Recorder(), lambda: 0))
+        assert future is workers.futures[taken - 1]
+        assert len(workers.futures) == min(10, taken - 1 + lookahead)
+    assert len(workers.futures) == 10
 
 
 def test_closing_cancels_what_has_not_begun_and_nothing_else():
-    executor = Recorder()
-    chunks = submit_drops('job', 0, 10 * CHUNK, executor, lambda: 4)
+    workers = Recorder(lambda: 4)
+    chunks = submit_drops('job', 0, 10 * CHUNK, workers)
     next(chunks)
-    executor.futures[1].set_running_or_notify_cancel()
+    workers.futures[1].set_running_or_notify_cancel()
     chunks.close()
-    assert [f.cancelled() for f in executor.futures] == [False, False, True, True]
-    assert len(executor.asked) == 4
+    assert [f.cancelled() for f in workers.futures] == [False, False, True, True]
+    assert len(workers.asked) == 4
 
 
 def test_the_lookahead_may_grow_and_shrink():
-    executor, lookahead = Recorder(), iter([1, 3, 2, 2, 2, 2])
+    lookahead = [1]
+    workers = Recorder(lambda: lookahead[0])
     under_way = []
-    chunks = submit_drops('job', 0, 6 * CHUNK, executor, lambda: next(lookahead))
+    chunks = submit_drops('job', 0, 6 * CHUNK, workers)
     for taken, _ in enumerate(chunks):
-        under_way.append(len(executor.futures) - taken)
+        under_way.append(len(workers.futures) - taken)
+        lookahead[0] = [3, 2, 2, 2, 2, 2][taken]
     assert under_way == [1, 3, 2, 2, 2, 1]
 
 
-def test_poses_are_the_same_bit_for_bit_whatever_makes_them(job, pool, assert_same_poses):
+@pytest.mark.parametrize('count', [1, 2])
+def test_poses_do_not_depend_on_the_workers(count, part, surfaces, assert_same_poses):
+    job = make_job(part('tetrahedron'), surfaces.get(), seed=5)
     # The last chunk is not full; the first does not begin at its first slot.
     first, drops = CHUNK - 30, 30 + 20
     here = RestingPoses.join(
         [drop_chunk(job, first, CHUNK), drop_chunk(job, CHUNK, first + drops)]
     )
     assert (here.first_drop, len(here)) == (first, drops)
-    with make_pool(1) as one, ThreadPoolExecutor(2) as threads:
-        for executor in (pool, one, threads, InPlace()):
-            chunks = submit_drops(job, first, drops, executor, lambda: 3)
-            assert_same_poses(RestingPoses.join([f.result() for f in chunks]), here)
+    with closing_workers(count) as workers:
+        chunks = submit_drops(job, first, drops, workers)
+        assert_same_poses(RestingPoses.join([f.result() for f in chunks]), here)
 
 
 def test_chunks_come_in_their_order_each_after_its_future(campaign):
@@ -220,7 +198,7 @@ def test_chunks_come_in_their_order_each_after_its_future(campaign):
     chunks, warnings, error = campaign(workers)
     assert [chunk.first_drop for chunk in chunks] == [10, CHUNK, 2 * CHUNK, 3 * CHUNK]
     assert workers.asked == [10, CHUNK, 2 * CHUNK, 3 * CHUNK]
-    assert (warnings, error, workers.replaced) == ([], None, 0)
+    assert (warnings, error) == ([], None)
 
 
 @pytest.mark.parametrize('death', [DEATH, BrokenOnSubmit()], ids=['result', 'submit'])
@@ -228,44 +206,28 @@ def test_what_was_not_handed_over_is_dropped_again_when_workers_die(campaign, de
     workers = Mortal(None, death)
     chunks, warnings, error = campaign(workers)
     assert [chunk.first_drop for chunk in chunks] == [10, CHUNK, 2 * CHUNK, 3 * CHUNK]
-    assert warnings == [
-        f'a worker died near drop {CHUNK} of tetrahedron: its drops are made again'
-    ]
-    assert (error, workers.replaced) == (None, 1)
-
-
-def test_the_new_workers_are_asked_and_the_old_ones_no_more(campaign):
-    old, new = Mortal(None, DEATH), Mortal()
-
-    def replace(broken):
-        assert broken is old
-        old.executor = new
-
-    old.replace = replace
-    assert campaign(old)[2] is None
-    assert old.asked == [10, CHUNK]
-    assert new.asked == [CHUNK, 2 * CHUNK, 3 * CHUNK]
+    assert warnings == [f'a worker died near drop {CHUNK} of tetrahedron: its drops are repeated']
+    assert error is None
 
 
 def test_workers_that_die_again_and_again_end_it_in_words(campaign):
-    workers = Mortal(None, *[DEATH] * MOST_DEATHS)
+    workers = Mortal(None, *[DEATH] * MAX_DEATHS)
     chunks, warnings, error = campaign(workers)
     assert [chunk.first_drop for chunk in chunks] == [10]
     near = f'near drop {CHUNK} of tetrahedron'
-    assert warnings == [f'a worker died {near}: its drops are made again'] * (MOST_DEATHS - 1)
-    assert error == f'{MOST_DEATHS} worker processes died in a row {near}'
+    assert warnings == [f'a worker died {near}: its drops are repeated'] * (MAX_DEATHS - 1)
+    assert error == f'{MAX_DEATHS} worker processes died in a row {near}'
 
 
 def test_only_deaths_without_a_chunk_between_are_in_a_row(campaign):
-    deaths = [DEATH] * (MOST_DEATHS - 1)
+    deaths = [DEATH] * (MAX_DEATHS - 1)
     workers = Mortal(*deaths, None, *deaths, None, *deaths)
     assert campaign(workers)[2] is None
-    assert workers.replaced == 3 * len(deaths)
 
 
 def test_one_error_may_tell_of_many_deaths(campaign):
     _, warnings, error = campaign(Mortal(ManyDeathsError()))
-    assert error == f'{MOST_DEATHS + 1} worker processes died in a row near drop 10 of tetrahedron'
+    assert error == f'{MAX_DEATHS + 1} worker processes died in a row near drop 10 of tetrahedron'
     assert warnings == []
 
 
@@ -286,10 +248,9 @@ def test_a_worker_that_fails_is_not_asked_again(campaign, end, words):
 
 
 def test_who_has_enough_cancels_what_has_not_begun():
-    executor = Recorder()
-    executor.executor, executor.lookahead = executor, lambda: 3
+    workers = Recorder(lambda: 3)
     asked = SimpleNamespace(first_drop=0, end=10 * CHUNK)
-    steps = drop_chunks('job', asked, executor, pytest.fail)
-    assert next(steps) is executor.futures[0]
+    steps = drop_chunks('job', asked, workers, pytest.fail)
+    assert next(steps) is workers.futures[0]
     steps.close()
-    assert [future.cancelled() for future in executor.futures] == [False, True, True]
+    assert [future.cancelled() for future in workers.futures] == [False, True, True]

@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import pickle
 import re
 import signal
 import socket
@@ -10,11 +11,13 @@ from concurrent.futures import Future
 
 import numpy as np
 import pytest
+import trimesh
 
 from resting_aspects_ros.core.errors import EngineError, InvalidValueError
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.drops import campaign
-from resting_aspects_ros.drops.cluster import PACKAGES, PATIENCE, ClusterWorkers
+from resting_aspects_ros.drops import cluster as drops_cluster
+from resting_aspects_ros.drops.cluster import PATIENCE, ClusterWorkers
 from resting_aspects_ros.drops.engine import drop_chunk
 from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.release import CHUNK
@@ -65,7 +68,7 @@ def test_a_chunk_that_kills_its_workers_is_given_up_in_words(
     cluster, planned, workers, monkeypatch
 ):
     monkeypatch.setattr(cluster.scheduler, 'allowed_failures', 2)
-    monkeypatch.setattr(campaign, 'drop_chunk', lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+    monkeypatch.setattr(drops_cluster, '_drop', lambda *_: os.kill(os.getpid(), signal.SIGKILL))
     job, asked = planned
     words = r'^3 worker processes died in a row near drop 0 of tetrahedron$'
     with pytest.raises(EngineError, match=words):
@@ -73,37 +76,37 @@ def test_a_chunk_that_kills_its_workers_is_given_up_in_words(
 
 
 def test_what_a_worker_raises_is_told(planned, workers, monkeypatch):
-    monkeypatch.setattr(campaign, 'drop_chunk', lambda *_: {}['hull'])
+    monkeypatch.setattr(drops_cluster, '_drop', lambda *_: {}['hull'])
     words = r"^a worker failed near drop 0 of tetrahedron: KeyError\('hull'\)$"
     with pytest.raises(EngineError, match=words):
         chunks_of(*planned, workers)
 
 
-def test_a_cluster_of_other_versions_is_refused(cluster, monkeypatch):
-    from distributed import versions
-
-    real = versions.get_versions
-
-    def pretended(packages=None):
-        found = real(packages)
-        if packages:
-            found['packages'] |= {'pybullet': '1.2.3'}
-        return found
-
-    # The client's are taken through the module, those of others are not.
-    monkeypatch.setattr(versions, 'get_versions', pretended)
-    words = r'allowed is one of the versions that are here: the scheduler has pybullet [\d.]+, '
-    with pytest.raises(InvalidValueError, match=f'{words}here it is 1.2.3$'):
-        ClusterWorkers(cluster.scheduler_address)
-
-
-@pytest.mark.parametrize('package', PACKAGES)
-def test_a_worker_of_another_version_that_comes_later_drops_nothing(planned, workers, package):
-    workers.executor._versions = {**workers.executor._versions, package: '1.2.3'}
+@pytest.mark.parametrize('package', ['resting_aspects_ros', 'pybullet', 'numpy'])
+def test_worker_of_another_version_is_refused(planned, workers, monkeypatch, package):
+    versions = drops_cluster._versions() | {package: '1.2.3'}
+    monkeypatch.setattr(drops_cluster, '_versions', lambda: versions)
     with pytest.raises(
-        EngineError, match=rf'^the worker tcp://\S+ has {package} [\d.]+, here it is 1.2.3$'
+        EngineError, match=rf'^invalid worker tcp://\S+: expected {package} 1.2.3, not [\d.]+$'
     ):
         chunks_of(*planned, workers)
+
+
+def test_a_large_job_is_sent_once_to_each_worker(cluster, workers, surfaces, solid):
+    disc = solid(trimesh.creation.cylinder(radius=10, height=4, sections=200))
+    job, asked = plan_run(disc, surfaces.get(), seed=5, drops=600, run_id='', started=0)
+    assert len(pickle.dumps(job)) > 64 * 1024
+    sent = []
+    real = workers._executor.submit
+
+    def submit(*task):
+        sent.append(len(pickle.dumps(task[2:])))
+        return real(*task)
+
+    workers._executor.submit = submit
+    assert RestingPoses.join(chunks_of(job, asked, workers)).end == 600
+    assert len(sent) == 5
+    assert max(sent) < 1000
 
 
 def test_a_cluster_that_is_gone_ends_it_in_words(make_cluster, planned, monkeypatch):

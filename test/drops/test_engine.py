@@ -21,7 +21,7 @@ from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import rotate
 from resting_aspects_ros.drops import settling
 from resting_aspects_ros.drops.engine import drop_chunk
-from resting_aspects_ros.drops.job import make_job
+from resting_aspects_ros.drops.plan import make_job
 from resting_aspects_ros.drops.release import CHUNK
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.

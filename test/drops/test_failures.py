@@ -12,7 +12,7 @@ from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.drops import job as drop_job
 from resting_aspects_ros.drops import release, settling
 from resting_aspects_ros.drops.engine import drop_chunk
-from resting_aspects_ros.drops.job import make_job
+from resting_aspects_ros.drops.plan import make_job
 
 
 def hull_in_tray(part, poses):

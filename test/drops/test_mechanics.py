@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.drops import engine, release
 from resting_aspects_ros.drops import job as drop_job
-from resting_aspects_ros.drops.job import make_job
+from resting_aspects_ros.drops.plan import make_job
 
 
 class Flight:

@@ -15,7 +15,7 @@ from resting_aspects_ros.drops import job as drop_job
 from resting_aspects_ros.drops import release
 from resting_aspects_ros.drops.conditions import HeightOf
 from resting_aspects_ros.drops.engine import drop_chunk
-from resting_aspects_ros.drops.job import make_job
+from resting_aspects_ros.drops.plan import MAX_IMPACT, make_job
 from resting_aspects_ros.drops.release import CHUNK
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
@@ -84,7 +84,7 @@ def test_height_is_that_of_the_lowest_point_or_of_the_centre_of_mass(part, mat, 
 def test_orientations_at_release_are_uniform_and_of_the_part_frame(part, mat):
     job = make_job(part('l_bracket'), mat, 3)
     body = Rotation.from_quat(releases(job, 40).orientation)
-    of_part = (body * Rotation.from_matrix(job.axes).inv()).as_quat()
+    of_part = (body * Rotation.from_quat(job.axes).inv()).as_quat()
     for coordinate in down_in_part(of_part).T:
         assert kstest(coordinate, 'uniform', args=(-1, 2)).pvalue > LEVEL
     # The first drop is turned by the first numbers of the generator, whatever the part's axes.
@@ -177,7 +177,7 @@ def test_a_step_is_a_share_of_t_and_moves_no_point_too_far(part, mat, changes, s
 def test_a_throw_too_fast_for_the_engine_is_refused_in_words(part, mat, changes):
     shape = part('l_bracket')
     conditions = mat.changed(**changes)
-    fastest = drop_job.FASTEST_IMPACT * math.sqrt(conditions.gravity * shape.hull_radius)
+    fastest = MAX_IMPACT * math.sqrt(conditions.gravity * shape.hull_radius)
     with pytest.raises(InvalidValueError) as caught:
         make_job(shape, conditions, 1)
     message = str(caught.value)

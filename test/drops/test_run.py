@@ -6,8 +6,7 @@ import pytest
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.drops import engine
-from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.drops.plan import ENGINE, ENGINE_VERSION, plan_run
 from resting_aspects_ros.drops.run import MOST_DROPS, MOST_SEED
 
 
@@ -107,7 +106,7 @@ def test_runs_that_have_the_same_drops_are_known_as_such(plan, surfaces):
 
 
 def test_the_engine_is_named_with_its_version():
-    assert (engine.ENGINE, engine.ENGINE_VERSION) == ('bullet', '3.2.7')
+    assert (ENGINE, ENGINE_VERSION) == ('bullet', '3.2.7')
 
 
 def test_drops_of_another_engine_suite_or_time_step_are_others(plan):

@@ -125,7 +125,7 @@ class Process:
         workers = 0
         for pid in self.group():
             with suppress(FileNotFoundError, ProcessLookupError):  # it may end at any time
-                if 'spawn_main' in Path(f'/proc/{pid}/cmdline').read_text():
+                if 'drops.worker ' in Path(f'/proc/{pid}/cmdline').read_text():
                     os.kill(pid, number)
                     workers += 1
         return workers
@@ -182,7 +182,6 @@ def start(run_command, wait):
                 f'assert hasattr(changed, {constant!r})',
                 f'changed.{constant} = {value!r}',
             ]
-        # Workers are spawned: they import the file that was started, and must not start a node.
         script = ['-c', '\n'.join([*lines, 'raise SystemExit(node.main())'])]
         module = ['-m', f'resting_aspects_ros.nodes.{node}']
         ros = ['--ros-args', '-r', f'__ns:={namespace}']

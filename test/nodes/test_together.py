@@ -78,7 +78,7 @@ def test_a_worker_that_dies_costs_no_drop(suite):
     assert done == [125, 250, 375, 500][: len(done)]
     suite.client.wait(
         lambda: re.search(
-            r'a worker died near drop \d+ of tetrahedron: its drops are made again', simulator.said
+            r'a worker died near drop \d+ of tetrahedron: its drops are repeated', simulator.said
         ),
         'word of it',
     )
