@@ -93,7 +93,7 @@ def test_worker_of_another_version_is_refused(planned, workers, monkeypatch, pac
 
 
 def test_a_large_job_is_sent_once_to_each_worker(cluster, workers, surfaces, solid):
-    disc = solid(trimesh.creation.cylinder(radius=10, height=4, sections=200))
+    disc = solid(trimesh.creation.cylinder(radius=10, height=4, sections=130))
     job, asked = plan_run(disc, surfaces.get(), seed=5, drops=600, run_id='', started=0)
     assert len(pickle.dumps(job)) > 64 * 1024
     sent = []

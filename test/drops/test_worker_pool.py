@@ -278,10 +278,10 @@ def test_worker_that_lacks_the_engine_is_an_error(planned, make_workers, monkeyp
 
 
 def disc(solid):
-    """A part with 400 corners."""
+    """A part with 260 corners."""
     import trimesh
 
-    return solid(trimesh.creation.cylinder(radius=10, height=4, sections=200))
+    return solid(trimesh.creation.cylinder(radius=10, height=4, sections=130))
 
 
 PARENT = """
