@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parent.parent
 ROS_DOC = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
 
