@@ -6,13 +6,17 @@ what was done is saved. An error is one line on standard error.
 """
 
 import argparse
+import errno
 import os
 import re
+import resource
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from io import TextIOWrapper
+from pathlib import Path
 from typing import Any, NoReturn
 
 from resting_aspects_ros import __version__
@@ -29,6 +33,12 @@ from resting_aspects_ros.core.input_file import MAX_PATH
 from resting_aspects_ros.signals import SIGNALS, catch
 
 MAX_LINE = 2000
+MIN_MEMORY = 512 << 20  # bytes
+# What a dynamic linker, a library in C and Python say when a thread or memory is refused.
+_NO_MEMORY = re.compile(
+    'failed to map segment|annot allocate|nable to allocate|can.t start new thread|bad_alloc'
+)
+_WRITE_ERRORS = {errno.EBADF, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 # The help of each subcommand. Only the module of the requested one is imported.
 COMMANDS = {
@@ -80,6 +90,7 @@ def make_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
     requested = next((word for word in argv if not word.startswith('-')), '')
     for command, text in COMMANDS.items():
         if command == requested:
+            _check_memory()
             import_module(f'resting_aspects_ros.commands.{command}').add(subparsers)
         else:
             subparsers.add_parser(command, help=text)
@@ -88,6 +99,7 @@ def make_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
+    _open_closed_streams()
     if isinstance(sys.stdout, TextIOWrapper):
         # A file name can be no text of the terminal's encoding, and is in many a line.
         sys.stdout.reconfigure(errors='backslashreplace')
@@ -101,16 +113,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
-        # Who read it has seen enough. The interpreter must not try again to write the rest.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # Who read it has seen enough.
+        _discard_output()
         return FAILED
-    except (PartError, UnknownPartError, InvalidValueError, NoLogError) as error:
-        return _end(WRONG_INPUT, f'error: {error}')
-    except RestingAspectsError as error:
-        return _end(FAILED, f'error: {error}')
-    except OSError as error:
-        where = repr(error.filename) if error.filename else 'standard output'
-        return _end(FAILED, f'error: {where}: {error.strerror or error}')
     except KeyboardInterrupt as interrupt:
         # From here on another one is held back: the interpreter gives up its handlers as it ends,
         # and the exit code would be the signal's.
@@ -119,7 +124,76 @@ def main(argv: Sequence[str] | None = None) -> int:
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         return _end(INTERRUPTED, str(interrupt) or 'interrupted')
+    except Exception as error:  # noqa: BLE001 what is not known is raised again
+        return _end(*_outcome(error))
     return code
+
+
+def _check_memory() -> None:
+    """Raise RestingAspectsError where OpenBLAS, with less memory, ends or loops on its import."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < MIN_MEMORY:
+        raise RestingAspectsError(
+            f'memory is limited to {limit >> 20} MiB (ulimit -v): expected at least '
+            f'{MIN_MEMORY >> 20} MiB'
+        )
+
+
+def _open_closed_streams() -> None:
+    """Open the null device in place of closed standard streams.
+
+    Otherwise the next file that is opened takes the place of the stream. Standard output is opened
+    for reading, so that writing the answer fails as it does for any other program.
+    """
+    for number, name in enumerate(('stdin', 'stdout', 'stderr')):
+        if getattr(sys, name) is None:
+            null = os.open(os.devnull, os.O_WRONLY if name == 'stderr' else os.O_RDONLY)
+            os.dup2(null, number)
+            os.set_inheritable(number, True)
+            mode = 'r' if name == 'stdin' else 'w'
+            setattr(sys, name, open(number, mode, encoding='utf-8', closefd=False))  # noqa: SIM115
+
+
+def _discard_output() -> None:
+    """The interpreter must not try again, as it ends, to write the rest of the answer."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _outcome(error: Exception) -> tuple[int, str]:
+    """Exit code and message; raises an error again that nobody expected."""
+    if _is_of_memory(error):
+        return FAILED, 'error: there is not enough memory'
+    if isinstance(error, PartError | UnknownPartError | InvalidValueError | NoLogError):
+        return WRONG_INPUT, f'error: {error}'
+    if isinstance(error, RestingAspectsError):
+        return FAILED, f'error: {error}'
+    if isinstance(error, OSError):
+        return FAILED, f'error: {_place(error)}{error.strerror or error}'
+    raise error
+
+
+def _is_of_memory(error: BaseException | None) -> bool:
+    """Whether an error, or one that it follows from, says that memory was refused."""
+    while error is not None:
+        refused = isinstance(error, OSError) and error.errno == errno.ENOMEM
+        if isinstance(error, MemoryError) or refused or _NO_MEMORY.search(str(error)):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _place(error: OSError) -> str:
+    """What could not be read or written."""
+    if error.filename:
+        return f'{error.filename!r}: '
+    if error.errno in _WRITE_ERRORS:  # of all other files the path is named
+        _discard_output()
+        return 'standard output: '
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return 'the working folder: '
+    return ''
 
 
 def _joined(argv: Sequence[str]) -> list[str]:
@@ -136,7 +210,8 @@ def _joined(argv: Sequence[str]) -> list[str]:
 
 
 def _end(code: int, message: str) -> int:
-    print(_line(message), file=sys.stderr)
+    with suppress(OSError):  # a terminal that is closed
+        print(_line(message), file=sys.stderr)
     return code
 
 

@@ -15,7 +15,7 @@ from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsErr
 from resting_aspects_ros.nodes.callbacks import steady_timer
 from resting_aspects_ros.nodes.interface import LATCHED
 from resting_aspects_ros.nodes.question import AnswerTimeoutError
-from resting_aspects_ros.nodes.spin import not_utf8
+from resting_aspects_ros.nodes.spin import check_domain, not_utf8
 
 SPIN_PERIOD = 0.1
 CLOSED = 'this client is closed'
@@ -43,6 +43,7 @@ class OwnNode:
     def __init__(self, ros_args: Sequence[str] | None, check: Callable[[], None]) -> None:
         self._check = check
         self._waits = threading.Lock()
+        check_domain()
         self._context = Context()
         arguments = sys.argv if ros_args is None else ['--ros-args', *ros_args]
         try:

@@ -17,9 +17,12 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, one_line, shown
 from resting_aspects_ros.nodes.parameters import Parameter, help_text, unknown_parameters
 from resting_aspects_ros.signals import catch
+
+# Its ports are the last that UDP has.
+MAX_DOMAIN = 232
 
 
 def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
@@ -31,10 +34,11 @@ def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None =
     """
     told = _signalled()
     try:
+        check_domain()
         # rclpy's own handlers shut its context down at once, in the middle of a callback that
         # publishes; Python's would raise there, where rclpy's C++ makes a TypeError of it.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # all that rclpy raises for arguments
+    except (InvalidValueError, RuntimeError) as error:  # the latter is what rclpy raises
         return _refuse(error)
     except UnicodeEncodeError as error:
         return _refuse(not_utf8(error))
@@ -105,6 +109,17 @@ def _spin(factories: Sequence[Callable[[], Node]], told: Future) -> int:
     return 0
 
 
+def check_domain() -> None:
+    """Raise InvalidValueError for a domain with which Fast DDS would end the process."""
+    domain = os.environ.get('ROS_DOMAIN_ID') or '0'
+    if not (
+        domain.isascii() and domain.isdigit() and len(domain) < 20 and int(domain) <= MAX_DOMAIN
+    ):
+        raise InvalidValueError(
+            f'invalid ROS_DOMAIN_ID {shown(domain)}: expected an integer from 0 to {MAX_DOMAIN}'
+        )
+
+
 def not_utf8(error: UnicodeEncodeError) -> InvalidValueError:
     """What it means that ROS does not take an argument."""
     return InvalidValueError(f'{error.object!r} is given, allowed is UTF-8: ROS takes no other')
@@ -141,5 +156,5 @@ def _make(
 
 
 def _refuse(error: Exception, code: int = 2) -> int:
-    print('error:', ' '.join(str(error).split()), file=sys.stderr)
+    print('error:', one_line(str(error), 2000), file=sys.stderr)
     return code
