@@ -134,6 +134,8 @@ class OpenLog:
     def problem(self) -> str:
         """What an error means for the run, in words."""
         run = f'run {self.run.run_id} of {self.run.part}'
+        if self.drops >= self.run.drops:
+            return f'all {self.drops} drops of {run} are recorded, but not the end: {self.error}'
         if self.drops:
             return f'only {self.drops} drops of {run} are recorded: {self.error}'
         return f'{run} is not recorded: {self.error}'
