@@ -9,6 +9,7 @@ import numpy as np
 from resting_aspects_ros.commands.answer import Answer
 from resting_aspects_ros.commands.counts_files import MAX_BYTES
 from resting_aspects_ros.commands.csv_file import open_text
+from resting_aspects_ros.commands.given_counts import check_same_part
 from resting_aspects_ros.commands.given_part import given_part
 from resting_aspects_ros.commands.result_json import (
     FullAspect,
@@ -82,11 +83,10 @@ def _part(
     """The part of the document; raises RestingAspectsError if the one that is named is another."""
     if text is not None:
         part = given_part(text, unit, parts)
-        if part.part_sha256 != document.part_sha256:
-            raise InvalidValueError(
-                f'--part is {text!r} with part_sha256 {part.part_sha256!r}, allowed is that of '
-                f'{str(path)!r}: {document.part_sha256!r}'
-            )
+        check_same_part(
+            (f'--part {text!r}', part.name, part.part_sha256),
+            (repr(str(path)), document.part, document.part_sha256),
+        )
         return part
     try:
         if document.mesh_file is None:

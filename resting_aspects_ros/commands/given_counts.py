@@ -100,14 +100,33 @@ def check_counts(given: GivenCounts) -> None:
         )
 
 
+def check_same_part(one: tuple[str, str, str], other: tuple[str, str, str]) -> None:
+    """Raises InvalidValueError if two results are known to be of different parts.
+
+    Parameters
+    ----------
+    one, other : (str, str, str)
+        What a message calls the result, the name of its part, and its part_sha256; the latter two
+        are empty if they are not known.
+    """
+    (result, name, digest), (second, other_name, other_digest) = one, other
+    if not digest or not other_digest or digest == other_digest:
+        return
+    names = f'{result} is of {shown(name)}, {second} of {shown(other_name)}'
+    if name == other_name:
+        names += (
+            ', but the mesh, the unit, the mass or the inertia is another '
+            f'(part_sha256 {digest[:8]} and {other_digest[:8]})'
+        )
+    raise InvalidValueError(f'these are different parts: {names}')
+
+
 def check_against(given: GivenCounts, part: str, part_sha256: str, aspects: AspectSet) -> None:
     """Raises InvalidValueError if counts given with --against are not of the aspects of a part."""
     path = str(given.path)
-    if given.part_sha256 and given.part_sha256 != part_sha256:
-        raise InvalidValueError(
-            f'--against is {path!r} of {given.part!r} with part_sha256 '
-            f'{shown(given.part_sha256)}, allowed is that of {part!r}: {part_sha256!r}'
-        )
+    check_same_part(
+        (f'--against {path!r}', given.part, given.part_sha256), ('the result', part, part_sha256)
+    )
     if given.by_class:
         what, many = 'a class', 'classes'
         ids = tuple(sorted({aspect.symmetry_class for aspect in aspects.aspects}))

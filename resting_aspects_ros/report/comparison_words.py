@@ -7,11 +7,13 @@ import numpy as np
 
 from resting_aspects_ros.core.comparison import REST, Comparison, Tally
 from resting_aspects_ros.core.intervals import Interval, intervals
-from resting_aspects_ros.report.rounding import chance_text, points_text, probability_text
+from resting_aspects_ros.report.rounding import (
+    chance_text,
+    decimals_of,
+    points_text,
+    probability_text,
+)
 from resting_aspects_ros.report.rows import Row
-
-# A p value below this is said to be a difference.
-TELLING = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +84,7 @@ def comparison_words(measured: Measured, rows: Sequence[Row]) -> ComparisonWords
             lines.append(Line(f'{name}, of all drops', own, other, ''))
     largest = found.largest_aspect - 1
     return ComparisonWords(
-        _verdict(found),
+        verdict(found, [row.name for row in rows]),
         tuple(lines),
         f'{100 * found.mean_deviation:.1f}',
         f'{differences[largest].split(" ")[0]} points, {rows[largest].name}',
@@ -98,11 +100,28 @@ def difference_texts(found: Comparison) -> list[str]:
     ]
 
 
-def _verdict(found: Comparison) -> str:
-    if found.p_value < TELLING:
-        return 'Simulation and count differ by more than chance explains.'
-    unseen = 100 * float(np.max(found.upper - found.lower)) / 2
+def verdict(found: Comparison, names: Sequence[str]) -> str:
+    """Whether the two differ by more than chance explains, and where most, in a sentence.
+
+    Parameters
+    ----------
+    found : Comparison
+        At its confidence.
+    names : sequence of str
+        Of the aspects or classes.
+    """
+    if found.p_value >= 1 - found.confidence:
+        return f'The two agree within chance ({p_text(found.p_value)}).'
+    deviation = found.largest_deviation
+    ends = np.sort(np.sign(deviation) * np.array(found.largest_bounds))
+    decimals = min(decimals_of(Interval(0, *found.largest_bounds)), 1)
+    size, low, high = (f'{100 * x + 0.0:.{decimals}f}' for x in (abs(deviation), *ends))
     return (
-        'No difference that chance does not explain; '
-        f'with so many drops one of less than about {unseen:.2g} points need not show.'
+        f'They differ: {names[found.largest_aspect - 1]} by {size} points '
+        f'({100 * found.confidence:.10g} % interval {low} to {high}; {p_text(found.p_value)}).'
     )
+
+
+def p_text(p_value: float) -> str:
+    """'p = 0.031' or 'p < 0.0001'."""
+    return f'p = {p_value:.2g}' if p_value >= 1e-4 else 'p < 0.0001'

@@ -274,9 +274,38 @@ def test_other_conditions_with_the_same_seed(compared, write_json, surfaces):
 def test_another_part_is_refused(refused, write_json):
     write_json('a.json')
     write_json('b.json', part='nut', part_sha256='f00')
+    assert refused('compare', 'a.json', 'b.json') == (
+        "error: these are different parts: A, 'a.json', is of 'l_bracket', B, 'b.json', of 'nut'"
+    )
+
+
+def test_parts_of_one_name_are_told_apart_by_short_hashes(refused, write_json, aspects):
+    write_json('a.json')
+    write_json('b.json', part_sha256='f00' * 20)
     line = refused('compare', 'a.json', 'b.json')
-    for word in ("B is 'b.json' of 'nut'", "'f00'", "A, 'a.json' of 'l_bracket'"):
-        assert word in line
+    assert 'the mesh, the unit, the mass or the inertia is another' in line
+    assert f'(part_sha256 {aspects.part_sha256[:8]} and f00f00f0)' in line
+
+
+@pytest.mark.parametrize(
+    ('other', 'confidence', 'says'),
+    [
+        ([70, 50, 44, 25, 11], '0.95', r'The two agree within chance \(p = 0\.8\d\)\.'),
+        (
+            [20, 55, 88, 25, 12],
+            '0.95',
+            r'They differ: aspect 3 by 20 points \(95 % interval 8 to 32; p < 0\.0001\)\.',
+        ),
+        # What differs with a confidence of 95 % can agree with one of 99.9 %.
+        ([40, 70, 48, 25, 17], '0.8', r'They differ: aspect 1 by 10 points \(80 % interval .*'),
+        ([40, 70, 48, 25, 17], '0.999', r'The two agree within chance \(p = 0\.\d+\)\.'),
+    ],
+)
+def test_the_last_line_is_the_verdict(run, write_json, other, confidence, says):
+    write_json('a.json')
+    write_json('b.json', other, seed=4)
+    ended = run('compare', 'a.json', 'b.json', '--confidence', confidence)
+    assert re.fullmatch(says, ended.stdout.splitlines()[-1])
 
 
 def test_an_aspect_that_one_has_not_is_refused(refused, write_json, tmp_path):

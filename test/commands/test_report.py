@@ -189,7 +189,7 @@ def test_with_json_nothing_else_is_printed(run, tmp_path):
         (['empty'], 'no .mcap file'),
         (['d.json', '--against', 'nothing.csv'], "'nothing.csv'"),
         (['d.json', '--against', 'few.csv'], 'the classes [1, 2]'),
-        (['d.json', '--part', 'l_bracket'], 'part_sha256'),
+        (['d.json', '--part', 'l_bracket'], 'these are different parts'),
         (['d.json', '--out', 'd.json'], '--out'),
         (['other.json'], 'has no schema_version'),
         (['text.json'], 'not JSON'),
