@@ -152,14 +152,21 @@ def _what_goes_on(arguments: argparse.Namespace, progress: 'DropProgress') -> st
 
 def _estimate(arguments: argparse.Namespace, stop: Interruption) -> int:
     """Ask for what an analytic method predicts, and show it."""
-    from resting_aspects_ros.commands.estimate_here import show_estimates
+    from resting_aspects_ros.commands.estimate import show_estimates
     from resting_aspects_ros.nodes.client import RestingAspectsClient
     from resting_aspects_ros.nodes.distribution_messages import estimate_from
 
     with RestingAspectsClient(ros_args=arguments.ros_args, check=stop.check) as client:
         found = estimate_from(client.get_distribution(arguments.part, method=arguments.method))
         part = client.get_part(arguments.part)
-    show_estimates(part, found.aspects, {found.method: found}, {}, as_json=arguments.json)
+    show_estimates(
+        part,
+        found.aspects,
+        {found.method: found},
+        {},
+        each=arguments.each,
+        as_json=arguments.json,
+    )
     return 0
 
 

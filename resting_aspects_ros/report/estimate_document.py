@@ -6,29 +6,37 @@ import numpy as np
 
 from resting_aspects_ros.core.comparison import Comparison, Tally
 from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate
-from resting_aspects_ros.core.intervals import CONFIDENCE, intervals
+from resting_aspects_ros.core.estimators.recommendation import Recommendation
+from resting_aspects_ros.core.intervals import CONFIDENCE, Array, intervals
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION
 
 
 def estimate_document(
-    part: Part, estimates: Mapping[str, Estimate | None], reasons: Mapping[str, str]
+    part: Part,
+    estimates: Mapping[str, Estimate | None],
+    reasons: Mapping[str, str],
+    recommended: Recommendation | None = None,
 ) -> dict[str, object]:
-    """Each method with its source and ``aspects``: id and probability.
+    """Each method with its source, ``aspects`` and ``classes``: id and probability.
 
     Of a method that is not defined for the part ``aspects`` is empty, and ``not_defined`` says
-    why; else that is null.
+    why; else that is null. ``recommended`` is the method to trust, null if there is none or the
+    conditions are not known, with the reason.
     """
     return {
         'schema_version': SCHEMA_VERSION,
         'part': part.name,
         'mesh_sha256': part.mesh_sha256,
         'part_sha256': part.part_sha256,
+        'recommended': None if recommended is None else recommended.method or None,
+        'reason': None if recommended is None else recommended.reason,
         'methods': {
             name: {
                 'source': METHODS[name].source,
                 'not_defined': reasons.get(name),
-                'aspects': [] if found is None else _rows(found),
+                'aspects': [] if found is None else _rows(found.probabilities),
+                'classes': [] if found is None else _rows(found.of_classes()),
             }
             for name, found in estimates.items()
         },
@@ -70,7 +78,5 @@ def against_fields(
     }
 
 
-def _rows(estimate: Estimate) -> list[dict[str, object]]:
-    return [
-        {'id': k, 'probability': p} for k, p in enumerate(estimate.probabilities.tolist(), start=1)
-    ]
+def _rows(probabilities: Array) -> list[dict[str, object]]:
+    return [{'id': k, 'probability': p} for k, p in enumerate(probabilities.tolist(), start=1)]

@@ -1,8 +1,10 @@
 """`resting_aspects estimate`: its table, its document, and what it refuses."""
 
 import json
+import re
 
 import pytest
+import trimesh
 
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.estimators.estimate import METHODS, estimate
@@ -53,12 +55,69 @@ def test_the_table_of_a_cylinder_says_what_is_not_defined(run):
     ended = run('estimate', 'cylinder_d20_h20')
     assert ended.returncode == 0, ended.stderr
     assert all(len(line) <= 80 for line in ended.stdout.splitlines())
-    (side,) = (line for line in ended.stdout.splitlines() if ' axis ' in line)
+    (side,) = (line for line in ended.stdout.splitlines() if ' cylinder, ' in line)
     assert side.split()[-7:] == ['70.7', '70.7', '-', '-', '33.4', '70.7', '70.7']
     words = ' '.join(ended.stdout.split())
     for method in ('crsa', 'stability'):
         reason = 'aspect 1 rests on a curved side, not a polygon.'
         assert f'{method} is not defined for cylinder_d20_h20: {reason}' in words
+
+
+def test_aspects_that_look_alike_are_one_row_with_their_sum(run, document):
+    methods = document('hex_nut', '--method', 'csa,rolling')['methods'].values()
+    flat, side = (
+        [sum(a['probability'] for a in each['aspects'][k]) for each in methods]
+        for k in (slice(0, 2), slice(2, 8))
+    )
+    for sums, ids in ((flat, '1 and 2 '), (side, '3 to 8 ')):
+        lines = run('estimate', 'hex_nut', '--method', 'csa,rolling').stdout.splitlines()
+        (row,) = (line for line in lines if line.strip().startswith(ids))
+        assert row.split()[-2:] == [f'{100 * share:.1f}' for share in sums]
+    assert [[c['probability'] for c in each['classes']] for each in methods] == [
+        pytest.approx([a, b]) for a, b in zip(flat, side, strict=True)
+    ]
+    lines = run('estimate', 'hex_nut', '--each').stdout.splitlines()
+    assert [line.split()[0] for line in lines if ' flat side ' in line] == list('12345678')
+
+
+@pytest.mark.parametrize(
+    ('words', 'method', 'reason'),
+    [
+        # The surface's 60 mm.
+        (['l_bracket'], 'csa', 'release from 2.1 times the radius'),
+        (['l_bracket', '--height', '2mm'], 'rolling', 'release from 0.07 times the radius'),
+        (['l_bracket', '--height', '1.2'], 'crsa', 'release from 42 times the radius'),
+        (['l_bracket', '--surface', 'thrown'], 'crsa', 'for a thrown part'),
+        (['washer', '--height', '1'], 'csa', 'rarely rests on its curved side'),
+        (['cylinder_d20_h20'], None, 'from 71 % of all directions the part rolls onto a curved'),
+        (['sphere.stl'], None, 'has one aspect'),
+    ],
+)
+def test_one_method_is_recommended_for_the_conditions(
+    run, document, tmp_path, words, method, reason
+):
+    trimesh.creation.icosphere(2, 10).export(tmp_path / 'sphere.stl')
+    found = document(*words)
+    assert found['recommended'] == method
+    assert reason in found['reason']
+    printed = run('estimate', *words).stdout
+    assert ' '.join(printed.split()).endswith(found['reason'])
+    marked = [line.split()[0] for line in printed.splitlines() if re.match(r'[a-z_]+\* ', line)]
+    assert marked == ([] if method is None else [f'{method}*'])
+
+
+def test_the_conditions_of_drops_decide_unless_others_are_given(run, document, tmp_path):
+    ended = run('drop', 'l_bracket', '--drops', 50, '--height', 1.2, '--json')
+    (tmp_path / 'd.json').write_text(ended.stdout, encoding='utf-8')
+    assert document('l_bracket', '--against', 'd.json')['recommended'] == 'crsa'
+    again = document('l_bracket', '--against', 'd.json', '--surface', 'steel')
+    assert again['recommended'] == 'csa'
+
+
+def test_every_method_has_a_line_that_explains_it(run):
+    lines = run('estimate', 'l_bracket').stdout.splitlines()
+    for name, method in METHODS.items():
+        assert any(line.split()[0].rstrip('*') == name and method.label in line for line in lines)
 
 
 def test_against_drops(run, document, tmp_path):
@@ -79,7 +138,8 @@ def test_against_drops(run, document, tmp_path):
     assert ended.returncode == 0, ended.stderr
     lines = ended.stdout.splitlines()
     assert all(len(line) <= 80 for line in lines)
-    mean, largest, p_value = (line.split() for line in lines[-3:])
+    end = next(k for k, line in enumerate(lines) if line.split()[:2] == ['mean', 'dev.'])
+    mean, largest, p_value = (line.split() for line in lines[end : end + 3])
     assert (mean[:2], largest[0]) == (['mean', 'dev.'], 'largest')
     assert p_value[:2] == ['p', 'value']
     solid_angle = found['against']['methods']['solid_angle']
@@ -96,9 +156,9 @@ def test_against_a_count_of_what_looks_alike(run, document, tmp_path):
     said = found['against']['methods']['rolling']
     assert said['mean_deviation'] == pytest.approx(abs(flat - 0.72))
     lines = run('estimate', 'hex_nut', '--against', str(path)).stdout.splitlines()
-    rows = [line.split()[:2] for line in lines]
-    assert ['1', '72.0'] in rows
-    assert ['2', '28.0'] in rows
+    rows = [line.split()[2:4] for line in lines]
+    assert ['2', '72.0'] in rows
+    assert ['8', '28.0'] in rows
     path.write_text('class,count\n1,72\n2,28\n3,1\n')
     ended = run('estimate', 'hex_nut', '--against', str(path))
     assert ended.returncode == 2

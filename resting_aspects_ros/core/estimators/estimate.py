@@ -18,22 +18,63 @@ class Method:
 
     weights : function
         Of a RestingShape; as core.estimators.weights has them.
+    label : str
+        Its name for people.
+    meaning : str
+        What the probability of an aspect is in proportion to.
     source : str
         Where it is from.
     """
 
     weights: Callable[[RestingShape], Array]
+    label: str
+    meaning: str
     source: str
 
 
 METHODS = {
-    'solid_angle': Method(weights.solid_angle, "Simpson's rule"),
-    'csa': Method(weights.csa, 'Ngoi, Lim, Lee 1995'),
-    'crsa': Method(weights.crsa, 'Ngoi, Lye, Chen 1996'),
-    'stability': Method(weights.stability, 'Chua, Tay 1998'),
-    'energy_barrier': Method(weights.energy_barrier, 'Boothroyd, Ho 1977'),
-    'quasi_static': Method(weights.quasi_static, 'Goldberg, Mirtich, Zhuang, Craig et al. 1999'),
-    'rolling': Method(weights.rolling, 'Baktash, Sharp, Zhou, Crane, Jacobson 2025'),
+    'solid_angle': Method(
+        weights.solid_angle,
+        'solid angle',
+        'that of its side, seen from the centre of mass',
+        "Simpson's rule",
+    ),
+    'csa': Method(
+        weights.csa,
+        'centroid solid angle',
+        'solid angle / height of the centre of mass',
+        'Ngoi, Lim, Lee 1995',
+    ),
+    'crsa': Method(
+        weights.crsa,
+        'critical solid angle',
+        '(solid angle - mean critical one) / height',
+        'Ngoi, Lye, Chen 1996',
+    ),
+    'stability': Method(
+        weights.stability,
+        'stability',
+        'area of the support / height of the centre of mass',
+        'Chua, Tay 1998',
+    ),
+    'energy_barrier': Method(
+        weights.energy_barrier,
+        'energy barrier',
+        'least energy that takes the part out of it',
+        'Boothroyd, Ho 1977',
+    ),
+    'quasi_static': Method(
+        weights.quasi_static,
+        'quasi-static',
+        'solid angle of all sides that lead to the aspect',
+        'Goldberg, Mirtich, Zhuang, Craig et al. 1999',
+    ),
+    'rolling': Method(
+        weights.rolling,
+        'rolling',
+        'directions from which the part rolls into the aspect',
+        'Baktash, Sharp, Zhou, Crane, Jacobson 2025',
+    ),
 }
 
 
@@ -55,6 +96,11 @@ class Estimate:
     def source(self) -> str:
         """Where the method is from."""
         return METHODS[self.method].source
+
+    def of_classes(self) -> Array:
+        """(c,) probability of each symmetry class, by number from 1."""
+        numbers = [aspect.symmetry_class for aspect in self.aspects.aspects]
+        return np.asarray(np.bincount(numbers, weights=self.probabilities)[1:])
 
 
 def check_method(method: str) -> None:

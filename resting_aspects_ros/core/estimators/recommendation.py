@@ -1,0 +1,68 @@
+"""Which method to trust for a part and a height of release; docs/estimators.md has the figures."""
+
+from dataclasses import dataclass
+
+from resting_aspects_ros.core.aspect_set import AspectSet
+
+# Heights of release, hull radii, between which csa deviates least from drops: halfway, on a
+# logarithmic scale, between the heights at which that was found and not.
+_LOW, _HIGH = 0.2, 20.0
+# Where fewer directions than this lead to a curved side, as the rim of a washer, csa holds.
+_CURVED_SHARE = 0.15
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """The method that deviates least from drops, and why, in a sentence.
+
+    method : str
+        One of METHODS; empty if none is to be trusted.
+    """
+
+    method: str
+    reason: str
+
+
+def recommend(aspects: AspectSet, height: float, *, thrown: bool) -> Recommendation:
+    """Return the method to trust for a part.
+
+    Parameters
+    ----------
+    aspects : AspectSet
+        Of the part.
+    height : float
+        Of release, hull radii.
+    thrown : bool
+        Whether the part is released with a speed or a spin that matters beside the height.
+    """
+    if len(aspects) == 1:
+        return Recommendation('', 'The part has one aspect: its probability is 100 %.')
+    curved = sum(a.basin_share for a in aspects.aspects if a.sweep.curved)
+    radii = f'{height:.2g} times the radius of the part'
+    if curved > _CURVED_SHARE:
+        return Recommendation(
+            '',
+            f'No method is recommended: from {100 * curved:.0f} % of all directions the part '
+            'rolls onto a curved side, and there all methods deviate from drops by 5 points and '
+            'more.',
+        )
+    if height < _LOW and not thrown:
+        return Recommendation(
+            'rolling',
+            f'Recommended is rolling: for a release from {radii}, below {_LOW:g} times, it '
+            'deviates least from drops, by about 1 point.',
+        )
+    if curved or (height <= _HIGH and not thrown):
+        return Recommendation(
+            'csa',
+            f'Recommended is csa: for a release from {radii}, between {_LOW:g} and {_HIGH:g} '
+            'times, it deviates least from drops, by about 1 point.'
+            if not curved
+            else 'Recommended is csa: it deviates least from drops where a part rarely rests on '
+            'its curved side.',
+        )
+    how = 'a thrown part' if thrown else f'a release from {radii}, above {_HIGH:g} times,'
+    return Recommendation(
+        'crsa',
+        f'Recommended is crsa: for {how} it deviates least from drops, by 1 to 2 points.',
+    )
