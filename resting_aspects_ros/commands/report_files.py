@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from resting_aspects_ros.commands.answer import Answer
+from resting_aspects_ros.commands.estimate import recommendation
 from resting_aspects_ros.commands.given_counts import GivenCounts, counted_by_class_of
 from resting_aspects_ros.commands.outputs import check_output, make_folder, whole_file
 from resting_aspects_ros.commands.run_facts import condition_facts, when_text
@@ -58,8 +59,11 @@ def _report(answer: Answer, against: GivenCounts | None) -> Report:
     distribution, part = answer.distribution, answer.part
     estimates: dict[str, Array] = {}
     reasons: dict[str, str] = {}
+    recommended = ''
     if part is not None and len(distribution.aspects):
-        found, reasons = estimate_each(RestingShape(part, distribution.aspects), METHODS)
+        shape = RestingShape(part, distribution.aspects)
+        recommended = recommendation(shape, answer.run.conditions).reason
+        found, reasons = estimate_each(shape, METHODS)
         estimates = {name: each.probabilities for name, each in found.items()}
     return Report(
         title=answer.run.part,
@@ -71,6 +75,7 @@ def _report(answer: Answer, against: GivenCounts | None) -> Report:
         history=answer.history,
         estimates=estimates,
         not_defined=reasons,
+        recommended=recommended,
         measured=None if against is None else _measured(answer, against),
     )
 
@@ -115,7 +120,7 @@ def _facts(answer: Answer) -> dict[str, list[tuple[str, str]]]:
         ('run id', run.run_id),
         (
             'most energy that the engine added in a drop',
-            f'{answer.distribution.energy_growth:.2g} m g R',
+            _energy_text(answer),
         ),
     ]
     return {
@@ -126,6 +131,14 @@ def _facts(answer: Answer) -> dict[str, list[tuple[str, str]]]:
         ],
         'Drops': drops,
     }
+
+
+def _energy_text(answer: Answer) -> str:
+    """An energy as the height to which it lifts the part."""
+    growth = answer.distribution.energy_growth  # as a height, hull radii
+    if answer.part is None:
+        return f'lifts the part by {growth:.2g} of its radius'
+    return f'lifts the part by {1000 * growth * answer.part.hull_radius:.2g} mm'
 
 
 def _part_facts(part: Part | None, answer: Answer) -> list[tuple[str, str]]:

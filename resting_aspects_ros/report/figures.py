@@ -3,6 +3,7 @@
 Each is a matplotlib figure; figure_style writes them.
 """
 
+import dataclasses
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.estimators.estimate import METHODS
 from resting_aspects_ros.core.history import Counts
 from resting_aspects_ros.core.intervals import Array, Interval
@@ -32,6 +34,18 @@ if TYPE_CHECKING:
 MOST_LINES = 10  # more would hide each other
 # Of the methods; one form each, so that they differ without colour.
 MARKERS = 'osD^vPX'  # in the order of METHODS
+
+
+def bands(distribution: Distribution, drops: Counts, counts: Counts) -> list[list[Interval]]:
+    """After each number of drops of a history the interval of each class, as of the last."""
+    return [
+        dataclasses.replace(
+            distribution, counts=row, unclassified=int(n - row.sum()), unsettled=0, failed=0
+        )
+        .by_class()
+        .intervals()
+        for n, row in zip(drops, counts, strict=True)
+    ]
 
 
 def convergence_figure(
@@ -105,7 +119,7 @@ def estimates_figure(
             shares,
             lying.places,
             marker,
-            label=name,
+            label=METHODS[name].label,
             markersize=5,
             markerfacecolor=PAPER,
             markeredgecolor=TEXT,

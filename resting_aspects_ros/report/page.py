@@ -3,15 +3,16 @@
 import base64
 import io
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.estimators.estimate import METHODS
 from resting_aspects_ros.core.history import Counts
-from resting_aspects_ros.core.intervals import Array, Interval
+from resting_aspects_ros.core.intervals import Array
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.report.colours import rgb
 from resting_aspects_ros.report.comparison_words import (
@@ -21,6 +22,7 @@ from resting_aspects_ros.report.comparison_words import (
 )
 from resting_aspects_ros.report.figure_style import inline_svg, png_bytes, svg_text
 from resting_aspects_ros.report.figures import (
+    bands,
     comparison_figure,
     convergence_figure,
     estimates_figure,
@@ -28,7 +30,7 @@ from resting_aspects_ros.report.figures import (
 from resting_aspects_ros.report.page_rows import RowText, row_texts
 from resting_aspects_ros.report.picture import MOST_SHOWN, distribution_figure
 from resting_aspects_ros.report.pie import pie_figure
-from resting_aspects_ros.report.portrait import FROM_ABOVE, OBLIQUE, Image, lay, portraits
+from resting_aspects_ros.report.portrait import FROM_ABOVE, OBLIQUE, Image, lay, portraits, reduced
 from resting_aspects_ros.report.rounding import interval_text, share_text
 from resting_aspects_ros.report.row_axes import NARROW, WIDE
 from resting_aspects_ros.report.rows import Row, class_rows, outside_rows
@@ -45,6 +47,7 @@ ENDINGS = ('png', 'svg')
 _FILES = 'page_files'
 # Of a picture in a row: twice what it is shown with, for fine screens; of many rows, see page.css.
 PIXELS, PIXELS_OF_MANY, MANY = 320, 192, 12
+SMALL = 64  # of a picture beside a bar
 # Rows with pictures; of more those with the most drops have them.
 MOST_PICTURED = 60
 
@@ -65,6 +68,8 @@ class Report:
         (k,) probabilities of the aspects by method.
     not_defined : mapping
         Why other methods say nothing, by their names.
+    recommended : str
+        Which method to trust, in a sentence.
     """
 
     title: str
@@ -76,6 +81,7 @@ class Report:
     history: tuple[Counts, Counts] | None = None
     estimates: Mapping[str, Array] = field(default_factory=dict)
     not_defined: Mapping[str, str] = field(default_factory=dict)
+    recommended: str = ''
     measured: Measured | None = None
 
 
@@ -131,30 +137,18 @@ def _wide_figures(report: Report, drawn: _Drawn, width: float) -> Iterator[tuple
     """Names and figures of what a telephone shows in another width, inches."""
     rows = drawn.rows
     if report.history is not None and len(report.history[0]) > 1 and rows:
-        yield 'convergence', convergence_figure(rows, report.history[0], _bands(report), width)
+        yield (
+            'convergence',
+            convergence_figure(
+                rows, report.history[0], bands(report.distribution, *report.history), width
+            ),
+        )
     if report.estimates and rows:
         shares = {name: np.array(_of_rows(rows, p)) for name, p in report.estimates.items()}
         yield 'estimates', estimates_figure(rows, shares, width)
     if report.measured is not None:
         differences = difference_texts(report.measured.comparison)
         yield 'comparison', comparison_figure(rows, report.measured.sides(), differences, width)
-
-
-def _bands(report: Report) -> list[list[Interval]]:
-    """After each number of drops of the history the interval of each class, as of the last."""
-    assert report.history is not None
-    return [
-        replace(
-            report.distribution,
-            counts=counts,
-            unclassified=int(drops - counts.sum()),
-            unsettled=0,
-            failed=0,
-        )
-        .by_class()
-        .intervals()
-        for drops, counts in zip(*report.history, strict=True)
-    ]
 
 
 def _page(
@@ -167,7 +161,9 @@ def _page(
     # The scripts and the style are our own or vendored, and no markup of theirs is data.
     template = environment.from_string(_file('page.html'))
     rows = [*drawn.rows, *drawn.outside]
-    pictures = [(_picture(drawn.oblique, k), _picture(drawn.above, k)) for k in range(len(rows))]
+    small = {k: reduced(image, len(image) // SMALL) for k, image in drawn.oblique.items()}
+    kinds = (drawn.oblique, drawn.above, small)
+    pictures = [[_picture(images, k) for images in kinds] for k in range(len(rows))]
     labels = {
         'pie': 'Pie chart of the shares of all drops',
         'distribution': 'Bars with intervals',
@@ -175,7 +171,7 @@ def _page(
         'estimates': 'What analytic methods predict',
         'comparison': 'Simulated and measured side by side',
     }
-    texts = row_texts(report.distribution, rows, pictures)
+    texts = row_texts(report.distribution, rows, pictures, report.part)
     return template.render(
         report=report,
         drops=report.distribution.drops,
@@ -190,7 +186,7 @@ def _page(
         },
         comparison=report.measured and comparison_words(report.measured, drawn.rows),
         estimates={
-            name: [share_text(p) for p in _of_rows(drawn.rows, shares)]
+            METHODS[name].label: [share_text(p) for p in _of_rows(drawn.rows, shares)]
             for name, shares in report.estimates.items()
         },
         simplified=_simplified(report.part, drawn.part),

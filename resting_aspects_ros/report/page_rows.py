@@ -5,24 +5,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from resting_aspects_ros.core.aspect_set import Sweep
+from resting_aspects_ros.core.aspect_set import Aspect
 from resting_aspects_ros.core.distribution import Distribution, Interval
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.resting_on import resting_on
 from resting_aspects_ros.report.rounding import (
     interval_text,
     millimetre_texts,
     probability_text,
     share_text,
 )
-from resting_aspects_ros.report.rows import Row, short_name
+from resting_aspects_ros.report.rows import Row, ids_text, short_name
 from resting_aspects_ros.report.table import down_text
 
-SIDES = {
-    Sweep.POINT: 'flat side',
-    Sweep.ARC: 'curved side, rocks',
-    Sweep.RING: 'curved side, rolls',
-    Sweep.DOME: 'dome',
-    Sweep.SPHERE: 'ball',
-}
 OUTSIDE = {
     'unclassified': 'came to rest on no side that is stable by its shape',
     'unsettled': 'still moved when its time was over',
@@ -54,7 +49,7 @@ class Member:
 class RowText:
     """A row as a reader sees it; what does not apply is empty.
 
-    oblique, above : str
+    oblique, above, small : str
         Pictures, as addresses that hold them.
     facts : tuple of (str, str, str)
         What is known of the aspect by its shape: label, value, explanation.
@@ -73,12 +68,14 @@ class RowText:
     members: tuple[Member, ...] = ()
     oblique: str = ''
     above: str = ''
+    small: str = ''
 
 
 def row_texts(
     distribution: Distribution,
     rows: Sequence[Row],
-    pictures: Sequence[tuple[str, str]],
+    pictures: Sequence[Sequence[str]],
+    part: Part | None,
 ) -> list[RowText]:
     """Each row in words.
 
@@ -86,13 +83,15 @@ def row_texts(
     ----------
     rows : sequence of Row
         Of the distribution.
-    pictures : sequence of (str, str)
-        Of each row: obliquely and from above; empty where there is none.
+    pictures : sequence of three str
+        Of each row: obliquely, from above, and small; empty where there is none.
+    part : Part or None
     """
     longest = max((row.interval.upper for row in rows), default=1.0)
     heights = millimetre_texts(
         np.array([row.aspects[0].com_height if row.aspects else 0.0 for row in rows])
     )
+    classes = distribution.aspects.classes()
     of_aspects = list(zip(distribution.counts, distribution.intervals(), strict=True))
     return [
         RowText(
@@ -105,7 +104,7 @@ def row_texts(
             probability=_probability(row, distribution.drops),
             interval=interval_text(row.interval),
             bar=_bar(row.interval, longest),
-            facts=_facts(row, height) if row.aspects else (),
+            facts=_facts(row, height, part, classes) if row.aspects else (),
             members=tuple(
                 Member(
                     aspect.id,
@@ -118,8 +117,9 @@ def row_texts(
             ),
             oblique=oblique,
             above=above,
+            small=small,
         )
-        for row, height, (oblique, above) in zip(rows, heights, pictures, strict=True)
+        for row, height, (oblique, above, small) in zip(rows, heights, pictures, strict=True)
     ]
 
 
@@ -144,13 +144,16 @@ def _bar(interval: Interval, longest: float) -> Bar:
     )
 
 
-def _facts(row: Row, height: str) -> tuple[tuple[str, str, str], ...]:
+def _facts(
+    row: Row, height: str, part: Part | None, classes: Sequence[tuple[Aspect, ...]]
+) -> tuple[tuple[str, str, str], ...]:
     basin = sum(aspect.basin_share for aspect in row.aspects)
     return (
+        ('rests on', resting_on(part, row.aspects[0]), 'where the part touches the surface'),
         ('centre of mass', f'{height} mm high', 'above the surface'),
         (
             'least barrier',
-            _barrier(row),
+            _barrier(row, classes),
             'the least rise of the centre of mass that tips the part over, and into which aspect',
         ),
         (
@@ -158,19 +161,14 @@ def _facts(row: Row, height: str) -> tuple[tuple[str, str, str], ...]:
             f'{share_text(basin)} %',
             'share of all directions from which the part, let go without speed, rolls here',
         ),
-        ('rests on', SIDES[row.aspects[0].sweep], 'the side on which it lies'),
-        (
-            'alike',
-            str(len(row.aspects)),
-            'aspects that a rotation of the part takes to each other (symmetry multiplicity)',
-        ),
     )
 
 
-def _barrier(row: Row) -> str:
+def _barrier(row: Row, classes: Sequence[tuple[Aspect, ...]]) -> str:
     aspect = row.aspects[0]
     if not aspect.neighbour:
         return 'none'
     alike = aspect.neighbour in {each.id for each in row.aspects}
-    to = 'one alike' if alike else str(aspect.neighbour)
-    return f'{1000 * aspect.least_barrier:.3g} mm, to {to}'
+    (members,) = (each for each in classes if aspect.neighbour in {a.id for a in each})
+    to = 'one that looks alike' if alike else ids_text(members)
+    return f'{1000 * aspect.least_barrier:.3g} mm, into {to}'

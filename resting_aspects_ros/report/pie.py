@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.report.colours import rgb
 from resting_aspects_ros.report.figure_style import FAINT, PAPER, new_figure
 from resting_aspects_ros.report.portrait import Image
@@ -17,11 +18,12 @@ if TYPE_CHECKING:
 WIDE, HIGH = 5.0, 4.4  # of a pie
 # Radii that a pie's figure is wide to each side, with pictures around it and without.
 REACH, BARE_REACH = 1.84, 1.32
-# Slices of less have no words, and of less than twice this no picture: they would lie on each
-# other.
-LEAST_SLICE = 0.03
-# Pictures around a pie of more slices would be too small.
+# Slices of less have their name beside them.
+LEAST_INSIDE = 0.06
+# Pictures, of the largest slices: more would lie on each other.
 MOST_PICTURES = 8
+# Of a picture, and how far from the middle it is, radii.
+SIDE, OUT = 0.6, 1.42
 
 
 def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
@@ -52,31 +54,55 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
     )
     axes.set_axis_off()
     middles = np.pi / 2 - 2 * np.pi * (np.cumsum(shares) - shares / 2)
-    large = shares >= LEAST_SLICE
-    pictured = large.sum() <= MOST_PICTURES and any(image is not None for _, image in shown)
-    reach = REACH if pictured else BARE_REACH
+    pictured = np.zeros(len(shown), dtype=bool)
+    pictured[np.argsort(-shares, kind='stable')[:MOST_PICTURES]] = True
+    pictured &= [image is not None for _, image in shown]
+    reach = REACH if pictured.any() else BARE_REACH
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-reach * HIGH / WIDE, reach * HIGH / WIDE)
-    for (row, image), share, middle, big in zip(shown, shares, middles, large, strict=True):
-        if not big:
-            continue
-        x, y = np.cos(middle), np.sin(middle)
-        inside = share >= 2 * LEAST_SLICE
-        if image is not None and pictured and inside:
-            _place(axes, image, 1.46 * x, 1.32 * y, 0.70)
-        out = 0.66 if inside else 1.12
-        axes.text(
-            out * x,
-            out * y,
-            f'{short_name(row)}\n{100 * share:.0f} %' if inside else short_name(row),
-            ha='center',
-            va='center',
-            size=9,
-            weight='bold',
-            color=_ink_on(row.colour) if inside else FAINT,
-            linespacing=1.25,
-        )
+    places = middles.copy()
+    places[pictured] = spread(middles[pictured], 2 * np.arcsin(SIDE / 2 / OUT))
+    for k, (row, image) in enumerate(shown):
+        x, y = np.cos(middles[k]), np.sin(middles[k])
+        inside = shares[k] >= LEAST_INSIDE
+        if image is not None and pictured[k]:
+            at = OUT * np.cos(places[k]), OUT * np.sin(places[k])
+            _place(axes, image, *at, SIDE)
+            if not inside:
+                axes.plot([x, 0.8 * at[0]], [y, 0.8 * at[1]], color=FAINT, linewidth=0.7)
+                _name(axes, short_name(row), at[0], at[1] - 0.55 * SIDE, FAINT)
+        if inside:
+            words = f'{short_name(row)}\n{100 * shares[k]:.0f} %'
+            _name(axes, words, 0.66 * x, 0.66 * y, _ink_on(row.colour))
     return figure
+
+
+def spread(angles: Array, least: float) -> Array:
+    """Angles on a circle, descending, moved apart to at least so many rad, if there is room."""
+    found = angles.copy()
+    least = min(least, 2 * np.pi / max(len(angles), 1))
+    for _ in range(200):
+        gaps = found - np.roll(found, -1)
+        gaps[-1] += 2 * np.pi
+        lack = np.maximum(least - gaps, 0.0) / 2
+        if len(found) < 2 or lack.max() < 1e-3:
+            break
+        found += lack - np.roll(lack, 1)
+    return found
+
+
+def _name(axes: 'Axes', words: str, x: float, y: float, colour: str) -> None:
+    axes.text(
+        x,
+        y,
+        words,
+        ha='center',
+        va='center',
+        size=9,
+        weight='bold',
+        color=colour,
+        linespacing=1.25,
+    )
 
 
 def _place(axes: 'Axes', image: Image, x: float, y: float, wide: float) -> None:

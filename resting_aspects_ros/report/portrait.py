@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -176,16 +177,16 @@ def _portrait(solid: LyingPart, colour: Array, scale: float, pixels: int, view: 
     if np.count_nonzero(edge & part) < MOST_EDGE * np.count_nonzero(part):
         image[edge, :3] = EDGE_COLOUR
         image[edge, 3] = 1.0
-    return _reduced(image)[::-1].astype(np.float32)
+    return reduced(image, FINE)[::-1]
 
 
-def _reduced(image: Array) -> Array:
-    """The mean over FINE x FINE pixels, of colours as much as they cover."""
+def reduced(image: npt.NDArray[np.floating[Any]], factor: int) -> Image:
+    """The mean over factor x factor pixels of an RGBA image, of colours as much as they cover."""
     image = np.concatenate([image[..., :3] * image[..., 3:], image[..., 3:]], axis=-1)
-    size = len(image) // FINE
-    mean = image.reshape(size, FINE, size, FINE, 4).mean(axis=(1, 3))
+    size = len(image) // factor
+    mean = image.reshape(size, factor, size, factor, 4).mean(axis=(1, 3))
     mean[..., :3] /= np.maximum(mean[..., 3:], 1e-9)
-    return np.asarray(mean)
+    return mean.astype(np.float32)
 
 
 def _thicker(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

@@ -55,14 +55,15 @@ def recommend(aspects: AspectSet, height: float, *, thrown: bool) -> Recommendat
     if curved or (height <= _HIGH and not thrown):
         return Recommendation(
             'csa',
-            f'Recommended is csa: for a release from {radii}, between {_LOW:g} and {_HIGH:g} '
+            f'Recommended is the centroid solid angle (csa): for a release from {radii}, between {_LOW:g} and {_HIGH:g} '
             'times, it deviates least from drops, by about 1 point.'
             if not curved
-            else 'Recommended is csa: it deviates least from drops where a part rarely rests on '
-            'its curved side.',
+            else 'Recommended is the centroid solid angle (csa): it deviates least from drops '
+            'where a part rarely rests on its curved side.',
         )
     how = 'a thrown part' if thrown else f'a release from {radii}, above {_HIGH:g} times,'
     return Recommendation(
         'crsa',
-        f'Recommended is crsa: for {how} it deviates least from drops, by 1 to 2 points.',
+        f'Recommended is the critical solid angle (crsa): for {how} it deviates least from '
+        'drops, by 1 to 2 points.',
     )
