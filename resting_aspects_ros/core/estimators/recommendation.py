@@ -52,14 +52,17 @@ def recommend(aspects: AspectSet, height: float, *, thrown: bool) -> Recommendat
             f'Recommended is rolling: for a release from {radii}, below {_LOW:g} times, it '
             'deviates least from drops, by about 1 point.',
         )
-    if curved or (height <= _HIGH and not thrown):
+    csa = 'Recommended is the centroid solid angle (csa): '
+    if curved:
         return Recommendation(
             'csa',
-            f'Recommended is the centroid solid angle (csa): for a release from {radii}, between {_LOW:g} and {_HIGH:g} '
-            'times, it deviates least from drops, by about 1 point.'
-            if not curved
-            else 'Recommended is the centroid solid angle (csa): it deviates least from drops '
-            'where a part rarely rests on its curved side.',
+            f'{csa}it deviates least from drops where a part rarely rests on its curved side.',
+        )
+    if height <= _HIGH and not thrown:
+        return Recommendation(
+            'csa',
+            f'{csa}for a release from {radii}, between {_LOW:g} and {_HIGH:g} times, it deviates '
+            'least from drops, by about 1 point.',
         )
     how = 'a thrown part' if thrown else f'a release from {radii}, above {_HIGH:g} times,'
     return Recommendation(
