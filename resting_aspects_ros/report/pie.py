@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 WIDE, HIGH = 5.0, 4.4  # of a pie
 # Radii that a pie's figure is wide to each side, with pictures around it and without.
-REACH, BARE_REACH = 1.84, 1.32
+REACH, BARE_REACH = 2.0, 1.32
 # Slices of less have their name beside them.
 LEAST_INSIDE = 0.06
 # Pictures, of the largest slices: more would lie on each other.
@@ -80,12 +80,14 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
 def spread(angles: Array, least: float) -> Array:
     """Angles on a circle, descending, moved apart to at least so many rad, if there is room."""
     found = angles.copy()
-    least = min(least, 2 * np.pi / max(len(angles), 1))
+    if len(found) < 2:
+        return found
+    least = min(least, 2 * np.pi / len(found))
     for _ in range(200):
         gaps = found - np.roll(found, -1)
         gaps[-1] += 2 * np.pi
         lack = np.maximum(least - gaps, 0.0) / 2
-        if len(found) < 2 or lack.max() < 1e-3:
+        if lack.max() < 1e-3:
             break
         found += lack - np.roll(lack, 1)
     return found

@@ -58,7 +58,8 @@ def test_a_report_at_once(dropped):
         'rubber_mat',
         f'bullet {document["engine_version"]}',
         '12 rotations map it onto itself',
-        'quasi_static',
+        'quasi-static',
+        'Recommended is the centroid solid angle (csa)',
     ):
         assert said in page
 

@@ -87,4 +87,5 @@ def test_two_sides_with_long_words(rows, width, differences, name):
 def test_all_methods_are_named(rows, width, methods):
     estimates = {name: np.full(len(rows), 1 / len(rows)) for name in list(METHODS)[:methods]}
     boxes = check_words(estimates_figure(rows, estimates, width))
-    assert {*estimates, *NAMES} <= set(boxes)
+    labels = {METHODS[name].label for name in estimates}
+    assert {*labels, *NAMES} <= set(boxes)

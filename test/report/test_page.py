@@ -15,13 +15,14 @@ from PIL import Image
 
 from resting_aspects_ros.core.rotations import rotate
 from resting_aspects_ros.report.colours import aspect_colour
+from resting_aspects_ros.report.figures import bands
 from resting_aspects_ros.report.page import (
     ENDINGS,
     FIGURES,
     MOST_PICTURED,
     PIXELS,
+    SMALL,
     Report,
-    _bands,
 )
 from resting_aspects_ros.report.rounding import chance_text, points_text
 from resting_aspects_ros.report.standing import MOST_OF_PICTURES
@@ -76,7 +77,7 @@ def bracket(part, make_report):
         unseen=[5],
         measured=True,
         notes=('Only <b>half</b> of it & more.',),
-        facts={'Conditions': [('height', '0.2 m <script>')]},
+        facts={'Conditions': [('height', '0.2 m <script>'), ('part sha256', 64 * 'a')]},
         estimates={'rolling': np.array([0.3, 0.3, 0.2, 0.15, 0.05])},
         not_defined={'csa': 'csa is not defined for it'},
     )
@@ -183,11 +184,11 @@ def test_words_from_outside_are_text(page):
 
 def test_bands_end_with_the_intervals_of_the_rows(part, make_report):
     report = make_report(part('hex_nut'), interval='simultaneous', confidence=0.99)
-    bands = _bands(report)
-    assert len(bands) == len(report.history[0])
-    assert bands[-1] == report.distribution.by_class().intervals()
+    found = bands(report.distribution, *report.history)
+    assert len(found) == len(report.history[0])
+    assert found[-1] == report.distribution.by_class().intervals()
     wilson = make_report(part('hex_nut')).distribution.by_class().intervals()
-    for wide, narrow in zip(bands[-1], wilson, strict=True):
+    for wide, narrow in zip(found[-1], wilson, strict=True):
         assert wide.lower < narrow.lower < narrow.upper < wide.upper
 
 
@@ -256,7 +257,8 @@ def test_sections_that_have_nothing_to_say_are_left_out(part, make_report, writt
 
 
 def test_pictures_are_of_the_part_in_its_colour(page, bracket):
-    shown, *images = [each for each in page.all('img') if each['src']]
+    shown, *others = [each for each in page.all('img') if each['src']]
+    images = [each for each in others if each['alt']]
     assert shown['src'] == images[0]['src']  # in place of the view until there is one
     assert len(images) == 2 * 5
     for k, (oblique, above) in enumerate(zip(images[::2], images[1::2], strict=True)):
@@ -271,6 +273,28 @@ def test_pictures_are_of_the_part_in_its_colour(page, bracket):
             target = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)])
             shade = bright / bright.max(axis=1, keepdims=True)
             assert (np.abs(shade - target / target.max()).max(axis=1) < 0.03).mean() > 0.9
+
+
+def test_each_bar_has_a_small_picture_however_short_it_is(page):
+    small = [each for each in page.all('img') if each.get('width') == '32']
+    assert [decoded(each).shape for each in small] == 5 * [(SMALL, SMALL, 4)]
+    assert all((decoded(each)[..., 3] == 255).any() for each in small)
+
+
+def test_a_long_hash_is_shortened_and_can_be_copied_whole(page):
+    (code,) = page.all('code')
+    assert words(code) == 64 * 'a'
+    assert 'a' * 12 + '…' in [words(each) for each in page.all('summary')]
+
+
+def test_what_each_aspect_rests_on_is_said(page):
+    said = [
+        words(value)
+        for label, value in zip(page.all('dt'), page.all('dd'), strict=True)
+        if words(label) == 'rests on'
+    ]
+    assert said[3:] == ['two edges', 'flat side 20 x 30 mm']
+    assert 'alike' not in [words(each) for each in page.all('dt')]
 
 
 def decoded(element):

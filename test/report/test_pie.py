@@ -1,0 +1,36 @@
+"""The pie: a picture for every slice, however small."""
+
+import numpy as np
+import pytest
+
+from resting_aspects_ros.core.intervals import Interval
+from resting_aspects_ros.report.pie import MOST_PICTURES, OUT, SIDE, pie_figure, spread
+from resting_aspects_ros.report.rows import Row
+
+IMAGE = np.ones((4, 4, 4), dtype=np.float32)
+
+
+@pytest.mark.parametrize(
+    'shares', [[1.0], [0.99, 0.01], [0.9, 0.04, 0.02, 0.02, 0.01, 0.01], [0.1] * 10]
+)
+def test_the_largest_slices_have_pictures_that_do_not_touch(shares):
+    rows = [Row(f'r{k}', 1, Interval(p, p, p), '#0072B2') for k, p in enumerate(shares)]
+    (axes,) = pie_figure(rows, [IMAGE] * len(rows)).axes
+    boxes = np.array([image.get_extent() for image in axes.images])
+    assert len(boxes) == min(len(shares), MOST_PICTURES)
+    centres = np.stack([boxes[:, :2].mean(axis=1), boxes[:, 2:].mean(axis=1)], axis=1)
+    low, high = np.array([axes.get_xlim(), axes.get_ylim()]).T
+    assert (centres - SIDE / 2 >= low).all()
+    assert (centres + SIDE / 2 <= high).all()
+    apart = np.linalg.norm(centres[:, None] - centres, axis=2)
+    assert (apart[np.triu_indices(len(centres), 1)] >= 0.9 * SIDE).all()
+    names = [text.get_text().split('\n')[0] for text in axes.texts]
+    assert len(names) == len(set(names)) == len(shares[:MOST_PICTURES]) + 2 * (len(shares) == 10)
+
+
+def test_angles_that_are_far_apart_stay():
+    angles = np.array([1.5, 0.0, -2.0])
+    assert spread(angles, 0.5).tolist() == angles.tolist()
+    close = spread(np.array([1.0, 0.9, 0.8]), 2 * np.arcsin(SIDE / 2 / OUT))
+    assert close.mean() == pytest.approx(0.9)
+    assert (np.diff(close) <= -0.42).all()
