@@ -24,8 +24,8 @@ def test_the_largest_slices_have_pictures_that_do_not_touch(shares):
     assert (centres + SIDE / 2 <= high).all()
     apart = np.linalg.norm(centres[:, None] - centres, axis=2)
     assert (apart[np.triu_indices(len(centres), 1)] >= 0.9 * SIDE).all()
-    names = [text.get_text().split('\n')[0] for text in axes.texts]
-    assert len(names) == len(set(names)) == len(shares[:MOST_PICTURES]) + 2 * (len(shares) == 10)
+    names = [text.get_text().split('\n')[0] for text in axes.texts if text.get_text()]
+    assert sorted(names) == sorted(row.name for row in rows)
 
 
 def test_angles_that_are_far_apart_stay():
