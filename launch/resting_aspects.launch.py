@@ -18,7 +18,7 @@ PACKAGE = 'resting_aspects_ros'
 # The parameters of each node that are launch arguments too.
 NODES = {
     'drop_simulator': ('parts_folder', 'surface', 'workers'),
-    'aspect_classifier': ('surface', 'log_folder'),
+    'aspect_classifier': ('log_folder',),
     'drop_recorder': ('log_folder',),
 }
 # The type of a parameter is declared, because launch would convert the folder name 2025 to int.

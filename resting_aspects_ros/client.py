@@ -18,7 +18,7 @@ from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.nodes.client import RestingAspectsClient
 from resting_aspects_ros.nodes.distribution_messages import probability_of
 from resting_aspects_ros.nodes.own_node import ClientUseError
-from resting_aspects_ros.nodes.question import AnswerTimeoutError
+from resting_aspects_ros.nodes.pending_request import AnswerTimeoutError
 from resting_aspects_ros.nodes.requests import BusyError, CanceledError, NotAvailableError
 
 __all__ = [

@@ -102,7 +102,7 @@ def run(arguments: argparse.Namespace) -> int:
                     )
                     progress.end(message.drops)
             except KeyboardInterrupt:
-                raise KeyboardInterrupt(_what_goes_on(arguments, progress)) from None
+                raise KeyboardInterrupt(_interrupted(progress)) from None
             answer = answer_from(message, _part(client, arguments.part))
         if arguments.picture is not None:
             answer.save_picture(arguments.picture)
@@ -138,15 +138,13 @@ def _warn(text: str) -> None:
     print(f'warning: {text}', file=sys.stderr)
 
 
-def _what_goes_on(arguments: argparse.Namespace, progress: 'DropProgress') -> str:
-    """A service call cannot be taken back, and others may wait for the same run."""
-    if arguments.only_known:
-        return 'interrupted'
+def _interrupted(progress: 'DropProgress') -> str:
+    """Return what to say after Ctrl-C, with which the request's run is canceled."""
     if not progress.done:
-        return 'interrupted; if a run was begun for it, that goes on'
+        return 'interrupted'
     return (
-        f'interrupted after {progress.done} drops; the run goes on, and its log and its '
-        'distribution will be there'
+        f'interrupted after {progress.done} drops; they are kept, and the run ends unless another '
+        'client has asked for the same drops'
     )
 
 

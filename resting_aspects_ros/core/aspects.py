@@ -17,6 +17,8 @@ from resting_aspects_ros.core.rotations import Array, angle_between, orientation
 from resting_aspects_ros.core.symmetry import Symmetry, find_symmetry
 from resting_aspects_ros.core.tessellation import CURVED_STEP
 
+# Version of the rule that gives aspects their ids: counts under another one are not believed.
+ASPECT_NUMBERING = 1
 # Ids are ordered by centre of mass height in steps of this, R, and by share in steps of this.
 ORDER_STEP = 1e-3
 # Aspects of a part with an axis are alike if height, R, and cosine to the axis agree within this:

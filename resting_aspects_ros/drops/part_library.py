@@ -54,6 +54,13 @@ class PartLibrary:
         """Return the names of the registered parts, sorted."""
         return sorted(self._meshes())
 
+    def stamps(self) -> dict[str, Stamp]:
+        """Return, by the name of each registered part, what changes when one of its files does."""
+        return {
+            name: (_stamp(mesh), _stamp(mesh.with_suffix('.yaml')))
+            for name, mesh in self._meshes().items()
+        }
+
     def problems(self) -> list[str]:
         """Return a sentence for each file that looks like a part and is not registered as one."""
         where = f'in {str(self.folder)!r}'

@@ -1,8 +1,11 @@
 """The node that turns resting poses into distributions over aspects, and answers for them."""
 
+import math
 import sys
+from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
@@ -11,21 +14,17 @@ from resting_aspects_interfaces.msg import PartDescription, PartSummary, Resting
 from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, ListParts
 
 from resting_aspects_ros.config_files import surfaces_file
+from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.drops.surfaces import Surfaces
-from resting_aspects_ros.nodes.callbacks import subscribe
-from resting_aspects_ros.nodes.convert import (
-    check_description,
-    part_from,
-    poses_from,
-    status,
-)
-from resting_aspects_ros.nodes.default_conditions import SURFACE, FollowedDefault
+from resting_aspects_ros.nodes.callbacks import guarded_task, steady_timer, subscribe
+from resting_aspects_ros.nodes.convert import poses_from, status
+from resting_aspects_ros.nodes.default_conditions import FollowedDefault
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, Meter, publish_diagnostics
 from resting_aspects_ros.nodes.distribution_answers import DistributionAnswers
 from resting_aspects_ros.nodes.distribution_outputs import PUBLISH_PERIOD, DistributionOutputs
-from resting_aspects_ros.nodes.drop_requests import DropRequests, DropSpec
-from resting_aspects_ros.nodes.earlier_runs import EarlierRuns
+from resting_aspects_ros.nodes.drop_requests import DropRequests
+from resting_aspects_ros.nodes.file_worker import FileWorker
 from resting_aspects_ros.nodes.interface import (
     ASPECT_CLASSIFIER,
     CLASSIFY_POSE,
@@ -36,19 +35,15 @@ from resting_aspects_ros.nodes.interface import (
     RESTING_POSES,
     SERVICES,
 )
-from resting_aspects_ros.nodes.known_parts import KnownParts
-from resting_aspects_ros.nodes.memory import Memory
-from resting_aspects_ros.nodes.parameters import Parameter, declare
-from resting_aspects_ros.nodes.part_lookup import PartLookup
+from resting_aspects_ros.nodes.known_parts import KnownParts, asked_part
+from resting_aspects_ros.nodes.log_loader import LogLoader
+from resting_aspects_ros.nodes.parameters import FRAME_ID, Parameter, declare
 from resting_aspects_ros.nodes.pose_answers import answer_pose
 from resting_aspects_ros.nodes.presence import Alone
-from resting_aspects_ros.nodes.requests import (
-    answering,
-)
+from resting_aspects_ros.nodes.requests import NotAvailableError, answering
 from resting_aspects_ros.nodes.run_accounts import (
     KnownDistributions,
     RunAccount,
-    find_under_way,
     newest_distribution,
 )
 from resting_aspects_ros.nodes.run_health import RunHealth
@@ -58,7 +53,7 @@ from resting_aspects_ros.nodes.topic_watch import TopicWatch
 
 PARAMETERS = (
     Parameter('surfaces_file', '', 'YAML file of named conditions; empty: the one of the suite'),
-    SURFACE,
+    FRAME_ID,
     PUBLISH_PERIOD,
     Parameter(
         'log_folder',
@@ -66,8 +61,6 @@ PARAMETERS = (
         'folder of the logs in which earlier runs are looked for; empty: none are',
     ),
 )
-# While parts come in, one that is asked for is looked for this often, s.
-PARTS_PERIOD = 0.1
 # Ends of so many runs are remembered, for requests that wait for them.
 RUNS_KEPT = 10_000
 
@@ -83,40 +76,21 @@ class AspectClassifier(Node):
         super().__init__(ASPECT_CLASSIFIER)
         values = declare(self, PARAMETERS)
         surfaces = Surfaces.read(Path(values['surfaces_file'] or surfaces_file()))
-        self._parts = KnownParts()
+        self._files = FileWorker(self)
+        self._parts = KnownParts(self, self._files, self._part_known, self._part_rejected)
         self._known = KnownDistributions(self._parts.aspects)
         self._accounts: dict[str, RunAccount] = {}  # of runs that are not over
         self._over: dict[str, Future] = {}  # run id -> done when the run is over
         self._outputs = DistributionOutputs(self, self._parts)
         self._tracker = RunTracker(self, self._run_over, self._is_known)
         self._health = RunHealth(self, self._tracker)
-        self._earlier = EarlierRuns(self)
-        self._requests = DropRequests(
-            self,
-            self._over_future,
-            self._under_way,
-            self._tracker.look_after,
-            self._earlier,
-        )
-        self._memory = Memory(
-            self,
-            Path(values['log_folder']) if values['log_folder'] else None,
-            self._known,
-            self._remember,
-        )
-        self._lookup = PartLookup(self, self._parts, self._requests.simulator_is_there)
+        self._requests = DropRequests(self, self._tracker.simulators, self._over_future)
         self._answers = DistributionAnswers(
-            self,
-            surfaces,
-            FollowedDefault(self, surfaces),
-            self._known,
-            self._memory,
-            self._requests,
-            self._lookup,
+            self, surfaces, FollowedDefault(self), self._known, self._requests, self._parts
         )
         self._drops = Meter()
         self._watch = TopicWatch(
-            self, PARTS, PartDescription, self._part_described, gone=self._parts.remove
+            self, PARTS, PartDescription, self._part_described, gone=self._parts.remove, raw=True
         )
         subscribe(self, RestingPoses, RESTING_POSES, self._batch, POSES)
         # In the node's own group a request that waits would hold up everything it waits for.
@@ -126,45 +100,74 @@ class AspectClassifier(Node):
         serve(GetDistribution, GET_DISTRIBUTION, self._get_distribution)
         serve(ClassifyPose, CLASSIFY_POSE, self._classify_pose)
         self.create_service(ListParts, LIST_PARTS, self._list_parts, qos_profile=SERVICES)
-        publish_diagnostics(self, self._diagnose, Alone(self, ASPECT_CLASSIFIER))
-        self.get_logger().info('ready')
+        folder = Path(values['log_folder']) if values['log_folder'] else None
+        self._logs = LogLoader(self, folder, self._files, self._known)
+        self._start = steady_timer(self, 0.0, self._load)
 
     def destroy_node(self) -> None:
-        """Also ends its action clients."""
+        """Also ends its action clients, and the process that reads files."""
+        self._files.stop()
         self._tracker.destroy()
         self._requests.destroy()
         super().destroy_node()
 
-    # Topics
+    # Start
 
-    def _part_described(self, name: str, message: PartDescription) -> None:
-        check_description(message, name)
-        part = part_from(message)
-        self._parts.describe(part)
-        for run in self._known.check(part.part_sha256):
-            self.get_logger().warning(
-                f'the log of run {run.run_id} is not used: it counts other aspects than {name} has'
-            )
-        self._outputs.offer(name)  # before the first run, so that who listens hears all of it
-        self._show_known(part.part_sha256)
-        for account in list(self._accounts.values()):
-            if account.run.part == name:
-                self._advance(account)
+    def _load(self) -> None:
+        """Read the logs of earlier runs."""
+        self.destroy_timer(self._start)
+        load = guarded_task(self, 'earlier runs are not used', self._logs.load)
+        self._execute(load, self._announce)
 
-    def _remember(self) -> None:
-        """All logs of earlier runs are read."""
+    def _announce(self) -> None:
+        """All logs have been read."""
         for _, part_sha256 in self._parts.offered():
             self._show_known(part_sha256)
+        publish_diagnostics(self, self._diagnose, Alone(self, ASPECT_CLASSIFIER))
+        self.get_logger().info('ready')
+
+    def _check_ready(self) -> None:
+        """Raises NotAvailableError while logs are read, which may hold the answer."""
+        if not self._logs.ready:
+            raise NotAvailableError(self._logs.state)
+
+    def _execute(self, task: Callable[..., Awaitable[None]], *given: Any) -> None:
+        assert self.executor is not None  # this is called by it
+        self.executor.create_task(task, *given)
+
+    # Topics
+
+    def _part_described(self, name: str, data: bytes) -> None:
+        describe = guarded_task(
+            self, f'the description of {name} is not used', self._parts.describe
+        )
+        self._execute(describe, name, data)
+
+    def _part_known(self, part: Part) -> None:
+        for run in self._known.check(part.part_sha256):
+            self.get_logger().warning(
+                f'the log of run {run.run_id} is not used: it counts other aspects than '
+                f'{part.name} has'
+            )
+        self._outputs.offer(part.name)  # before the first run, so that all of it is heard
+        self._show_known(part.part_sha256)
+        for account in list(self._accounts.values()):
+            if account.run.part == part.name:
+                self._advance(account)
+
+    def _part_rejected(self, part_sha256: str, _: str) -> None:
+        for account in list(self._accounts.values()):
+            if account.run.part_sha256 == part_sha256:
+                self._advance(account)
 
     def _show_known(self, part_sha256: str) -> None:
         """Publish what an earlier run found, unless something newer was."""
         known = self._known.newest(part_sha256)
-        if known is not None and not self._memory.loading:
+        if known is not None and self._logs.ready:
             self._outputs.restore(*known)
 
     def _batch(self, message: RestingPoses) -> None:
         poses = poses_from(message)
-        self._earlier.hear()
         arrivals = self._tracker.accept(message)
         self._outputs.poses.take(message.run.run_id, poses, message.header.stamp)
         for progress, new in arrivals:
@@ -176,7 +179,7 @@ class AspectClassifier(Node):
 
     def _is_known(self, run: RunDescription) -> bool | None:
         """Whether all of a run is known from its log; None while the logs are read."""
-        return None if self._memory.loading else self._known.has_all(run)
+        return self._known.has_all(run) if self._logs.ready else None
 
     def _run_over(self, progress: RunProgress) -> None:
         account = self._accounts.get(progress.run.run_id)
@@ -195,11 +198,15 @@ class AspectClassifier(Node):
         run = account.run
         aspects = self._parts.aspects(run.part_sha256)
         if aspects is None:
-            part = self._parts.get(run.part)
-            if account.over and part is not None:
+            problem = self._parts.why_not(run.part_sha256)
+            if account.over and not problem and self._parts.get(run.part) is not None:
                 # The description that is latched is of another version: this one is gone.
-                account.problem = f'run {run.run_id} is of another version of {run.part}, ignored'
-                self.get_logger().warning(account.problem)
+                problem = f'run {run.run_id} is of another version of {run.part}, ignored'
+            if problem:
+                account.waiting.clear()
+                account.problem = problem
+            if problem and account.over:
+                self.get_logger().warning(problem)
                 self._end(account)
             return
         account.count(aspects)
@@ -220,13 +227,6 @@ class AspectClassifier(Node):
             self._over.pop(next(iter(self._over)))
         return self._over.setdefault(run_id, Future())
 
-    def _under_way(self, spec: DropSpec) -> RunAccount | None:
-        part = self._parts.get(spec.part)
-        if part is None:
-            return None
-        asked = (part.part_sha256, spec.conditions, spec.drops, spec.precision, spec.seed)
-        return find_under_way(self._accounts.values(), *asked)
-
     def _diagnose(self) -> Diagnosis:
         accounts = self._accounts.values()
         values = {
@@ -244,15 +244,20 @@ class AspectClassifier(Node):
         self, request: GetDistribution.Request, response: GetDistribution.Response
     ) -> GetDistribution.Response:
         with answering(GET_DISTRIBUTION, response, self.get_logger().error):
-            response.distribution, note = await self._answers.answer(request)
-            response.status = status(Status.OK, note)
+            self._check_ready()
+            response.distribution = await self._answers.answer(request)
+            response.status = status(Status.OK)
         return response
 
     async def _classify_pose(
         self, request: ClassifyPose.Request, response: ClassifyPose.Response
     ) -> ClassifyPose.Response:
+        response.probability = response.angle = math.nan
         with answering(CLASSIFY_POSE, response, self.get_logger().error):
-            part, aspects = await self._lookup.part(request.part)
+            self._check_ready()
+            parts = await self._parts.usable(request.part, self._requests.simulator_is_there)
+            part = asked_part(parts, request.part)
+            aspects = self._parts.version(part.part_sha256)[1]
             newest = newest_distribution(self._known, self._accounts.values(), part.part_sha256)
             answer_pose(request, response, aspects, newest)
         return response
@@ -260,10 +265,12 @@ class AspectClassifier(Node):
     def _list_parts(
         self, _: ListParts.Request, response: ListParts.Response
     ) -> ListParts.Response:
-        response.status = status(Status.OK)
-        for name, sha in self._parts.offered():
-            summary = PartSummary(name=name, part_sha256=sha, known=self._known.has(sha))
-            response.parts.append(summary)
+        with answering(LIST_PARTS, response, self.get_logger().error):
+            self._check_ready()
+            for name, sha in self._parts.offered():
+                summary = PartSummary(name=name, part_sha256=sha, known=self._known.has(sha))
+                response.parts.append(summary)
+            response.status = status(Status.OK)
         return response
 
 

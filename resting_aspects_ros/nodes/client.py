@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from types import TracebackType
+from typing import Any
 
 import numpy.typing as npt
 from geometry_msgs.msg import Quaternion
 from rclpy.node import Node
+from rclpy.task import Future
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, PartSummary
 from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
 from resting_aspects_interfaces.srv import ClassifyPose
@@ -18,7 +20,7 @@ from resting_aspects_ros.nodes.client_requests import absent_part, check_name
 from resting_aspects_ros.nodes.convert import conditions_from, part_from
 from resting_aspects_ros.nodes.interface import DEFAULT_CONDITIONS, PARTS
 from resting_aspects_ros.nodes.own_node import ClientUseError, OwnNode
-from resting_aspects_ros.nodes.question import AnswerTimeoutError
+from resting_aspects_ros.nodes.pending_request import AnswerTimeoutError
 
 # For what is latched to come, s.
 PART_TIMEOUT = 5.0
@@ -43,8 +45,8 @@ class RestingAspectsClient(AsyncClient):
     node's own is: give it a ReentrantCallbackGroup, as in docs/ros.md.
 
     Answers are the suite's messages, as they come on its topics, too. To wait no longer cancel the
-    future: who awaits it gets None. What the suite has begun it ends nevertheless, for others may
-    have asked the same.
+    future: whoever awaits it gets None. A run that was begun for a request ends with it, after a
+    timeout too, unless another client asked for the same; its drops so far are kept.
 
     Parameters
     ----------
@@ -54,8 +56,8 @@ class RestingAspectsClient(AsyncClient):
         For the node of its own, what could follow --ros-args: ``['-r', '__ns:=/cell_1']``. None:
         what follows it on the command line of the program, as for any node.
     warn : callable, optional
-        Called with what a person should know, such as that the run of an answer is not recorded,
-        or that no classifier is found yet. None: the node logs it.
+        Called with what a person should know, such as that no classifier is ready yet. None: the
+        node logs it.
     check : callable
         For the node of its own: called often while it waits, raises to wait no longer.
 
@@ -109,7 +111,7 @@ class RestingAspectsClient(AsyncClient):
         precision : float
             Half width of all intervals to reach, 0.001 to 0.25; 0: none.
         surface : str
-            Named conditions, as the suite knows them; empty: those of its parameter `surface`.
+            Named conditions, as the suite knows them; empty: the simulator's parameter `surface`.
         conditions : DropConditions, optional
             Instead of a surface.
         seed : int, optional
@@ -120,8 +122,8 @@ class RestingAspectsClient(AsyncClient):
         only_known : bool
             Do not drop: NotAvailableError if nothing fits.
         timeout : float, optional
-            How long to wait in all, s. None: as long as there is a classifier; one that is not
-            there is waited for 20 s at most.
+            How long to wait in all, s. None: as long as it takes; nodes that are not ready are
+            waited for 20 s at most.
         progress : callable, optional
             Called with the drops done while the part is dropped; not if nothing is dropped.
 
@@ -131,7 +133,7 @@ class RestingAspectsClient(AsyncClient):
             Its fields are described in resting_aspects_interfaces; ``aspects`` is ordered by id,
             and ``run`` says of which part and under which conditions it is.
         """
-        return self._waiting_node().wait(
+        return self._wait(
             lambda: self.get_distribution_async(
                 part,
                 drops=drops,
@@ -165,13 +167,11 @@ class RestingAspectsClient(AsyncClient):
         ClassifyPose.Response
             ``aspect`` is 0 if the pose is in none; ``angle``, rad, is that to the nearest.
         """
-        return self._waiting_node().wait(
-            lambda: self.classify_pose_async(part, orientation, timeout=timeout)
-        )
+        return self._wait(lambda: self.classify_pose_async(part, orientation, timeout=timeout))
 
     def list_parts(self, *, timeout: float | None = None) -> list[PartSummary]:
         """Name, part_sha256 and whether a distribution is known of each part, by name."""
-        return self._waiting_node().wait(lambda: self.list_parts_async(timeout=timeout))
+        return self._wait(lambda: self.list_parts_async(timeout=timeout))
 
     def get_part(self, part: str) -> Part:
         """The part itself, mesh and mass properties, as the simulator describes it."""
@@ -219,6 +219,9 @@ class RestingAspectsClient(AsyncClient):
                 'allowed is the form without _async, or RestingAspectsClient(node) with a node '
                 'that you spin'
             )
+
+    def _wait(self, ask: Callable[[], Future]) -> Any:
+        return self._waiting_node().wait(ask, lambda: self._open)
 
     def _waiting_node(self) -> OwnNode:
         if self._own is None:

@@ -22,7 +22,7 @@ from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.run import DEFAULT_DROPS, check_drops, check_seed
 from resting_aspects_ros.nodes.convert import conditions_msg
 from resting_aspects_ros.nodes.interface import DROP_SIMULATOR, PARTS
-from resting_aspects_ros.nodes.question import AnswerTimeoutError
+from resting_aspects_ros.nodes.pending_request import AnswerTimeoutError
 from resting_aspects_ros.nodes.requests import asked_estimator, unknown_part
 from resting_aspects_ros.nodes.topic_watch import published_parts
 

@@ -101,7 +101,9 @@ def run_from(msg: RunDescription) -> Run:
     )
 
 
-def poses_msg(poses: RestingPoses, run: Run, stamp: Time, last: bool) -> RestingPosesMsg:
+def poses_msg(
+    poses: RestingPoses, run: Run, stamp: Time, last: bool, frame: str = FRAME
+) -> RestingPosesMsg:
     """A batch of poses as a message."""
     rows = zip(
         poses.position.tolist(),
@@ -113,7 +115,7 @@ def poses_msg(poses: RestingPoses, run: Run, stamp: Time, last: bool) -> Resting
         strict=True,
     )
     return RestingPosesMsg(
-        header=Header(stamp=stamp, frame_id=FRAME),
+        header=Header(stamp=stamp, frame_id=frame),
         run=run_msg(run),
         first_drop=poses.first_drop,
         poses=[_resting_pose_msg(*row) for row in rows],

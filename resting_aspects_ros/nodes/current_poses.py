@@ -21,7 +21,8 @@ class CurrentPoses:
     Nothing is made while nobody listens; who comes later gets the newest.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, frame: str = FRAME) -> None:
+        self._frame = frame
         self._publisher = advertise(node, PoseArray, CURRENT_POSES, LATCHED)
         self._run_id = ''
         self._position = np.zeros((0, 3))
@@ -46,7 +47,7 @@ class CurrentPoses:
         rows = zip(self._position.tolist(), self._orientation.tolist(), strict=True)
         self._publisher.publish(
             PoseArray(
-                header=Header(stamp=self._stamp, frame_id=FRAME),
+                header=Header(stamp=self._stamp, frame_id=self._frame),
                 poses=[pose_msg(position, orientation) for position, orientation in rows],
             )
         )

@@ -1,21 +1,16 @@
-"""What a request means that names no surface: what the simulator says, and all who hear it.
-
-The nodes have a parameter each, and it would be easy to set one of them only. So the simulator
-publishes what it means, latched, and the classifier goes by that as soon as it hears it.
-"""
+"""What a request means that names no surface: the simulator's parameter, published latched."""
 
 from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
 from rclpy.task import Future
 from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
 
-from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.surfaces import DEFAULT_SURFACE, Surfaces
 from resting_aspects_ros.nodes.callbacks import advertise, subscribe
 from resting_aspects_ros.nodes.convert import conditions_from, conditions_msg
 from resting_aspects_ros.nodes.interface import DEFAULT_CONDITIONS, LATCHED
 from resting_aspects_ros.nodes.parameters import Parameter, on_change
+from resting_aspects_ros.nodes.requests import NotAvailableError
 from resting_aspects_ros.nodes.waiting import wait_for
 
 SURFACE = Parameter(
@@ -25,7 +20,7 @@ SURFACE = Parameter(
     allowed='a name in surfaces_file',
     changeable=True,
 )
-# What is latched by a simulator that has been found comes within this, s.
+# The latched message of a simulator that has been discovered comes within this, s.
 HEAR_TIMEOUT = 10.0
 
 
@@ -49,56 +44,29 @@ class OfferedDefault:
 
 
 class FollowedDefault:
-    """The classifier's: what the simulator says, and until it is heard its own `surface`.
+    """What the simulator of a namespace published last as default_conditions."""
 
-    The parameter is set to what is heard, and is not to be set otherwise while there is a
-    simulator.
-    """
-
-    def __init__(self, node: Node, surfaces: Surfaces) -> None:
+    def __init__(self, node: Node) -> None:
         self._node = node
-        self._surfaces = surfaces
-        self._conditions = surfaces.get(node.get_parameter(SURFACE.name).value)
-        on_change(node, SURFACE.name, self._check, self._take)
-        self._heard = Future()  # done with the first word of a simulator
+        self._conditions: DropConditions | None = None
+        self._heard = Future()  # done with the first message of a simulator
         subscribe(node, DropConditionsMsg, DEFAULT_CONDITIONS, self._hear, LATCHED)
 
-    @property
-    def is_heard(self) -> bool:
-        """Whether a simulator has said it."""
-        return bool(self._heard.done())
-
     async def conditions(self) -> DropConditions:
-        """Those of a request that names no surface; a simulator that is there is heard first."""
-        if self._simulator_is_there():
+        """Return those of a request that names no surface; a simulator that exists is heard first.
+
+        Raises NotAvailableError if no simulator was heard yet.
+        """
+        if self._node.count_publishers(DEFAULT_CONDITIONS):
             await wait_for(self._node, self._heard, HEAR_TIMEOUT)
+        if self._conditions is None:
+            raise NotAvailableError(
+                'no drop_simulator has published its default surface yet: name a surface, or '
+                'start drop_simulator'
+            )
         return self._conditions
 
-    def _simulator_is_there(self) -> bool:
-        return bool(self._node.count_publishers(DEFAULT_CONDITIONS))
-
     def _hear(self, message: DropConditionsMsg) -> None:
-        conditions = conditions_from(message)
-        if conditions.surface != self._conditions.surface:
-            self._node.get_logger().info(
-                f'surface is {conditions.surface!r}, as the simulator says; '
-                f'it was {self._conditions.surface!r}'
-            )
-        self._conditions = conditions
-        self._node.set_parameters([RosParameter(SURFACE.name, value=conditions.surface)])
-        if not self.is_heard:
+        self._conditions = conditions_from(message)
+        if not self._heard.done():
             self._heard.set_result(None)
-
-    def _check(self, name: str) -> None:
-        if name == self._conditions.surface:
-            return  # the simulator may know names that this node does not
-        self._surfaces.get(name)
-        if self._simulator_is_there():
-            raise InvalidValueError(
-                f'surface is {name!r}, allowed is {self._conditions.surface!r} while '
-                'drop_simulator is there, which says so: set it there'
-            )
-
-    def _take(self, name: str) -> None:
-        if name != self._conditions.surface:
-            self._conditions = self._surfaces.get(name)

@@ -19,11 +19,9 @@ from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.default_conditions import FollowedDefault
 from resting_aspects_ros.nodes.distribution_messages import distribution_msg, estimate_msg
 from resting_aspects_ros.nodes.drop_requests import DropRequests, DropSpec
-from resting_aspects_ros.nodes.known_parts import asked_part
-from resting_aspects_ros.nodes.memory import Memory
-from resting_aspects_ros.nodes.part_lookup import PartLookup
+from resting_aspects_ros.nodes.known_parts import KnownParts, asked_part
+from resting_aspects_ros.nodes.parameters import FRAME_ID, check_frame
 from resting_aspects_ros.nodes.requests import (
-    LoadingError,
     NotAvailableError,
     asked_conditions,
     asked_estimator,
@@ -45,70 +43,73 @@ class DistributionAnswers:
         surfaces: Surfaces,
         default: FollowedDefault,
         known: KnownDistributions,
-        memory: Memory,
         requests: DropRequests,
-        lookup: PartLookup,
+        parts: KnownParts,
     ) -> None:
         self._node = node
         self._surfaces = surfaces
         self._default = default
         self._known = known
-        self._memory = memory
         self._requests = requests
-        self._lookup = lookup
+        self._parts = parts
+        self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
 
-    async def answer(self, request: GetDistribution.Request) -> tuple[AspectDistribution, str]:
-        """The distribution, and what a person should know of it; raises RestingAspectsError."""
+    async def answer(self, request: GetDistribution.Request) -> AspectDistribution:
+        """Return the distribution; raises RestingAspectsError."""
         method = asked_estimator(request.method)
         if method is None:
             return await self._find_or_drop(request)
-        part, aspects = await self._lookup.part(request.part)
+        offered = await self._usable(request.part)
+        part, aspects = self._parts.version(asked_part(offered, request.part).part_sha256)
         found = estimate(RestingShape(part, aspects), method)
-        return estimate_msg(found, part, self._node.get_clock().now().to_msg()), ''
+        return estimate_msg(found, part, self._node.get_clock().now().to_msg(), self._frame)
 
-    async def _find_or_drop(
-        self, request: GetDistribution.Request
-    ) -> tuple[AspectDistribution, str]:
+    async def _find_or_drop(self, request: GetDistribution.Request) -> AspectDistribution:
         drops = most_drops(request.drops, request.precision)
         check_drops(drops)
         seed = request.seed[0] if request.seed else None
-        parts = await self._lookup.parts(request.part)
-        conditions = await self._conditions(request)
+        parts = await self._usable(request.part)
         sha = self._version(parts, request.part)
+        conditions = await self._conditions(request, sha)
         known = self._known.find(sha, conditions, drops, request.precision, seed)
         if known is not None:
-            return self._message(*known), ''
-        if loading := self._memory.loading:
-            raise LoadingError(loading)
+            return self._message(*known)
         if request.only_known:
             if parts and not sha:
                 asked_part(parts, request.part)
             raise self._nothing_known(request, sha)
+        await self._simulator(request, sha)
+        seed = DEFAULT_SEED if seed is None else seed
+        spec = DropSpec(request.part, conditions, drops, request.precision, seed)
+        account = await self._requests.drop(spec)
+        return self._message(account.run, account.counted)
+
+    async def _usable(self, name: str) -> dict[str, Part]:
+        return await self._parts.usable(name, self._requests.simulator_is_there)
+
+    async def _simulator(self, request: GetDistribution.Request, sha: str) -> None:
         try:
             await self._requests.simulator()
         except NotAvailableError as error:
             raise NotAvailableError(f'{error}{self._others(request, sha)}') from None
-        if not (request.surface or request.conditions or self._default.is_heard):
-            conditions = await self._conditions(request)
-        seed = DEFAULT_SEED if seed is None else seed
-        spec = DropSpec(request.part, conditions, drops, request.precision, seed)
-        account = await self._requests.drop(spec)
-        return self._message(account.run, account.counted), account.note
 
-    async def _conditions(self, request: GetDistribution.Request) -> DropConditions:
-        default = await self._default.conditions()
-        return asked_conditions(self._surfaces, request.surface, request.conditions, default)
+    async def _conditions(self, request: GetDistribution.Request, sha: str) -> DropConditions:
+        if request.surface or request.conditions:
+            default = self._surfaces.get()  # not used
+            return asked_conditions(self._surfaces, request.surface, request.conditions, default)
+        await self._simulator(request, sha)
+        return await self._default.conditions()
 
     def _version(self, parts: Mapping[str, Part], name: str) -> str:
         """The part_sha256 that counts: what is offered, else what was dropped last; '' if none."""
         if name in parts:
             return parts[name].part_sha256
-        if self._lookup.simulator_is_there():
+        if self._requests.simulator_is_there():
             return ''
         return self._known.sha_of(name) or ''
 
     def _message(self, run: RunDescription, distribution: Distribution) -> AspectDistribution:
-        message = _message(run, distribution)
+        message = _message(run, distribution, self._frame)
         message.header.stamp = self._node.get_clock().now().to_msg()
         return message
 
@@ -117,7 +118,7 @@ class DistributionAnswers:
         with_seed = '' if seed is None else f' with seed {seed}'
         words = (
             f'no distribution of {request.part} under these conditions{with_seed} over at least '
-            f'{request.drops} drops is known, and only_known was asked for'
+            f'{request.drops} drops is known'
         )
         return NotAvailableError(words + self._others(request, sha))
 
@@ -132,5 +133,5 @@ class DistributionAnswers:
 
 
 @lru_cache(MESSAGES_KEPT)
-def _message(run: RunDescription, distribution: Distribution) -> AspectDistribution:
-    return distribution_msg(distribution, run, Time(), True)
+def _message(run: RunDescription, distribution: Distribution, frame: str) -> AspectDistribution:
+    return distribution_msg(distribution, run, Time(), True, frame)

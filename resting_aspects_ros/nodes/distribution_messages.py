@@ -17,6 +17,7 @@ from std_msgs.msg import Header
 
 from resting_aspects_ros.core import aspect_set
 from resting_aspects_ros.core.aspect_set import AspectSet, Sweep
+from resting_aspects_ros.core.aspects import ASPECT_NUMBERING
 from resting_aspects_ros.core.distribution import METHOD, Distribution
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.estimators.estimate import Estimate
@@ -32,7 +33,7 @@ SWEEPS = (Sweep.POINT, Sweep.ARC, Sweep.RING, Sweep.DOME, Sweep.SPHERE)
 
 
 def distribution_msg(
-    distribution: Distribution, run: Run, stamp: Time, complete: bool
+    distribution: Distribution, run: Run, stamp: Time, complete: bool, frame: str = FRAME
 ) -> AspectDistribution:
     """A distribution with all aspects of the part, seen or not."""
     aspects = distribution.aspects
@@ -42,8 +43,9 @@ def distribution_msg(
     classes = distribution.by_class()
     class_rows = zip(aspects.classes(), classes.counts.tolist(), classes.intervals(), strict=True)
     return AspectDistribution(
-        header=Header(stamp=stamp, frame_id=FRAME),
+        header=Header(stamp=stamp, frame_id=frame),
         run=run_msg(run),
+        aspect_numbering=ASPECT_NUMBERING,
         method=METHOD,
         confidence=distribution.confidence,
         interval=distribution.interval,
@@ -68,13 +70,16 @@ def distribution_msg(
     )
 
 
-def estimate_msg(found: Estimate, part: Part, stamp: Time) -> AspectDistribution:
+def estimate_msg(
+    found: Estimate, part: Part, stamp: Time, frame: str = FRAME
+) -> AspectDistribution:
     """What an estimator predicts: without drops, so without counts and bounds (NaN)."""
     aspects = found.aspects
     probabilities = found.probabilities.tolist()
     return AspectDistribution(
-        header=Header(stamp=stamp, frame_id=FRAME),
+        header=Header(stamp=stamp, frame_id=frame),
         run=RunDescription(part=part.name, part_sha256=part.part_sha256),
+        aspect_numbering=ASPECT_NUMBERING,
         method=found.method,
         complete=True,
         aspects=[
@@ -137,9 +142,12 @@ def distribution_from(msg: AspectDistribution) -> Distribution:
 
     Raises InvalidValueError if they cannot be those of a distribution.
     """
+    counts = [a.count for a in msg.aspects]
+    if max(counts, default=0) >= 2**63:
+        raise InvalidValueError(f'invalid count {max(counts)}: expected at most the drops')
     found = Distribution(
         _aspects_from(msg),
-        np.array([a.count for a in msg.aspects], dtype=np.int64),
+        np.array(counts, dtype=np.int64),
         unclassified=msg.unclassified,
         unsettled=msg.unsettled,
         failed=msg.failed,

@@ -14,7 +14,7 @@ from resting_aspects_ros.nodes.distribution_messages import distribution_msg
 from resting_aspects_ros.nodes.interface import ASPECT_DISTRIBUTIONS, LATCHED, MARKERS
 from resting_aspects_ros.nodes.known_parts import KnownParts
 from resting_aspects_ros.nodes.markers import PartMarkers
-from resting_aspects_ros.nodes.parameters import Parameter, on_change
+from resting_aspects_ros.nodes.parameters import FRAME_ID, Parameter, check_frame, on_change
 from resting_aspects_ros.nodes.run_accounts import RunAccount
 
 # Markers can be 1.4 MB: over a slow link less often is better.
@@ -40,7 +40,8 @@ class DistributionOutputs:
         self._changed: dict[str, RunAccount] = {}  # by part; what changed last is last
         self._published: dict[str, str] = {}  # part -> part_sha256
         self._markers = advertise(node, MarkerArray, MARKERS, LATCHED)
-        self.poses = CurrentPoses(node)
+        self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
+        self.poses = CurrentPoses(node, self._frame)
         self._shown: tuple[str, PartMarkers] | None = None  # part_sha256, its markers
         period = node.get_parameter(PUBLISH_PERIOD.name).value
         publish = guarded(node, 'distributions are not published', self.publish)
@@ -70,7 +71,9 @@ class DistributionOutputs:
         changed, self._changed = self._changed, {}
         for part, account in changed.items():
             stamp = self._node.get_clock().now().to_msg()
-            message = distribution_msg(account.counted, account.run, stamp, account.over)
+            message = distribution_msg(
+                account.counted, account.run, stamp, account.over, self._frame
+            )
             self.offer(part).publish(message)
             self._published[part] = account.run.part_sha256
         if changed:
@@ -86,5 +89,5 @@ class DistributionOutputs:
     def _markers_of(self, part_sha256: str) -> PartMarkers:
         if self._shown is None or self._shown[0] != part_sha256:
             part, aspects = self._parts.version(part_sha256)
-            self._shown = (part_sha256, PartMarkers(part, aspects))
+            self._shown = (part_sha256, PartMarkers(part, aspects, self._frame))
         return self._shown[1]

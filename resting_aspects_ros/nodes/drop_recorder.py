@@ -37,7 +37,7 @@ from resting_aspects_ros.nodes.interface import (
     RESTING_POSES,
     SERVICES,
 )
-from resting_aspects_ros.nodes.log_folder import absolute_folder, check_log_folder
+from resting_aspects_ros.nodes.log_folder import FolderLock, absolute_folder, check_log_folder
 from resting_aspects_ros.nodes.log_reports import LogReports
 from resting_aspects_ros.nodes.open_log import OpenLog
 from resting_aspects_ros.nodes.parameters import Parameter, declare, on_change
@@ -72,8 +72,9 @@ class DropRecorder(Node):
     def __init__(self) -> None:
         super().__init__(DROP_RECORDER)
         values = declare(self, PARAMETERS)
+        self._lock = FolderLock(self.get_namespace())
         self._take_folder(values['log_folder'])
-        on_change(self, 'log_folder', check_log_folder, self._take_folder)
+        on_change(self, 'log_folder', self._check_folder, self._take_folder)
         self._logs: dict[str, OpenLog] = {}
         self._parts: dict[str, tuple[PartDescription, bytes]] = {}
         # Distributions can come before the poses that they count.
@@ -108,11 +109,17 @@ class DropRecorder(Node):
         self._tracker.destroy()
         for run_id in list(self._logs):
             self._close(run_id)
+        self._lock.release()
         super().destroy_node()
 
     def _take_folder(self, path: str) -> None:
         """Runs that begin from now on have their logs there."""
         self._folder = absolute_folder(path)
+        self._lock.take(self._folder)
+
+    def _check_folder(self, path: str) -> None:
+        check_log_folder(path)
+        self._lock.take(absolute_folder(path))
 
     def _batch(self, data: bytes) -> None:
         message = deserialize_message(data, RestingPoses)

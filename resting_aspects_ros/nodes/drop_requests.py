@@ -1,4 +1,4 @@
-"""How the classifier gets a part dropped: one goal for all who ask for the same drops at once."""
+"""How the classifier gets a part dropped for a client of its service."""
 
 import time
 from collections.abc import Callable
@@ -11,22 +11,20 @@ from rclpy.task import Future
 from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.core.errors import EngineError, RestingAspectsError
+from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.drops.conditions import DropConditions
-from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.nodes.convert import conditions_msg
-from resting_aspects_ros.nodes.drop_goals import ASK_PERIOD, LOOK_PERIOD, drop_result
-from resting_aspects_ros.nodes.earlier_runs import EarlierRuns
+from resting_aspects_ros.nodes.drop_goals import drop_result
 from resting_aspects_ros.nodes.interface import ACTION_SERVICES, DROP_PART
-from resting_aspects_ros.nodes.requests import CanceledError, NotAvailableError, status_error
-from resting_aspects_ros.nodes.waiting import wait_for
-from resting_aspects_ros.nodes.words import of_run
+from resting_aspects_ros.nodes.presence import Living
+from resting_aspects_ros.nodes.requests import NotAvailableError, status_error
+from resting_aspects_ros.nodes.waiting import sleep_for, wait_for
 
 if TYPE_CHECKING:
     from resting_aspects_ros.nodes.run_accounts import RunAccount
 
-# A simulator that is started together with the node may come this long after it, s. Later it is
-# there, or nobody has started it: to be found takes it no longer than DISCOVERY, s.
+# A simulator that is started together with the node may be ready this long after it, s. Later it
+# exists, or nobody has started it: it is discovered within DISCOVERY, s.
 STARTING = 10.0
 DISCOVERY = 2.0
 SERVER_PERIOD = 0.1
@@ -49,33 +47,18 @@ class DropSpec:
 class DropRequests:
     """Sends drop_part goals and waits until their poses have been counted.
 
-    A run that somebody else asked for, or that was under way before this node was there, is
-    waited for, and not made a second time.
-
     Parameters
     ----------
+    simulators : those that are ready
     over : gives for a run id the future of its account, done when the run is over
-    under_way : gives the account of a run that will end with just these drops
-    look_after : called often with the id of a run that is waited for, and with how long it may
-        be silent, s
     """
 
-    def __init__(
-        self,
-        node: Node,
-        over: Callable[[str], Future],
-        under_way: Callable[[DropSpec], 'RunAccount | None'],
-        look_after: Callable[[str, float], None],
-        earlier: EarlierRuns,
-    ) -> None:
+    def __init__(self, node: Node, simulators: Living, over: Callable[[str], Future]) -> None:
         self._node = node
+        self._simulators = simulators
         self._over = over
-        self._find = under_way
-        self._look_after = look_after
-        self._earlier = earlier
         self._client = ActionClient(node, DropPart, DROP_PART, **ACTION_SERVICES)
         self._begun = time.monotonic()
-        self._under_way: dict[DropSpec, Future] = {}
 
     def destroy(self) -> None:
         """End the action client."""
@@ -83,34 +66,11 @@ class DropRequests:
 
     def simulator_is_there(self) -> bool:
         """Whether a goal can be sent now."""
-        return bool(self._client.server_is_ready())
+        return bool(self._simulators.count and self._client.server_is_ready())
 
     async def drop(self, spec: DropSpec) -> 'RunAccount':
-        """The account of a run of these drops; raises what the simulator answers."""
-        if spec in self._under_way:
-            answer = await self._under_way[spec]
-        else:
-            joined = self._under_way[spec] = Future(executor=self._node.executor)
-            try:
-                answer = await self._run(spec)
-            except RestingAspectsError as error:
-                answer = error
-            except Exception as error:
-                joined.set_result(EngineError(f'unexpected: {error!r}'))
-                raise
-            finally:
-                del self._under_way[spec]
-            joined.set_result(answer)
-        if isinstance(answer, RestingAspectsError):
-            raise answer
-        return answer
-
-    async def _run(self, spec: DropSpec) -> 'RunAccount':
+        """Return the account of a run of these drops; raises what the simulator answers."""
         await self.simulator()
-        await self._earlier.wait()
-        begun = self._find(spec)
-        if begun is not None:
-            return await self._follow(begun.run)
         goal = DropPart.Goal(
             part=spec.part,
             surface=spec.conditions.surface,
@@ -128,28 +88,10 @@ class DropRequests:
         account: RunAccount = over.result()
         if account.problem:
             raise EngineError(account.problem)
-        if result.log_error:
-            account.note = f'not all of the run is recorded: {result.log_error}'
-        return account
-
-    async def _follow(self, run: RunDescription) -> 'RunAccount':
-        """The account of a run of which this node has no goal."""
-        over = self._over(run.run_id)
-        while not await wait_for(self._node, over, LOOK_PERIOD):
-            if not self.simulator_is_there():
-                raise NotAvailableError(f'the simulator went away while it dropped {run.part}')
-            self._look_after(run.run_id, ASK_PERIOD)
-        account: RunAccount = over.result()
-        if account.problem:
-            raise EngineError(account.problem)
-        if not account.reached:
-            done = of_run(run, account.counted.drops)
-            raise CanceledError(f'canceled, or broken off, after {done}; those are kept')
         return account
 
     async def simulator(self) -> None:
-        """Wait until there is one; NotAvailableError if none comes."""
-        never = Future(executor=self._node.executor)
+        """Wait until a simulator is ready; NotAvailableError if none is."""
         asked = time.monotonic()
         end = max(asked + DISCOVERY, self._begun + STARTING)
         while not self.simulator_is_there():
@@ -158,4 +100,4 @@ class DropRequests:
                     f'no drop_simulator answers on {self._node.resolve_service_name(DROP_PART)}, '
                     f'waited {end - asked:.0f} s: start drop_simulator'
                 )
-            await wait_for(self._node, never, SERVER_PERIOD)
+            await sleep_for(self._node, SERVER_PERIOD)

@@ -1,5 +1,8 @@
-"""Whether logs can be written to a folder."""
+"""The folder of a recorder's logs."""
 
+import hashlib
+import os
+import socket
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -44,3 +47,39 @@ def check_log_folder(path: str) -> None:
         with suppress(OSError):  # somebody has begun to use it
             for each in reversed(made):
                 each.rmdir()
+
+
+class FolderLock:
+    """Keeps a second recorder of the same namespace out of a folder, while this process lives.
+
+    Both would write a log of every run. Recorders of two namespaces may share a folder. The lock
+    is an abstract socket: the kernel frees it however the process ends, and it leaves no file.
+    """
+
+    def __init__(self, namespace: str) -> None:
+        self._suite = f'{os.environ.get("ROS_DOMAIN_ID", "0")} {namespace}'
+        self._folder: Path | None = None
+        self._socket: socket.socket | None = None
+
+    def take(self, folder: Path) -> None:
+        """Lock a folder in place of the one before; raises InvalidValueError if another has it."""
+        if folder == self._folder:
+            return
+        name = hashlib.sha256(os.fsencode(f'{self._suite} {os.path.realpath(folder)}')).hexdigest()
+        lock = socket.socket(socket.AF_UNIX)
+        try:
+            lock.bind(f'\0resting_aspects/drop_recorder/{name}')
+        except OSError:
+            lock.close()
+            raise InvalidValueError(
+                f'invalid log_folder {str(folder)!r}: expected a folder in which no other '
+                'drop_recorder of this namespace writes its logs: end one of the two'
+            ) from None
+        self.release()
+        self._folder, self._socket = folder, lock
+
+    def release(self) -> None:
+        """Let another recorder have the folder."""
+        if self._socket is not None:
+            self._socket.close()
+        self._folder = self._socket = None

@@ -21,7 +21,6 @@ class LogReports:
         self._logger = node.get_logger()
         self._recorded = advertise(node, RecordedRun, RECORDED_RUNS, ALL_LATCHED)
         self.error = ''
-        self._others_told = False
 
     def begun(self, log: OpenLog) -> None:
         """A log is begun, or found to be there already."""
@@ -29,13 +28,6 @@ class LogReports:
         if log.earlier is not None:
             run = log.run
             self._logger.info(f'run {run.run_id} of {run.part} is in {log.earlier} already')
-        if log.others and not self._others_told:
-            self._others_told = True
-            self._logger.warning(
-                f'another drop_recorder is writing {log.others[0]}, too: each run has a log of '
-                f'each, here {log.folder}, and its drops are counted once; end one of the two, or '
-                'give it a log_folder of its own (said once)'
-            )
 
     def written(self, log: OpenLog, *, always: bool = False) -> None:
         """Tell how far the log is, at its turning points; and once what went wrong."""

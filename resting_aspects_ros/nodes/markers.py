@@ -28,7 +28,8 @@ class PartMarkers:
     RViz knows neither all formats of parts nor their units.
     """
 
-    def __init__(self, part: Part, aspects: AspectSet) -> None:
+    def __init__(self, part: Part, aspects: AspectSet, frame: str = FRAME) -> None:
+        self._frame = frame
         self._delete_all = Marker(action=Marker.DELETEALL)
         standing = stand(part, aspects.aspects)
         triangles = part.vertices[sent_faces(part, aspects.aspects)].reshape(-1, 3)
@@ -47,7 +48,7 @@ class PartMarkers:
         for text, label in zip(self._texts, labels(distribution), strict=True):
             text.text = label
         markers = [self._delete_all, *self._meshes, *self._texts]
-        header = Header(stamp=stamp, frame_id=FRAME)
+        header = Header(stamp=stamp, frame_id=self._frame)
         for marker in markers:
             marker.header = header
         return MarkerArray(markers=markers)

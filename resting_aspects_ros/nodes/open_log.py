@@ -10,9 +10,8 @@ from resting_aspects_interfaces.msg import PartDescription, RecordedRun
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.drops.run import RunDescription
-from resting_aspects_ros.logs.log_reader import is_being_written
 from resting_aspects_ros.logs.outcome import OUTCOME, Outcome, recorded_outcome
-from resting_aspects_ros.logs.run_log import LogExistsError, RunLog, run_folder_name
+from resting_aspects_ros.logs.run_log import RunLog, run_folder_name
 from resting_aspects_ros.logs.topics import Topic
 from resting_aspects_ros.nodes.convert import NANOSECONDS
 
@@ -28,9 +27,8 @@ class OpenLog:
 
     A log that cannot be written takes nothing more; ``error`` says why. Nothing here raises.
     A run of which earlier logs hold only a part, ``parts``, gets one of its own beside them, with
-    a number after its name, and so does one of which another recorder is writing logs, ``others``:
-    either may die. One that an earlier log holds whole gets none, and ``earlier`` is where it is.
-    ``folder`` is that of the log.
+    a number after its name. One that an earlier log holds whole gets none, and ``earlier`` is the
+    folder of that. ``folder`` is that of the log.
     """
 
     def __init__(self, folder: Path, run: RunDescription) -> None:
@@ -43,7 +41,6 @@ class OpenLog:
         self.closed_whole = False
         self.earlier: Path | None = None
         self.parts: list[Path] = []
-        self.others: list[Path] = []
         self._whole = False
         self._over_at: float | None = None
         self.folder = folder
@@ -60,23 +57,17 @@ class OpenLog:
         run = self.run
         started = datetime.fromtimestamp(run.started / NANOSECONDS, timezone.utc)
         name = run_folder_name(run.part, started, run.run_id)
-        while True:
-            earlier = _earlier_logs(folder, name)
-            for log in earlier:
-                outcome = recorded_outcome(log)
-                if outcome is not None and outcome.whole:
-                    self.earlier = self.folder = log
-                    self.drops = outcome.drops
-                    return None
-            number = f'_{len(earlier) + 1}' if earlier else ''
-            self.folder = folder / (name + number)
-            try:
-                written = RunLog(folder, name + number)
-            except LogExistsError:
-                continue  # another recorder was faster
-            self.others = [log for log in earlier if _is_being_written(log)]
-            self.parts = [log for log in earlier if log not in self.others]
-            return written
+        earlier = _earlier_logs(folder, name)
+        for log in earlier:
+            outcome = recorded_outcome(log)
+            if outcome is not None and outcome.whole:
+                self.earlier = self.folder = log
+                self.drops = outcome.drops
+                return None
+        name += f'_{len(earlier) + 1}' if earlier else ''
+        self.folder = folder / name
+        self.parts = earlier
+        return RunLog(folder, name)
 
     @property
     def being_written(self) -> bool:
@@ -134,7 +125,7 @@ class OpenLog:
     def problem(self) -> str:
         """What an error means for the run, in words."""
         run = f'run {self.run.run_id} of {self.run.part}'
-        if self.drops >= self.run.drops:
+        if self._whole or self.drops >= self.run.drops:
             return f'all {self.drops} drops of {run} are recorded, but not the end: {self.error}'
         if self.drops:
             return f'only {self.drops} drops of {run} are recorded: {self.error}'
@@ -171,7 +162,6 @@ class OpenLog:
             self._fail(error)
             return None
         self.closed_whole = whole
-        self.parts = [part for part in self.parts if not _may_be_whole(part)]
         return folder
 
     def _fail(self, error: LogError) -> None:
@@ -193,19 +183,6 @@ def _earlier_logs(folder: Path, name: str) -> list[Path]:
     except OSError as error:  # a name that is too long, a disk that is gone
         raise LogError(f'log {log} cannot be written: {error.strerror}') from None
     return found
-
-
-def _is_being_written(log: Path) -> bool:
-    try:
-        return is_being_written(log)
-    except LogError:
-        return False  # whatever it is, nobody has the file of a log open in it
-
-
-def _may_be_whole(log: Path) -> bool:
-    """Whether another recorder has closed it meanwhile, or is writing it."""
-    outcome = recorded_outcome(log)
-    return (outcome is not None and outcome.whole) or _is_being_written(log)
 
 
 def _as_text(run: RunDescription) -> dict[str, str]:

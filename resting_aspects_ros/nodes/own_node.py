@@ -2,6 +2,7 @@
 
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 from uuid import uuid4
@@ -14,10 +15,12 @@ from rclpy.task import Future
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.nodes.callbacks import steady_timer
 from resting_aspects_ros.nodes.interface import LATCHED
-from resting_aspects_ros.nodes.question import AnswerTimeoutError
+from resting_aspects_ros.nodes.pending_request import AnswerTimeoutError
 from resting_aspects_ros.nodes.spin import check_domain, not_utf8
 
 SPIN_PERIOD = 0.1
+# A request that is given up has so long to cancel the run that it began, s.
+END_TIMEOUT = 2.0
 CLOSED = 'this client is closed'
 
 
@@ -67,8 +70,13 @@ class OwnNode:
         """Whether somebody waits."""
         return self._waits.locked()
 
-    def wait(self, ask: Callable[[], Future]) -> Any:
-        """Ask, spin until the answer is there, and give it, or raise its error."""
+    def wait(
+        self, ask: Callable[[], Future], unfinished: Callable[[], object] = lambda: False
+    ) -> Any:
+        """Ask, spin until the answer is there, and give it, or raise its error.
+
+        unfinished : whether a request that was canceled has not ended what it began
+        """
         if not self._waits.acquire(blocking=False):
             raise ClientUseError(
                 'this client waits for an answer already, allowed is one at a time: another '
@@ -84,6 +92,9 @@ class OwnNode:
                     self._executor.spin_once(timeout_sec=SPIN_PERIOD)
             finally:
                 answer.cancel()  # if something else ended it
+                end = time.monotonic() + END_TIMEOUT
+                while self._context.ok() and unfinished() and time.monotonic() < end:
+                    self._executor.spin_once(timeout_sec=SPIN_PERIOD)
             return answer.result()
         finally:
             self._waits.release()

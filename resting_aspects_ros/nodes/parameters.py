@@ -14,6 +14,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.nodes.interface import FRAME
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,21 @@ class Parameter:
         low, high = self.bounds
         if not low <= value <= high:
             raise InvalidValueError(f'{self.name} is {value!r}, allowed is {low:g} to {high:g}')
+
+
+FRAME_ID = Parameter(
+    'frame_id',
+    FRAME,
+    'frame of all poses and markers: z up, z = 0 is the surface',
+    allowed='the name of a frame, without a slash at the front',
+)
+
+
+def check_frame(name: str) -> str:
+    """Return the name; raises InvalidValueError if no frame can have it."""
+    if not name or name.startswith('/') or not name.isprintable():
+        raise InvalidValueError(f'invalid {FRAME_ID.name} {name!r}: expected {FRAME_ID.allowed}')
+    return name
 
 
 def declare(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:

@@ -19,14 +19,14 @@ def answer_pose(
     aspects: AspectSet,
     newest: Distribution | None,
 ) -> None:
-    """Fill in the response.
+    """Fill in the response, in which what is not known is NaN.
 
     Parameters
     ----------
     aspects : AspectSet
         Of the part that is asked about.
     newest : Distribution, optional
-        From which the probability is taken; it is NaN without.
+        From which the probability is taken.
 
     Raises
     ------
@@ -35,7 +35,6 @@ def answer_pose(
     NotAvailableError
         No aspect fits; the response has the angle to the nearest.
     """
-    response.probability = math.nan
     given = request.orientation
     orientation = unit_orientation([given.x, given.y, given.z, given.w])
     nearest = nearest_aspect(aspects, orientation)

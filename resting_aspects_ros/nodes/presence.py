@@ -5,6 +5,7 @@ a hidden topic of its kind, which never publishes, and DDS tells who subscribes 
 are alive.
 """
 
+import math
 import time
 
 from rclpy.duration import Duration
@@ -33,10 +34,13 @@ class Living:
 
     was_there : bool
         Whether there has been one.
+    replaced : float
+        When a further one appeared after the first, on the monotonic clock, s.
     """
 
     def __init__(self, node: Node, kind: str) -> None:
         self.was_there = False
+        self.replaced = -math.inf
         self._there = self._dead = 0
         node.create_subscription(
             Empty,
@@ -55,6 +59,8 @@ class Living:
 
     def _matched(self, event: QoSSubscriptionMatchedInfo) -> None:
         self._there = event.current_count
+        if self.was_there and event.current_count_change > 0:
+            self.replaced = time.monotonic()
         self.was_there = True
 
     def _changed(self, event: QoSLivelinessChangedInfo) -> None:

@@ -30,10 +30,6 @@ class BusyError(RestingAspectsError):
     """Too much is under way."""
 
 
-class LoadingError(RestingAspectsError):
-    """What may have the answer is being read; ask again soon."""
-
-
 class CanceledError(RestingAspectsError):
     """It was canceled before it was done."""
 
@@ -46,7 +42,6 @@ _CODES: dict[type[RestingAspectsError], int] = {
     NotDefinedError: Status.INVALID,
     BusyError: Status.BUSY,
     CanceledError: Status.CANCELED,
-    LoadingError: Status.LOADING,
 }
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
-from resting_aspects_ros import __version__
 from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.distribution import Distribution, count_poses, no_drops
 from resting_aspects_ros.core.errors import InvalidValueError
@@ -25,7 +24,6 @@ class RunAccount:
     over : the run has ended
     problem : why it has not all drops of its run; empty if it has
     gap : drops in between are not there, so what was counted is the distribution of no run
-    note : what a person should know of it
     """
 
     run: RunDescription
@@ -34,21 +32,12 @@ class RunAccount:
     over: bool = False
     problem: str = ''
     gap: bool = False
-    note: str = ''
 
     @property
     def counted(self) -> Distribution:
         """The distribution; only after something was counted."""
         assert self.distribution is not None
         return self.distribution
-
-    @property
-    def reached(self) -> bool:
-        """Whether all was dropped that was asked for, or enough for the precision."""
-        run, found = self.run, self.counted
-        return found.drops >= run.drops or (
-            run.precision > 0 and found.stops(run.precision, run.drops)
-        )
 
     def count(self, aspects: AspectSet) -> None:
         """Count what waits."""
@@ -187,24 +176,6 @@ def _newest(known: Known) -> tuple[int, str]:
 
 def _most_drops(known: Known) -> tuple[int, int, str]:
     return known[1].drops, *_newest(known)
-
-
-def find_under_way(
-    accounts: Iterable[RunAccount],
-    part_sha256: str,
-    conditions: DropConditions,
-    drops: int,
-    precision: float,
-    seed: int,
-) -> RunAccount | None:
-    """The account of a run that will end with just these drops, whoever asked for it."""
-    asked = (part_sha256, conditions.values(), 0, drops, precision, seed, __version__)
-    for account in accounts:
-        run = account.run
-        made = (run.part_sha256, run.conditions.values(), run.first_drop, run.drops)
-        if not account.over and (*made, run.precision, run.seed, run.suite_version) == asked:
-            return account
-    return None
 
 
 def newest_distribution(

@@ -2,8 +2,7 @@
 
 from rclpy.node import Node
 
-from resting_aspects_ros.nodes.interface import DROP_SIMULATOR, LOG_REPLAYER
-from resting_aspects_ros.nodes.presence import Living
+from resting_aspects_ros.nodes.interface import DROP_SIMULATOR
 from resting_aspects_ros.nodes.run_tracker import RunTracker
 from resting_aspects_ros.nodes.words import counted, run_values, under_way
 
@@ -14,8 +13,6 @@ class RunHealth:
     def __init__(self, node: Node, tracker: RunTracker) -> None:
         self._node = node
         self._tracker = tracker
-        self._simulators = Living(node, DROP_SIMULATOR)
-        self._replayers = Living(node, LOG_REPLAYER)
         self._told = False
 
     @property
@@ -26,7 +23,7 @@ class RunHealth:
     def values(self) -> dict[str, object]:
         """For the diagnostics."""
         return {
-            'drop_simulators': self._simulators.count,
+            'drop_simulators': self._tracker.simulators.count,
             'missing drops': self._tracker.missing(),
             'runs with lost drops': self._tracker.lost,
             **run_values(self._tracker.under_way()),
@@ -53,5 +50,5 @@ class RunHealth:
 
         Where there never was one they come from elsewhere, such as a log that is replayed.
         """
-        alive = self._simulators.count or self._replayers.count
-        return self._simulators.was_there and not alive
+        alive = self._tracker.simulators.count or self._tracker.replayers.count
+        return self._tracker.simulators.was_there and not alive

@@ -1,6 +1,5 @@
 """What a consumer of resting_poses has seen of each run, and how it gets what it missed."""
 
-import math
 import time
 from collections import OrderedDict
 from collections.abc import Callable
@@ -16,17 +15,22 @@ from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsErr
 from resting_aspects_ros.drops.coverage import Coverage
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.nodes.callbacks import guarded, steady_timer
-from resting_aspects_ros.nodes.convert import conditions_msg, run_from, run_msg
+from resting_aspects_ros.nodes.convert import conditions_msg, run_from
 from resting_aspects_ros.nodes.drop_goals import drop_result
-from resting_aspects_ros.nodes.interface import ACTION_SERVICES, DROP_PART
+from resting_aspects_ros.nodes.interface import (
+    ACTION_SERVICES,
+    DROP_PART,
+    DROP_SIMULATOR,
+    LOG_REPLAYER,
+)
+from resting_aspects_ros.nodes.presence import Living
 from resting_aspects_ros.nodes.words import counted, of_run
 
 # Missing drops are asked for so many times in a row without getting any, then they are lost.
-MOST_REPAIRS = 3
-# After so long without a batch of a run the rest of it is asked for, s: its simulator may be gone.
-# One that is there and slow answers that the run is under way.
-SILENCE = 60.0
-# How often silence and gaps are looked for, s.
+MAX_REPAIRS = 3
+# Batches of a simulator that is gone may still be read for this long after it is noticed, s.
+GRACE = 2.0
+# How often gaps, and runs whose simulator is gone, are looked for, s.
 CHECK_PERIOD = 1.0
 # Runs that are remembered, so that drops published again for others are not taken for new.
 RUNS_KEPT = 10_000
@@ -37,13 +41,13 @@ class RunProgress:
     """The drops of one run that have been seen.
 
     end : index after its last drop; until ``ended`` the one that was asked for
-    silent : it ended without a last batch
+    abandoned : its simulator was gone before the last batch
     """
 
     run: RunDescription
     end: int
     ended: bool = False
-    silent: bool = False
+    abandoned: bool = False
     seen: Coverage = field(default_factory=Coverage)
     repairs: int = 0
     repairing: bool = False
@@ -61,13 +65,6 @@ class RunProgress:
         """Ranges that have been published and were not seen."""
         return self.seen.missing(self.run.first_drop, self.end if self.ended else self.seen.end)
 
-    def goes_on(self) -> None:
-        """The simulator says that it is at work."""
-        self.heard = time.monotonic()
-        self.repairs = 0
-        if self.silent:
-            self.ended = self.silent = False
-
     @property
     def complete(self) -> bool:
         """Nothing is missing and no more is to come."""
@@ -75,8 +72,9 @@ class RunProgress:
 
     @property
     def lost(self) -> bool:
-        """Something is missing, and asking again did not bring it."""
-        return self.repairs >= MOST_REPAIRS and not self.repairing and bool(self.missing())
+        """Something is missing and cannot be had."""
+        given_up = self.repairs >= MAX_REPAIRS and not self.repairing
+        return (self.abandoned or given_up) and bool(self.missing())
 
     @property
     def broken_off(self) -> bool:
@@ -87,18 +85,17 @@ class RunProgress:
     def loss(self) -> str:
         """What of it is lost, in words."""
         name = f'run {self.run.run_id} of {self.run.part}'
-        if self.silent:
+        if self.abandoned:
             return f'{name} was broken off: {of_run(self.run, len(self.seen))}'
         lost = sum(end - first for first, end in self.missing())
         total = counted(self.end - self.run.first_drop, 'drop', 'drops')
-        return f'{name} has lost {lost} of {total}, which are not to be had'
+        return f'{name} has lost {lost} of {total}, which could not be recovered'
 
 
 class RunTracker:
     """Follows runs through their batches; asks the simulator again for drops that were lost.
 
-    Drops are reproducible: a gap is filled by the same drops of another run as well, which is what
-    a simulator gives that was restarted.
+    A run that is not over when its simulator ends is broken off.
 
     Parameters
     ----------
@@ -108,6 +105,7 @@ class RunTracker:
 
     problem : what the newest run lost that is lost, in words, until a run is complete; else empty
     lost : runs that are lost
+    simulators, replayers : those that are alive in the namespace
     """
 
     def __init__(
@@ -121,6 +119,8 @@ class RunTracker:
         self._known = known
         self.problem = ''
         self.lost = 0
+        self.simulators = Living(node, DROP_SIMULATOR)
+        self.replayers = Living(node, LOG_REPLAYER)
         self._client = ActionClient(node, DropPart, DROP_PART, **ACTION_SERVICES)
         self._runs: OrderedDict[str, RunProgress] = OrderedDict()
         steady_timer(
@@ -139,14 +139,6 @@ class RunTracker:
         """The runs that are not over, and how many drops of each have been seen."""
         return [(progress.run, len(progress.seen)) for progress in self._open()]
 
-    def look_after(self, run_id: str, silence: float) -> None:
-        """Somebody waits for a run: ask for the rest after less silence than else, s."""
-        progress = self._runs.get(run_id)
-        if progress is None or not self._client.server_is_ready():
-            return
-        if time.monotonic() - progress.heard > silence:
-            progress.heard = -math.inf  # _check does it
-
     def accept(self, batch: RestingPosesMsg) -> list[tuple[RunProgress, list[tuple[int, int]]]]:
         """The runs that a batch is news for, and the ranges of its drops that each had not seen.
 
@@ -160,7 +152,7 @@ class RunTracker:
             own.heard = time.monotonic()
             arrivals.append((own, own.take(first, end)))
             if batch.last:
-                own.ended, own.silent, own.end = True, False, max(end, own.seen.end)
+                own.ended, own.end = True, max(end, own.seen.end)
         for other in self._runs.values():
             if other is own or other.closed or other.run.sequence() != own.run.sequence():
                 continue
@@ -198,24 +190,29 @@ class RunTracker:
         return known
 
     def _check(self) -> None:
-        for progress in list(self._runs.values()):
-            if progress.closed or progress.repairing:
-                continue
-            if time.monotonic() - progress.heard > SILENCE:
-                progress.silent = progress.silent or not progress.ended
-                progress.ended = True
-                if not self._client.server_is_ready():
-                    progress.repairs = MOST_REPAIRS
-            self.settle(progress)
+        for progress in self._open():
+            if self._is_abandoned(progress.heard):
+                progress.ended = progress.abandoned = True
+            if progress.abandoned or not progress.repairing:
+                self.settle(progress)
+
+    def _is_abandoned(self, heard: float) -> bool:
+        """Whether the simulator of a run that was heard of then is gone, or another one by now.
+
+        Where there never was one, nor a replayer, the batches come from elsewhere.
+        """
+        alive = self.simulators.count
+        was_there = self.simulators.was_there or self.replayers.was_there
+        if not was_there or time.monotonic() - heard < GRACE:
+            return False
+        if not alive:
+            return not self.replayers.count
+        return alive == 1 and heard < self.simulators.replaced
 
     def _repair(self, progress: RunProgress) -> None:
         if progress.repairing or not self._client.server_is_ready():
             return  # _check comes back to it
         run, (first, end) = progress.run, progress.missing()[0]
-        takes_up = progress.silent and end == run.end
-        if takes_up and run.precision:
-            # Where it stops follows from all its drops.
-            first = run.first_drop
         progress.repairing = True
         progress.repairs += 1
         goal = DropPart.Goal(
@@ -224,30 +221,26 @@ class RunTracker:
             conditions=[conditions_msg(run.conditions)],
             drops=end - first,
             first_drop=first,
-            precision=run.precision if takes_up else 0.0,
             seed=run.seed,
             run_id=run.run_id,
-            run=[run_msg(run)],
         )
-        what = 'have not come' if takes_up else 'were lost'
-        self._node.get_logger().warning(f'{_drops(goal)} {what}, asking again')
+        self._node.get_logger().warning(f'{_drops(goal)} were lost, asking again')
         executor = self._node.executor
         assert executor is not None  # this is called by it
         executor.create_task(self._ask_again, progress, goal)
 
     async def _ask_again(self, progress: RunProgress, goal: DropPart.Goal) -> None:
         """The last batch may still be on its way after it: _check looks what is missing."""
-        code = Status.NOT_AVAILABLE
         try:
             answer = (await drop_result(self._node, self._client, goal)).status
             code, complaint = answer.code, answer.message
         except RestingAspectsError as error:
-            complaint = str(error)
+            code, complaint = Status.NOT_AVAILABLE, str(error)
         progress.repairing = False
-        if code == Status.BUSY or (code == Status.CANCELED and progress.silent):
-            progress.goes_on()  # or has ended: its last batch says so
+        if code == Status.BUSY:
+            progress.repairs = 0
         elif code not in (Status.OK, Status.CANCELED):
-            self._node.get_logger().error(f'{_drops(goal)} are not to be had: {complaint}')
+            self._node.get_logger().error(f'{_drops(goal)} are not available: {complaint}')
 
 
 def _drops(goal: DropPart.Goal) -> str:

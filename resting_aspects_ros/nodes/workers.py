@@ -2,10 +2,9 @@
 
 from collections.abc import AsyncGenerator
 from concurrent.futures import Future as PoolFuture
-from contextlib import closing
+from contextlib import closing, suppress
 
 from rclpy.node import Node
-from rclpy.task import Future
 
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
@@ -13,6 +12,7 @@ from resting_aspects_ros.drops.campaign import drop_chunks
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.drops.worker_pool import ProcessWorkers
+from resting_aspects_ros.nodes.waiting import result_of
 
 
 class Workers:
@@ -42,7 +42,7 @@ class Workers:
             with closing(drop_chunks(job, asked, self._processes, self._warn)) as steps:
                 for step in steps:
                     if isinstance(step, PoolFuture):
-                        await self._done(step)
+                        await _done(self._node, step)
                     else:
                         yield step
         except EngineError as error:
@@ -52,15 +52,8 @@ class Workers:
         self.died += 1
         self._node.get_logger().warning(death)
 
-    async def _done(self, future: 'PoolFuture[RestingPoses]') -> None:
-        """Wait for a worker without holding up the node."""
-        done = Future(executor=self._node.executor)
 
-        def wake(_: object) -> None:
-            # From a thread of the pool; the node may be gone by then.
-            if (executor := self._node.executor) is not None:
-                done.set_result(None)
-                executor.wake()
-
-        future.add_done_callback(wake)
-        await done
+async def _done(node: Node, chunk: 'PoolFuture[RestingPoses]') -> None:
+    """Wait for a worker; what it raises is for who takes the chunk."""
+    with suppress(Exception):
+        await result_of(node, chunk)

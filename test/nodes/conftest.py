@@ -1,5 +1,6 @@
 """Real nodes in real processes, and a client node in this one."""
 
+import copy
 import functools
 import itertools
 import os
@@ -8,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -151,9 +152,9 @@ def _processes():
             yield int(folder.name), fields
 
 
-@pytest.fixture(scope='module')
-def run_command(tmp_path_factory):
-    """Start a command; it is ended with the module."""
+@contextmanager
+def _processes_of(tmp_path_factory):
+    """Give a function that starts a command; all of them are ended at the end."""
     started = []
 
     def run_command(*command):
@@ -161,16 +162,24 @@ def run_command(tmp_path_factory):
         started.append(Process([str(word) for word in command], output))
         return started[-1]
 
-    yield run_command
-    for process in started:
-        process.destroy()
+    try:
+        yield run_command
+    finally:
+        for process in started:
+            process.destroy()
 
 
 @pytest.fixture(scope='module')
-def start(run_command, wait):
-    """Start a node, wait until it is ready, and give its process.
+def run_command(tmp_path_factory):
+    """Start a command; it is ended with the module."""
+    with _processes_of(tmp_path_factory) as run_command:
+        yield run_command
 
-    ``constants`` are set before: {'run_tracker.SILENCE': 1.0}.
+
+def _starter(run_command, wait):
+    """Make a function that starts a node, waits until it is ready, and gives its process.
+
+    ``constants`` are set before: {'run_tracker.GRACE': 1.0}.
     """
 
     def start(node, namespace, parameters=(), constants=(), ready='ready'):
@@ -194,6 +203,12 @@ def start(run_command, wait):
         return process
 
     return start
+
+
+@pytest.fixture(scope='module')
+def start(run_command, wait):
+    """Start a node; it is ended with the module."""
+    return _starter(run_command, wait)
 
 
 class Drop:
@@ -355,28 +370,32 @@ def namespace():
 class Suite:
     """The three nodes, each in a process, and a client."""
 
-    def __init__(self, namespace, logs, start, connect, constants=(), **simulator):
+    def __init__(self, namespace, logs, start, wait, constants=(), **simulator):
         self.namespace, self.logs = namespace, logs
-        self.client = connect(namespace)
+        self.client = None
         parameters = {
             'drop_simulator': simulator,
             'aspect_classifier': {'log_folder': logs},
             'drop_recorder': {'log_folder': logs},
         }
 
-        def start_node(node, **wait):
+        def start_node(node, **options):
             return start(
-                node, namespace, parameters.get(node, {}), dict(constants).get(node, {}), **wait
+                node, namespace, parameters.get(node, {}), dict(constants).get(node, {}), **options
             )
 
         self._start = start_node
         # Side by side: each takes seconds to import.
         self.processes = {node: start_node(node, ready='') for node in SUITE}
         for node, process in self.processes.items():
-            self.client.wait(
-                lambda process=process: 'ready' in process.said or not process.running, node
-            )
+            wait(lambda process=process: 'ready' in process.said or not process.running, node)
             assert process.running, process.said
+
+    def seen_by(self, client):
+        """The same nodes with another client."""
+        suite = copy.copy(self)
+        suite.client = client
+        return suite
 
     def start_again(self, node):
         """Start a node that ended, as it was started."""
@@ -397,22 +416,30 @@ class Suite:
         return self.client.wait(whole, f'log of run {run_id}')[0].parent
 
 
-@pytest.fixture(scope='module')
-def suite(start, connect, tmp_path_factory):
-    """Give the suite, with the example parts; shared by the tests of a module."""
-    return Suite(
-        f'/test_{os.getpid()}_{next(_serial)}', tmp_path_factory.mktemp('logs'), start, connect
-    )
+@pytest.fixture(scope='session')
+def shared_nodes(tmp_path_factory, wait):
+    """Give the nodes that the test worker has for all modules that end none of them."""
+    with _processes_of(tmp_path_factory) as run_command:
+        namespace, logs = f'/test_{os.getpid()}', tmp_path_factory.mktemp('logs')
+        yield Suite(namespace, logs, _starter(run_command, wait), wait)
 
 
 @pytest.fixture(scope='module')
-def fresh_suite(start, connect, tmp_path_factory):
-    """Make a suite that nobody asked for anything yet."""
+def suite(shared_nodes, connect):
+    """Give the nodes that all modules share, with a client of the module."""
+    assert shared_nodes.alive, [each.said for each in shared_nodes.processes.values()]
+    return shared_nodes.seen_by(connect(shared_nodes.namespace))
+
+
+@pytest.fixture(scope='module')
+def fresh_suite(start, wait, connect, tmp_path_factory):
+    """Make nodes that nobody asked for anything yet; they are ended with the module."""
 
     def fresh_suite(constants=(), **simulator):
         namespace = f'/test_{os.getpid()}_{next(_serial)}'
         logs = tmp_path_factory.mktemp('logs')
-        return Suite(namespace, logs, start, connect, constants, **simulator)
+        suite = Suite(namespace, logs, start, wait, constants, **simulator)
+        return suite.seen_by(connect(namespace))
 
     return fresh_suite
 

@@ -51,7 +51,7 @@ def counted(aspects, *counts, unclassified=0):
 
 def answer(aspects, orientation, newest=None):
     """The response, and the error if there is one."""
-    response = ClassifyPose.Response()
+    response = ClassifyPose.Response(angle=math.nan, probability=math.nan)
     request = ClassifyPose.Request(part=BOX, orientation=quaternion(orientation))
     try:
         answer_pose(request, response, aspects, newest)
@@ -286,6 +286,8 @@ def test_an_unknown_part_lists_those_that_are_known(classify, name):
     assert found.status.code == Status.UNKNOWN_PART
     assert found.status.message.startswith(f'part {name[:64]!r} is not known, known are angle_45')
     assert found.status.message.endswith(', u_bracket, washer')
+    assert math.isnan(found.probability)
+    assert math.isnan(found.angle)
 
 
 def test_the_part_is_the_one_that_is_offered_now_or_was_last(

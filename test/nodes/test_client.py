@@ -14,8 +14,6 @@ from geometry_msgs.msg import Quaternion
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.task import Future
-from resting_aspects_interfaces.srv import ListParts
 from scipy.stats import binomtest
 
 from resting_aspects_ros.client import (
@@ -32,9 +30,8 @@ from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.estimators.estimate import estimate
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.nodes import client as nodes_client
-from resting_aspects_ros.nodes import question
+from resting_aspects_ros.nodes import pending_request
 from resting_aspects_ros.nodes.convert import run_from
-from resting_aspects_ros.nodes.interface import SERVICES
 
 DEADLINE = 60.0
 
@@ -64,14 +61,6 @@ def nobody(namespace, in_namespace):
     """A client where no suite is."""
     with RestingAspectsClient(**in_namespace(namespace)) as client:
         yield client
-
-
-@pytest.fixture
-def frozen(suite):
-    """Stop the simulator, until the test is over."""
-    simulator = suite.processes['drop_simulator']
-    yield lambda: simulator.send_to_group(signal.SIGSTOP)
-    simulator.send_to_group(signal.SIGCONT)
 
 
 def entities(node):
@@ -110,7 +99,7 @@ def test_only_known_without_a_number_takes_what_is_known(client):
         client.get_distribution('hex_nut', drops=8, only_known=True)
 
 
-def test_without_a_number_there_are_1000_drops_and_with_a_precision_as_many_as_it_takes(client):
+def test_default_drop_count_and_precision(client):
     assert client.get_distribution('tetrahedron', seed=53).run.drops == 1000
     precise = client.get_distribution('tetrahedron', precision=0.06, seed=54)
     assert (precise.run.precision, precise.drops < precise.run.drops) == (0.06, True)
@@ -329,7 +318,7 @@ def test_a_surface_and_conditions_are_too_much(nobody, surfaces):
     [
         ({'part': 'gizmo'}, UnknownPartError, "part 'gizmo' is not known, known are angle"),
         ({'surface': 'ice'}, InvalidValueError, "surface 'ice' is not known, allowed is"),
-        ({'seed': 987, 'only_known': True}, NotAvailableError, 'only_known was asked for'),
+        ({'seed': 987, 'only_known': True}, NotAvailableError, 'drops is known'),
         ({'part': 'cylinder_d20_h20', 'method': 'crsa'}, InvalidValueError, 'crsa is not def'),
     ],
 )
@@ -416,14 +405,13 @@ def test_an_async_callback_awaits_one_answer_after_the_other(cell, wait):
     assert isinstance(refused, UnknownPartError)
 
 
-def test_who_awaits_an_answer_hears_that_the_client_is_closed(cell, wait, frozen):
-    frozen()  # so that there is none
+def test_awaiting_a_closed_client_raises(cell, wait):
     client = RestingAspectsClient(cell)
     said = []
 
     async def work():
         timer.cancel()
-        answer = client.get_distribution_async('tetrahedron', drops=5, seed=79)
+        answer = client.get_distribution_async('tetrahedron', drops=500_000, seed=79)
         said.append('asked')
         try:
             said.append(await answer)
@@ -431,7 +419,7 @@ def test_who_awaits_an_answer_hears_that_the_client_is_closed(cell, wait, frozen
             said.append(error)
 
     timer = cell.create_timer(0.01, work)
-    wait(lambda: said, 'question')
+    wait(lambda: said, 'request')
     client.close()
     wait(lambda: len(said) == 2, 'error')
     assert isinstance(said[1], ClientUseError)
@@ -466,24 +454,64 @@ def test_two_clients_of_one_node(suite, spun):
     assert mine.result().drops == 400
 
 
-def test_nothing_is_left_of_a_question_that_is_over_or_canceled(suite, spun):
-    before = entities(suite.client.node)
+def test_nothing_is_left_of_a_request_that_is_over_or_canceled(suite, spun):
+    node = suite.client.node
+    spun.get_distribution_async('washer', drops=1)  # from now on there is an action client
+    suite.client.wait(lambda: not spun._open, 'answer')
+    before = set(entities(node))
+
+    def nothing_is_left():
+        return not spun._open and set(entities(node)) == before
+
     heard = []
-    answer = spun.get_distribution_async('washer', drops=11, progress=heard.append)
-    assert len(entities(suite.client.node)) > len(before)
-    answer.cancel()
-    assert entities(suite.client.node) == before
+    canceled = spun.get_distribution_async('washer', drops=500_000, progress=heard.append)
+    suite.client.wait(lambda: heard, 'progress')
+    canceled.cancel()
+    suite.client.wait(nothing_is_left, 'end of the canceled request')
     over = spun.list_parts_async()
     refused = spun.get_distribution_async('gizmo')
     suite.client.wait(lambda: over.done() and refused.done(), 'answers')
     assert isinstance(refused.exception(), UnknownPartError)
-    assert entities(suite.client.node) == before
-    assert (answer.cancelled(), heard) == (True, [])
+    suite.client.wait(nothing_is_left, 'end of the others')
     open_yet = spun.get_distribution_async('washer', drops=12, timeout=60)
     spun.close()
     with pytest.raises(ClientUseError, match='this client is closed'):
         open_yet.result()
-    assert not set(entities(suite.client.node)) & set(before[-3:])
+
+
+@pytest.mark.parametrize('timeout', [None, 20.0])
+def test_a_request_that_is_given_up_ends_its_run(suite, spun, timeout):
+    """Its drops are kept; by a cancel, and by a timeout."""
+    poses = suite.client.poses()
+    seed = 84 if timeout is None else 85
+    heard = []
+    answer = spun.get_distribution_async(
+        'tetrahedron', drops=2_000_000, seed=seed, timeout=timeout, progress=heard.append
+    )
+    suite.client.wait(lambda: heard, 'progress')
+    if timeout is None:
+        answer.cancel()
+    suite.client.wait(lambda: any(b.last and b.run.seed == seed for b in poses), 'end of the run')
+    if timeout is not None:
+        suite.client.wait(answer.done, 'timeout')
+        assert isinstance(answer.exception(), AnswerTimeoutError)
+        assert re.search(r'waited 20 s: \d+ drops are done$', str(answer.exception()))
+    known = spun.get_distribution_async('tetrahedron', seed=seed, only_known=True)
+    suite.client.wait(known.done, 'what is known')
+    assert 0 < known.result().drops < 2_000_000
+
+
+def test_a_run_that_another_client_wants_too_goes_on(suite, spun):
+    with RestingAspectsClient(suite.client.node) as other:
+        heard = []
+        mine = spun.get_distribution_async('washer', drops=9000, seed=86, progress=heard.append)
+        suite.client.wait(lambda: heard, 'progress')
+        joined = []
+        same = other.get_distribution_async('washer', drops=9000, seed=86, progress=joined.append)
+        suite.client.wait(lambda: joined or same.done(), 'progress of the other')
+        mine.cancel()
+        suite.client.wait(same.done, 'the other answer')
+        assert same.result().drops == 9000
 
 
 # A suite that is not there, or dies
@@ -501,7 +529,7 @@ def test_a_suite_that_is_not_there_is_waited_for_as_long_as_allowed(nobody, name
 
 
 def test_without_a_timeout_it_is_waited_for_a_while(nobody, monkeypatch):
-    monkeypatch.setattr(question, 'SERVICE_TIMEOUT', 0.3)
+    monkeypatch.setattr(pending_request, 'SERVICE_TIMEOUT', 0.3)
     with pytest.raises(AnswerTimeoutError, match=r'waited 0.3 s: start'):
         nobody.list_parts()
     with pytest.raises(AnswerTimeoutError, match=r'waited 0.3 s: start'):
@@ -509,7 +537,7 @@ def test_without_a_timeout_it_is_waited_for_a_while(nobody, monkeypatch):
 
 
 def test_who_waits_is_told_once_that_there_is_no_suite(namespace, in_namespace, monkeypatch):
-    monkeypatch.setattr(question, 'PATIENCE', 0.2)
+    monkeypatch.setattr(pending_request, 'PATIENCE', 0.2)
     said = []
     with (
         RestingAspectsClient(**in_namespace(namespace), warn=said.append) as nobody,
@@ -517,7 +545,7 @@ def test_who_waits_is_told_once_that_there_is_no_suite(namespace, in_namespace, 
     ):
         nobody.list_parts(timeout=1)
     topic = f'{namespace}/list_parts'
-    assert said == [f'no aspect_classifier answers on {topic} yet, it is waited for 1 s']
+    assert said == [f'no aspect_classifier answers on {topic} yet, waiting up to 1 s']
 
 
 def test_a_timeout_passes_where_simulated_time_stands_still(namespace, suite):
@@ -539,69 +567,6 @@ def test_a_timeout_passes_where_simulated_time_stands_still(namespace, suite):
         node.destroy_node()
 
 
-def test_a_timeout_says_that_nobody_is_there_any_more(connect, namespace, monkeypatch):
-    monkeypatch.setattr(question, 'ASK_PERIOD', DEADLINE)  # it is not asked again
-    spinner = connect(namespace)
-    asked = []
-
-    async def never(request, response):
-        asked.append(request)
-        await Future()
-        return response
-
-    service = spinner.node.create_service(ListParts, 'list_parts', never, qos_profile=SERVICES)
-    with RestingAspectsClient(spinner.node) as client:
-        spinner.wait(client._services['list_parts'].service_is_ready, 'service found')
-        answer = client.list_parts_async(timeout=4)
-        spinner.wait(lambda: asked, 'question')
-        spinner.node.destroy_service(service)
-        spinner.wait(answer.done, 'timeout')
-    assert str(answer.exception()) == (
-        f'{namespace}/list_parts did not give the list of parts, waited 4 s: no aspect_classifier '
-        'is there any more'
-    )
-
-
-def test_a_timeout_says_how_far_the_drops_are_and_the_run_goes_on(client, suite, frozen):
-    client.get_distribution('tetrahedron', drops=10, seed=80)  # now there are workers
-    with pytest.raises(AnswerTimeoutError) as error:
-        client.get_distribution(
-            'tetrahedron', drops=5000, seed=81, timeout=4, progress=lambda _: frozen()
-        )
-    assert re.fullmatch(
-        rf'{suite.namespace}/get_distribution did not give the distribution of tetrahedron, '
-        r'waited 4 s: \d+ drops are done, and the run goes on',
-        str(error.value),
-    )
-    suite.processes['drop_simulator'].send_to_group(signal.SIGCONT)
-    assert client.get_distribution('tetrahedron', drops=5000, seed=81).drops == 5000
-
-
 def test_who_asks_needs_no_engine():
     script = 'import sys, resting_aspects_ros.client; print("pybullet" in sys.modules)'
     assert subprocess.check_output([sys.executable, '-c', script], text=True) == 'False\n'
-
-
-def test_a_classifier_that_is_started_again_is_asked_again(suite, spun, monkeypatch):
-    monkeypatch.setattr(question, 'ASK_PERIOD', 1.0)
-    heard = []
-    answer = spun.get_distribution_async('tetrahedron', drops=4000, seed=82, progress=heard.append)
-    suite.client.wait(lambda: heard, 'progress')
-    suite.processes['aspect_classifier'].end(signal.SIGKILL)
-    assert not answer.done()
-    suite.start_again('aspect_classifier')
-    suite.client.wait(answer.done, 'answer of the new classifier')
-    assert (answer.result().drops, answer.result().run.seed) == (4000, 82)
-
-
-def test_a_classifier_that_goes_away_ends_the_wait(suite, spun, monkeypatch):
-    monkeypatch.setattr(question, 'ASK_PERIOD', 0.5)
-    heard = []
-    answer = spun.get_distribution_async('tetrahedron', drops=9000, seed=83, progress=heard.append)
-    suite.client.wait(lambda: heard, 'progress')
-    assert suite.processes['aspect_classifier'].end(signal.SIGTERM) == 0
-    suite.client.wait(answer.done, 'error')
-    assert isinstance(answer.exception(), NotAvailableError)
-    assert str(answer.exception()) == (
-        'the classifier went away while the distribution of tetrahedron was asked for'
-    )

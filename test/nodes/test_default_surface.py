@@ -1,4 +1,4 @@
-"""A request that names no surface: simulator and classifier mean the same by it, always."""
+"""A request that names no surface: the simulator says what it means."""
 
 import pytest
 from resting_aspects_interfaces.msg import DropConditions, Status
@@ -13,13 +13,6 @@ def simulator(suite, parameters_of):
     found = parameters_of(suite.client, 'drop_simulator')
     yield found
     assert found.set(surface='rubber_mat') == []
-    classifier = parameters_of(suite.client, 'aspect_classifier')
-    suite.client.wait(lambda: classifier.get('surface') == 'rubber_mat', 'surface as before')
-
-
-@pytest.fixture
-def classifier(suite, parameters_of):
-    return parameters_of(suite.client, 'aspect_classifier')
 
 
 @pytest.fixture
@@ -38,12 +31,11 @@ def surfaces_meant(suite):
     return surfaces_meant
 
 
-def test_without_a_surface_all_mean_the_simulator_s(suite, simulator, classifier, surfaces_meant):
+def test_without_a_surface_all_mean_the_simulators(suite, simulator, surfaces_meant):
     assert surfaces_meant(seed=101) == ('rubber_mat', 'rubber_mat')
     assert simulator.set(surface='steel') == []
-    suite.client.wait(lambda: classifier.get('surface') == 'steel', 'surface of the classifier')
     assert surfaces_meant(seed=101) == ('steel', 'steel')
-    # What names a surface is not touched.
+    # A request that names a surface is not affected.
     named = suite.client.ask(drops=3, seed=[101], surface='rubber_mat').distribution
     assert named.run.conditions.surface == 'rubber_mat'
 
@@ -66,61 +58,36 @@ def test_the_default_is_published_whole(suite, simulator, surfaces):
     assert heard[-1].friction == surfaces.get('thrown').friction
 
 
-def test_the_classifier_s_is_not_set_apart_from_a_simulator_that_is_there(classifier):
-    assert classifier.set(surface='rubber_mat') == []  # what it is
-    (words,) = classifier.set(surface='steel')
-    assert words == (
-        "surface is 'steel', allowed is 'rubber_mat' while drop_simulator is there, which says "
-        'so: set it there'
-    )
-    assert classifier.get('surface') == 'rubber_mat'
-
-
-def test_whoever_comes_last_they_agree(fresh_suite, parameters_of):
+def test_the_default_is_known_as_long_as_its_simulator_was_heard(fresh_suite):
     suite = fresh_suite(workers=1, surface='steel')
-    classifier = parameters_of(suite.client, 'aspect_classifier')
-    simulator = parameters_of(suite.client, 'drop_simulator')
-    suite.client.wait(lambda: classifier.get('surface') == 'steel', 'what the simulator says')
-    assert "surface is 'steel', as the simulator says; it was 'rubber_mat'" in (
-        suite.processes['aspect_classifier'].said
-    )
-    assert simulator.set(surface='thrown') == []
-    suite.client.wait(lambda: classifier.get('surface') == 'thrown', 'what was set')
-
+    first = suite.client.ask(drops=2).distribution
+    assert first.run.conditions.surface == 'steel'
     # A classifier that comes later hears it before it answers for a part.
     suite.processes['aspect_classifier'].end()
     suite.start_again('aspect_classifier')
-    asked = suite.client.ask(drops=2).distribution
-    assert asked.run.conditions.surface == 'thrown'
-
-    # Without a simulator it may be set; what is known stays known.
+    assert suite.client.ask(drops=2).distribution.run == first.run
     suite.processes['drop_simulator'].end()
-    suite.client.wait(
-        lambda: not suite.client.node.count_publishers(f'{suite.namespace}/{DEFAULT_CONDITIONS}'),
-        'end of the simulator',
+    assert (
+        suite.client.ask(drops=2, only_known=True, surface='steel').distribution.run == first.run
     )
-    suite.client.wait(lambda: classifier.set(surface='rubber_mat') == [], 'rubber_mat')
-    known = suite.client.ask(drops=2, only_known=True)
-    assert known.status.code == Status.NOT_AVAILABLE
-    assert classifier.set(surface='thrown') == []
-    assert suite.client.ask(drops=2, only_known=True).distribution.run == asked.run
+    # One that has heard none has no default of its own.
+    suite.processes['aspect_classifier'].end()
+    suite.start_again('aspect_classifier')
+    unnamed = suite.client.ask(drops=2, only_known=True).status
+    assert unnamed.code == Status.NOT_AVAILABLE
+    assert 'no drop_simulator answers' in unnamed.message
+    assert (
+        suite.client.ask(drops=2, only_known=True, surface='steel').distribution.run == first.run
+    )
 
-    # One that is started again says what it was started with.
-    suite.start_again('drop_simulator')
-    suite.client.wait(lambda: classifier.get('surface') == 'steel', 'steel again')
-    assert suite.client.ask(drops=2).distribution.run.conditions.surface == 'steel'
 
-
-def test_a_surface_that_only_the_simulator_knows_is_meant_nevertheless(
-    fresh_suite, parameters_of, tmp_path
-):
+def test_the_default_may_be_a_surface_that_the_classifier_does_not_know(fresh_suite, tmp_path):
     text = surfaces_file().read_text(encoding='utf-8')
     own = text.replace('steel:', 'granite:').replace('friction: 0.15', 'friction: 0.17')
     (tmp_path / 'own.yaml').write_text(own, encoding='utf-8')
     suite = fresh_suite(workers=1, surface='granite', surfaces_file=tmp_path / 'own.yaml')
     conditions = suite.client.ask(drops=2).distribution.run.conditions
     assert (conditions.surface, conditions.friction) == ('granite', 0.17)
-    assert parameters_of(suite.client, 'aspect_classifier').get('surface') == 'granite'
     refused = suite.client.ask(drops=2, surface='granite').status
     assert (
         refused.message == "surface 'granite' is not known, allowed is rubber_mat, steel, thrown"

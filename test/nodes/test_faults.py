@@ -11,14 +11,12 @@ from resting_aspects_ros.nodes.interface import LEAST_BATCH
 # Shorter than for people, with what is tested left as it is.
 QUICK = {
     'aspect_classifier': {
-        'run_tracker.SILENCE': 3.0,
         'run_tracker.CHECK_PERIOD': 0.2,
         'drop_goals.ASK_PERIOD': 1.0,
         'drop_requests.STARTING': 1.0,
         'drop_requests.DISCOVERY': 1.0,
     },
     'drop_recorder': {
-        'run_tracker.SILENCE': 3.0,
         'run_tracker.CHECK_PERIOD': 0.2,
         'drop_goals.ASK_PERIOD': 1.0,
         'open_log.END_TIMEOUT': 2.0,

@@ -66,7 +66,7 @@ def test_what_is_known_is_answered_without_a_drop(suite, first, counts):
 def test_only_known_drops_nothing(suite, first, fields, words):
     answer = suite.client.ask(**{'drops': 260, 'only_known': True, **fields})
     assert answer.status.code == Status.NOT_AVAILABLE
-    for each in (*words, 'only_known was asked for'):
+    for each in (*words, 'drops is known'):
         assert each in answer.status.message
 
 

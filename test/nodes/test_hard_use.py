@@ -46,13 +46,14 @@ def test_ten_clients_ask_at_once_for_five_parts(suite, connect, counts):
 
 
 @pytest.mark.timeout(600)
-def test_a_hundred_thousand_drops_with_a_subscriber_that_reads_slowly(suite, connect, quick):
+@pytest.mark.parametrize('drops', [5000, pytest.param(100_000, marks=pytest.mark.slow)])
+def test_a_long_run_with_a_slow_subscriber(suite, connect, quick, drops):
     slow = connect(suite.namespace)
     heard = slow.poses()
     # So that the topic is found before the run begins.
     suite.client.drop('tetrahedron', 1, seed=100)
     slow.wait(lambda: heard, 'first batch')
-    drop = suite.client.dropping('tetrahedron', 100_000, seed=2, conditions=quick)
+    drop = suite.client.dropping('tetrahedron', drops, seed=drops, conditions=quick)
 
     def done():
         slow.spin(0.001)  # a batch or two
@@ -60,19 +61,20 @@ def test_a_hundred_thousand_drops_with_a_subscriber_that_reads_slowly(suite, con
         return drop.done
 
     suite.client.wait(done, 'run', seconds=500)
-    assert drop.result.drops == 100_000
-    slow.wait(lambda: heard[-1].last and heard[-1].run.seed == 2, 'last batch')
-    batches = [batch for batch in heard if batch.run.seed == 2]
-    assert [batch.first_drop for batch in batches] == list(range(0, 100_000, 250))
-    answer = suite.client.ask('tetrahedron', 100_000, conditions=quick, only_known=True)
-    assert answer.distribution.drops == 100_000
+    assert drop.result.drops == drops
+    slow.wait(lambda: heard[-1].last and heard[-1].run.seed == drops, 'last batch')
+    batches = [batch for batch in heard if batch.run.seed == drops]
+    assert [batch.first_drop for batch in batches] == list(range(0, drops, 250))
+    answer = suite.client.ask(drops=drops, seed=[drops], conditions=quick, only_known=True)
+    assert answer.distribution.drops == drops
 
 
-def test_a_goal_that_is_canceled_fifty_times_at_random_moments(suite, quick):
+@pytest.mark.parametrize('times', [5, pytest.param(50, marks=pytest.mark.slow)])
+def test_a_goal_that_is_canceled_at_random_moments(suite, quick, times):
     rng = random.Random(3)
     heard = suite.client.poses()
-    for k in range(50):
-        seed = 1000 + k
+    for k in range(times):
+        seed = 1000 * times + k
         drop = suite.client.dropping('box_10x20x30', 50_000, seed=seed, conditions=quick)
         suite.client.wait(lambda d=drop: d.accepted, 'goal')
         suite.client.spin(rng.uniform(0, 0.2))

@@ -7,8 +7,7 @@ import signal
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
-SILENCE = 5.0
-QUICK = {'run_tracker.SILENCE': SILENCE, 'run_tracker.CHECK_PERIOD': 0.2}
+QUICK = {'run_tracker.CHECK_PERIOD': 0.2}
 CONSUMERS = ('aspect_classifier', 'drop_recorder')
 
 
@@ -106,9 +105,10 @@ def test_two_of_a_kind_tell_of_each_other(
 ):
     client = connect(namespace)
     told = diagnostics_of(client)
-    parameters = {} if node == 'drop_simulator' else {'log_folder': tmp_path}
+    folders = map(str, (tmp_path / 'a', tmp_path / 'b', tmp_path / 'c'))
 
     def begin():
+        parameters = {} if node == 'drop_simulator' else {'log_folder': next(folders)}
         return start(node, namespace, parameters, {'presence.SURE': 0.5})
 
     words = f'2 {node}s in namespace {namespace}: {words}'

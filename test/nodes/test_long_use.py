@@ -26,6 +26,7 @@ def resident(suite):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(MINUTES * 60 + 300)
 def test_mixed_requests_for_minutes_cost_no_memory(fresh_suite, quick):
     suite = fresh_suite()

@@ -22,10 +22,11 @@ from resting_aspects_ros.core.distribution import count_poses
 from resting_aspects_ros.drops.engine import drop_chunk
 from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.nodes.convert import conditions_msg, part_msg, poses_msg, time_msg
-from resting_aspects_ros.nodes.interface import LATCHED, POSES
+from resting_aspects_ros.nodes.interface import DROP_SIMULATOR, LATCHED, POSES
+from resting_aspects_ros.nodes.presence import announce
 
 DROPS = 40
-QUICK = {'run_tracker.CHECK_PERIOD': 0.2, 'run_tracker.SILENCE': 2.0, 'open_log.END_TIMEOUT': 2.0}
+QUICK = {'run_tracker.CHECK_PERIOD': 0.2, 'run_tracker.GRACE': 0.5, 'open_log.END_TIMEOUT': 2.0}
 
 
 class FakeSimulator:
@@ -41,9 +42,19 @@ class FakeSimulator:
         self._part = node.create_publisher(PartDescription, 'parts/tetrahedron', LATCHED)
         self._part.publish(part_msg(part))
         self._server = ActionServer(node, DropPart, 'drop_part', self._execute)
+        self.node = node
+        self.appear()
 
     def destroy(self):
         self._server.destroy()
+
+    def appear(self):
+        """Announce a simulator that is ready."""
+        self._presence = announce(self.node, DROP_SIMULATOR)
+
+    def disappear(self):
+        """As DDS sees it when a simulator is killed."""
+        self.node.destroy_publisher(self._presence)
 
     def begin(self, seed):
         """Take a seed and names of runs that no test before had."""
@@ -116,7 +127,9 @@ def known(client, classifier, simulator):
 
     def known():
         def found():
-            answer = client.ask(drops=DROPS, seed=[simulator.seed], only_known=True)
+            answer = client.ask(
+                drops=DROPS, surface='rubber_mat', seed=[simulator.seed], only_known=True
+            )
             return answer.status.code == Status.OK and answer.distribution
 
         return client.wait(found, 'drops known')
@@ -154,30 +167,6 @@ def test_exactly_the_missing_drops_are_asked_for(simulator, known, sent, asked):
         simulator.publish('gapped', first, end, last=end == DROPS)
     assert_whole(known(), simulator)
     assert simulator.asked == [('gapped', *drops) for drops in asked]
-
-
-def test_a_lost_end_is_asked_for_when_the_run_has_been_silent(simulator, known):
-    simulator.answer = repaired
-    simulator.publish('gapped', 0, 25)
-    assert_whole(known(), simulator)
-    assert simulator.asked == [('gapped', 25, DROPS)]
-
-
-def test_a_run_that_is_silent_and_under_way_is_waited_for(simulator, client, classifier):
-    drops = 35
-    busy = Status(code=Status.BUSY, message='run is under way')
-    simulator.answer = lambda *_: (busy, [])
-    simulator.publish('slow', 0, 25)
-    client.wait(lambda: len(simulator.asked) == 2, 'second question')
-    simulator.publish('slow', 25, 30)
-    simulator.publish('slow', 30, drops, last=True)  # it was canceled
-
-    def found():
-        answer = client.ask(drops=drops, seed=[simulator.seed], only_known=True)
-        return answer.status.code == Status.OK and answer.distribution
-
-    assert client.wait(found, 'drops known').drops == drops
-    assert set(simulator.asked) == {('slow', 25, DROPS)}
 
 
 def test_a_batch_that_comes_twice_is_counted_once(simulator, known):
@@ -230,45 +219,61 @@ def test_drops_that_are_lost_for_good_fail_the_request_in_words(simulator, clien
     refusal = Status(code=Status.FAILED, message='the engine is broken')
     holed = [('made', 0, 10, False), ('made', 20, 40, True)]
     simulator.answer = lambda name, *_: (refusal, []) if name else (Status(), holed)
-    answer = client.ask(drops=DROPS, seed=[simulator.seed])
+    answer = client.ask(drops=DROPS, surface='rubber_mat', seed=[simulator.seed])
     assert answer.status.code == Status.FAILED
     assert answer.status.message == (
-        f'run {simulator.run_id("made")} of tetrahedron has lost 10 of 40 drops, which are not '
-        'to be had'
+        f'run {simulator.run_id("made")} of tetrahedron has lost 10 of 40 drops, which could not '
+        'be recovered'
     )
     assert simulator.asked == [('', 0, DROPS)] + [('made', 10, 20)] * 3
     assert 'the engine is broken' in classifier.said
     # What is not whole does not pass for known.
     assert (
-        client.ask(drops=1, seed=[simulator.seed], only_known=True).status.code
+        client.ask(
+            drops=1, surface='rubber_mat', seed=[simulator.seed], only_known=True
+        ).status.code
         == Status.NOT_AVAILABLE
     )
     simulator.answer = whole_run
-    answer = client.ask(drops=DROPS, seed=[simulator.seed])
+    answer = client.ask(drops=DROPS, surface='rubber_mat', seed=[simulator.seed])
     assert answer.status.code == Status.OK
     assert_whole(answer.distribution, simulator)
 
 
-def test_of_a_run_that_is_broken_off_the_first_drops_are_known(
-    simulator, client, connect, start, namespace, classifier, tmp_path
+@pytest.mark.parametrize('restarted', [False, True])
+def test_the_first_drops_of_a_run_whose_simulator_died_are_known(
+    simulator, client, connect, start, namespace, classifier, tmp_path, restarted
 ):
     """As they are after a restart, from its log."""
     recorder = start('drop_recorder', namespace, {'log_folder': tmp_path}, constants=QUICK)
-    simulator.answer = lambda *_: (Status(code=Status.FAILED, message='no'), [])
     simulator.publish('short', 0, 10)
     simulator.publish('short', 10, 25)
+    run_id = simulator.run_id('short')
+    client.wait(lambda: list(tmp_path.glob(f'*_{run_id}')), 'log')
 
     def found(drops=25, client=client):
-        answer = client.ask(drops=drops, seed=[simulator.seed], only_known=True)
+        answer = client.ask(
+            drops=drops, seed=[simulator.seed], surface='rubber_mat', only_known=True
+        )
         return answer.status.code == Status.OK and answer.distribution
 
+    assert not found()
+    if restarted:
+        gone = simulator._presence
+        simulator.appear()
+        client.node.destroy_publisher(gone)
+    else:
+        simulator.disappear()
     before = client.wait(found, 'first drops')
+    if not restarted:
+        simulator.appear()
     assert not found(26)
-    run_id = simulator.run_id('short')
     client.wait(lambda: list(tmp_path.glob(f'*_{run_id}/metadata.yaml')), 'closed log')
     assert recorder.end() == 0
-    start('aspect_classifier', f'{namespace}_again', {'log_folder': tmp_path})
-    other = connect(f'{namespace}_again')
+    assert simulator.asked == []
+    again = f'{namespace}_again_{restarted}'
+    start('aspect_classifier', again, {'log_folder': tmp_path})
+    other = connect(again)
     after = other.wait(lambda: found(client=other), 'first drops')
     assert not found(26, other)
     before.header.stamp = after.header.stamp
@@ -285,7 +290,7 @@ def test_a_recorder_that_lost_drops_for_good_closes_its_log(
     run_id = simulator.run_id('gapped')
     client.wait(lambda: list(tmp_path.glob(f'*_{run_id}/metadata.yaml')), 'closed log')
     drops = f'drops 10 to 19 of run {run_id} (tetrahedron)'
-    for words in ('were lost, asking again', 'are not to be had: no'):
+    for words in ('were lost, asking again', 'are not available: no'):
         client.wait(lambda words=words: f'{drops} {words}' in recorder.said, words)
     assert recorder.running
 

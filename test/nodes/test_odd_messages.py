@@ -103,7 +103,7 @@ def test_an_odd_batch_ends_no_node_and_the_next_is_counted(
         log_of(client, tmp_path, f'good_{turn}')
 
     def known():
-        answer = client.ask('tetrahedron', LEAST_BATCH, only_known=True)
+        answer = client.ask('tetrahedron', LEAST_BATCH, surface='rubber_mat', only_known=True)
         return answer.status.code == Status.OK and answer.distribution
 
     assert client.wait(known, 'distribution').drops == LEAST_BATCH

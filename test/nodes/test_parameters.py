@@ -63,11 +63,7 @@ def parameters(suite, parameters_of):
     }
     yield found
     for (node, name), value in before.items():
-        if not (node == 'aspect_classifier' and name == 'surface'):  # follows the simulator's
-            assert found[node].set(**{name: value}) == []
-    suite.client.wait(
-        lambda: found['aspect_classifier'].get('surface') == 'rubber_mat', 'surface as before'
-    )
+        assert found[node].set(**{name: value}) == []
 
 
 # -- the declarations ----------------------------------------------------------------------------
@@ -187,11 +183,12 @@ def test_nodes_take_their_parameters_from_the_file(
             'parts_folder': str(tmp_path / 'parts'),
             'surfaces_file': str(tmp_path / 'surfaces.yaml'),
             'surface': 'granite',
+            'frame_id': 'cell_tray',
             'workers': 1,
         },
         'aspect_classifier': {
             'surfaces_file': str(tmp_path / 'surfaces.yaml'),
-            'surface': 'granite',
+            'frame_id': 'cell_tray',
             'publish_period': 0.5,
             'log_folder': '',
         },
@@ -210,7 +207,11 @@ def test_nodes_take_their_parameters_from_the_file(
         told = parameters_of(client, node)
         assert {name: told.get(name) for name in values} == values
     assert 'ready: 1 part, 1 worker' in processes[0].said
-    assert client.ask(drops=3).distribution.run.conditions.surface == 'granite'
+    found = client.ask(drops=3).distribution
+    assert (found.run.conditions.surface, found.header.frame_id) == ('granite', 'cell_tray')
+    heard = client.poses()
+    client.wait(lambda: heard, 'poses')
+    assert heard[0].header.frame_id == 'cell_tray'
     assert all('not known' not in process.said for process in processes)
 
 
@@ -256,7 +257,6 @@ def test_those_that_can_be_set_are_these():
     changeable = {(node, p.name) for node, p in DECLARED_IN_SUITE if p.changeable}
     assert changeable == {
         ('drop_simulator', 'surface'),
-        ('aspect_classifier', 'surface'),
         ('aspect_classifier', 'publish_period'),
         ('drop_recorder', 'log_folder'),
     }
@@ -272,7 +272,6 @@ NO_FOLDER = "log_folder is '{}', allowed is a folder that is there or can be mad
         ('drop_simulator', 'surface', 'ice', NO_SURFACE.format('ice')),
         ('drop_simulator', 'surface', 'steel\n', NO_SURFACE.format('steel\\n')),
         ('drop_simulator', 'surface', math.nan, "expected 'Type.STRING' got 'Type.DOUBLE'"),
-        ('aspect_classifier', 'surface', 'ice', NO_SURFACE.format('ice')),
         ('aspect_classifier', 'publish_period', math.nan, 'Min: 0.05, Max: 10.0, value: nan'),
         ('aspect_classifier', 'publish_period', math.inf, 'Min: 0.05, Max: 10.0, value: inf'),
         ('aspect_classifier', 'publish_period', -1.0, 'publish_period out of range'),
@@ -324,8 +323,8 @@ def test_of_two_that_are_set_together_none_is_if_one_is_refused(suite, parameter
     (words,) = simulator.set_all_or_nothing(surface='steel', workers=1)
     assert 'read-only' in words
     classifier = parameters['aspect_classifier']
-    (words,) = classifier.set_all_or_nothing(publish_period=1.0, surface='ice')
-    assert "surface 'ice' is not known" in words
+    (words,) = classifier.set_all_or_nothing(publish_period=1.0, log_folder='x')
+    assert 'read-only' in words
     assert simulator.get('surface') == 'rubber_mat'
     assert (
         classifier.get('publish_period') == DECLARED['aspect_classifier']['publish_period'].default

@@ -11,7 +11,7 @@ from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.config_files import parts_folder
 from resting_aspects_ros.nodes.convert import conditions_msg
-from resting_aspects_ros.nodes.drop_simulator import MOST_GOALS
+from resting_aspects_ros.nodes.drop_simulator import MAX_GOALS
 from resting_aspects_ros.nodes.interface import LEAST_BATCH
 
 NAMES = ('OK', 'INVALID', 'UNKNOWN_PART', 'NOT_AVAILABLE', 'BUSY', 'CANCELED', 'FAILED')
@@ -168,14 +168,14 @@ def test_one_goal_too_many_is_told_that_the_simulator_is_busy(suite):
     assert suite.client.drop(drops=1).outcome == 'succeeded'
     assert simulator.send_to_workers(signal.SIGSTOP) >= 1
     try:
-        drops = [suite.client.dropping(drops=2, seed=seed) for seed in range(MOST_GOALS)]
+        drops = [suite.client.dropping(drops=2, seed=seed) for seed in range(MAX_GOALS)]
         suite.client.wait(lambda: all(drop.accepted for drop in drops), 'goals taken')
         one_more = suite.client.drop(drops=1)
         by_service = suite.client.ask(drops=7, seed=[31])
         assert not any(drop.done for drop in drops)
     finally:
         simulator.send_to_workers(signal.SIGCONT)
-    words = f'{MOST_GOALS} drop_part goals are under way, try again later'
+    words = f'{MAX_GOALS} drop_part goals are under way, try again later'
     assert one_more.outcome == 'aborted'
     assert one_more.result.status == Status(code=Status.BUSY, message=words)
     assert by_service.status == Status(code=Status.BUSY, message=words)

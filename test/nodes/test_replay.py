@@ -123,7 +123,7 @@ def test_a_fresh_classifier_counts_what_the_log_holds(
         return new and new[-1].complete and new[-1]
 
     assert_same(client.wait(counted, 'complete distribution'), last_distribution)
-    answer = client.ask('tetrahedron', DROPS, seed=[1], only_known=True)
+    answer = client.ask('tetrahedron', DROPS, surface='rubber_mat', seed=[1], only_known=True)
     assert answer.status.code == Status.OK
     assert_same(answer.distribution, last_distribution)
     assert client.parts()['tetrahedron'].known
@@ -321,7 +321,7 @@ def test_a_loop_is_counted_once(start, heard, replay, log, recorded, diagnostics
     told.wait('log_replayer', lambda _, __, values: int(values['round']) > 3, 'third round')
     poses = [data for data, _ in topics['resting_poses']]
     assert poses[:6] == 2 * recorded['resting_poses']
-    answer = client.ask('tetrahedron', DROPS, seed=[1], only_known=True)
+    answer = client.ask('tetrahedron', DROPS, surface='rubber_mat', seed=[1], only_known=True)
     assert (answer.status.code, answer.distribution.drops) == (Status.OK, DROPS)
 
 

@@ -41,7 +41,7 @@ def test_200_000_drops_are_all_counted_and_all_heard(
     assert [data for data, _ in heard] == written
 
     def known():
-        answer = client.ask('tetrahedron', DROPS, seed=[1], only_known=True)
+        answer = client.ask('tetrahedron', DROPS, surface='rubber_mat', seed=[1], only_known=True)
         return answer.status.code == Status.OK and answer.distribution
 
     distribution = client.wait(known, 'distribution')

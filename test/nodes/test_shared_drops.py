@@ -5,7 +5,7 @@ import signal
 import pytest
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.nodes.drop_simulator import MOST_GOALS
+from resting_aspects_ros.nodes.drop_simulator import MAX_GOALS
 
 DROPS = 4000
 MANY = 200_000  # until it is canceled
@@ -46,7 +46,6 @@ def test_one_run_answers_both(suite, heard, goals, seed, precision):
     first, second = (drop.result for drop in drops)
     assert first.status.code == second.status.code == Status.OK
     assert first == second
-    assert first.log  # of the follower, too
     assert runs_of(heard, seed) == {first.run_id}
     # Who came second is told how far it is, too, up to its end.
     done = [feedback.done for feedback in drops[1].feedback]
@@ -61,10 +60,10 @@ def test_a_cancel_of_the_second_leaves_the_first_alone(suite, heard, goals):
     first, second = goals(2, MANY, seed=73)
     suite.client.wait(lambda: second.feedback, 'some drops')
     second.cancel()
-    suite.client.wait(lambda: second.done, 'end of the second', seconds=5)
+    suite.client.wait(lambda: second.done, 'end of the second')
     assert second.outcome == 'canceled'
     assert second.result.status.code == Status.CANCELED
-    assert second.result.drops == 0
+    assert second.result.drops < MANY
     before = len(first.feedback)
     suite.client.wait(lambda: len(first.feedback) > before + 2, 'more of the first')
     first.cancel()
@@ -72,16 +71,13 @@ def test_a_cancel_of_the_second_leaves_the_first_alone(suite, heard, goals):
     assert runs_of(heard, 73) == {first.result.run_id} == {second.result.run_id}
 
 
-def test_who_follows_hears_of_a_cancel_of_the_first(suite, heard, goals):
-    """As who waits for a run by service does."""
+def test_a_cancel_of_the_first_leaves_the_others_alone(suite, heard, goals):
     first, *others = goals(3, 2 * DROPS, seed=74)
     suite.client.wait(lambda: first.feedback, 'some drops')
     first.cancel()
     suite.client.wait(lambda: all(drop.done for drop in (first, *others)), 'results')
-    assert 0 < first.result.drops < 2 * DROPS
-    assert {drop.result.status.code for drop in (first, *others)} == {Status.CANCELED}
-    assert {drop.result.drops for drop in others} == {first.result.drops}
-    assert [drop.outcome for drop in (first, *others)] == ['canceled', 'aborted', 'aborted']
+    assert [drop.outcome for drop in (first, *others)] == ['canceled', 'succeeded', 'succeeded']
+    assert {drop.result.drops for drop in others} == {2 * DROPS}
     assert runs_of(heard, 74) == {drop.result.run_id for drop in (first, *others)}
 
 
@@ -96,7 +92,7 @@ def test_all_are_canceled_together(suite, heard, goals):
 
 
 def test_who_follows_is_not_among_those_who_are_too_many(suite, goals):
-    drops = goals(MOST_GOALS + 4, 500, seed=78)
+    drops = goals(MAX_GOALS + 4, 500, seed=78)
     suite.client.wait(lambda: all(drop.done for drop in drops), 'results')
     assert {drop.result.status.code for drop in drops} == {Status.OK}
 

@@ -1,0 +1,136 @@
+"""A file that hangs, grows or ends the process that reads it fails alone."""
+
+import operator
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from resting_aspects_ros.core.errors import UnknownPartError
+from resting_aspects_ros.nodes.file_worker import FileLimitError, FileWorker
+from resting_aspects_ros.nodes.part_offers import load
+
+MEGABYTE = 1024**2
+
+
+@pytest.fixture(scope='module')
+def node():
+    context = rclpy.Context()
+    context.init([])
+    node = Node('reader', context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    yield node
+    executor.shutdown()
+    node.destroy_node()
+    context.try_shutdown()
+
+
+@pytest.fixture
+def make_worker(node):
+    workers = []
+
+    def make_worker(**limits):
+        workers.append(FileWorker(node, **limits))
+        return workers[-1]
+
+    yield make_worker
+    for worker in workers:
+        worker.stop()
+
+
+@pytest.fixture
+def run(node):
+    """Run a function in a worker; its result, while the node is spun."""
+
+    def run(worker, *given):
+        task = node.executor.create_task(worker.run, *given)
+        node.executor.spin_until_future_complete(task, 120)
+        assert task.done()
+        return task.result()
+
+    return run
+
+
+def test_a_result_and_an_error_come_back(make_worker, run, tmp_path):
+    worker = make_worker()
+    assert run(worker, operator.add, 2, 3) == 5
+    with pytest.raises(UnknownPartError, match=r"^part 'gizmo' is not known"):
+        run(worker, load, tmp_path, 'gizmo')
+    with pytest.raises(FileLimitError, match=r'^it cannot be read: ValueError\(.*abc'):
+        run(worker, int, 'abc')
+
+
+def test_what_takes_too_long_is_ended_and_the_next_is_read(make_worker, run, tmp_path):
+    worker = make_worker(seconds=1.0)
+    assert run(worker, operator.add, 2, 3) == 5
+    os.mkfifo(tmp_path / 'pipe')
+    (tmp_path / 'file').write_bytes(b'good')
+    pid = worker._process.pid
+    with pytest.raises(FileLimitError, match='it takes longer than 1 s to read'):
+        run(worker, Path.read_bytes, tmp_path / 'pipe')
+    assert not Path(f'/proc/{pid}').exists()
+    assert run(worker, Path.read_bytes, tmp_path / 'file') == b'good'
+
+
+def test_what_takes_too_much_memory_fails_alone(make_worker, run):
+    worker = make_worker(memory=64 * MEGABYTE)
+    with pytest.raises(FileLimitError, match='it takes more than 64 MiB to read'):
+        run(worker, bytearray, 128 * MEGABYTE)
+    assert len(run(worker, bytearray, MEGABYTE)) == MEGABYTE
+
+
+def test_what_ends_the_process_fails_alone(make_worker, run):
+    worker = make_worker()
+    with pytest.raises(FileLimitError, match='the process that read it died'):
+        run(worker, os.abort)
+    assert run(worker, operator.add, 2, 3) == 5
+
+
+def test_the_node_goes_on_meanwhile(make_worker, node, tmp_path):
+    worker, ticks = make_worker(), []
+    timer = node.create_timer(0.01, lambda: ticks.append(1))
+    os.mkfifo(tmp_path / 'pipe')
+    task = node.executor.create_task(worker.run, Path.read_bytes, tmp_path / 'pipe')
+    while worker._connection is None:
+        node.executor.spin_once(0.1)
+    ticks.clear()
+    while len(ticks) < 10:
+        node.executor.spin_once(0.1)
+    assert not task.done()
+    worker.stop()
+    while not task.done():
+        node.executor.spin_once(0.1)
+    assert isinstance(task.exception(), FileLimitError)
+    node.destroy_timer(timer)
+
+
+ORPHAN = """
+import sys, rclpy, time
+from pathlib import Path
+from rclpy.executors import SingleThreadedExecutor
+from resting_aspects_ros.nodes.file_worker import FileWorker
+sys.path.insert(0, sys.argv[1])
+import hanging
+rclpy.init()
+node = rclpy.create_node('parent')
+executor = SingleThreadedExecutor()
+executor.add_node(node)
+executor.create_task(FileWorker(node).run, hanging.hang, Path(sys.argv[2]))
+executor.spin()
+"""
+
+
+def test_a_process_that_reads_ends_with_a_node_that_is_killed(tmp_path, wait):
+    hanging = 'import os, time\ndef hang(p):\n p.write_text(str(os.getpid()))\n time.sleep(3600)'
+    (tmp_path / 'hanging.py').write_text(hanging)
+    pid = tmp_path / 'pid'
+    with subprocess.Popen([sys.executable, '-c', ORPHAN, tmp_path, pid]) as parent:
+        wait(lambda: pid.exists() and pid.read_text(), 'hanging process')
+        parent.kill()
+    wait(lambda: not Path(f'/proc/{pid.read_text()}').exists(), 'its end')

@@ -1,0 +1,230 @@
+"""What the classifier takes from the logs of earlier runs, file by file."""
+
+import os
+import shutil
+
+import pytest
+from rclpy.serialization import serialize_message
+from resting_aspects_interfaces.msg import Status
+from resting_aspects_interfaces.srv import ClassifyPose, ListParts
+
+from resting_aspects_ros.cli import main
+from resting_aspects_ros.client import AnswerTimeoutError, RestingAspectsClient
+from resting_aspects_ros.core.aspects import ASPECT_NUMBERING, find_aspects
+from resting_aspects_ros.core.distribution import count_poses
+from resting_aspects_ros.core.errors import LogError, RestingAspectsError
+from resting_aspects_ros.drops.engine import drop_chunk
+from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.drops.release import CHUNK
+from resting_aspects_ros.logs.outcome import OUTCOME, Outcome
+from resting_aspects_ros.logs.run_log import RunLog
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Qos, Topic
+from resting_aspects_ros.nodes.convert import part_msg, poses_msg, time_msg
+from resting_aspects_ros.nodes.distribution_messages import distribution_msg
+from resting_aspects_ros.nodes.log_loader import logs_in, read_log
+
+SEED = 5
+
+
+@pytest.fixture(scope='module')
+def run_of(part, surfaces):
+    """A run of the tetrahedron and its poses."""
+    job, run = plan_run(
+        part('tetrahedron'), surfaces.get(), seed=SEED, drops=CHUNK, run_id='4f1c', started=10**18
+    )
+    return run, drop_chunk(job, 0, CHUNK)
+
+
+@pytest.fixture(scope='module')
+def aspects(part):
+    return find_aspects(part('tetrahedron'))
+
+
+@pytest.fixture
+def write(tmp_path, part, run_of, aspects):
+    """Write a log; its folder."""
+    run, poses = run_of
+
+    def write(pieces=((0, CHUNK),), *, whole=True, change=None, described='tetrahedron'):
+        counted = count_poses(aspects, poses)
+        message = distribution_msg(counted, run, time_msg(1), complete=True)
+        if change is not None:
+            change(message)
+        with RunLog(tmp_path, 'tetrahedron_20200101T000000Z_4f1c') as log:
+            topic = Topic('/parts/tetrahedron', PART_TYPE, Qos(1))
+            log.write(topic, serialize_message(part_msg(part(described))), 1)
+            for first, end in pieces:
+                batch = poses_msg(poses.between(first, end), run, time_msg(1), False)
+                log.write(Topic('/resting_poses', POSES_TYPE, Qos(1)), serialize_message(batch), 2)
+            if whole:
+                topic = Topic('/aspect_distributions/tetrahedron', DISTRIBUTION_TYPE, Qos(1))
+                log.write(topic, serialize_message(message), 3)
+            log.add_metadata(OUTCOME, Outcome(CHUNK, whole).record())
+        return log.path.parent
+
+    return write
+
+
+def double(message):
+    """Counts that only this distribution has."""
+    message.aspects[0].count += CHUNK
+    message.drops += CHUNK
+
+
+def test_the_distribution_of_a_whole_log_is_believed(write, run_of):
+    run, found = read_log(write(change=double))
+    assert (run, found.drops) == (run_of[0], 2 * CHUNK)
+
+
+def test_ids_of_another_numbering_are_not_believed_but_counted_again(write, run_of, aspects):
+    def renumber(message):
+        double(message)
+        message.aspect_numbering = ASPECT_NUMBERING + 1
+
+    run, found = read_log(write(change=renumber))
+    counted = count_poses(aspects, run_of[1])
+    assert (run, found.counts.tolist()) == (run_of[0], counted.counts.tolist())
+
+
+def test_a_log_of_another_version_of_the_suite_is_believed(write):
+    def version(message):
+        message.run.suite_version = '0.0.1'
+
+    assert read_log(write(change=version))[1].drops == CHUNK
+
+
+def test_of_a_log_with_gaps_the_first_drops_are_known(write, run_of, aspects):
+    """Pieces in any order; drops 100 to 109 are not there."""
+    run, found = read_log(write([(0, 40), (110, CHUNK), (40, 100)], whole=False))
+    counted = count_poses(aspects, run_of[1].between(0, 100))
+    assert run == run_of[0]
+    assert found.counts.tolist() == counted.counts.tolist()
+
+
+@pytest.mark.parametrize(
+    ('given', 'words'),
+    [
+        ({'pieces': [(10, 20)]}, 'it does not hold the first drops'),
+        ({'pieces': []}, 'it holds no drops'),
+        ({'described': 'washer'}, 'it does not describe its part'),
+    ],
+)
+def test_what_holds_no_first_drops_is_refused(write, given, words):
+    with pytest.raises(LogError, match=words):
+        read_log(write(whole=False, **given))
+
+
+def test_a_log_that_was_broken_off_is_used_once_it_is_recovered(write):
+    log = write()
+    (file,) = log.glob('*.mcap')
+    file.write_bytes(file.read_bytes()[:-100])
+    with pytest.raises(LogError, match='it was broken off: "resting_aspects recover" closes it'):
+        read_log(log)
+    assert main(['recover', str(log)]) == 0
+    assert read_log(log)[1].drops == CHUNK
+
+
+def test_a_log_that_is_being_written_is_left_alone(tmp_path):
+    log = RunLog(tmp_path, 'tetrahedron_20300101T000000Z_4f1c')
+    assert read_log(tmp_path / 'tetrahedron_20300101T000000Z_4f1c') is None
+    log.close()
+
+
+def odd(field, value):
+    def change(message):
+        entry, _, name = field.rpartition('.')
+        setattr(message.aspects[0] if entry else message, name, value)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        odd('aspects', []),
+        odd('aspects.sweep', 200),
+        odd('aspects.count', 2**63),
+        odd('interval', 'bogus'),
+        odd('confidence', 7.0),
+        odd('drops', 1),
+    ],
+)
+def test_a_distribution_that_cannot_be_is_refused(write, change):
+    with pytest.raises(RestingAspectsError):
+        read_log(write(change=change))
+
+
+def test_the_newest_log_of_each_part_comes_first(tmp_path):
+    names = [
+        'box_20200101T000000Z_1',
+        'nut_20200101T000000Z_2',
+        'nut_20210101T000000Z_3',
+        'nut_20220101T000000Z_4',
+        'no_log',
+    ]
+    for name in names:
+        (tmp_path / name).mkdir()
+    (tmp_path / 'file_20200101T000000Z_5').write_bytes(b'')
+    order = [names.index(log.name) for log in logs_in(tmp_path)]
+    assert order == [3, 0, 2, 1]
+    assert logs_in(tmp_path / 'none') == []
+
+
+def test_one_bad_log_costs_no_other_and_is_named(write, start, connect, namespace, tmp_path):
+    log = write()
+    pipe = tmp_path / 'nut_20990131T120000Z_4f1c'  # the first that is read
+    pipe.mkdir()
+    os.mkfifo(pipe / 'nut.mcap')
+    shutil.copytree(log, tmp_path / 'tetrahedron_20300101T000000Z_cut')
+    (cut,) = (tmp_path / 'tetrahedron_20300101T000000Z_cut').glob('*.mcap')
+    cut.write_bytes(cut.read_bytes()[:-100])
+    classifier = start('aspect_classifier', namespace, {'log_folder': tmp_path})
+    answer = connect(namespace).ask(drops=CHUNK, surface='rubber_mat', only_known=True)
+    assert answer.distribution.drops == CHUNK
+    (warning,) = [line for line in classifier.said.splitlines() if 'cannot be used' in line]
+    assert f'2 logs in {tmp_path} cannot be used: {pipe.name}: ' in warning
+    assert f'{cut.parent.name}: it was broken off: ' in warning
+
+
+def test_of_too_many_logs_the_newest_are_read(write, start, connect, namespace, tmp_path):
+    log = write()
+    for k in range(4):
+        shutil.copytree(log, tmp_path / f'tetrahedron_20300101T{k:06}Z_{k}')
+    limit = {'log_loader.MAX_LOGS': 2}
+    classifier = start('aspect_classifier', namespace, {'log_folder': tmp_path}, limit)
+    assert f'3 logs in {tmp_path} not read: ' in classifier.said
+    assert '2 of 5 logs of earlier runs' in classifier.said
+
+
+class Code(str):
+    """Python, where a constant of a node is set."""
+
+    __repr__ = str.__str__
+
+
+def test_until_the_logs_are_read_nothing_is_answered(start, connect, namespace, tmp_path):
+    """A folder that hangs, as a disk of the network can."""
+    os.mkfifo(tmp_path / 'pipe')
+    hang = {'log_loader.logs_in': Code("__import__('io').open"), 'log_loader.MAX_SECONDS': 0.0}
+    logs = {'log_folder': tmp_path / 'pipe'}
+    classifier = start('aspect_classifier', namespace, logs, hang, ready='')
+    client = connect(namespace)
+    words = 'the logs of earlier runs are still being read'
+    for status in (
+        client.ask(only_known=True).status,
+        client.ask(method='rolling').status,
+        client.call(
+            client.node.create_client(ClassifyPose, 'classify_pose'), ClassifyPose.Request()
+        ).status,
+        client.call(
+            client.node.create_client(ListParts, 'list_parts'), ListParts.Request()
+        ).status,
+    ):
+        assert (status.code, status.message) == (Status.NOT_AVAILABLE, words)
+    # The Python client waits for a classifier that is ready.
+    with RestingAspectsClient(client.node) as other:
+        answer = other.list_parts_async(timeout=1)
+        client.wait(answer.done, 'timeout')
+    assert isinstance(answer.exception(), AnswerTimeoutError)
+    assert 'ready' not in classifier.said
+    assert classifier.end() == 0

@@ -1,0 +1,224 @@
+"""A classifier that is started again knows what the logs of earlier runs hold."""
+
+import shutil
+import subprocess
+import sys
+
+import pytest
+from resting_aspects_interfaces.msg import (
+    AspectDistribution,
+    DropConditions,
+    PartDescription,
+    RestingPoses,
+    Status,
+)
+
+from resting_aspects_ros.config_files import parts_folder
+from resting_aspects_ros.drops.engine import drop_chunk
+from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.nodes.convert import part_msg, poses_msg, time_msg
+from resting_aspects_ros.nodes.interface import LATCHED, POSES, RESTING_POSES
+
+SEED = 5
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('parts')
+    for name in ('box_10x20x30.stl', 'tetrahedron.stl'):
+        shutil.copy(parts_folder() / name, folder)
+    return folder
+
+
+@pytest.fixture(scope='module')
+def suite(fresh_suite, folder):
+    return fresh_suite(
+        {'drop_simulator': {'part_offers.SCAN_PERIOD': 0.2}}, parts_folder=folder, workers=1
+    )
+
+
+@pytest.fixture(scope='module')
+def first(suite):
+    """What the first classifier answered."""
+    answer = suite.client.ask('tetrahedron', 300, seed=[SEED])
+    assert answer.status.code == Status.OK
+    suite.log_of(answer.distribution.run.run_id)
+    return answer.distribution
+
+
+def start_again(suite, *nodes):
+    """All that the nodes had in memory is gone, and what was latched as well."""
+    for node in nodes:
+        assert suite.processes[node].end() == 0
+    for node in nodes:
+        suite.start_again(node)
+
+
+@pytest.fixture(scope='module')
+def restarted(suite, first):
+    start_again(suite, 'drop_simulator', 'aspect_classifier')
+    return suite
+
+
+def without_stamp(distribution):
+    distribution.header.stamp.sec = distribution.header.stamp.nanosec = 0
+    return distribution
+
+
+def known(suite, part='tetrahedron', drops=300, **fields):
+    return suite.client.ask(part, drops, only_known=True, **fields)
+
+
+def test_the_same_answer_comes_at_once(restarted, first):
+    answer = known(restarted, seed=[SEED])
+    assert (answer.status.code, answer.status.message) == (Status.OK, '')
+    assert without_stamp(answer.distribution) == without_stamp(first)
+    # Also without only_known nothing is dropped: the run is the old one.
+    again = restarted.client.ask('tetrahedron', 200)
+    assert again.distribution.run.run_id == first.run.run_id
+    assert restarted.client.parts()['tetrahedron'].known
+
+
+def test_who_subscribes_has_it_too(restarted, first):
+    heard = restarted.client.listen(
+        AspectDistribution, 'aspect_distributions/tetrahedron', LATCHED
+    )
+    restarted.client.wait(lambda: heard, 'distribution')
+    assert without_stamp(heard[0]) == without_stamp(first)
+
+
+@pytest.mark.parametrize('fields', [{'drops': 301}, {'surface': 'steel'}, {'seed': [SEED + 1]}])
+def test_more_drops_other_conditions_or_another_seed_are_not_the_same(restarted, first, fields):
+    answer = known(restarted, **fields)
+    assert answer.status.code == Status.NOT_AVAILABLE
+    with_seed = f' with seed {SEED}' if 'seed' in fields else ''
+    assert answer.status.message.endswith(f'; known are 300 drops on rubber_mat{with_seed}')
+
+
+def test_conditions_are_compared_by_value(restarted, first):
+    conditions = first.run.conditions
+    assert known(restarted, conditions=[conditions]).status.code == Status.OK
+    fields = {name: getattr(conditions, name) for name in conditions.get_fields_and_field_types()}
+    other = DropConditions(**{**fields, 'height': conditions.height * (1 + 1e-15)})
+    answer = known(restarted, conditions=[other])
+    assert answer.status.code == Status.NOT_AVAILABLE
+
+
+def test_another_mesh_of_the_same_name_is_not_the_same_part(restarted, first, folder):
+    shutil.copy(parts_folder() / 'hex_nut.stl', folder / 'tetrahedron.stl')
+
+    def offered():
+        part = restarted.client.parts().get('tetrahedron')
+        return part is not None and part.part_sha256 != first.run.part_sha256
+
+    restarted.client.wait(offered, 'new version')
+    answer = known(restarted)
+    assert answer.status.code == Status.NOT_AVAILABLE
+    assert answer.status.message.endswith(
+        '; known are 300 drops on rubber_mat of another version of the part'
+    )
+    assert not restarted.client.parts()['tetrahedron'].known
+    shutil.copy(parts_folder() / 'tetrahedron.stl', folder)
+    restarted.client.wait(lambda: not offered(), 'old version')
+    assert known(restarted).status.code == Status.OK
+
+
+def test_without_a_simulator_what_is_known_is_answered_still(restarted, first):
+    assert restarted.processes['drop_simulator'].end() == 0
+    start_again(restarted, 'aspect_classifier')
+    answer = known(restarted, surface='rubber_mat')
+    assert without_stamp(answer.distribution) == without_stamp(first)
+    restarted.start_again('drop_simulator')
+
+
+def request(namespace, *words):
+    command = [sys.executable, '-m', 'resting_aspects_ros.cli', 'request', 'tetrahedron']
+    return subprocess.run(
+        [*command, *words, '--ros-args', '-r', f'__ns:={namespace}'],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def test_without_a_simulator_a_request_is_answered_from_logs(restarted, first):
+    assert restarted.processes['drop_simulator'].end() == 0
+    start_again(restarted, 'aspect_classifier')
+    surface = ('--surface', 'rubber_mat')
+    table = request(restarted.namespace, '--drops', '200', *surface)
+    name, words, *_ = (line.rstrip() for line in table.stdout.splitlines())
+    assert name == 'tetrahedron'  # of a log; its size is known to the simulator
+    assert words == f'300 drops on rubber_mat, seed {SEED}'
+    document = request(restarted.namespace, '--drops', '200', '--json', *surface)
+    assert document.returncode == 0
+    # On a busy machine it may also say that it waits for the classifier to be found.
+    assert document.stderr.endswith(
+        'warning: neither the picture nor mesh_sha256 of the part: no drop_simulator offers '
+        'tetrahedron\n'
+    )
+    refused = request(restarted.namespace, '--drops', '301', *surface)
+    assert refused.returncode == 1
+    assert refused.stderr.endswith(
+        f'error: no drop_simulator answers on {restarted.namespace}/drop_part, waited 10 s: '
+        'start drop_simulator; no distribution of tetrahedron under these conditions over at '
+        'least 301 drops is known; known are 300 drops on rubber_mat\n'
+    )
+    restarted.start_again('drop_simulator')
+
+
+# Runs of the box in the order in which they end: id, seed, drops, and when they began by clocks
+# that stand still and go backwards.
+RUNS = [
+    ('b_same', 31, 60, 10**18),
+    ('a_same', 31, 60, 10**18),
+    ('newer', 32, 60, 2 * 10**18),
+    ('older', 32, 60, 10**18),
+    ('long', 33, 60, 10**18),
+    ('short', 33, 40, 3 * 10**18),
+    ('first', 34, 70, 10**18),
+    ('last', 35, 70, 10**18),
+]
+# What is asked of them, and which run is the answer, by the seeds asked for; None: without one.
+ANSWERS = {31: 'b_same', 32: 'newer', 33: 'long', 34: 'first', 35: 'last', None: 'last'}
+
+
+def test_which_of_several_runs_is_the_answer_is_the_same_before_and_after_a_restart(
+    part, surfaces, start, connect, namespace, tmp_path
+):
+    box, client = part('box_10x20x30'), connect(namespace)
+    parameters = {'log_folder': tmp_path}
+    recorder = start('drop_recorder', namespace, parameters)
+    classifier = start('aspect_classifier', namespace, parameters)
+    conditions = surfaces.get()
+
+    def answers(client):
+        found = {}
+        for seed in ANSWERS:
+            seeds = [] if seed is None else [seed]
+            answer = client.ask(box.name, 1, only_known=True, seed=seeds, surface='rubber_mat')
+            assert answer.status.code == Status.OK, answer.status.message
+            found[seed] = answer.distribution
+        return found
+
+    described = client.node.create_publisher(PartDescription, f'parts/{box.name}', LATCHED)
+    described.publish(part_msg(box))
+    poses = client.node.create_publisher(RestingPoses, RESTING_POSES, POSES)
+    for run_id, seed, drops, started in RUNS:
+        job, run = plan_run(
+            box, conditions, seed=seed, drops=drops, run_id=run_id, started=started
+        )
+        poses.publish(poses_msg(drop_chunk(job, 0, drops), run, time_msg(1), True))
+        client.wait(
+            lambda run_id=run_id: list(tmp_path.glob(f'*_{run_id}/metadata.yaml')), 'closed log'
+        )
+    before = answers(client)
+    assert {seed: found.run.run_id for seed, found in before.items()} == ANSWERS
+    assert (recorder.end(), classifier.end()) == (0, 0)
+    # In another namespace, where nothing is latched.
+    again = f'{namespace}_again'
+    start('aspect_classifier', again, parameters)
+    after = answers(connect(again))
+    assert {seed: found.run.run_id for seed, found in after.items()} == ANSWERS
+    for seed, found in after.items():
+        assert without_stamp(found) == without_stamp(before[seed])
