@@ -23,7 +23,12 @@ from mcap.summary import Summary
 
 from resting_aspects_ros.logs.mcap_file import FOOTER_SIZE, MAGIC
 from resting_aspects_ros.logs.record_file import RecordFile
-from resting_aspects_ros.logs.record_format import DamageError, chunk_records
+from resting_aspects_ros.logs.record_format import (
+    DamageError,
+    chunk_records,
+    parse_record,
+    split_records,
+)
 
 
 @dataclass
@@ -123,8 +128,8 @@ class LogFile(RecordFile):
             return None
         found = Summary()
         start = footer.summary_start
-        while start < end and (frame := self.frame(start)) is not None:
-            record = self.parse(frame)
+        for opcode, content in split_records(self.at(start, end - start)):
+            record = parse_record(opcode, content, exact=False)
             if isinstance(record, Schema):
                 found.schemas[record.id] = record
             elif isinstance(record, Channel):
@@ -135,7 +140,6 @@ class LogFile(RecordFile):
                 found.chunk_indexes.append(record)
             elif isinstance(record, MetadataIndex):
                 found.metadata_indexes.append(record)
-            start = frame.end
         for each in (*found.schemas.values(), *found.channels.values()):
             self.note(each)
         return found if _is_complete(found) else None

@@ -95,24 +95,29 @@ def parse_record(opcode: int, content: bytes, *, exact: bool) -> McapRecord | No
     return record
 
 
+def split_records(content: bytes) -> Iterator[tuple[int, bytes]]:
+    """Split bytes into records: opcode and content of each. Raises DamageError."""
+    start = 0
+    while start < len(content):
+        begin = start + HEAD
+        start = begin + int.from_bytes(content[start + 1 : begin], 'little')
+        if not begin <= start <= len(content):
+            raise DamageError('a record that does not end where it must')
+        yield content[begin - HEAD], content[begin:start]
+
+
 def chunk_records(chunk: Chunk) -> Iterator[McapRecord]:
     """Unpack a chunk, and parse its records one by one; errors as parse_record."""
     content = _unpacked(chunk)
     _check_crc('a chunk', chunk.uncompressed_crc, content)
-    return _split(content)
+    return _parsed(content)
 
 
-def _split(content: bytes) -> Iterator[McapRecord]:
-    start = 0
-    while start < len(content):
-        opcode = content[start]
-        length = int.from_bytes(content[start + 1 : start + HEAD], 'little')
-        start += HEAD + length
-        if start > len(content):
-            raise DamageError('a record does not end within its chunk')
+def _parsed(content: bytes) -> Iterator[McapRecord]:
+    for opcode, each in split_records(content):
         if opcode not in _IN_CHUNKS and opcode < _PRIVATE:
             raise DamageError(f'a record with the opcode {opcode} in a chunk')
-        record = parse_record(opcode, content[start - length : start], exact=False)
+        record = parse_record(opcode, each, exact=False)
         if record is not None:
             yield record
 
@@ -160,10 +165,12 @@ class _Content(ReadDataStream):
     """A record's content; DamageError where a field does not end within it."""
 
     def __init__(self, content: bytes) -> None:
-        super().__init__(BytesIO(content))
-        self._length = len(content)
+        super().__init__(BytesIO())
+        self._content = content
 
     def read(self, length: int) -> bytes:
-        if not 0 <= length <= self._length - self.count:
-            raise DamageError('a field does not end within its record')
-        return super().read(length)
+        start = self._count
+        self._count += length
+        if not start <= self._count <= len(self._content):
+            raise DamageError('a field that does not end within its record')
+        return self._content[start : self._count]

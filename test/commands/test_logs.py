@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import importlib
 import json
 from itertools import pairwise
 
@@ -17,6 +18,7 @@ from resting_aspects_ros.drops.engine import drop_chunk
 from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.release import CHUNK
 from resting_aspects_ros.logs.file_lock import lock_file
+from resting_aspects_ros.logs.log_file import LogFile
 from resting_aspects_ros.logs.outcome import OUTCOME, Outcome
 from resting_aspects_ros.logs.run_log import RunLog
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Qos, Topic
@@ -103,6 +105,99 @@ def test_info_as_a_document(run, log, dropped):
     assert (document['run_id'], document['seed'], document['drops']) == ('4f1c', 77, DROPS)
     assert document['conditions']['friction'] == 0.31
     assert sum(a['count'] for a in document['aspects']) + document['unclassified'] == DROPS
+
+
+def types_of(value):
+    """The structure of a document: names and types, without the values."""
+    if isinstance(value, dict):
+        return {name: types_of(each) for name, each in value.items()}
+    return [types_of(each) for each in value[:1]] if isinstance(value, list) else type(value)
+
+
+def test_fields_of_info_have_one_type_with_and_without_a_distribution(run, log, dropped, part):
+    whole = json.loads(run('info', log(), '--json').stdout)
+    with RunLog(log('other').parent, 'bare') as bare:
+        bare.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
+        batch = poses_msg(dropped[1].between(0, 100), dropped[0], Time(), False)
+        bare.write(POSES, serialize_message(batch), 2)
+    without = json.loads(run('info', bare.path, '--json').stdout)
+    assert whole['conditions']['height_of'] == 'LOWEST_POINT'
+    shared = without.keys() & whole.keys()
+    assert {'conditions', 'log', 'engine', 'started'} <= shared
+    for name in shared:
+        assert types_of(without[name]) == types_of(whole[name])
+
+
+def test_control_characters_of_a_log_are_not_printed(run, dropped, part, tmp_path):
+    odd = dict.fromkeys(
+        ('engine', 'engine_version', 'suite_version', 'part_sha256'), '\x1b[2J\x07\r'
+    )
+    named = dataclasses.replace(dropped[0].conditions, surface='x\x1b]0;title\x07\x9b31m\n')
+    run_of = dataclasses.replace(dropped[0], conditions=named, **odd)
+    with RunLog(tmp_path, 'run') as log:
+        log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
+        batch = poses_msg(dropped[1].between(0, 100), run_of, Time(), True)
+        log.write(POSES, serialize_message(batch), 2)
+    for command in ('info', 'recover', 'merge', 'report'):
+        ended = run(command, 'run')
+        for line in (ended.stdout + ended.stderr).split('\n'):
+            assert line.isprintable()
+    assert '\\x1b[2J' in run('info', 'run').stdout
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        'info LOG',
+        'merge LOG',
+        'report LOG',
+        'replay LOG',
+        'compare LOG LOG',
+        'drop --from-log LOG',
+    ],
+)
+def test_a_log_of_another_version_is_refused_in_one_sentence(run, log, monkeypatch, words):
+    run_log = importlib.import_module('resting_aspects_ros.logs.run_log')
+    load = run_log.load_schema
+    older = 'RIHS01_' + 64 * '0'
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            run_log, 'load_schema', lambda name: dataclasses.replace(load(name), type_hash=older)
+        )
+        folder = log()
+    ended = run(*(folder if word == 'LOG' else word for word in words.split()))
+    (line,) = ended.stderr.splitlines()
+    assert ended.returncode in (1, 2)
+    assert 'was recorded by another version of resting_aspects_ros, whose ' in line
+    assert older in line
+    assert ended.stdout == ''
+
+
+def test_a_log_of_another_version_is_recovered_uncounted(run, log, monkeypatch):
+    run_log = importlib.import_module('resting_aspects_ros.logs.run_log')
+    load = run_log.load_schema
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            run_log, 'load_schema', lambda name: dataclasses.replace(load(name), type_hash='x')
+        )
+        folder = log(batches=2)
+    ended = run('recover', folder)
+    assert ended.returncode == 0
+    words = f"{folder}: 5 messages recovered, its drops were not counted: log '{folder}"
+    assert ended.stdout.startswith(words)
+
+
+@pytest.mark.parametrize('words', ['info', 'recover', 'report', 'merge', 'drop --from-log'])
+@pytest.mark.parametrize('closed', [True, False])
+def test_a_log_is_read_once(run, log, monkeypatch, words, closed):
+    folder = log(batches=None if closed else 2)
+    passes = []
+    records = LogFile.records
+    monkeypatch.setattr(LogFile, 'records', lambda file: passes.append(1) or records(file))
+    more = ['--out', 'page'] if words == 'report' else []
+    assert run(*words.split(), folder, *more).returncode == 0
+    by_index = closed and words in ('info', 'drop --from-log')
+    assert len(passes) == (0 if by_index else 1)
 
 
 def test_info_of_a_log_that_was_broken_off(run, log):
