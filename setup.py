@@ -36,7 +36,7 @@ setup(
     ],
     # pip installs what requirements.txt pins and rosdep what package.xml names.
     install_requires=['setuptools'],
-    extras_require={'dask': ['distributed']},
+    extras_require={'dask': ['distributed'], 'bodies': ['manifold3d']},
     zip_safe=True,
     entry_points={
         'console_scripts': [

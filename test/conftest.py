@@ -11,7 +11,7 @@ import hypothesis
 import numpy as np
 import pytest
 
-from resting_aspects_ros.core.part import part_from_bytes
+from resting_aspects_ros.core.part_loading import part_from_bytes
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.drops.part_library import PartLibrary
 from resting_aspects_ros.drops.surfaces import Surfaces

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.part import part_from_bytes
+from resting_aspects_ros.core.part_loading import part_from_bytes
 from resting_aspects_ros.drops.part_library import PartLibrary
 
 ROOT = Path(__file__).parents[1]

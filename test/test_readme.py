@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from resting_aspects_ros.core.part import load_part
+from resting_aspects_ros.core.part_loading import load_part
 from resting_aspects_ros.drops.part_library import read_part_yaml
 
 ROOT = Path(__file__).resolve().parent.parent

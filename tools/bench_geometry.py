@@ -14,7 +14,8 @@ from resting_aspects_ros.core.clusters import DEFAULT_TOLERANCE_DEGREES, cluster
 from resting_aspects_ros.core.distribution import no_drops
 from resting_aspects_ros.core.joining import join_minima
 from resting_aspects_ros.core.landscape import Landscape
-from resting_aspects_ros.core.part import Part, part_from_bytes
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.part_loading import part_from_bytes
 from resting_aspects_ros.core.rotations import Array, down_in_part, random_orientations
 from resting_aspects_ros.report.page import PAGE, Report, report_files
 

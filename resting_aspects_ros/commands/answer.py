@@ -91,6 +91,7 @@ class Answer:
             'mesh_sha256': self.part.mesh_sha256 if self.part else None,
             'mesh_file': str(self.mesh_file.absolute()) if self.mesh_file else None,
             'unit': self.part.unit if self.part else None,
+            'body': self.part.body or None if self.part else None,
             'method': self.method,
             'complete': self.complete,
             'drops_asked': self.run.drops,

@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     from resting_aspects_ros.report.document import aspects_document, to_json
     from resting_aspects_ros.report.rounding import size_text
 
-    part = given_part(arguments.part, arguments.unit, arguments.parts)
+    part = given_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
     for warning in part.warnings:
         print(f'warning: {warning}', file=sys.stderr)
     aspects = find_aspects(part)

@@ -95,13 +95,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _part(arguments: argparse.Namespace) -> Part | None:
     if arguments.part is not None:
-        part = given_part(arguments.part, arguments.unit, arguments.parts)
+        part = given_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
         for warning in part.warnings:
             print(f'warning: {warning}', file=sys.stderr)
         return part
-    for flag, value in (('--unit', arguments.unit), ('--parts', arguments.parts)):
-        if value is not None:
-            raise InvalidValueError(f'{flag} is {shown(str(value))}, allowed only with --part')
+    for name in ('unit', 'body', 'parts'):
+        if (value := getattr(arguments, name)) is not None:
+            raise InvalidValueError(f'--{name} is {shown(str(value))}, allowed only with --part')
     return None
 
 

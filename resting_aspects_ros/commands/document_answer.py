@@ -26,7 +26,11 @@ from resting_aspects_ros.core.part import Part
 
 
 def document_answer(
-    path: Path, part_text: str | None, unit: str | None, parts: Path | None
+    path: Path,
+    part_text: str | None,
+    unit: str | None,
+    parts: Path | None,
+    body: int | None,
 ) -> Answer:
     """Read it; the part is the one that is named, else that of the document, if it is found.
 
@@ -40,7 +44,7 @@ def document_answer(
             f'{str(path)!r} is not of a run: expected a log (the folder of a run, or its '
             '.mcap file), or a JSON document of drop or request'
         )
-    part = _part(path, document, part_text, unit, parts)
+    part = _part(path, document, part_text, unit, parts, body)
     ordered = sorted(document.aspects, key=lambda each: each.id)
     aspects = AspectSet(given.part_sha256, tuple(map(_aspect, ordered)))
     if part is not None:
@@ -79,10 +83,11 @@ def _part(
     text: str | None,
     unit: str | None,
     parts: Path | None,
+    body: int | None,
 ) -> Part | None:
     """The part of the document; raises RestingAspectsError if the one that is named is another."""
     if text is not None:
-        part = given_part(text, unit, parts)
+        part = given_part(text, unit, parts, body)
         check_same_part(
             (f'--part {text!r}', part.name, part.part_sha256),
             (repr(str(path)), document.part, document.part_sha256),
@@ -90,9 +95,10 @@ def _part(
         return part
     try:
         if document.mesh_file is None:
-            part = given_part(document.part, unit, parts)
+            part = given_part(document.part, unit, parts, body)
         else:
-            part = given_part(document.mesh_file, unit or document.unit, None)
+            unit, body = unit or document.unit, body or document.body
+            part = given_part(document.mesh_file, unit, None, body)
     except RestingAspectsError as error:
         why = str(error)
     else:

@@ -14,7 +14,7 @@ from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.drops.run import DEFAULT_SEED, RunDescription, check_seed
 
 # What a log says, so that nobody else may.
-_OF_LOG = ('unit', 'parts', 'surface', *QUANTITIES, 'height_of', 'seed')
+_OF_LOG = ('unit', 'body', 'parts', 'surface', *QUANTITIES, 'height_of', 'seed')
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def asked_drops(arguments: argparse.Namespace) -> DropQuestion:
     seed = DEFAULT_SEED if arguments.seed is None else arguments.seed
     check_seed(seed)
     conditions = conditions_of(arguments, shipped_surfaces())
-    part = given_part(arguments.part, arguments.unit, arguments.parts)
+    part = given_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
     return DropQuestion(part, conditions, seed, drops, precision)
 
 

@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
     Raises RestingAspectsError for wrong input, NotDefinedError if no method asked for is defined.
     """
     names = _methods(arguments.method)
-    part = given_part(arguments.part, arguments.unit, arguments.parts)
+    part = given_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
     for warning in part.warnings:
         print(f'warning: {warning}', file=sys.stderr)
     shape = RestingShape(part)

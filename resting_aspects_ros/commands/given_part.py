@@ -6,32 +6,38 @@ from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.config_files import parts_folder
-from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError
+from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError, shown
 from resting_aspects_ros.core.mesh_file import FORMATS
-from resting_aspects_ros.core.part import DEFAULT_UNIT, UNITS, Part, load_part
+from resting_aspects_ros.core.part import DEFAULT_UNIT, UNITS, Part
+from resting_aspects_ros.core.part_loading import load_part
 from resting_aspects_ros.drops.part_library import PartLibrary, read_part_yaml
 
 
-def given_part(text: str, unit: str | None, folder: Path | None) -> Part:
-    """A mesh file if it looks like one, with the YAML beside it; else a named part of a folder.
+def given_part(text: str, unit: str | None, folder: Path | None, body: int | None = None) -> Part:
+    """Return the part of a mesh file, with the YAML beside it, or a named part of a folder.
 
     Raises RestingAspectsError.
     """
     if mesh := mesh_file(text):
-        return load_part(mesh, **_sheet(mesh.parent / f'{mesh.stem}.yaml', unit))
+        return load_part(mesh, **_sheet(mesh.parent / f'{mesh.stem}.yaml', unit, body))
     if unit is not None:
         raise InvalidValueError(
-            f'--unit is {unit!r}, allowed only with a mesh file: {text!r} is the name of a part, '
-            f'whose unit is that of its YAML, else {DEFAULT_UNIT}'
+            f'--unit is {shown(unit)}, allowed only with a mesh file: {shown(text)} is the name '
+            f'of a part, whose unit is that of its YAML, else {DEFAULT_UNIT}'
+        )
+    if body is not None:
+        raise InvalidValueError(
+            f'--body is {shown(body)}, allowed only with a mesh file: {shown(text)} is the name '
+            'of a part, whose body is that of its YAML'
         )
     if folder is not None and not folder.is_dir():
-        raise InvalidValueError(f'--parts is {str(folder)!r}, allowed is a folder of meshes')
+        raise InvalidValueError(f'--parts is {shown(str(folder))}, allowed is a folder of meshes')
     try:
         return PartLibrary(folder or parts_folder()).load(text)
     except UnknownPartError:
         if folder is None and (here := _mesh_here(text)):
             raise UnknownPartError(
-                f'part {text!r} is not known: of the file in this folder the whole name is '
+                f'part {shown(text)} is not known: of the file in this folder the whole name is '
                 f'needed, {here!r}'
             ) from None
         raise
@@ -54,13 +60,20 @@ def _mesh_here(stem: str) -> str:
     return ''
 
 
-def _sheet(sheet: Path, unit: str | None) -> dict[str, Any]:
-    """What the part's YAML says, with the unit."""
-    values = read_part_yaml(sheet) if sheet.is_file() else {}
+def _sheet(sheet: Path, unit: str | None, body: int | None) -> dict[str, Any]:
+    """Return what the part's YAML says, with the unit and the body."""
+    values = read_part_yaml(sheet) if sheet.exists() else {}
+    if body is not None:
+        if values.get('body') not in (None, body):
+            raise InvalidValueError(
+                f'--body is {shown(body)}, allowed is {values["body"]}, the body in '
+                f'{shown(str(sheet))}'
+            )
+        values['body'] = body
     if unit is None:
         return values
     if unit not in UNITS:
-        raise InvalidValueError(f'--unit is {unit!r}, allowed are {", ".join(UNITS)}')
+        raise InvalidValueError(f'--unit is {shown(unit)}, allowed are {", ".join(UNITS)}')
     written = values.get('unit')
     if written not in (None, unit):
         raise InvalidValueError(

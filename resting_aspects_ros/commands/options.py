@@ -22,11 +22,17 @@ def add_part(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
 
 
 def add_part_place(parser: argparse.ArgumentParser) -> None:
-    """--unit and --parts, which say more of a part."""
+    """--unit, --body and --parts, which say more of a part."""
     parser.add_argument(
         '--unit',
         metavar='UNIT',
         help='of the mesh file: um, mm, cm, m, in or ft (that of its YAML, else mm)',
+    )
+    parser.add_argument(
+        '--body',
+        metavar='N',
+        type=whole,
+        help='which body of a mesh file, if it has several that do not touch: 1 is the largest',
     )
     parser.add_argument(
         '--parts', metavar='DIR', type=Path, help='folder of named parts (the examples)'

@@ -34,8 +34,10 @@ def report_here(arguments: argparse.Namespace) -> int:
 def _answer(arguments: argparse.Namespace) -> Answer:
     path: Path = arguments.result
     if not is_log(path):
-        return document_answer(path, arguments.part, arguments.unit, arguments.parts)
-    for name in ('part', 'unit', 'parts'):
+        return document_answer(
+            path, arguments.part, arguments.unit, arguments.parts, arguments.body
+        )
+    for name in ('part', 'unit', 'body', 'parts'):
         if (given := getattr(arguments, name)) is not None:
             raise InvalidValueError(
                 f'--{name} is {str(given)!r}, allowed only with a JSON document: a log holds its '

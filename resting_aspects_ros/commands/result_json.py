@@ -115,6 +115,7 @@ class RunDocument(CountsDocument):
     confidence: Number
     energy_growth: Number
     mesh_file: StrictStr | None = None
+    body: StrictInt | None = None
     unit: StrictStr | None = None
     history: list[HistoryRow] = []
     convergence: Convergence | None = None

@@ -19,10 +19,13 @@ Vertices = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-# Vertices closer than this, as a share of the largest coordinate, are one. STL stores float32,
-# whose neighbours are up to 1.2e-7 apart, and text often has seven digits: the same corner of two
+# Vertices closer than this, as a share of the part's half size, are one. STL stores float32, whose
+# neighbours are up to 1.2e-7 apart, and text often has seven digits: the same corner of two
 # triangles can differ by that much in each coordinate, and a file cannot mean anything smaller.
 WELD = 1e-6
+# Far from the origin the same corner can differ by more; so a mesh that has open edges is welded
+# again, within WELD of the largest coordinate, but at most within this share of its half size.
+MAX_WELD = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +36,7 @@ class Surface:
     faces: Faces  # (m, 3), outward if there is no defect
     defect: str | None  # a predicate, as 'is not watertight: ...'
     warnings: tuple[str, ...]
+    body: Faces  # (m,) number of the body that each triangle belongs to, 0 if there is a defect
 
 
 def closed_surface(vertices: Vertices, faces: Faces) -> Surface:
@@ -45,12 +49,27 @@ def closed_surface(vertices: Vertices, faces: Faces) -> Surface:
     faces : (m, 3) int64
         As in the file.
     """
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    half = float(np.abs(vertices - middle).max())
+    surface = _closed(vertices, faces, WELD * half)
+    wide = min(WELD * float(np.abs(vertices).max()), MAX_WELD * half)
+    if surface.defect and wide > WELD * half:
+        again = _closed(vertices, faces, wide)
+        surface = surface if again.defect else again
+    return surface
+
+
+def _closed(vertices: Vertices, faces: Faces, tolerance: float) -> Surface:
     warnings: list[str] = []
-    vertices, faces = _weld(vertices, faces)
+    vertices, faces = _weld(vertices, faces, tolerance)
+    every = faces
     faces, copies = _without_copies(faces)
+    defect = _defect(faces)
+    if defect and copies and not _defect(every) and _balanced(every) and _in_order(every).any():
+        # Bodies that overlap have a side in common.
+        faces, copies, defect = every, 0, None
     if copies:
         warnings.append(f'triangles that were there more than once count once: {copies}')
-    defect = _defect(faces)
     if defect:
         # A needle of no area with three different corners can close a gap, or be in the way.
         solid = faces[_areas(vertices, faces) > 0]
@@ -67,16 +86,17 @@ def closed_surface(vertices: Vertices, faces: Faces) -> Surface:
             )
         else:
             defect = 'has triangles that cannot be turned to face the same way as their neighbours'
+    body = np.zeros(len(faces), dtype=np.int64)
     if not defect:
         middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
         found = facing((vertices - middle)[faces], _shells(faces), mended)
-        faces, defect = _flipped(faces, found.inward), found.defect
+        faces, defect, body = _flipped(faces, found.inward), found.defect, found.body
         warnings += found.warnings
     used, faces = np.unique(faces, return_inverse=True)
-    return Surface(vertices[used], faces.reshape(-1, 3), defect, tuple(warnings))
+    return Surface(vertices[used], faces.reshape(-1, 3), defect, tuple(warnings), body)
 
 
-def _weld(vertices: Vertices, faces: Faces) -> tuple[Vertices, Faces]:
+def _weld(vertices: Vertices, faces: Faces, tolerance: float) -> tuple[Vertices, Faces]:
     """Join vertices within the tolerance; drop triangles that have fewer than three corners left.
 
     The first in lexicographic order stands for each group, whatever the order in the file.
@@ -84,14 +104,13 @@ def _weld(vertices: Vertices, faces: Faces) -> tuple[Vertices, Faces]:
     vertices = vertices + 0.0  # -0 is 0
     order = np.lexsort(vertices.T[::-1])
     vertices = vertices[order]
-    tolerance = WELD * np.abs(vertices).max()
     group = np.empty(len(vertices), dtype=np.int64)
     group[order] = np.cumsum(np.r_[0, (np.diff(vertices, axis=0) != 0).any(axis=1)])
     vertices = vertices[np.r_[True, (np.diff(vertices, axis=0) != 0).any(axis=1)]]
     if tolerance:
         # First by cells, so that a file with a million vertices in one spot has few pairs.
         _, first, cell = np.unique(
-            np.round(vertices / tolerance).astype(np.int64),
+            np.round((vertices - vertices[0]) / tolerance).astype(np.int64),
             axis=0,
             return_index=True,
             return_inverse=True,
@@ -164,13 +183,49 @@ def _against_their_neighbours(faces: Faces) -> Flags:
     return piece[:m] > piece[m:]
 
 
-def _shells(faces: Faces) -> npt.NDArray[np.int64]:
-    """Return for each triangle the number of the shell, which is all that hangs on its edges."""
+def _shells(faces: Faces) -> Faces:
+    """Return for each triangle the number of its shell, which is closed.
+
+    Where bodies have an edge in common, four triangles meet there. If the triangles that meet in
+    pairs do not make closed shells, because the bodies have a side in common, the shells are those
+    that follow each other in the file.
+    """
+    number, direction = _edges(faces)
+    paired = np.bincount(number)[number] == 2
+    shell = _linked(number, np.flatnonzero(paired), len(faces))
+    of_edge = np.repeat(shell, 3) * (int(number.max()) + 1) + number
+    _, of_edge = np.unique(of_edge, return_inverse=True)
+    if not np.bincount(of_edge, weights=direction).any():
+        return shell
+    piece = np.repeat(_in_order(faces), 3) * (int(number.max()) + 1) + number
+    _, piece = np.unique(piece, return_inverse=True)
+    return _linked(piece, np.arange(len(number)), len(faces))
+
+
+def edge_pieces(faces: Faces) -> Faces:
+    """Return for each triangle the number of the piece that hangs together by edges."""
     number, _ = _edges(faces)
-    triangle = np.arange(len(number)) // 3
+    return _linked(number, np.arange(len(number)), len(faces))
+
+
+def _linked(number: Faces, edges: Faces, count: int) -> Faces:
+    """Link triangles that have one of the edges, which are rows of ``number``, in common."""
     at_edge = np.empty(number.max() + 1, dtype=np.int64)
-    at_edge[number] = triangle
-    return _components(len(faces), np.stack([triangle, at_edge[number]], axis=1))
+    at_edge[number[edges]] = edges // 3
+    return _components(count, np.stack([edges // 3, at_edge[number[edges]]], axis=1))
+
+
+def _in_order(faces: Faces) -> Faces:
+    """Return the number of closed pieces that come before each triangle in the file."""
+    number, direction = _edges(faces)
+    order = np.argsort(number, kind='stable')
+    triangle = order // 3
+    # All edges add up to zero, so each one begins with zero.
+    opened = np.flatnonzero(np.cumsum(direction[order]))
+    change = np.bincount(triangle[opened], minlength=len(faces))
+    change -= np.bincount(triangle[opened + 1], minlength=len(faces))
+    closed = np.cumsum(change) == 0
+    return np.asarray(np.r_[0, np.cumsum(closed[:-1])])
 
 
 def _areas(vertices: Vertices, faces: Faces) -> npt.NDArray[np.float64]:

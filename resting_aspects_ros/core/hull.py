@@ -18,6 +18,11 @@ FLAT = 1e-6
 THIN = 2e-5
 
 
+# Noise is taken to grow with the distance from the origin, in sizes of the part, up to here:
+# beyond, coordinates that are exact must not be merged, and others are told to be coarse.
+MAX_REACH = 50.0
+
+
 def convex_hull(vertices: Array, label: str) -> tuple[Array, Faces, Array]:
     """Return the corners of the convex hull, its triangles, and their normals.
 
@@ -48,7 +53,7 @@ def convex_hull(vertices: Array, label: str) -> tuple[Array, Faces, Array]:
     scaled = (vertices - middle) / size
     spread = np.linalg.eigh(np.cov(scaled.T))[1]
     extents = np.ptp(scaled @ spread, axis=0)
-    reach = float(np.abs(vertices).max() / size)
+    reach = min(float(np.abs(vertices).max() / size), MAX_REACH)
     least = max(FLAT * reach, THIN)
     thick = np.count_nonzero(extents > least)
     hull = _qhull(scaled, NOISE * reach) if thick == 3 else None

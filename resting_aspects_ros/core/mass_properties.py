@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull
-from trimesh import triangles as trimesh_triangles
 
 from resting_aspects_ros.core import mass_values
 from resting_aspects_ros.core.errors import InvalidValueError, PartError
@@ -95,8 +94,9 @@ def mass_properties(
     )
 
     solid = None if defect else solid_integrals(vertices, faces)
-    if solid and not solid.volume > NO_VOLUME * float(np.ptp(vertices, axis=0).max()) ** 3:
-        solid, defect = None, 'encloses no volume'
+    if solid:
+        defect = _flaw(solid, vertices, hull_vertices)
+        solid = None if defect else solid
     if solid:
         mass = (density or DEFAULT_DENSITY) * solid.volume if mass is None else mass
         centre = solid.centroid if centre is None else centre
@@ -120,7 +120,6 @@ def solid_integrals(vertices: Array, faces: Faces) -> Solid:
 
     The mesh is moved to the middle of its box and scaled to about 1 first (by a power of two,
     which is exact), so that a part far from the origin, or a tiny one, loses no digits.
-    trimesh integrates, after Eberly, Polyhedral Mass Properties (2002).
 
     Parameters
     ----------
@@ -131,10 +130,54 @@ def solid_integrals(vertices: Array, faces: Faces) -> Solid:
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     scale = 2.0 ** np.ceil(np.log2(np.ptp(vertices, axis=0).max()))
     with np.errstate(all='ignore'):
-        found = trimesh_triangles.mass_properties(((vertices - middle) / scale)[faces])
-    inertia = np.asarray(found.inertia, dtype=np.float64) * scale**5
-    centroid = np.asarray(found.center_mass, dtype=np.float64) * scale + middle
-    return Solid(float(found.volume * scale**3), centroid, (inertia + inertia.T) / 2)
+        volume, x, y, z, xx, yy, zz, xy, yz, zx = _integrals(((vertices - middle) / scale)[faces])
+        cx, cy, cz = centroid = np.array([x, y, z]) / volume
+        inertia = np.empty((3, 3))
+        inertia[0, 0] = yy + zz - volume * (cy**2 + cz**2)
+        inertia[1, 1] = xx + zz - volume * (cx**2 + cz**2)
+        inertia[2, 2] = xx + yy - volume * (cx**2 + cy**2)
+        inertia[0, 1] = inertia[1, 0] = -(xy - volume * (cx * cy))
+        inertia[1, 2] = inertia[2, 1] = -(yz - volume * (cy * cz))
+        inertia[0, 2] = inertia[2, 0] = -(zx - volume * (cx * cz))
+    return Solid(float(volume * scale**3), centroid * scale + middle, inertia * scale**5)
+
+
+def _integrals(triangles: Array) -> Array:
+    """Return the integrals (10,) of 1, x, y, z, xx, yy, zz, xy, yz, zx over the solid inside.
+
+    After Eberly, Polyhedral Mass Properties (2002), in the order of operations of trimesh, whose
+    import takes longer than all of the other imports of the core.
+    """
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    normals = np.cross(b - a, c - b)
+    f1 = a + b + c
+    f2 = a**2 + b**2 + a * b + c * f1
+    f3 = a**3 + a**2 * b + a * b**2 + b**3 + c * f2
+    g = [f2 + (corner + f1) * corner for corner in (a, b, c)]
+    products = np.zeros((10, len(triangles)))
+    products[0] = normals[:, 0] * f1[:, 0]
+    products[1:4] = (normals * f2).T
+    products[4:7] = (normals * f3).T
+    for i in range(3):
+        k = (i + 1) % 3
+        products[7 + i] = normals[:, i] * (
+            a[:, k] * g[0][:, i] + b[:, k] * g[1][:, i] + c[:, k] * g[2][:, i]
+        )
+    return np.asarray(products.sum(axis=1) / [6, 24, 24, 24, 60, 60, 60, 120, 120, 120])
+
+
+def _flaw(solid: Solid, vertices: Array, hull_vertices: Array) -> str | None:
+    """Say why no solid has these mass properties, as those of a mesh that intersects itself."""
+    if not solid.volume > NO_VOLUME * float(np.ptp(vertices, axis=0).max()) ** 3:
+        return 'encloses no volume'
+    try:
+        _check_inside(solid.centroid, hull_vertices, 'its centre of mass')
+        inertia = mass_values.inertia_matrix(solid.inertia, 'its inertia (density 1)')
+        arms = hull_vertices - solid.centroid
+        _check_possible(inertia, solid.volume, arms, 'its inertia (density 1)')
+    except InvalidValueError as error:
+        return f'intersects itself, so that no solid has its mass properties ({error})'
+    return None
 
 
 def _check_inside(centre: Array, hull_vertices: Array, what: str) -> None:

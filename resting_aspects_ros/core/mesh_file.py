@@ -1,9 +1,10 @@
 """Reading the bytes of a mesh file (STL, OBJ, PLY) into triangles, with errors that help.
 
-trimesh parses; what is done here is what it does not do: say how a file is broken. Text is looked
-through before, because trimesh stops at the first word that is not a number, without an error.
-ASCII STL is parsed here: trimesh also drops a solid without ``endsolid``, and stumbles over names
-of solids in which its keywords occur.
+trimesh parses OBJ and PLY; what is done here is what it does not do: say how a file is broken.
+Text is checked before, because trimesh stops at the first word that is not a number, without an
+error. STL is parsed here: the binary form is one array, and of ASCII trimesh drops a solid without
+``endsolid``, and stumbles over names of solids in which its keywords occur. No expression here
+looks at a character more than a few times, whatever the input.
 """
 
 import io
@@ -14,11 +15,12 @@ import struct
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
-from resting_aspects_ros.core.errors import PartError
+from resting_aspects_ros.core.errors import PartError, one_line, shown
 
 FORMATS = ('stl', 'obj', 'ply')
+# More take minutes and gigabytes, and change no aspect.
+MAX_TRIANGLES = 1_000_000
 
 Vertices = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
@@ -27,12 +29,14 @@ Faces = npt.NDArray[np.int64]
 logging.getLogger('trimesh').addHandler(logging.NullHandler())
 
 _STL_HEADER = 84  # 80 bytes of anything, then the number of triangles
-_STL_TRIANGLE = 50  # normal and three corners in float32, two bytes of attributes
+# Normal and three corners in float32, two bytes of attributes.
+_STL_ROW = np.dtype([('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('attributes', '<u2')])
+_STL_TRIANGLE = _STL_ROW.itemsize
 _STL_VERTEX = re.compile(
     rb'^[ \t]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t]*$', re.IGNORECASE | re.MULTILINE
 )
 
-_NUMBER = rb'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?'
+_NUMBER = rb'[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?'
 _CORNER = rb'-?[1-9]\d*(?:/-?\d*){0,2}'
 _NO_OBJ_LINE = re.compile(
     rb'^(?:v[ \t]+(?!' + _NUMBER + rb'(?:[ \t]+' + _NUMBER + rb'){2,}[ \t]*$)'
@@ -74,9 +78,10 @@ def read_triangles(data: bytes, mesh_format: str, label: str) -> tuple[Vertices,
         checked = _checked_obj if mesh_format == 'obj' else _checked_ply
         vertices, faces = _read_with_trimesh(checked(data, label), mesh_format, label)
     else:
-        raise PartError(f'{label} has the format {mesh_format!r}: allowed are {_or(FORMATS)}')
+        raise PartError(f'{label} has the format {shown(mesh_format)}: allowed are {_or(FORMATS)}')
     if not len(faces):
         raise PartError(f'{label} has no triangles: at least 4 are needed to enclose a volume')
+    _check_count(len(faces), label)
     stray = faces[(faces < 0) | (faces >= len(vertices))]
     if len(stray):
         raise PartError(
@@ -87,19 +92,27 @@ def read_triangles(data: bytes, mesh_format: str, label: str) -> tuple[Vertices,
     return _finite(vertices[used], label), corners.reshape(-1, 3)
 
 
+def _check_count(triangles: int, label: str) -> None:
+    if triangles > MAX_TRIANGLES:
+        raise PartError(
+            f'{label} has {triangles} triangles: expected at most {MAX_TRIANGLES}; simplify the '
+            'mesh, or export it with a coarser tolerance (100000 triangles are plenty)'
+        )
+
+
 def _read_stl(data: bytes, label: str) -> tuple[Vertices, Faces]:
     """Tell binary from ASCII by the length first: binary headers may begin with 'solid' too."""
     promised = struct.unpack_from('<I', data, 80)[0] if len(data) >= _STL_HEADER else -1
     held = (len(data) - _STL_HEADER) // _STL_TRIANGLE
     if promised > 0 and len(data) == _STL_HEADER + promised * _STL_TRIANGLE:
-        return _read_with_trimesh(data, 'stl', label)
+        return _read_binary_stl(data, promised, label)
     text = data.removeprefix(b'\xef\xbb\xbf').lstrip()
     if b'\0' not in data:
         if text[:5].lower() == b'solid':
             return _read_ascii_stl(text, label)
         raise PartError(
             f'{label} is not an STL: it is neither binary nor text that begins with '
-            f"'solid', but begins with {data[:20]!r}"
+            f"'solid', but begins with {shown(data[:20])}"
         )
     if promised < 0:
         raise PartError(
@@ -112,7 +125,15 @@ def _read_stl(data: bytes, label: str) -> tuple[Vertices, Faces]:
             f'triangles and there are {held}; the file is cut off, or not an STL'
         )
     # Some programs write padding behind the last triangle.
-    return _read_with_trimesh(data[: _STL_HEADER + promised * _STL_TRIANGLE], 'stl', label)
+    return _read_binary_stl(data, promised, label)
+
+
+def _read_binary_stl(data: bytes, count: int, label: str) -> tuple[Vertices, Faces]:
+    _check_count(count, label)
+    rows = np.frombuffer(data, dtype=_STL_ROW, count=count, offset=_STL_HEADER)
+    with np.errstate(invalid='ignore'):  # a nan that signals becomes a quiet one
+        vertices = rows['corners'].reshape(-1, 3).astype(np.float64)
+    return vertices, np.arange(3 * count, dtype=np.int64).reshape(-1, 3)
 
 
 def _read_ascii_stl(text: bytes, label: str) -> tuple[Vertices, Faces]:
@@ -121,6 +142,7 @@ def _read_ascii_stl(text: bytes, label: str) -> tuple[Vertices, Faces]:
         word: _count_lines(word, text)
         for word in (b'solid', b'endsolid', b'facet', b'endfacet', b'vertex')
     }
+    _check_count(lines[b'facet'], label)
     corners = _STL_VERTEX.findall(text)
     if lines[b'solid'] != lines[b'endsolid']:
         raise PartError(
@@ -139,7 +161,7 @@ def _read_ascii_stl(text: bytes, label: str) -> tuple[Vertices, Faces]:
     except ValueError as error:
         word = str(error).rpartition(': b')[2]
         raise PartError(
-            f'{label} is a broken ASCII STL: it has {word} as a coordinate, where '
+            f'{label} is a broken ASCII STL: it has {one_line(word, 80)} as a coordinate, where '
             'only numbers are allowed'
         ) from None
     return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
@@ -202,10 +224,12 @@ def _checked_ply(data: bytes, label: str) -> bytes:
 
 
 def _shown(match: re.Match[bytes]) -> str:
-    return repr(match[0][:80].decode(errors='replace'))
+    return shown(match[0][:200].decode(errors='replace'))
 
 
 def _read_with_trimesh(data: bytes, mesh_format: str, label: str) -> tuple[Vertices, Faces]:
+    import trimesh  # half of the time that a command takes to start; most parts are STL
+
     try:
         with np.errstate(all='ignore'):
             mesh = trimesh.load_mesh(
@@ -222,7 +246,7 @@ def _read_with_trimesh(data: bytes, mesh_format: str, label: str) -> tuple[Verti
         )
         raise PartError(
             f'{label} is not a readable {mesh_format.upper()} '
-            f'({type(error).__name__}: {str(error)[:200]}){hint}'
+            f'({type(error).__name__}: {one_line(str(error), 200)}){hint}'
         ) from None
     return vertices, faces
 

@@ -5,24 +5,17 @@ import re
 import struct
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.closed_surface import closed_surface
-from resting_aspects_ros.core.errors import InvalidValueError, PartError
-from resting_aspects_ros.core.hull import convex_hull, outward_hull
+from resting_aspects_ros.core.hull import outward_hull
 from resting_aspects_ros.core.intrinsic_frame import (
     intrinsic_signs,
     principal_frame,
     third_moments,
 )
-from resting_aspects_ros.core.mass_properties import Given, mass_properties
-from resting_aspects_ros.core.mesh_file import FORMATS, read_triangles
-from resting_aspects_ros.core.simplified_hull import simplified
-from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS, check_size, size_warnings
+from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
 
 Array = npt.NDArray[np.float64]
 
@@ -32,8 +25,6 @@ __all__ = [
     'UNITS',
     'Part',
     'is_valid_name',
-    'load_part',
-    'part_from_bytes',
     'valid_name',
 ]
 
@@ -42,7 +33,7 @@ MAX_NAME = 64
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A part as it is dropped: made by load_part or part_from_bytes.
+    """A part as it is dropped: made by part_loading.load_part or part_from_bytes.
 
     All in SI units and in the part frame, which is the mesh file's own, not the centre of mass.
     The arrays are read-only.
@@ -75,6 +66,9 @@ class Part:
         m^3; nan if the mesh is not a closed solid.
     warnings : tuple of str
         What was mended or is suspicious, one sentence each.
+    body : int
+        Which body of the mesh the part is, from 1 on, the largest first; 0 if the mesh is one
+        body.
     """
 
     name: str
@@ -90,6 +84,7 @@ class Part:
     hull_error: float
     volume: float
     warnings: tuple[str, ...]
+    body: int = 0
 
     def __post_init__(self) -> None:
         for array in (
@@ -137,106 +132,13 @@ class Part:
         """Hash of what a distribution belongs to, hexadecimal.
 
         Over the ASCII text ``<mesh_sha256> <unit> `` and ten little-endian doubles: mass, centre
-        of mass x y z, inertia xx xy xz yy yz zz.
+        of mass x y z, inertia xx xy xz yy yz zz. If one body of several was chosen, the text goes
+        on with ``body <number> ``.
         """
         numbers = [self.mass, *self.centre_of_mass, *self.inertia[np.triu_indices(3)]]
-        text = f'{self.mesh_sha256} {self.unit} '.encode('ascii')
+        body = f'body {self.body} ' if self.body else ''
+        text = f'{self.mesh_sha256} {self.unit} {body}'.encode('ascii')
         return hashlib.sha256(text + struct.pack('<10d', *numbers)).hexdigest()
-
-
-def load_part(
-    path: str | Path,
-    name: str | None = None,
-    *,
-    unit: str | None = None,
-    density: float | None = None,
-    mass: float | None = None,
-    centre_of_mass: Any = None,
-    inertia: Any = None,
-) -> Part:
-    """Read a part from an STL, OBJ or PLY file.
-
-    The name defaults to the file's stem, made into a valid name. For the rest see
-    part_from_bytes. Raises PartError also for a file that is missing or cannot be read.
-    """
-    path = Path(path)
-    label = f'mesh {str(path)!r}'
-    mesh_format = path.suffix.lower().removeprefix('.')
-    if path.is_dir():
-        raise PartError(f'{label} is a folder: a mesh file is needed')
-    if mesh_format not in FORMATS:
-        raise PartError(
-            f'{label} has the extension {path.suffix!r}: allowed are '
-            + ', '.join(f'.{ending}' for ending in FORMATS)
-        )
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise PartError(f'{label} does not exist: a mesh file is needed') from None
-    except (OSError, ValueError) as error:
-        raise PartError(f'{label} cannot be read: {error}') from None
-    return _part(
-        label,
-        data,
-        mesh_format,
-        valid_name(path.stem) if name is None else name,
-        unit,
-        Given(density, mass, centre_of_mass, inertia),
-    )
-
-
-def part_from_bytes(
-    data: bytes,
-    mesh_format: str,
-    name: str,
-    *,
-    unit: str | None = None,
-    density: float | None = None,
-    mass: float | None = None,
-    centre_of_mass: Any = None,
-    inertia: Any = None,
-) -> Part:
-    """Make a part from the bytes of a mesh file.
-
-    Without overrides the mass properties are those of the solid inside the mesh, of one density.
-    They have no influence on aspects but through the centre of mass and the ratios of the
-    moments; so density and mass matter for nothing but the figures that are shown.
-
-    Parameters
-    ----------
-    data : bytes
-    mesh_format : str
-        'stl', 'obj' or 'ply'.
-    name : str
-        [a-z][a-z0-9_]*, at most 64 characters.
-    unit : str, optional
-        Of the coordinates in the file: a key of UNITS; mm if not given.
-    density : float, optional
-        kg/m^3; 1000 if neither density nor mass is given.
-    mass : float, optional
-        kg; scales the solid's inertia.
-    centre_of_mass : (3,) array_like, optional
-        m, part frame; inside the convex hull. If no inertia is given with it, the inertia about
-        the solid's own centroid is taken as the one about this point.
-    inertia : (6,) or (3, 3) array_like, optional
-        kg m^2 about the centre of mass, part axes; six are ixx ixy ixz iyy iyz izz.
-
-    Raises
-    ------
-    PartError
-        The bytes are no mesh, or enclose no solid. A mesh that is not closed is still usable if
-        mass, centre_of_mass and inertia are all given.
-    InvalidValueError
-        An argument is not allowed.
-    """
-    return _part(
-        f'part {name!r}',
-        data,
-        mesh_format,
-        name,
-        unit,
-        Given(density, mass, centre_of_mass, inertia),
-    )
 
 
 def valid_name(text: str) -> str:
@@ -248,55 +150,3 @@ def valid_name(text: str) -> str:
 def is_valid_name(text: str) -> bool:
     """Tell whether the text can be the name of a part."""
     return len(text) <= MAX_NAME and re.fullmatch('[a-z][a-z0-9_]*', text) is not None
-
-
-def _part(
-    label: str, data: bytes, mesh_format: str, name: str, unit: str | None, given: Given
-) -> Part:
-    if not isinstance(name, str) or not is_valid_name(name):
-        raise InvalidValueError(
-            f'the name of {label} is {name!r}: allowed are lower case '
-            'letters, digits and _, a letter first, at most '
-            f'{MAX_NAME} characters'
-        )
-    unit = DEFAULT_UNIT if unit is None else unit
-    if not isinstance(unit, str) or unit not in UNITS:
-        raise InvalidValueError(f'the unit of {label} is {unit!r}: allowed are {", ".join(UNITS)}')
-    raw_vertices, raw_faces = read_triangles(data, mesh_format, label)
-    check_size(raw_vertices, unit, label)
-    surface = closed_surface(raw_vertices, raw_faces)
-    if not len(surface.faces):
-        raise PartError(
-            f'{label} has no volume: none of its {len(raw_faces)} triangles has an area'
-        )
-    vertices = surface.vertices * UNITS[unit]
-    corners, triangles, normals = convex_hull(vertices, label)
-    hull_vertices, hull_error = simplified(corners, triangles, normals)
-    found, defect = mass_properties(
-        label, vertices, surface.faces, hull_vertices, surface.defect, given
-    )
-    warnings = [*surface.warnings, *size_warnings(raw_vertices, unit)]
-    if defect:
-        warnings.append(f'the mesh {defect}; the given mass properties are used')
-    if len(hull_vertices) < len(corners):
-        radius = np.linalg.norm(hull_vertices - found.centre_of_mass, axis=1).max()
-        warnings.append(
-            f'its convex hull was simplified from {len(corners)} to {len(hull_vertices)} corners; '
-            f'the others are outside of it by at most {1e3 * hull_error:.2g} mm '
-            f'({hull_error / radius:.1g} R)'
-        )
-    return Part(
-        name,
-        data,
-        mesh_format,
-        unit,
-        found.mass,
-        found.centre_of_mass,
-        found.inertia,
-        vertices,
-        surface.faces,
-        hull_vertices,
-        hull_error,
-        found.volume,
-        tuple(f'{label}: {warning}' for warning in warnings),
-    )

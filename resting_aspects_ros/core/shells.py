@@ -29,9 +29,14 @@ ASKEW = Rotation.from_rotvec((0.7, 1.1, 0.3)).as_matrix()
 
 @dataclass(frozen=True, eq=False)
 class Facing:
-    """Which triangles face the wrong way, (m,), and what there is to say about it."""
+    """Which triangles face the wrong way, (m,), and what there is to say about it.
+
+    body : (m,) int64
+        The body to which each triangle belongs: a shell that faces outward, with its cavities.
+    """
 
     inward: Flags
+    body: Indices
     warnings: list[str]
     defect: str | None = None
 
@@ -61,24 +66,24 @@ def facing(corners: Array, shell: Indices, mended: Flags) -> Facing:
     boxed = _boxed(triangles, largest_first)
     if boxed is None:
         none = np.zeros(len(shell), dtype=bool)
-        return Facing(none, [], f'has more than {DEEPEST} bodies inside each other')
+        return Facing(none, shell * 0, [], f'has more than {DEEPEST} bodies inside each other')
     around: dict[int, dict[int, int]] = {}
     for o, inner in boxed.items():
         points = np.array([_inner_point(triangles[s], volumes[s]) for s in inner])
         for s, turn in zip(inner, _turns(points, triangles[o]).tolist(), strict=True):
             around.setdefault(s, {})[o] = turn
-    flip = volumes < 0
-    bodies, doubled = len(volumes) - len(around), 0
+    flip, body = volumes < 0, np.arange(len(volumes))
     for s in filter(around.__contains__, largest_first.tolist()):
         turns, flip[s] = around[s], False
         depth = sum(-turn if flip[o] else turn for o, turn in turns.items())
         if depth <= 0:
-            bodies += 1
             flip[s] = volumes[s] < 0
         elif volumes[s] > 0:
             flip[s] = doubtful[s] or any(turn and flip[o] for o, turn in turns.items())
-            doubled += not flip[s]
-    return Facing(flip[shell], _warnings(flip & ~doubtful, doubled, bodies))
+        if (volumes[s] < 0) != flip[s]:
+            # A cavity: the smallest body around it is the one it is in.
+            body[s] = [o for o in turns if turns[o] and body[o] == o][-1]
+    return Facing(flip[shell], body[shell], _warnings(flip & ~doubtful))
 
 
 def _boxed(triangles: list[Array], largest_first: Indices) -> dict[int, list[int]] | None:
@@ -102,23 +107,11 @@ def _boxed(triangles: list[Array], largest_first: Indices) -> dict[int, list[int
     return found
 
 
-def _warnings(flipped: Flags, doubled: int, bodies: int) -> list[str]:
-    found = []
-    if bodies > 1:
-        found.append(f'the mesh is of {bodies} bodies, which are taken as one rigid part')
+def _warnings(flipped: Flags) -> list[str]:
     if flipped.all():
-        found.append('the mesh was inside out and was turned')
-    elif flipped.any():
-        found.append(
-            f'{np.count_nonzero(flipped)} of {len(flipped)} bodies in the mesh were inside out '
-            'and were turned'
-        )
-    if doubled:
-        found.append(
-            f'bodies that lie inside another one, both facing outward, count twice: {doubled}; a '
-            'cavity must face inward'
-        )
-    return found
+        return ['the mesh was inside out and was turned']
+    count, total = np.count_nonzero(flipped), len(flipped)
+    return [f'{count} of {total} bodies were inside out and were turned'] if count else []
 
 
 def _inner_point(triangles: Array, volume: float) -> Array:

@@ -16,11 +16,25 @@ UNITS: dict[str, float] = {
     'in': 0.0254,
     'ft': 0.3048,
 }
+UNIT_NAMES = {
+    'um': 'micrometres',
+    'mm': 'millimetres',
+    'cm': 'centimetres',
+    'm': 'metres',
+    'in': 'inches',
+    'ft': 'feet',
+}
 DEFAULT_UNIT = 'mm'  # none of STL, OBJ and PLY says its unit; most parts are drawn in mm
 
 
-USUAL_SIZE = (1e-4, 2.0)  # m; outside of it the unit is probably wrong
-LIKELY_SIZE = (1e-3, 1.0)  # m; of a part that is fed
+# Longest sides, m. Outside of the first the unit is probably wrong, even if somebody gave it;
+# outside of the second it may be wrong if it is only the default. The last is of parts that are
+# fed, and of the units that are suggested.
+POSSIBLE_SIZE = (1e-4, 2.0)
+USUAL_SIZE = (3e-3, 2.0)
+LIKELY_SIZE = (5e-3, 0.3)
+# A share of the volume by which rounding in the file may change a part without a warning.
+FINE_VOLUME = 1e-4
 MAX_SIZE = 1e6  # m, of any coordinate: far above any part, far below overflow in the integrals
 MIN_SIZE = 1e-9  # m
 
@@ -41,17 +55,59 @@ def check_size(vertices: Array, unit: str, label: str) -> None:
         )
 
 
-def size_warnings(vertices: Array, unit: str) -> list[str]:
-    """Warn of a size that suggests another unit, and name those that give a likely one."""
+def box_text(sides: Array, unit: str) -> str:
+    """Return the sides of a box (3,), in the unit, in mm: '40 x 30 x 20 mm'."""
+    lengths = 1e3 * UNITS[unit] * sides
+    return ' x '.join(f'{x:.4g}' if x < 1e4 else f'{x:.0f}' for x in lengths.tolist()) + ' mm'
+
+
+def size_warnings(vertices: Array, unit: str, *, given: bool) -> list[str]:
+    """Warn of a size that suggests another unit, and say what it would be in each likely one.
+
+    given : whether somebody said what the unit is.
+    """
     sides = np.ptp(vertices, axis=0)
     size = float(sides.max())
-    if USUAL_SIZE[0] <= size * UNITS[unit] <= USUAL_SIZE[1]:
+    low, high = POSSIBLE_SIZE if given else USUAL_SIZE
+    if low <= size * UNITS[unit] <= high:
         return []
     likely = [
-        f'{1e3 * size * metres:.4g} mm with {other}'
-        for other, metres in UNITS.items()
-        if LIKELY_SIZE[0] <= size * metres <= LIKELY_SIZE[1]
+        f'in {text} it would be {box_text(sides, other)}'
+        for other, text in UNIT_NAMES.items()
+        if other != unit and LIKELY_SIZE[0] <= size * UNITS[other] <= LIKELY_SIZE[1]
     ]
-    box = ' x '.join(f'{1e3 * side * UNITS[unit]:.6g}' for side in sides)
-    hint = f' (its longest side would be {" or ".join(likely)})' if likely else ''
-    return [f'the part is {box} mm with the unit {unit}: is the unit right{hint}?']
+    told = '; '.join([f'the part is {box_text(sides, unit)} with the unit {unit}', *likely])
+    return [f'{told}. Is the unit right?']
+
+
+def coarse_text(vertices: Array, faces: npt.NDArray[np.int64], unit: str) -> str | None:
+    """Say that the file's coordinates are too coarse for the size of a part; None if not.
+
+    STL and most other files store float32, whose steps grow with the distance from the origin.
+    What they can change is estimated by moving each side of the part by half a step.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float64
+        In the unit.
+    faces : (m, 3) int64
+    """
+    largest = np.abs(vertices).max(axis=0)
+    single = vertices.astype(np.float32)
+    exact = (single == vertices).all()
+    steps = np.spacing(largest.astype(np.float32) if exact else largest).astype(np.float64)
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    a, b, c = np.moveaxis((vertices - middle)[faces], 1, 0)
+    areas = np.cross(b - a, c - a) / 2
+    volume = abs(float(np.einsum('ij,ij->', a, areas))) / 3
+    change = float(np.abs(areas).sum(axis=0) @ steps) / 2
+    if change <= FINE_VOLUME * volume:
+        return None
+    millimetres = 1e3 * UNITS[unit]
+    share = f'{100 * change / volume:.2g} %' if change < volume else '100 % or more'
+    return (
+        f'its coordinates of up to {largest.max() * millimetres:.4g} mm are stored in steps of '
+        f'{steps.max() * millimetres:.2g} mm, which is coarse for a part of '
+        f'{box_text(np.ptp(vertices, axis=0), unit)}: its volume may be off by {share}. Move the '
+        'part to the origin before it is exported'
+    )

@@ -117,7 +117,7 @@ class DropConditions:
         except ValueError:
             allowed = ', '.join(f'{h.value} ({h.name})' for h in HeightOf)
             raise InvalidValueError(
-                f'height_of is {self.height_of!r}, allowed is {allowed}'
+                f'height_of is {shown(self.height_of)}, allowed is {allowed}'
             ) from None
 
     def values(self) -> tuple[float, ...]:

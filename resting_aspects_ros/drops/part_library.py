@@ -3,34 +3,32 @@
 import difflib
 import math
 import os
-import reprlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from resting_aspects_ros.core.errors import PartError, RestingAspectsError, UnknownPartError
-from resting_aspects_ros.core.file_names import printable
-from resting_aspects_ros.core.mesh_file import FORMATS
-from resting_aspects_ros.core.part import (
-    DEFAULT_UNIT,
-    MAX_NAME,
-    UNITS,
-    Part,
-    is_valid_name,
-    load_part,
+from resting_aspects_ros.core.errors import (
+    PartError,
+    RestingAspectsError,
+    UnknownPartError,
+    shown,
 )
+from resting_aspects_ros.core.file_names import printable
+from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.core.mesh_file import FORMATS
+from resting_aspects_ros.core.part import DEFAULT_UNIT, MAX_NAME, UNITS, Part, is_valid_name
+from resting_aspects_ros.core.part_loading import load_part
+from resting_aspects_ros.core.yaml_file import read_yaml
 
-# The keys of a part's YAML, and how many numbers each takes; None is a word.
-KEYS: dict[str, int | None] = {
-    'unit': None,
+# The keys of a part's YAML, and what each takes; the numbers are how many.
+KEYS: dict[str, int | str] = {
+    'unit': 'unit',
     'density': 1,
     'mass': 1,
     'centre_of_mass': 3,
     'inertia': 6,
+    'body': 'body',
 }
-MAX_YAML = 65536  # bytes; five keys and their comments need less than a thousand
 
 Stamp = tuple[tuple[int, int] | None, ...]
 
@@ -43,7 +41,8 @@ class PartLibrary:
     folder : Path
         Holds <name>.stl, .obj or .ply, and <name>.yaml where the mesh does not say enough: unit,
         density (kg/m^3) or mass (kg), centre_of_mass (three numbers in the mesh's unit), inertia
-        (six numbers, kg m^2, ixx ixy ixz iyy iyz izz about the centre of mass).
+        (six numbers, kg m^2, ixx ixy ixz iyy iyz izz about the centre of mass), body (which of
+        several bodies, from 1 on).
     """
 
     def __init__(self, folder: Path) -> None:
@@ -152,7 +151,7 @@ class PartLibrary:
 def unknown_part_text(name: str, known: Iterable[str], none: str) -> str:
     """What is said of a name that no part has; none : the words if there are no parts."""
     names = ', '.join(sorted(known)) or none
-    return f'part {str(name)[:MAX_NAME]!r} is not known, known are {names}'
+    return f'part {shown(str(name))} is not known, known are {names}'
 
 
 def _read(mesh: Path, sheet: Path | None) -> Part | RestingAspectsError:
@@ -171,20 +170,8 @@ def read_part_yaml(path: Path) -> dict[str, Any]:
     PartError
         It cannot be read, has an unknown key, or a value of the wrong kind.
     """
-    label = f'part file {str(path)!r}'
-    try:
-        with path.open('rb') as file:
-            text = file.read(MAX_YAML + 1)
-        if len(text) > MAX_YAML:
-            raise PartError(
-                f'{label} has more than {MAX_YAML} bytes: it takes only the keys {", ".join(KEYS)}'
-            )
-        content = yaml.safe_load(text)
-    except OSError as error:
-        raise PartError(f'{label} cannot be read: {error}') from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        words = ' '.join(str(error).split())
-        raise PartError(f'{label} is not YAML: {words[:300]}') from None
+    label = named('part file', path)
+    content = read_yaml(path, 'part file', error=PartError)
     if content is None:
         return {}
     if not isinstance(content, Mapping):
@@ -195,7 +182,7 @@ def read_part_yaml(path: Path) -> dict[str, Any]:
     for key in content:
         if key not in KEYS:
             raise PartError(
-                f'{label} has the unknown key {_short(key)}: allowed are {", ".join(KEYS)}'
+                f'{label} has the unknown key {shown(key)}: allowed are {", ".join(KEYS)}'
             )
     given = {key: _checked(value, key, label) for key, value in content.items()}
     if 'centre_of_mass' in given:
@@ -205,20 +192,22 @@ def read_part_yaml(path: Path) -> dict[str, Any]:
 
 
 def _checked(value: Any, key: str, label: str) -> Any:
-    count = KEYS[key]
-    if count is None:
-        if not isinstance(value, str) or value not in UNITS:
-            raise PartError(f'{label} has {key}: {_short(value)}; allowed are {", ".join(UNITS)}')
-        return value
-    numbers = [_number(x) for x in (value if count > 1 and isinstance(value, list) else [value])]
-    found = [x for x in numbers if x is not None]
-    if count > 1 and not len(found) == len(numbers) == count:
-        raise PartError(
-            f'{label} has {key}: {_short(value)}; allowed is a list of {count} finite numbers'
-        )
-    if count == 1 and not (found and found[0] > 0):
-        raise PartError(f'{label} has {key}: {_short(value)}; allowed is a finite number above 0')
-    return found if count > 1 else found[0]
+    takes = KEYS[key]
+    if takes == 'unit':
+        good, expected = isinstance(value, str) and value in UNITS, f'one of {", ".join(UNITS)}'
+    elif takes == 'body':
+        good, expected = type(value) is int and value > 0, 'an integer from 1 on'
+    elif takes == 1:
+        value, given = _number(value), value
+        good, expected = value is not None and value > 0, 'a finite number above 0'
+        value = value if good else given
+    else:
+        numbers = [_number(x) for x in value] if isinstance(value, list) else []
+        good, expected = len(numbers) == takes and None not in numbers, f'{takes} finite numbers'
+        value = numbers if good else value
+    if not good:
+        raise PartError(f'invalid {key} {shown(value)} in {label}: expected {expected}')
+    return value
 
 
 def _number(value: Any) -> float | None:
@@ -230,10 +219,6 @@ def _number(value: Any) -> float | None:
     except (ValueError, OverflowError):
         return None
     return found if math.isfinite(found) else None
-
-
-def _short(value: Any) -> str:
-    return reprlib.repr(value)[:200]
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:

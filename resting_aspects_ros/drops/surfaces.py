@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
-import yaml
-
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.core.yaml_file import read_yaml
 from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions, HeightOf
 
 DEFAULT_SURFACE = 'rubber_mat'
@@ -29,7 +29,7 @@ class Surfaces:
         name = name or DEFAULT_SURFACE
         if name not in self._sets:
             raise InvalidValueError(
-                f'surface {name!r} is not known, allowed is {", ".join(self.names())}'
+                f'surface {shown(name)} is not known, allowed is {", ".join(self.names())}'
             )
         return self._sets[name]
 
@@ -56,16 +56,13 @@ class Surfaces:
     @classmethod
     def read(cls, path: Path) -> 'Surfaces':
         """Read a file of the form of config/surfaces.yaml; raises InvalidValueError."""
-        try:
-            document = yaml.safe_load(path.read_text(encoding='utf-8'))
-        except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-            reason = ' '.join(str(error).split())
-            raise InvalidValueError(f'surfaces file {path} cannot be read: {reason}') from None
+        document = read_yaml(path, 'surfaces file')
+        label = named('surfaces file', path)
         if not isinstance(document, dict) or not document:
-            raise InvalidValueError(f'surfaces file {path} must map names to conditions')
-        sets = {name: _conditions(path, name, entry) for name, entry in document.items()}
+            raise InvalidValueError(f'{label} must map names to conditions')
+        sets = {name: _conditions(label, name, entry) for name, entry in document.items()}
         if DEFAULT_SURFACE not in sets:
-            raise InvalidValueError(f'surfaces file {path} lacks the default, {DEFAULT_SURFACE}')
+            raise InvalidValueError(f'{label} lacks the default, {DEFAULT_SURFACE}')
         return cls(sets)
 
 
@@ -81,8 +78,8 @@ def _changes(known: DropConditions, conditions: DropConditions) -> list[str]:
     return changes
 
 
-def _conditions(path: Path, name: object, entry: object) -> DropConditions:
-    where = f'surfaces file {path}, {name}'
+def _conditions(label: str, name: object, entry: object) -> DropConditions:
+    where = f'{label}, {name if isinstance(name, str) and name.isidentifier() else shown(name)}'
     needed = {*QUANTITIES, 'height_of'}
     if not isinstance(name, str):
         raise InvalidValueError(f'{where}: the name of a surface must be text')
@@ -90,12 +87,12 @@ def _conditions(path: Path, name: object, entry: object) -> DropConditions:
         raise InvalidValueError(f'{where}: must have exactly {", ".join(sorted(needed))}')
     values = {key: value for key, value in entry.items() if key != 'source'}
     try:
-        values['height_of'] = HeightOf[str(values['height_of'])]
+        values['height_of'] = HeightOf.__members__[values['height_of']]
         return DropConditions(surface=name, **values)
-    except KeyError:
+    except (KeyError, TypeError):
         allowed = ', '.join(h.name for h in HeightOf)
         raise InvalidValueError(
-            f'{where}: height_of is {entry["height_of"]!r}, allowed is {allowed}'
+            f'{where}: height_of is {shown(entry["height_of"])}, allowed is {allowed}'
         ) from None
     except InvalidValueError as error:
         raise InvalidValueError(f'{where}: {error}') from None

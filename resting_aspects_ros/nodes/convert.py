@@ -16,7 +16,8 @@ from std_msgs.msg import Header
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.mesh_file import FORMATS
-from resting_aspects_ros.core.part import Part, is_valid_name, part_from_bytes
+from resting_aspects_ros.core.part import Part, is_valid_name
+from resting_aspects_ros.core.part_loading import part_from_bytes
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE
 from resting_aspects_ros.drops import conditions as drop_conditions
@@ -201,6 +202,7 @@ def part_msg(part: Part) -> PartDescription:
         mass=part.mass,
         centre_of_mass=Point(x=x, y=y, z=z),
         inertia=part.inertia[np.triu_indices(3)],
+        body=part.body,
     )
 
 
@@ -224,6 +226,7 @@ def part_from(msg: PartDescription) -> Part:
         mass=msg.mass,
         centre_of_mass=(centre.x, centre.y, centre.z),
         inertia=np.asarray(msg.inertia, dtype=np.float64),
+        body=msg.body or None,
     )
 
 

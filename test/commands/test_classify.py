@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.part import load_part
+from resting_aspects_ros.core.part_loading import load_part
 from resting_aspects_ros.core.rotations import down_in_part
 
 DROPS = 125

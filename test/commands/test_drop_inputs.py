@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from resting_aspects_ros.core.part import load_part
+from resting_aspects_ros.core.part_loading import load_part
 
 
 @pytest.fixture
@@ -135,7 +135,11 @@ endsolid a
         ('broken.stl', 'hello', "'broken.stl' is not an STL"),
         ('empty.ply', '', "'empty.ply' is empty"),
         ('nan.stl', ROUND, 'finite'),
-        ('model.step', 'ISO-10303-21;', 'allowed are .stl, .obj, .ply'),
+        (
+            'model.step',
+            'ISO-10303-21;',
+            'expected one of .stl, .obj, .ply. It is a CAD file: export an STL',
+        ),
         ('.', None, 'is a folder'),
         ('..', None, 'is a folder'),
         ('/', None, 'is a folder'),

@@ -12,7 +12,8 @@ from resting_aspects_ros.core.intrinsic_frame import (
     principal_frame,
     third_moments,
 )
-from resting_aspects_ros.core.part import Part, part_from_bytes
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.part_loading import part_from_bytes
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -12,8 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError, PartError
-from resting_aspects_ros.core.part import UNITS, Part, load_part, part_from_bytes
+from resting_aspects_ros.core.part import UNITS, Part
+from resting_aspects_ros.core.part_loading import load_part, part_from_bytes
 
 # STL holds float32: a coordinate is off by up to 6e-8 of itself, and a volume by three times it.
 FLOAT32 = 2e-7
@@ -376,30 +378,110 @@ def test_a_path_without_a_mesh_is_told(tmp_path, make, words):
 @pytest.mark.parametrize('file', ['bracket.step', 'bracket', '.stl'])
 def test_a_file_of_another_kind_lists_those_that_can_be_read(tmp_path, file):
     (tmp_path / file).write_bytes(stl(box()))
-    with pytest.raises(PartError, match=r'allowed are \.stl, \.obj, \.ply'):
+    with pytest.raises(PartError, match=r'expected one of \.stl, \.obj, \.ply'):
         load_part(tmp_path / file)
 
 
+@pytest.mark.parametrize('suffix', ['.step', '.STP', '.iges', '.IGS', '.sldprt', '.x_t', '.ipt'])
+def test_a_cad_file_is_told_to_be_exported_as_stl(tmp_path, suffix):
+    (tmp_path / f'bracket{suffix}').write_bytes(b'ISO-10303-21;')
+    with pytest.raises(PartError, match=r'export an STL from your CAD program$'):
+        load_part(tmp_path / f'bracket{suffix}')
+
+
 @pytest.mark.parametrize(
-    ('scale', 'unit', 'words'),
+    ('sides', 'unit', 'words'),
     [
-        (1000, 'mm', ['10000 x 20000 x 30000 mm', 'unit mm', '30 mm with um']),
-        (0.001, 'mm', ['0.01 x 0.02 x 0.03 mm', 'unit mm', '30 mm with m', '9.144 mm with ft']),
-        (1, 'ft', ['3048 x 6096 x 9144 mm', 'unit ft', '30 mm with mm', '300 mm with cm']),
+        ((1.24, 1.63, 0.98), None, '1.24 x 1.63 x 0.98 mm with the unit mm'),
+        ((1.24, 1.63, 0.98), None, 'in inches it would be 31.5 x 41.4 x 24.89 mm'),
+        (
+            (1e4, 2e4, 3e4),
+            None,
+            'part is 10000 x 20000 x 30000 mm with the unit mm; in micrometres',
+        ),
+        ((0.01, 0.02, 0.03), None, 'in metres it would be 10 x 20 x 30 mm'),
+        ((0.01, 0.02, 0.03), 'mm', 'in metres it would be 10 x 20 x 30 mm'),
+        ((1e4, 2e4, 3e4), 'mm', 'in micrometres it would be 10 x 20 x 30 mm'),
+        ((10, 20, 30), 'ft', 'in millimetres it would be 10 x 20 x 30 mm; in centimetres it'),
     ],
 )
-def test_a_size_that_suggests_another_unit_is_told_in_mm(scale, unit, words):
-    mesh = box()
-    mesh.apply_scale(scale)
-    part = part_from_bytes(stl(mesh), 'stl', 'box', unit=unit)
-    assert len(part.warnings) == 1
-    for word in words:
-        assert word in part.warnings[0]
+def test_an_unusual_size_is_told_with_what_it_would_be(sides, unit, words):
+    (warning,) = part_from_bytes(stl(box(*sides)), 'stl', 'box', unit=unit).warnings
+    assert words in warning
+    assert warning.endswith('Is the unit right?')
 
 
-@pytest.mark.parametrize('size', [0.1001, 1999])
-def test_a_usual_size_is_not_told(size):
-    assert part_from_bytes(stl(box(size, size, size)), 'stl', 'box').warnings == ()
+@pytest.mark.parametrize(
+    ('size', 'unit'), [(3.1, None), (1999, None), (0.1001, 'mm'), (1.5, 'mm')]
+)
+def test_a_usual_size_or_one_with_a_unit_is_not_told(size, unit):
+    assert part_from_bytes(stl(box(size, size, size)), 'stl', 'box', unit=unit).warnings == ()
+
+
+@given(
+    offset=st.tuples(*[st.integers(-(2**22), 2**22)] * 3),
+    file_format=st.sampled_from(['binary STL', 'OBJ', 'binary PLY']),
+)
+def test_a_part_moved_by_whole_millimetres_is_the_same_part(offset, file_format):
+    """Whole numbers are exact in float32 up to 16,777,216."""
+    near = part_from_bytes(stl(l_bracket()), 'stl', 'l')
+    mesh = l_bracket()
+    mesh.apply_translation(np.array(offset) * 3)
+    data, mesh_format = files_of(mesh)[file_format]
+    far = part_from_bytes(data, mesh_format, 'l')
+    assert far.volume == pytest.approx(near.volume, rel=1e-9)
+    shift = 3e-3 * np.array(offset)
+    np.testing.assert_allclose(far.centre_of_mass - shift, near.centre_of_mass, atol=1e-10)
+    np.testing.assert_allclose(far.inertia, near.inertia, atol=1e-8 * near.inertia.max())
+    assert len(far.hull_vertices) == len(near.hull_vertices)
+    one, other = find_aspects(near), find_aspects(far)
+    assert [a.id for a in one.aspects] == [a.id for a in other.aspects]
+    for a, b in zip(one.aspects, other.aspects, strict=True):
+        assert b.com_height == pytest.approx(a.com_height, rel=1e-6)
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    exponent=st.floats(0, 9),
+    shape=st.sampled_from(['bracket', 'plate', 'ball', 'rod']),
+)
+def test_a_part_far_from_the_origin_is_right_or_told_to_be_coarse(seed, exponent, shape):
+    """Rounded to float32 anywhere, the volume is right within 1e-4, or there is a warning."""
+    mesh = {
+        'bracket': l_bracket,
+        'plate': lambda: box(80, 50, 0.5),
+        'ball': lambda: trimesh.creation.icosphere(2, radius=20),
+        'rod': lambda: trimesh.creation.cylinder(radius=1, height=200, sections=16),
+    }[shape]()
+    generator = np.random.default_rng(seed)
+    mesh.vertices = rotation(seed).apply(mesh.vertices)
+    volume = mesh.volume
+    direction = generator.normal(size=3)
+    mesh.apply_translation(10**exponent * direction / np.linalg.norm(direction))
+    try:
+        part = part_from_bytes(stl(mesh), 'stl', 'far')
+    except PartError as caught:
+        error = str(caught)
+    else:
+        error = ''
+    if error:
+        assert 'are stored in steps of' in error or 'at most 1e+06 m' in error
+        return
+    told = [warning for warning in part.warnings if 'are stored in steps of' in warning]
+    assert told or part.volume * 1e9 == pytest.approx(volume, rel=1.1e-4)
+    assert len(part.warnings) == len(told)
+
+
+def test_corners_that_differ_by_rounding_far_from_the_origin_are_welded():
+    """Each triangle of the file is moved by itself, so that its corners are rounded otherwise."""
+    triangles = np.asarray(l_bracket().triangles) + np.array([3000.3, -2000.7, 1000.1])
+    noise = np.random.default_rng(1).uniform(-1, 1, triangles.shape) * 1e-4
+    mesh = trimesh.Trimesh(
+        (triangles + noise).reshape(-1, 3), np.arange(60).reshape(-1, 3), process=False
+    )
+    part = part_from_bytes(stl(mesh), 'stl', 'l')
+    assert len(part.vertices) == 12
+    assert part.volume == pytest.approx(L_VOLUME, rel=1e-3)
 
 
 def test_nothing_is_said_but_by_errors_and_warnings_of_the_part(capfd):

@@ -23,7 +23,7 @@ SHAPES = [
 
 def sized(solids, solid, name, arguments, size):
     mesh = solids.turned(getattr(solids, name)(*arguments), solids.a_turn(4))
-    return solid(mesh.apply_scale(size / np.ptp(mesh.vertices, axis=0).max()))
+    return solid(mesh.apply_scale(size / np.ptp(mesh.vertices, axis=0).max()), unit='mm')
 
 
 @pytest.mark.parametrize('size', SIZES)
@@ -31,7 +31,7 @@ def sized(solids, solid, name, arguments, size):
 def test_aspects_are_the_same_in_any_size(solids, solid, name, arguments, size):
     usual = sized(solids, solid, name, arguments, 40.0)
     part = sized(solids, solid, name, arguments, size)
-    assert part.warnings == ()  # from 2 m on the unit is doubted
+    assert part.warnings == ()
     assert part.hull_radius == pytest.approx(usual.hull_radius * size / 40, rel=1e-6)
     found, expected = find_aspects(part), find_aspects(usual)
     assert len(found) == len(expected)

@@ -7,12 +7,12 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
-from resting_aspects_ros.core import part as part_module
+from resting_aspects_ros.core import part_loading
 from resting_aspects_ros.core.aspect_set import Sweep
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.joining import join_minima
 from resting_aspects_ros.core.landscape import Landscape
-from resting_aspects_ros.core.part import part_from_bytes
+from resting_aspects_ros.core.part_loading import part_from_bytes
 from resting_aspects_ros.core.simplified_hull import FINE, GOOD, MOST_CORNERS
 
 # Of more than MOST_CORNERS corners, and how many aspects each has.
@@ -50,7 +50,7 @@ def whole(monkeypatch, solid):
 
     def make(mesh):
         with monkeypatch.context() as patch:
-            patch.setattr(part_module, 'simplified', lambda corners, *_: (corners, 0.0))
+            patch.setattr(part_loading, 'simplified', lambda corners, *_: (corners, 0.0))
             return solid(mesh)
 
     return make

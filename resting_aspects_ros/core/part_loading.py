@@ -1,0 +1,211 @@
+"""Making a part from a mesh file: read, weld, unite its bodies, and find hull and mass."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from resting_aspects_ros.core.bodies import one_solid
+from resting_aspects_ros.core.closed_surface import Surface, closed_surface
+from resting_aspects_ros.core.errors import InvalidValueError, PartError, shown
+from resting_aspects_ros.core.hull import convex_hull
+from resting_aspects_ros.core.input_file import named, read_input
+from resting_aspects_ros.core.mass_properties import Given, mass_properties
+from resting_aspects_ros.core.mesh_file import FORMATS, read_triangles
+from resting_aspects_ros.core.part import MAX_NAME, Part, is_valid_name, valid_name
+from resting_aspects_ros.core.simplified_hull import simplified
+from resting_aspects_ros.core.units import (
+    DEFAULT_UNIT,
+    UNITS,
+    check_size,
+    coarse_text,
+    size_warnings,
+)
+
+MAX_BYTES = 256 << 20  # of a mesh file; more than MAX_TRIANGLES have in any format
+# Formats that CAD programs write; they hold curved surfaces, which have to be divided first.
+CAD_FORMATS = (
+    *('step', 'stp', 'stpz', 'iges', 'igs', 'sldprt', 'sldasm', 'ipt', 'iam', 'prt', 'asm'),
+    *('catpart', 'catproduct', 'cgr', 'x_t', 'x_b', 'xmt_txt', 'sat', 'sab', 'jt', 'par', 'psm'),
+    *('3dm', 'fcstd', 'f3d', 'brep', 'brp', 'dwg', 'dxf', 'skp', 'neu', 'model', 'session'),
+)
+
+
+def load_part(
+    path: str | Path,
+    name: str | None = None,
+    *,
+    unit: str | None = None,
+    density: float | None = None,
+    mass: float | None = None,
+    centre_of_mass: Any = None,
+    inertia: Any = None,
+    body: int | None = None,
+) -> Part:
+    """Read a part from an STL, OBJ or PLY file.
+
+    The name defaults to the file's stem, made into a valid name. For the rest see
+    part_from_bytes. Raises PartError also for a file that is missing, is no regular file, has more
+    than MAX_BYTES, or cannot be read.
+    """
+    path = Path(path)
+    label = named('mesh', path)
+    mesh_format = path.suffix.lower().removeprefix('.')
+    if mesh_format not in FORMATS and not path.is_dir():
+        raise PartError(f'{label} has {_wrong_format(path.suffix)}')
+    data = read_input(path, MAX_BYTES, 'mesh', PartError)
+    return _part(
+        label,
+        data,
+        mesh_format,
+        valid_name(path.stem) if name is None else name,
+        unit,
+        body,
+        Given(density, mass, centre_of_mass, inertia),
+    )
+
+
+def part_from_bytes(
+    data: bytes,
+    mesh_format: str,
+    name: str,
+    *,
+    unit: str | None = None,
+    density: float | None = None,
+    mass: float | None = None,
+    centre_of_mass: Any = None,
+    inertia: Any = None,
+    body: int | None = None,
+) -> Part:
+    """Make a part from the bytes of a mesh file.
+
+    Without overrides the mass properties are those of the solid inside the mesh, of one density.
+    They have no influence on aspects but through the centre of mass and the ratios of the
+    moments; so density and mass matter for nothing but the figures that are shown.
+
+    Parameters
+    ----------
+    data : bytes
+    mesh_format : str
+        'stl', 'obj' or 'ply'.
+    name : str
+        [a-z][a-z0-9_]*, at most 64 characters.
+    unit : str, optional
+        Of the coordinates in the file: a key of UNITS; mm if not given.
+    density : float, optional
+        kg/m^3; 1000 if neither density nor mass is given.
+    mass : float, optional
+        kg; scales the solid's inertia.
+    centre_of_mass : (3,) array_like, optional
+        m, part frame; inside the convex hull. If no inertia is given with it, the inertia about
+        the solid's own centroid is taken as the one about this point.
+    inertia : (6,) or (3, 3) array_like, optional
+        kg m^2 about the centre of mass, part axes; six are ixx ixy ixz iyy iyz izz.
+    body : int, optional
+        Which body of the mesh, from 1 on, the largest first; needed if it has several that do not
+        touch each other.
+
+    Raises
+    ------
+    PartError
+        The bytes are no mesh, or enclose no solid. A mesh that is not closed is still usable if
+        mass, centre_of_mass and inertia are all given.
+    InvalidValueError
+        An argument is not allowed.
+    """
+    return _part(
+        f'part {shown(name)}',
+        data,
+        mesh_format,
+        name,
+        unit,
+        body,
+        Given(density, mass, centre_of_mass, inertia),
+    )
+
+
+def _wrong_format(suffix: str) -> str:
+    allowed = ', '.join(f'.{ending}' for ending in FORMATS)
+    text = f'the extension {shown(suffix)}: expected one of {allowed}'
+    if suffix.lower().removeprefix('.') in CAD_FORMATS:
+        return f'{text}. It is a CAD file: export an STL from your CAD program'
+    return text
+
+
+def _part(
+    label: str,
+    data: bytes,
+    mesh_format: str,
+    name: str,
+    unit: str | None,
+    chosen: int | None,
+    given: Given,
+) -> Part:
+    if not isinstance(name, str) or not is_valid_name(name):
+        raise InvalidValueError(
+            f'invalid name {shown(name)} of {label}: expected lower case letters, digits and _, '
+            f'a letter first, at most {MAX_NAME} characters'
+        )
+    if unit is not None and (not isinstance(unit, str) or unit not in UNITS):
+        raise InvalidValueError(
+            f'invalid unit {shown(unit)} of {label}: expected one of {", ".join(UNITS)}'
+        )
+    vertices, faces = read_triangles(data, mesh_format, label)
+    check_size(vertices, unit or DEFAULT_UNIT, label)
+    coarse = coarse_text(vertices, faces, unit or DEFAULT_UNIT)
+    try:
+        surface, body = one_solid(
+            closed_surface(vertices, faces), chosen, unit or DEFAULT_UNIT, label
+        )
+        part = _solid_part(label, surface, unit, body, given, (name, data, mesh_format))
+    except PartError as error:
+        raise PartError(f'{error}; {coarse}' if coarse else str(error)) from None
+    if coarse:
+        part = replace(part, warnings=(*part.warnings, f'{label}: {coarse}'))
+    return part
+
+
+def _solid_part(
+    label: str,
+    surface: Surface,
+    unit: str | None,
+    body: int,
+    given: Given,
+    file: tuple[str, bytes, str],
+) -> Part:
+    if not len(surface.faces):
+        raise PartError(f'{label} has no volume: none of its triangles has an area')
+    warnings = [
+        *surface.warnings,
+        *size_warnings(surface.vertices, unit or DEFAULT_UNIT, given=unit is not None),
+    ]
+    vertices = surface.vertices * UNITS[unit or DEFAULT_UNIT]
+    corners, triangles, normals = convex_hull(vertices, label)
+    hull_vertices, hull_error = simplified(corners, triangles, normals)
+    found, defect = mass_properties(
+        label, vertices, surface.faces, hull_vertices, surface.defect, given
+    )
+    if defect:
+        warnings.append(f'the mesh {defect}; the given mass properties are used')
+    if len(hull_vertices) < len(corners):
+        radius = np.linalg.norm(hull_vertices - found.centre_of_mass, axis=1).max()
+        warnings.append(
+            f'its convex hull was simplified from {len(corners)} to {len(hull_vertices)} corners; '
+            f'the others are outside of it by at most {1e3 * hull_error:.2g} mm '
+            f'({hull_error / radius:.1g} R)'
+        )
+    return Part(
+        *file,
+        unit or DEFAULT_UNIT,
+        found.mass,
+        found.centre_of_mass,
+        found.inertia,
+        vertices,
+        surface.faces,
+        hull_vertices,
+        hull_error,
+        found.volume,
+        tuple(f'{label}: {warning}' for warning in warnings),
+        body,
+    )
