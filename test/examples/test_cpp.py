@@ -14,16 +14,24 @@ import pytest
 from catkin_pkg.package import parse_package
 from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import Aspect, AspectDistribution
+from resting_aspects_interfaces.srv import GetDistribution
 from scipy.stats import binomtest
 
 from resting_aspects_ros.nodes.feeder_example import PARAMETERS
-from resting_aspects_ros.nodes.interface import ASPECT_DISTRIBUTIONS
+from resting_aspects_ros.nodes.interface import (
+    ASPECT_DISTRIBUTIONS,
+    GET_DISTRIBUTION,
+    SERVICES,
+)
 
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'cpp'
 SOURCE = (EXAMPLE / 'src' / 'pickable_share.cpp').read_text(encoding='utf-8')
 PREFIX = Path(sys.prefix)
 COUNTS = [8, 4, 2, 1, 0]
 DROPS = 16
+
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope='module')
@@ -122,13 +130,30 @@ def test_before_the_first_drop_it_is_not_a_number(share_of, distribution):
     assert interval == [0, 1]
 
 
-def test_of_the_node_only_rclcpp_is_missing_here(compile_cpp):
+@pytest.mark.parametrize('name', ['pickable_share', 'ask_distribution'])
+def test_of_the_node_only_rclcpp_is_missing_here(compile_cpp, name):
     """Where there is an rclcpp, the node is compiled; else nothing after its line is looked at."""
-    done = compile_cpp('-fsyntax-only', EXAMPLE / 'src' / 'pickable_share.cpp')
+    done = compile_cpp('-fsyntax-only', EXAMPLE / 'src' / f'{name}.cpp')
     errors = [line for line in done.stderr.splitlines() if 'error' in line]
-    missing = re.compile(r'.*pickable_share\.cpp:\d+:\d+: fatal error: .*rclcpp/rclcpp\.hpp.*')
+    missing = re.compile(rf'.*{name}\.cpp:\d+:\d+: fatal error: .*rclcpp/rclcpp\.hpp.*')
     assert done.returncode == 0 or (len(errors) == 1 and missing.fullmatch(errors[0])), done.stderr
-    assert SOURCE.count('#include "') == 2  # ours comes first
+
+
+def test_no_exception_leaves_the_nodes():
+    """Such as that of rclcpp for a parameter of another type, pickable:=[1.5]."""
+    for file in (EXAMPLE / 'src').glob('*.cpp'):
+        main = file.read_text(encoding='utf-8').split('int main(')[1]
+        before, tried = main.split('try {')
+        assert 'rclcpp::' not in before, file
+        assert 'rclcpp::init' in tried.split('} catch (const std::exception & error)')[0], file
+        assert 'error.what()' in tried, file
+
+
+def test_the_client_of_the_service_has_the_depth_of_the_server():
+    source = (EXAMPLE / 'src' / 'ask_distribution.cpp').read_text(encoding='utf-8')
+    assert f'"{GET_DISTRIBUTION}", rclcpp::ServicesQoS().keep_last({SERVICES.depth})' in source
+    fields = set(re.findall(r'request->(\w+)', source))
+    assert fields <= set(GetDistribution.Request.get_fields_and_field_types())
 
 
 def test_the_node_subscribes_as_the_classifier_publishes():
@@ -158,5 +183,5 @@ def test_package_and_cmake_name_the_same():
     found = set(re.findall(r'find_package\((\w+) REQUIRED\)', cmake))
     assert {each.name for each in package.build_depends} | {'ament_cmake'} == found
     assert f'project({package.name})' in cmake
-    (source,) = re.findall(r'add_executable\(\w+ (\S+)\)', cmake)
-    assert (EXAMPLE / source).is_file()
+    sources = re.findall(r'add_executable\(\w+ (\S+)\)', cmake)
+    assert sorted(EXAMPLE / source for source in sources) == sorted(EXAMPLE.glob('src/*.cpp'))

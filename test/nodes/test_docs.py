@@ -6,8 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from rclpy.qos import DurabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from resting_aspects_interfaces.msg import Status
+from resting_aspects_interfaces.srv import ListParts
 
 from resting_aspects_ros.nodes import (
     aspect_classifier,
@@ -46,6 +47,7 @@ SNIPPETS = (
     'create_subscription',
     'ReentrantCallbackGroup',
     'list_parts',
+    'remove_pending_request',
     'CancelGoal',
     'AnyReader',
     'mcap_ros2',
@@ -106,6 +108,31 @@ def test_or_in_that_of_the_command_line(suite, run_snippet):
     process = run_snippet(code.replace(given, ''))
     suite.client.wait(lambda: not process.running, 'the end')
     assert process.said == f'{list(suite.client.parts())}\n'
+
+
+def test_a_plain_service_client_is_answered(suite, dropped, run_snippet):
+    code = snippet('remove_pending_request').replace('drops=1000', 'drops=50')
+    process = run_snippet(code)
+    suite.client.wait(lambda: not process.running, 'the end')
+    rows = [(a.id, a.probability) for a in dropped.aspects]
+    assert process.said == f'{rows}\n'
+
+
+def test_the_documented_depth_keeps_many_answers_at_once(suite, connect):
+    """All answers of a service go to all of its clients, and the default depth is 10."""
+    (depth,) = re.findall(r'QoSProfile\(depth=(\d+)\)', snippet('remove_pending_request'))
+    assert f'keep_last({depth})' in DOC
+    other = connect(suite.namespace)
+    client = other.node.create_client(
+        ListParts, interface.LIST_PARTS, qos_profile=QoSProfile(depth=int(depth))
+    )
+    suite.client.wait(client.service_is_ready, 'service')
+    mine = client.call_async(ListParts.Request())
+    # Answered one after the other, while this client does not spin.
+    for _ in range(50):
+        suite.client.parts()
+    other.wait(mine.done, 'answer')
+    assert mine.result().parts
 
 
 def test_an_empty_request_cancels_what_runs_and_keeps_its_drops(suite, run_snippet):

@@ -5,6 +5,7 @@
 #include "pickable_share.hpp"
 
 #include <cinttypes>
+#include <exception>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -14,10 +15,8 @@
 
 using resting_aspects_interfaces::msg::AspectDistribution;
 
-int main(int argc, char ** argv)
+void run(const rclcpp::Node::SharedPtr & node)
 {
-  rclcpp::init(argc, argv);
-  const auto node = std::make_shared<rclcpp::Node>("pickable_share");
   const auto part = node->declare_parameter("part", std::string("l_bracket"));
   const auto pickable = node->declare_parameter("pickable", std::vector<std::int64_t>{1});
 
@@ -36,11 +35,23 @@ int main(int argc, char ** argv)
         RCLCPP_ERROR(node->get_logger(), "parameter pickable: %s", error.what());
       }
     };
-  // As it is published: the newest comes at once, also to who comes late.
+  // The QoS of the publisher: a late subscriber receives the newest message at once.
   const auto latched = rclcpp::QoS(1).reliable().transient_local();
   const auto subscription = node->create_subscription<AspectDistribution>(
     "aspect_distributions/" + part, latched, print);
   rclcpp::spin(node);
+}
+
+int main(int argc, char ** argv)
+{
+  int code = 0;
+  try {
+    rclcpp::init(argc, argv);
+    run(std::make_shared<rclcpp::Node>("pickable_share"));
+  } catch (const std::exception & error) {  // such as a parameter of another type
+    RCLCPP_FATAL(rclcpp::get_logger("pickable_share"), "%s", error.what());
+    code = 2;
+  }
   rclcpp::shutdown();
-  return 0;
+  return code;
 }

@@ -1,0 +1,82 @@
+"""The QoS overrides for `ros2 bag record`, read as rosbag2 reads them."""
+
+from pathlib import Path
+
+import pytest
+import rclpy
+import yaml
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from resting_aspects_interfaces.msg import RestingPoses
+
+from resting_aspects_ros.nodes import interface
+
+FILE = Path(__file__).resolve().parents[2] / 'config' / 'rosbag2_qos.yaml'
+# What rosbag2 subscribes with by default, but for what it adapts to the publisher.
+ROSBAG2_DEPTH = 10
+POLICIES = {
+    'history': HistoryPolicy,
+    'reliability': ReliabilityPolicy,
+    'durability': DurabilityPolicy,
+}
+
+
+def overrides():
+    """The profiles by topic, as ros2bag.api.convert_yaml_to_qos_profile makes them."""
+    return {
+        topic: QoSProfile(
+            **{
+                key: POLICIES[key].get_from_short_key(value) if key in POLICIES else value
+                for key, value in profile.items()
+            }
+        )
+        for topic, profile in yaml.safe_load(FILE.read_text(encoding='utf-8')).items()
+    }
+
+
+def test_every_topic_deeper_than_rosbag2_s_default_is_overridden_with_its_qos():
+    published = {
+        f'/{interface.RESTING_POSES}': interface.POSES,
+        f'/{interface.RECORDED_RUNS}': interface.ALL_LATCHED,
+        f'/{interface.MARKERS}': interface.LATCHED,
+        f'/{interface.CURRENT_POSES}': interface.LATCHED,
+        f'/{interface.DEFAULT_CONDITIONS}': interface.LATCHED,
+    }
+    assert overrides() == {
+        topic: qos for topic, qos in published.items() if qos.depth > ROSBAG2_DEPTH
+    }
+
+
+@pytest.mark.parametrize('count', [48, 300])
+def test_a_late_subscriber_with_the_overrides_receives_all_latched_batches(wait, count):
+    profile = overrides()['/resting_poses']
+    default = QoSProfile(depth=ROSBAG2_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    heard, kept = [], []
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    try:
+        node = rclpy.create_node('rosbag2_qos', context=context, namespace='rosbag2_qos')
+        publisher = node.create_publisher(RestingPoses, 'resting_poses', interface.POSES)
+        for k in range(count):
+            publisher.publish(RestingPoses(first_drop=k))
+        node.create_subscription(
+            RestingPoses, 'resting_poses', lambda message: kept.append(message.first_drop), default
+        )
+        node.create_subscription(
+            RestingPoses,
+            'resting_poses',
+            lambda message: heard.append(message.first_drop),
+            profile,
+        )
+        assert publisher.wait_for_all_acked()
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        wait(
+            lambda: count - 1 in heard and count - 1 in kept,
+            'the last batch',
+            step=lambda: executor.spin_once(0.1),
+        )
+    finally:
+        rclpy.try_shutdown(context=context)
+    assert heard == list(range(count))
+    assert len(kept) < count  # so the overrides are needed
