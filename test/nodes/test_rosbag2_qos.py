@@ -55,7 +55,7 @@ def test_a_late_subscriber_with_the_overrides_receives_all_latched_batches(wait,
     context = rclpy.Context()
     rclpy.init(context=context)
     try:
-        node = rclpy.create_node('rosbag2_qos', context=context, namespace='rosbag2_qos')
+        node = rclpy.create_node('rosbag2_qos', context=context, namespace=f'qos_{count}')
         publisher = node.create_publisher(RestingPoses, 'resting_poses', interface.POSES)
         for k in range(count):
             publisher.publish(RestingPoses(first_drop=k))
@@ -77,6 +77,7 @@ def test_a_late_subscriber_with_the_overrides_receives_all_latched_batches(wait,
             step=lambda: executor.spin_once(0.1),
         )
     finally:
+        node.destroy_node()
         rclpy.try_shutdown(context=context)
     assert heard == list(range(count))
     assert len(kept) < count  # so the overrides are needed
