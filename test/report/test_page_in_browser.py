@@ -66,8 +66,13 @@ def bracket(part, make_report, written):
     return written(report)
 
 
-@pytest.mark.parametrize('scheme', ['light', 'dark'])
-@pytest.mark.parametrize('width', [DESK, TELEPHONE])
+@pytest.mark.parametrize(
+    ('width', 'scheme'),
+    [
+        (DESK, 'light'),
+        pytest.param(TELEPHONE, 'dark', marks=pytest.mark.slow),
+    ],
+)
 def test_an_aspect_is_chosen_and_the_part_lies_so(look, bracket, width, scheme):
     seen = look(bracket, width, scheme)
     assert seen['said'] == []
@@ -108,6 +113,7 @@ def check_words(figures):
         assert figure['smallest'] > 8, figure['name']
 
 
+@pytest.mark.slow
 def test_without_scripts_all_but_the_view_is_there(look, part, make_report, written):
     report = make_report(part('hex_nut'))
     seen = look(written(report), webgl='scriptless')
@@ -120,6 +126,7 @@ def test_without_scripts_all_but_the_view_is_there(look, part, make_report, writ
     assert (counts > 0.01 * counts.sum()).sum() >= 4  # a part with its sides
 
 
+@pytest.mark.slow
 def test_without_3d_graphics_the_picture_is_shown(look, bracket):
     seen = look(bracket, webgl='without')
     assert seen['said'] == []
@@ -131,6 +138,7 @@ def test_without_3d_graphics_the_picture_is_shown(look, bracket):
         assert differ(a['picture'], b['picture']) > 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', ['many', 'one', 'curved'])
 def test_other_parts_are_read_as_well(look, part, solid, many_sided, make_report, written, kind):
     if kind == 'many':
