@@ -200,8 +200,16 @@ def probability_of(distribution: AspectDistribution, aspects: Iterable[int]) -> 
 
 
 def serialized_distribution(data: bytes) -> tuple[Distribution, Run, bool]:
-    """The distribution, its run and whether that was over, of a message as a log has it."""
+    """The distribution, its run and whether that was over, of a message as a log has it.
+
+    Raises InvalidValueError if its aspects do not have the ids that they have today.
+    """
     msg = deserialize_message(data, AspectDistribution)
+    if msg.aspect_numbering != ASPECT_NUMBERING:
+        raise InvalidValueError(
+            f'its distribution has aspect_numbering {msg.aspect_numbering}: expected '
+            f'{ASPECT_NUMBERING} ("resting_aspects report" and "merge" count the drops again)'
+        )
     return distribution_from(msg), run_from(msg.run), msg.complete
 
 

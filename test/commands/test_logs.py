@@ -10,7 +10,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from rclpy.serialization import serialize_message
 
-from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.aspects import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.core.distribution import count_poses
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.drops.conditions import HeightOf
@@ -171,6 +171,25 @@ def test_a_log_of_another_version_is_refused_in_one_sentence(run, log, monkeypat
     assert 'was recorded by another version of resting_aspects_ros, whose ' in line
     assert older in line
     assert ended.stdout == ''
+
+
+def test_ids_of_another_aspect_numbering_are_not_believed(run, log, dropped, part, tmp_path):
+    poses = dropped[1]
+    counted = count_poses(find_aspects(part('l_bracket')), poses)
+    message = distribution_msg(counted, dropped[0], Time(), True)
+    message.aspect_numbering += 1
+    with RunLog(tmp_path, 'other') as other:
+        other.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
+        batch = poses_msg(poses, dropped[0], Time(), True)
+        other.write(POSES, serialize_message(batch), 2)
+        other.write(DISTRIBUTION, serialize_message(message), 3)
+    for words in (['info', 'other'], ['compare', 'other', log()]):
+        ended = run(*words)
+        assert ended.returncode in (1, 2)
+        found = f'aspect_numbering {ASPECT_NUMBERING + 1}: expected {ASPECT_NUMBERING} ('
+        assert found in ended.stderr
+    merged = json.loads(run('merge', 'other', '--json').stdout)
+    assert [each['count'] for each in merged['aspects']] == counted.counts.tolist()
 
 
 def test_a_log_of_another_version_is_recovered_uncounted(run, log, monkeypatch):
