@@ -1,6 +1,7 @@
 """`resting_aspects drop`: drop a part here and now, without ROS."""
 
 import argparse
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from resting_aspects_ros.commands.options import (
     add_run,
     whole,
 )
-from resting_aspects_ros.commands.quantities import parse_quantity
+from resting_aspects_ros.commands.quantities import parse_share
 from resting_aspects_ros.drops.run import DEFAULT_SEED
 
 EXAMPLES = """examples:
@@ -86,15 +87,34 @@ def add(subparsers: Any) -> None:
     add_each(parser)
     parser.add_argument('--json', action='store_true', help='print one JSON document instead')
     add_conditions(parser)
+    parser.add_argument(
+        '--force', action='store_true', help='drop even from a height that looks like a mistake'
+    )
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
-    with Interruption() as stop:
-        confidence = parse_quantity('--confidence', arguments.confidence, '')
-        # The engine takes a second to import, which neither --help nor a typo needs.
+    with Interruption() as stop, ExitStack() as stack:
+        confidence = parse_share('--confidence', arguments.confidence)
+        # NumPy and what needs it take a while to import.
+        from resting_aspects_ros.drops.campaign import Workers
+        from resting_aspects_ros.drops.worker_pool import ProcessWorkers, default_workers
+
+        workers: Workers | None = None
+        if arguments.scheduler is None:
+            # The worker processes import the engine while this one reads the part. They stop
+            # last, so that the answer is written whatever becomes of them.
+            count = default_workers() if arguments.workers is None else arguments.workers
+            workers = processes = ProcessWorkers(count)
+            stack.callback(processes.stop)
         from resting_aspects_ros.commands.drop_here import drop_here
         from resting_aspects_ros.commands.drop_question import asked_drops
 
-        return drop_here(arguments, asked_drops(arguments), confidence, stop)
+        question = asked_drops(arguments)
+        if workers is None:
+            from resting_aspects_ros.drops.cluster import ClusterWorkers
+
+            workers = cluster = ClusterWorkers(arguments.scheduler)
+            stack.callback(cluster.stop)
+        return drop_here(arguments, question, workers, confidence, stop)

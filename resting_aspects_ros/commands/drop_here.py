@@ -8,7 +8,6 @@ import uuid
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from resting_aspects_ros.commands.answer import Answer
 from resting_aspects_ros.commands.convergence import Convergence
@@ -20,25 +19,24 @@ from resting_aspects_ros.commands.outputs import check_output, make_folder
 from resting_aspects_ros.commands.poses_csv import poses_file
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import METHOD, Distribution, no_drops
-from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.core.errors import EngineError, InvalidValueError
 from resting_aspects_ros.core.intervals import check_confidence
+from resting_aspects_ros.core.landscape import Landscape
+from resting_aspects_ros.drops.campaign import Workers
 from resting_aspects_ros.drops.ceiling import most_drops
 from resting_aspects_ros.drops.plan import plan_run
-from resting_aspects_ros.drops.worker_pool import ProcessWorkers, default_workers
 from resting_aspects_ros.signals import handled_by
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.drops.cluster import ClusterWorkers
 
 INTERRUPTED = 130
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
-# A fall from higher than this, hull radii, was probably meant in another unit.
-HIGH = 200
+# A fall from higher than this, hull radii, was probably meant in another unit, and takes minutes.
+MAX_HEIGHT = 500
 
 
 def drop_here(
     arguments: argparse.Namespace,
     question: DropQuestion,
+    workers: Workers,
     confidence: float,
     stop: Interruption,
 ) -> int:
@@ -48,9 +46,12 @@ def drop_here(
     saved, if not all could be done.
     """
     check_confidence(confidence)
+    if not arguments.force:
+        _check_height(question)
     part, precision, stop_at = question.part, question.precision, question.stop_at
+    landscape = Landscape(part)
     empty = no_drops(
-        find_aspects(part),
+        find_aspects(part, landscape),
         interval=arguments.interval,
         confidence=confidence,
         by_precision=precision > 0,
@@ -64,6 +65,7 @@ def drop_here(
         precision=precision,
         run_id=uuid.uuid4().hex[:12],
         started=time.time_ns(),
+        landscape=landscape,
     )
     question.check_engine(run)
     flag, out = _folder(arguments, part.name)
@@ -71,33 +73,28 @@ def drop_here(
     convergence: Convergence | None = None
     checked = not arguments.check_convergence
     tally = Tally(empty, run, stop_at, question.ranges)
-    workers = _workers(arguments)
-    try:
-        with ExitStack() as stack:
-            for option, path in _poses_paths(arguments.poses, flag, out):
-                tally.tables.append(stack.enter_context(poses_file(option, path)))
-            for warning in (*part.warnings, *_of_height(run.conditions.height, part.hull_radius)):
-                warn(warning)
-            try:
-                drop_all(part.name, job, workers, tally, stop)
-                if arguments.check_convergence and not stop.asked:
-                    checked, convergence = check_in_finer_steps(job, workers, tally, stop)
-            except EngineError as error:
-                failure = error
-        answer = Answer(
-            tally.distribution,
-            run,
-            part,
-            METHOD,
-            tally.over,
-            convergence,
-            mesh_file(arguments.part),
-            tally.history.points(),
-        )
-        _write(answer, out, arguments)
-    finally:
-        # Last, so that the answer is written whatever becomes of the workers.
-        workers.stop()
+    with ExitStack() as stack:
+        for option, path in _poses_paths(arguments.poses, flag, out):
+            tally.tables.append(stack.enter_context(poses_file(option, path)))
+        for warning in part.warnings:
+            warn(warning)
+        try:
+            drop_all(part.name, job, workers, tally, stop)
+            if arguments.check_convergence and not stop.asked:
+                checked, convergence = check_in_finer_steps(job, workers, tally, stop)
+        except EngineError as error:
+            failure = error
+    answer = Answer(
+        tally.distribution,
+        run,
+        part,
+        METHOD,
+        tally.over,
+        convergence,
+        mesh_file(arguments.part),
+        tally.history.points(),
+    )
+    _write(answer, out, arguments)
     if failure is not None:
         done = tally.distribution.drops
         raise EngineError(f'{failure}, after {done} of {run.drops} drops, which are in the answer')
@@ -157,14 +154,6 @@ def _folder(arguments: argparse.Namespace, part: str) -> tuple[str, Path | None]
     return flag, out
 
 
-def _workers(arguments: argparse.Namespace) -> 'ProcessWorkers | ClusterWorkers':
-    if arguments.scheduler is not None:
-        from resting_aspects_ros.drops.cluster import ClusterWorkers
-
-        return ClusterWorkers(arguments.scheduler)
-    return ProcessWorkers(default_workers() if arguments.workers is None else arguments.workers)
-
-
 def _missing(answer: Answer, *, checked: bool) -> str:
     """What an interruption left out, in words."""
     done = answer.distribution.drops
@@ -185,11 +174,14 @@ def _say_how_precise(distribution: Distribution, precision: float) -> None:
         )
 
 
-def _of_height(height: float, radius: float) -> Iterator[str]:
-    if height > HIGH * radius:
-        yield (
-            f'the height is {height:g} m, which is {height / radius:.0f} times the radius of the '
-            f'part; millimetres are written {height:g}mm'
+def _check_height(question: DropQuestion) -> None:
+    """Refuse a height that is a mistake of the unit."""
+    height, radius = question.conditions.height, question.part.hull_radius
+    if question.logged is None and height > MAX_HEIGHT * radius:
+        raise InvalidValueError(
+            f'invalid --height {height:g} m: expected at most {MAX_HEIGHT} times the radius of '
+            f'{question.part.name}, {MAX_HEIGHT * radius:.3g} m, or --force; millimetres are '
+            f'written {height:g}mm'
         )
 
 

@@ -11,7 +11,7 @@ from resting_aspects_ros.commands.convergence import REFINEMENT, Convergence, ch
 from resting_aspects_ros.commands.interruption import Interruption
 from resting_aspects_ros.commands.poses_csv import write_poses
 from resting_aspects_ros.commands.progress import DropProgress
-from resting_aspects_ros.core.distribution import Distribution, count_poses, no_drops
+from resting_aspects_ros.core.distribution import Distribution, aspect_ids, count_poses, no_drops
 from resting_aspects_ros.core.history import History
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.drops.campaign import Workers, drop_chunks
@@ -45,10 +45,12 @@ class Tally:
 
     def add(self, poses: RestingPoses) -> None:
         """Count the drops that come next."""
+        aspects = self.distribution.aspects
+        ids = aspect_ids(aspects, poses)
         for table in self.tables:
-            write_poses(table, poses, self.distribution.aspects)
-        self.history.add(poses)
-        self.distribution += count_poses(self.distribution.aspects, poses)
+            write_poses(table, poses, ids)
+        self.history.add(ids)
+        self.distribution += count_poses(aspects, poses, ids)
 
     @property
     def over(self) -> bool:

@@ -10,7 +10,13 @@ from typing import TypeVar
 
 from resting_aspects_ros.commands.answer import Answer
 from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.distribution import METHOD, Distribution, count_poses, no_drops
+from resting_aspects_ros.core.distribution import (
+    METHOD,
+    Distribution,
+    aspect_ids,
+    count_poses,
+    no_drops,
+)
 from resting_aspects_ros.core.errors import InvalidValueError, LogError, one_line
 from resting_aspects_ros.core.history import History
 from resting_aspects_ros.core.input_file import named
@@ -232,8 +238,9 @@ def logged_answer(log: Path) -> Answer:
     counted = no_drops(find_aspects(part), by_precision=run.precision > 0)
     history = History(counted.aspects)
     for poses in _poses(contents.run.pieces, run):
-        history.add(poses)
-        counted += count_poses(counted.aspects, poses)
+        ids = aspect_ids(counted.aspects, poses)
+        history.add(ids)
+        counted += count_poses(counted.aspects, poses, ids)
     whole = contents.outcome.whole and contents.finished
     return Answer(counted, run, part, METHOD, whole, history=history.points())
 

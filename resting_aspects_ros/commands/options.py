@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from resting_aspects_ros.commands.quantities import parse_quantity
+from resting_aspects_ros.commands.quantities import parse_integer, parse_quantity, parse_share
 from resting_aspects_ros.core.errors import shown
 from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.drops.run import DEFAULT_DROPS, check_drops
@@ -116,8 +116,8 @@ def add_run(parser: argparse.ArgumentParser, default_seed: str) -> None:
     parser.add_argument(
         '--precision',
         metavar='P',
-        help='stop as soon as every interval is at most +-P wide, such as 0.01: those of aspects '
-        'that were never seen, too',
+        help='stop as soon as every interval is at most +-P wide, such as 0.01 or 1%%: those of '
+        'aspects that were never seen, too',
     )
     parser.add_argument(
         '--seed',
@@ -134,7 +134,7 @@ def drops_of(arguments: argparse.Namespace) -> tuple[int, float]:
     # It takes a while to import, which --help does not need.
     from resting_aspects_ros.core.stopping import check_precision
 
-    precision = parse_quantity('--precision', arguments.precision, '')
+    precision = parse_share('--precision', arguments.precision)
     check_precision(precision)
     if arguments.drops is not None:
         check_drops(arguments.drops)
@@ -148,6 +148,8 @@ def _flag(name: str) -> str:
 def whole(text: str) -> int:
     """A whole number, as the type of an option."""
     try:
-        return int(text)
+        return parse_integer(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f'{shown(text)} is not an integer') from None
+        raise argparse.ArgumentTypeError(
+            f'{shown(text)} is not an integer, such as 1000 or 1e4'
+        ) from None

@@ -1,9 +1,11 @@
 """Files that a command writes: refused before the work if they cannot be, and never half there."""
 
+import fcntl
+import glob
 import os
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
@@ -45,21 +47,47 @@ def check_output(flag: str, path: Path | None) -> None:
 def whole_file(path: Path) -> Iterator[Path]:
     """Where to write a file, which is moved to its place when it is whole.
 
-    A file of that name stays as it was until then. A device or a pipe is written as it is.
+    A file of that name stays as it was until then. A device or a pipe is written as it is. What
+    killed programs left of the same file is removed.
     """
     target = path.resolve()  # a link stays a link
     ordinary = (path.is_file() or not path.exists()) and not path.is_relative_to('/dev')
-    own = uuid.uuid4().hex[:8]
-    part = target.with_name(f'{target.stem}.{own}.part{target.suffix}') if ordinary else path
     try:
-        yield part
-        if ordinary:
+        if not ordinary:
+            yield path
+            return
+        _remove_abandoned(target)
+        with _locked_part(target) as part:
+            yield part
             part.replace(target)
     except OSError as error:
         raise OutputError(f'{str(path)!r} cannot be written: {_reason(error)}') from None
-    finally:
-        if ordinary:
-            part.unlink(missing_ok=True)
+
+
+@contextmanager
+def _locked_part(target: Path) -> Iterator[Path]:
+    """A new file beside the target, locked while it is written, and removed if it stays."""
+    while True:
+        part = target.with_name(f'{target.stem}.{uuid.uuid4().hex[:8]}.part{target.suffix}')
+        with part.open('xb') as file:
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(file, fcntl.LOCK_EX)
+            if not part.exists():  # another program took it for abandoned before it was locked
+                continue
+            try:
+                yield part
+            finally:
+                part.unlink(missing_ok=True)
+            return
+
+
+def _remove_abandoned(target: Path) -> None:
+    """Remove unfinished files of the target that no program has locked."""
+    name = f'{glob.escape(target.stem)}.{"[0-9a-f]" * 8}.part{glob.escape(target.suffix)}'
+    for part in target.parent.glob(name):
+        with suppress(OSError), part.open('rb') as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            part.unlink()
 
 
 def _reason(error: Exception) -> str:

@@ -6,9 +6,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
+import numpy as np
+import numpy.typing as npt
+
 from resting_aspects_ros.commands.outputs import whole_file
-from resting_aspects_ros.core.aspect_set import AspectSet
-from resting_aspects_ros.core.distribution import aspect_ids
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 
@@ -33,9 +34,9 @@ def poses_file(flag: str, path: Path) -> Iterator[TextIO]:
             yield file
 
 
-def write_poses(file: TextIO, poses: RestingPoses, aspects: AspectSet) -> None:
-    """Add a line for each drop, with the aspect that it came to rest in; 0 if that is none."""
-    csv.writer(file).writerows(_rows(poses, aspect_ids(aspects, poses).tolist()))
+def write_poses(file: TextIO, poses: RestingPoses, ids: npt.NDArray[np.int64]) -> None:
+    """Add a line for each drop, with the id of its aspect; 0 if it came to rest in none."""
+    csv.writer(file).writerows(_rows(poses, ids.tolist()))
     file.flush()
 
 

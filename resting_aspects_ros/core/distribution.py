@@ -137,10 +137,13 @@ def aspect_ids(aspects: AspectSet, poses: RestingPoses) -> npt.NDArray[np.int64]
     return ids
 
 
-def count_poses(aspects: AspectSet, poses: RestingPoses) -> Distribution:
-    """Classify and count."""
+def count_poses(
+    aspects: AspectSet, poses: RestingPoses, ids: npt.NDArray[np.int64] | None = None
+) -> Distribution:
+    """Classify and count; ``ids`` as aspect_ids, if they are known already."""
     settled = poses.status == RestStatus.SETTLED
-    by_id = np.bincount(aspect_ids(aspects, poses)[settled], minlength=len(aspects) + 1)
+    ids = aspect_ids(aspects, poses) if ids is None else ids
+    by_id = np.bincount(ids[settled], minlength=len(aspects) + 1)
     return Distribution(
         aspects,
         by_id[1:],

@@ -6,8 +6,6 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.aspect_set import AspectSet
-from resting_aspects_ros.core.distribution import aspect_ids
-from resting_aspects_ros.core.poses import RestingPoses
 
 Counts = npt.NDArray[np.int64]
 
@@ -33,9 +31,8 @@ class History:
         self._next = next(self._looks)
         self._seen: list[tuple[int, Counts]] = []
 
-    def add(self, poses: RestingPoses) -> None:
-        """Count the drops that come after those that were added before."""
-        ids = aspect_ids(self._aspects, poses)
+    def add(self, ids: Counts) -> None:
+        """Count the drops that come after those that were added before: their aspect_ids."""
         while len(ids):
             piece, ids = np.split(ids, [self._next - self._drops])
             self._drops += len(piece)

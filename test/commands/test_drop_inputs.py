@@ -166,3 +166,46 @@ def test_an_unknown_name_lists_those_that_are_known(refused):
     for name in ('angle_45x30x8', 'box_10x20x30', 'l_bracket', 'tetrahedron', 'washer'):
         assert name in line
     assert "part 'l_braket' is not known" in line
+
+
+def test_height_in_the_wrong_unit_is_refused_unless_forced(refused, run, box, tmp_path):
+    line = refused('drop', 'l_bracket', '--height', '60')
+    assert line.startswith('error: invalid --height 60 m: expected at most 500 times the radius')
+    assert line.endswith('or --force; millimetres are written 60mm')
+    # A matter of the size of the part.
+    box.export(tmp_path / 'box.stl')
+    words = ('drop', 'box.stl', '--drops', 1)
+    assert run(*words, '--unit', 'mm', '--height', '8').returncode == 0
+    assert run(*words, '--unit', 'um', '--height', '8mm').returncode == 0
+    assert refused(*words, '--unit', 'mm', '--height', '11').startswith('error: invalid --height')
+    assert refused(*words, '--unit', 'um', '--height', '11mm').startswith(
+        'error: invalid --height'
+    )
+    assert run(*words, '--unit', 'um', '--height', '11mm', '--force').returncode == 0
+
+
+@pytest.mark.parametrize('text', ['1e1', '10', '1.0e1', '1_0', '10.0'])
+def test_number_of_drops_in_any_notation(run, text):
+    ended = run('drop', 'tetrahedron', '--drops', text, '--json')
+    assert json.loads(ended.stdout)['drops'] == 10, ended.stderr
+
+
+@pytest.mark.parametrize('text', ['1.5', '1e-1', 'many', 'nan', 'inf', '1e999999999', ''])
+def test_number_that_is_not_an_integer_is_refused(refused, text):
+    assert 'is not an integer, such as 1000 or 1e4' in refused(
+        'drop', 'tetrahedron', '--drops', text
+    )
+
+
+@pytest.mark.parametrize('text', ['25%', '0.25', '25 %', '.25'])
+def test_precision_as_a_share_or_in_percent(run, text):
+    ended = run('drop', 'tetrahedron', '--precision', text, '--drops', 10, '--json')
+    assert json.loads(ended.stdout)['precision'] == 0.25, ended.stderr
+
+
+@pytest.mark.parametrize('flag', ['--precision', '--confidence'])
+@pytest.mark.parametrize('text', ['2mm', 'fine', '%'])
+def test_share_in_another_unit_is_refused(refused, flag, text):
+    line = refused('drop', 'tetrahedron', flag, text)
+    words = f'error: invalid {flag} {text!r}: expected a number, such as 0.02 or 2%'
+    assert line == words

@@ -185,3 +185,26 @@ def test_workers_end_with_a_command_that_is_killed(begin, read_until, session, w
     assert len(session(process.pid)) >= 3
     process.kill()
     wait_until(lambda: session(process.pid) == {}, 10)
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGQUIT])
+def test_unfinished_files_of_a_killed_command_are_removed(
+    begin, run, wait_for_poses, session, wait_until, tmp_path, number
+):
+    killed = begin(*QUICK, '--poses', 'p.csv')
+    wait_for_poses('p')
+    killed.send_signal(number)
+    killed.wait()
+    wait_until(lambda: session(killed.pid) == {})
+    (left,) = tmp_path.glob('p.*.part.csv')
+    # A file that only looks like one, and one that another command is writing, stay.
+    (tmp_path / 'p.mine.part.csv').write_text('', encoding='utf-8')
+    other = begin(*QUICK, '--poses', 'p.csv')
+    wait_until(lambda: left not in tmp_path.iterdir())
+    wait_for_poses('p')
+    assert run('drop', 'tetrahedron', '--drops', 5, '--poses', 'p.csv').returncode == 0
+    other.send_signal(signal.SIGINT)
+    _, errors = other.communicate(timeout=ENOUGH)
+    assert other.returncode == 130, errors
+    assert sorted(path.name for path in tmp_path.glob('*.csv')) == ['p.csv', 'p.mine.part.csv']
+    assert len((tmp_path / 'p.csv').read_text(encoding='utf-8').splitlines()) > 6

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.distribution import count_poses
+from resting_aspects_ros.core.distribution import aspect_ids, count_poses
 from resting_aspects_ros.core.history import FIRST_LOOK, History
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import random_orientations
@@ -38,7 +38,7 @@ def test_counts_are_those_of_the_first_drops(aspects, poses, cuts, end):
     history = History(aspects)
     bounds = sorted({0, end, *(cut for cut in cuts if cut < end)})
     for first, last in pairwise(bounds):
-        history.add(poses.between(first, last))
+        history.add(aspect_ids(aspects, poses.between(first, last)))
     drops, counts = history.points()
     assert drops[-1] == end
     assert (np.diff(drops) > 0).all()
@@ -48,7 +48,7 @@ def test_counts_are_those_of_the_first_drops(aspects, poses, cuts, end):
 
 def test_ten_looks_for_each_digit(aspects, poses):
     history = History(aspects)
-    history.add(poses)
+    history.add(aspect_ids(aspects, poses))
     drops, counts = history.points()
     assert drops[:3].tolist() == [10, 13, 16]
     assert set(drops.tolist()) >= {FIRST_LOOK, 100, 1000, 3000}
