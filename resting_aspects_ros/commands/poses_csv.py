@@ -2,14 +2,14 @@
 
 import csv
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.commands.outputs import whole_file
+from resting_aspects_ros.commands.outputs import OutputError, whole_file
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 
@@ -22,16 +22,16 @@ POSES_HEADER = (
 @contextmanager
 def poses_file(flag: str, path: Path) -> Iterator[TextIO]:
     """A file for poses with its header, in its place when it is whole; ``flag`` named it."""
-    with whole_file(path) as part:
+    with ExitStack() as stack:
         try:
-            file = part.open('w', newline='', encoding='utf-8')
-        except OSError as error:
+            part = stack.enter_context(whole_file(path))
+            file = stack.enter_context(part.open('w', newline='', encoding='utf-8'))
+        except (OSError, OutputError) as error:
             raise InvalidValueError(
-                f'{flag} is {str(path)!r}, allowed is a file that can be written: {error.strerror}'
+                f'{flag} is {str(path)!r}, allowed is a file that can be written: {error}'
             ) from None
-        with file:
-            csv.writer(file).writerow(POSES_HEADER)
-            yield file
+        csv.writer(file).writerow(POSES_HEADER)
+        yield file
 
 
 def write_poses(file: TextIO, poses: RestingPoses, ids: npt.NDArray[np.int64]) -> None:
