@@ -130,9 +130,11 @@ class _Client:
                 raise SystemExit(f'the suite did not answer in {DEADLINE:g} s')
         # Before both have found this client their answers are lost.
         self._until(lambda: self._call(self._trigger, Trigger.Request()) is not None)
-        while (answer := self._call(self._ask, _request())) is None:
-            self._count_lost()
-        return answer
+        while True:
+            answer, _ = self._timed(self._ask, _request())
+            if answer.status.code != Status.NOT_AVAILABLE:  # else it still reads logs and parts
+                return answer
+            time.sleep(0.1)
 
     def meet_ready(self) -> None:
         """Wait for the service that has the answer at hand."""
