@@ -52,6 +52,11 @@ class FollowedDefault:
         self._heard = Future()  # done with the first message of a simulator
         subscribe(node, DropConditionsMsg, DEFAULT_CONDITIONS, self._hear, LATCHED)
 
+    @property
+    def is_heard(self) -> bool:
+        """Whether a simulator has published it."""
+        return self._conditions is not None
+
     async def conditions(self) -> DropConditions:
         """Return those of a request that names no surface; a simulator that exists is heard first.
 

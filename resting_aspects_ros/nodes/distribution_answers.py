@@ -97,7 +97,8 @@ class DistributionAnswers:
         if request.surface or request.conditions:
             default = self._surfaces.get()  # not used
             return asked_conditions(self._surfaces, request.surface, request.conditions, default)
-        await self._simulator(request, sha)
+        if not self._default.is_heard:
+            await self._simulator(request, sha)
         return await self._default.conditions()
 
     def _version(self, parts: Mapping[str, Part], name: str) -> str:

@@ -6,7 +6,7 @@ import signal
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
@@ -91,6 +91,8 @@ class FileWorker:
         if self._connection is not None:
             return self._connection
         # The process inherits this: Ctrl-C in a terminal reaches it too, and the node ends it.
+        # The tracker of resources, which starts with the first process, would unblock the signal.
+        resource_tracker.ensure_running()
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         context = get_context('spawn')
         ours, theirs = context.Pipe()

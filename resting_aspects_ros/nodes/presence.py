@@ -59,7 +59,7 @@ class Living:
 
     def _matched(self, event: QoSSubscriptionMatchedInfo) -> None:
         self._there = event.current_count
-        if self.was_there and event.current_count_change > 0:
+        if self.was_there and event.total_count_change > 0:
             self.replaced = time.monotonic()
         self.was_there = True
 

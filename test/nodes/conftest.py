@@ -52,7 +52,7 @@ from resting_aspects_ros.nodes.interface import (
 
 SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 # Every wait ends with an error after this; free cores need a fraction of it, s.
-DEADLINE = 60.0
+DEADLINE = 150.0
 OUTCOMES = {
     GoalStatus.STATUS_SUCCEEDED: 'succeeded',
     GoalStatus.STATUS_CANCELED: 'canceled',

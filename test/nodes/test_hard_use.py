@@ -74,7 +74,7 @@ def test_a_goal_that_is_canceled_at_random_moments(suite, quick, times):
     rng = random.Random(3)
     heard = suite.client.poses()
     for k in range(times):
-        seed = 1000 * times + k
+        seed = 10_000 * times + k
         drop = suite.client.dropping('box_10x20x30', 50_000, seed=seed, conditions=quick)
         suite.client.wait(lambda d=drop: d.accepted, 'goal')
         suite.client.spin(rng.uniform(0, 0.2))
@@ -111,6 +111,7 @@ def test_a_part_that_becomes_rubbish_during_a_run_of_it(suite, folder, quick):
 def test_sigterm_in_the_middle_of_everything(run_command, connect, namespace, wait, tmp_path):
     ros = ('--ros-args', '-r', f'__ns:={namespace}', '-p', f'log_folder:={tmp_path}')
     nodes = run_command(sys.executable, '-m', 'resting_aspects_ros.cli', 'nodes', *ros)
+    wait(lambda: nodes.said.count('ready') == 3 or not nodes.running, 'nodes')
     client = connect(namespace)
     drops = [client.dropping(name, 100_000, seed=6) for name in PARTS]
     asked = [client.asking(name, 50_000, seed=[7]) for name in PARTS]

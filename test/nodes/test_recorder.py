@@ -47,6 +47,11 @@ def plain(message):
 
 
 @pytest.fixture(scope='module')
+def suite(fresh_suite):
+    return fresh_suite()
+
+
+@pytest.fixture(scope='module')
 def heard(suite):
     """All that is published of the tetrahedron, heard beside the recorder."""
     name = 'aspect_distributions/tetrahedron'

@@ -155,7 +155,7 @@ def test_drops_that_a_run_under_way_has_not_come_to_are_not_made_twice(suite):
     ask = functools.partial(suite.client.drop, seed=23, run_id=run_id)
     yet_to_come = ask(drops=10, first_drop=99_990).result
     assert yet_to_come.status.code == Status.BUSY
-    assert yet_to_come.status.message.startswith(f'run {run_id} is under way, its drops from ')
+    assert yet_to_come.status.message.startswith(f'run {run_id} is under way and has not come to ')
     assert ask(drops=10, first_drop=LEAST_BATCH - 10).result.status.code == Status.OK
     run.cancel()
     suite.client.wait(lambda: run.done, 'canceled goal')
@@ -163,13 +163,15 @@ def test_drops_that_a_run_under_way_has_not_come_to_are_not_made_twice(suite):
     assert ask(drops=10, first_drop=99_990).result.status.code == Status.OK
 
 
-def test_one_goal_too_many_is_told_that_the_simulator_is_busy(suite):
+def test_one_goal_too_many_is_told_that_the_simulator_is_busy(suite, diagnostics_of):
     simulator = suite.processes['drop_simulator']
     assert suite.client.drop(drops=1).outcome == 'succeeded'
     assert simulator.send_to_workers(signal.SIGSTOP) >= 1
     try:
         drops = [suite.client.dropping(drops=2, seed=seed) for seed in range(MAX_GOALS)]
-        suite.client.wait(lambda: all(drop.accepted for drop in drops), 'goals taken')
+        told = diagnostics_of(suite.client)
+        many = str(MAX_GOALS)
+        told.wait('drop_simulator', lambda *told: told[2]['runs under way'] == many, 'all runs')
         one_more = suite.client.drop(drops=1)
         by_service = suite.client.ask(drops=7, seed=[31])
         assert not any(drop.done for drop in drops)
@@ -195,8 +197,8 @@ def test_one_goal_too_many_is_told_that_the_simulator_is_busy(suite):
             ('parts_folder', '/no/such/folder'),
             "parts_folder is '/no/such/folder'",
         ),
-        ('drop_simulator', ('surfaces_file', '{broken}'), 'cannot be read'),
-        ('aspect_classifier', ('surfaces_file', '{broken}'), 'cannot be read'),
+        ('drop_simulator', ('surfaces_file', '{broken}'), 'surfaces.yaml'),
+        ('aspect_classifier', ('surfaces_file', '{broken}'), 'surfaces.yaml'),
         ('drop_recorder', ('log_folder', 5), "'log_folder' to '5'"),
     ],
     ids=lambda value: '-'.join(map(str, value)) if isinstance(value, tuple) else None,

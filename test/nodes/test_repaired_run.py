@@ -26,7 +26,7 @@ def run(suite, heard):
     """A run that is over."""
     drop = suite.client.drop('tetrahedron', DROPS, seed=11)
     suite.client.wait(lambda: any(batch.last for batch in heard), 'last batch')
-    assert run.run_id == drop.result.run_id
+    assert heard[0].run.run_id == drop.result.run_id
     return heard[0].run
 
 

@@ -292,7 +292,7 @@ def test_a_log_that_is_damaged_meanwhile_ends_it_with_an_error(
     client.wait(lambda: not replayer.running, 'its end')
     assert replayer.end(number=0) == 1
     (line,) = [line for line in replayer.said.splitlines() if line.startswith('error: ')]
-    assert line.startswith(f"error: log '{path}' is damaged: ")
+    assert line.startswith(f"error: log '{path}' is damaged")
     assert not traceback(replayer.said)
 
 

@@ -39,7 +39,7 @@ def runs_of(heard, seed):
     return {batch.run.run_id for batch in heard if batch.run.seed == seed}
 
 
-@pytest.mark.parametrize(('seed', 'precision'), [(71, 0.0), (72, 0.02)])
+@pytest.mark.parametrize(('seed', 'precision'), [(7171, 0.0), (7172, 0.02)])
 def test_one_run_answers_both(suite, heard, goals, seed, precision):
     drops = goals(2, DROPS, seed=seed, precision=precision)
     suite.client.wait(lambda: all(drop.done for drop in drops), 'both results')
@@ -57,7 +57,7 @@ def test_one_run_answers_both(suite, heard, goals, seed, precision):
 
 
 def test_a_cancel_of_the_second_leaves_the_first_alone(suite, heard, goals):
-    first, second = goals(2, MANY, seed=73)
+    first, second = goals(2, MANY, seed=7173)
     suite.client.wait(lambda: second.feedback, 'some drops')
     second.cancel()
     suite.client.wait(lambda: second.done, 'end of the second')
@@ -68,31 +68,31 @@ def test_a_cancel_of_the_second_leaves_the_first_alone(suite, heard, goals):
     suite.client.wait(lambda: len(first.feedback) > before + 2, 'more of the first')
     first.cancel()
     suite.client.wait(lambda: first.done, 'end of the first')
-    assert runs_of(heard, 73) == {first.result.run_id} == {second.result.run_id}
+    assert runs_of(heard, 7173) == {first.result.run_id} == {second.result.run_id}
 
 
 def test_a_cancel_of_the_first_leaves_the_others_alone(suite, heard, goals):
-    first, *others = goals(3, 2 * DROPS, seed=74)
+    first, *others = goals(3, 2 * DROPS, seed=7174)
     suite.client.wait(lambda: first.feedback, 'some drops')
     first.cancel()
     suite.client.wait(lambda: all(drop.done for drop in (first, *others)), 'results')
     assert [drop.outcome for drop in (first, *others)] == ['canceled', 'succeeded', 'succeeded']
     assert {drop.result.drops for drop in others} == {2 * DROPS}
-    assert runs_of(heard, 74) == {drop.result.run_id for drop in (first, *others)}
+    assert runs_of(heard, 7174) == {drop.result.run_id for drop in (first, *others)}
 
 
 def test_all_are_canceled_together(suite, heard, goals):
-    drops = goals(3, MANY, seed=77)
+    drops = goals(3, MANY, seed=7177)
     suite.client.wait(lambda: drops[0].feedback, 'some drops')
     for drop in drops:
         drop.cancel()
     suite.client.wait(lambda: all(drop.done for drop in drops), 'results')
     assert {drop.outcome for drop in drops} == {'canceled'}
-    assert runs_of(heard, 77) == {drops[0].result.run_id}
+    assert runs_of(heard, 7177) == {drops[0].result.run_id}
 
 
 def test_who_follows_is_not_among_those_who_are_too_many(suite, goals):
-    drops = goals(MAX_GOALS + 4, 500, seed=78)
+    drops = goals(MAX_GOALS + 4, 500, seed=7178)
     suite.client.wait(lambda: all(drop.done for drop in drops), 'results')
     assert {drop.result.status.code for drop in drops} == {Status.OK}
 
@@ -100,7 +100,7 @@ def test_who_follows_is_not_among_those_who_are_too_many(suite, goals):
 @pytest.mark.parametrize(
     'other',
     [
-        {'seed': 76},
+        {'seed': 7176},
         {'drops': 5001},
         {'precision': 0.01},
         {'first_drop': 1},
@@ -109,7 +109,7 @@ def test_who_follows_is_not_among_those_who_are_too_many(suite, goals):
     ],
 )
 def test_other_drops_are_another_run(suite, other):
-    asked = {'part': 'tetrahedron', 'drops': 5000, 'seed': 75}
+    asked = {'part': 'tetrahedron', 'drops': 5000, 'seed': 7175}
     first, second = (suite.client.dropping(**asked | each) for each in ({}, other))
     suite.client.wait(lambda: first.done and second.done, 'both results')
     assert first.result.status.code == second.result.status.code == Status.OK
