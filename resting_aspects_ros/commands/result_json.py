@@ -25,6 +25,7 @@ from pydantic import (
 
 from resting_aspects_ros.commands.convergence import Convergence
 from resting_aspects_ros.commands.given_counts import MOST_COUNTED, GivenCounts
+from resting_aspects_ros.core.aspects import ASPECT_NUMBERING
 from resting_aspects_ros.core.comparison import REST, Tally
 from resting_aspects_ros.core.distribution import METHOD
 from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
@@ -37,10 +38,12 @@ if TYPE_CHECKING:
     Id: TypeAlias = int
     Count: TypeAlias = int
     Seed: TypeAlias = int
+    Numbering: TypeAlias = int
 else:
     Id = conint(strict=True, ge=1, le=MOST_COUNTED)
     Count = conint(strict=True, ge=0, le=MOST_COUNTED)
     Seed = conint(strict=True, ge=0, le=MOST_SEED)
+    Numbering = Literal[ASPECT_NUMBERING]
 Number: TypeAlias = StrictFloat | StrictInt
 Pair: TypeAlias = tuple[Number, Number]
 Vector: TypeAlias = tuple[Number, Number, Number]
@@ -114,6 +117,7 @@ class RunDocument(CountsDocument):
     interval: Literal['wilson', 'simultaneous']
     confidence: Number
     energy_growth: Number
+    aspect_numbering: Numbering
     mesh_file: StrictStr | None = None
     body: StrictInt | None = None
     unit: StrictStr | None = None

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.core.aspects import ASPECT_NUMBERING
 from resting_aspects_ros.core.distribution import Distribution, Interval
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.resting_on import resting_on
@@ -56,6 +57,7 @@ def distribution_document(
         'unsettled': int(distribution.unsettled),
         'failed': int(distribution.failed),
         'energy_growth': distribution.energy_growth,
+        'aspect_numbering': ASPECT_NUMBERING,
         'confidence': distribution.confidence,
         'interval': distribution.interval,
         'aspects': [

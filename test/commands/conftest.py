@@ -152,7 +152,7 @@ def _session(leader):
     for stat in Path('/proc').glob('[0-9]*/stat'):
         try:
             state, _, _, session = stat.read_text().rpartition(')')[2].split()[:4]
-            words = (stat.parent / 'cmdline').read_text().split('\0')
+            words = (stat.parent / 'cmdline').read_text(errors='replace').split('\0')
         except (FileNotFoundError, ProcessLookupError):
             continue
         if int(session) == leader and state != 'Z':
