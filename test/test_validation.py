@@ -1,8 +1,5 @@
 """What `make validate` computes besides the drops: the fit, and the bodies it compares with."""
 
-from concurrent.futures import ThreadPoolExecutor
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 import validate_engine
@@ -13,6 +10,7 @@ from sensitivity import fit
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.comparison import compare
 from resting_aspects_ros.drops.plan import make_job
+from resting_aspects_ros.drops.worker_pool import ProcessWorkers
 
 
 @pytest.fixture(scope='module')
@@ -65,8 +63,9 @@ def test_measured_faces_are_aspects_of_the_bodies():
 
 
 def test_the_tables_say_what_the_drops_say(part, monkeypatch):
-    with ThreadPoolExecutor(1) as pool:
-        dropper = Dropper(SimpleNamespace(executor=pool, lookahead=lambda: 2))
+    workers = ProcessWorkers(1)
+    try:
+        dropper = Dropper(workers)
         dropper.parts = [part('l_bracket')]
         monkeypatch.setattr(validate_engine, 'STEP_DROPS', 250)
         monkeypatch.setattr(validate_engine, 'DECISION_DROPS', 250)
@@ -79,6 +78,8 @@ def test_the_tables_say_what_the_drops_say(part, monkeypatch):
             )
             for how in ({}, {'refinement': 2})
         )
+    finally:
+        workers.stop()
     found = compare(fine, coarse, np.random.default_rng(1))
     assert step[:3] == ['l_bracket', '160', f'{found.largest_deviation:+.4f}']
     name, energy, agree, stillness, *none = decided[:8]

@@ -368,7 +368,7 @@ def zeros_lz4(size):
 
 
 READ_WITHIN = """
-import resource, sys
+import sys
 from pathlib import Path
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.logs.indexed_log import IndexedLog
@@ -381,7 +381,9 @@ for read in (Recording, recover_log, lambda log: last_message(log, POSES_TYPE)):
         read(Path(sys.argv[1]))
     except LogError as error:
         print(error)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+# Its own peak; ru_maxrss begins with that of the process that started this one.
+status = Path('/proc/self/status').read_text()
+print(status.split('VmHWM:')[1].split()[0])
 """
 
 
