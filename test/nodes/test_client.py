@@ -504,14 +504,18 @@ def test_a_request_that_is_given_up_ends_its_run(suite, spun, timeout):
 def test_a_run_that_another_client_wants_too_goes_on(suite, spun):
     with RestingAspectsClient(suite.client.node) as other:
         heard = []
-        mine = spun.get_distribution_async('washer', drops=4000, seed=86, progress=heard.append)
+        mine = spun.get_distribution_async(
+            'tetrahedron', drops=3000, seed=86, progress=heard.append
+        )
         suite.client.wait(lambda: heard, 'progress')
         joined = []
-        same = other.get_distribution_async('washer', drops=4000, seed=86, progress=joined.append)
+        same = other.get_distribution_async(
+            'tetrahedron', drops=3000, seed=86, progress=joined.append
+        )
         suite.client.wait(lambda: joined or same.done(), 'progress of the other')
         mine.cancel()
         suite.client.wait(same.done, 'the other answer')
-        assert same.result().drops == 4000
+        assert same.result().drops == 3000
 
 
 # A suite that is not there, or dies

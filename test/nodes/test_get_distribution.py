@@ -7,6 +7,11 @@ from resting_aspects_ros.nodes.convert import conditions_msg, run_from
 
 
 @pytest.fixture(scope='module')
+def suite(fresh_suite):
+    return fresh_suite()
+
+
+@pytest.fixture(scope='module')
 def first(suite):
     """The answer to the first request of a seed."""
     return suite.client.ask('tetrahedron', 260, seed=[7])

@@ -101,7 +101,7 @@ def test_who_follows_is_not_among_those_who_are_too_many(suite, goals):
     'other',
     [
         {'seed': 7176},
-        {'drops': 5001},
+        {'drops': 1501},
         {'precision': 0.01},
         {'first_drop': 1},
         {'surface': 'steel'},
@@ -109,7 +109,7 @@ def test_who_follows_is_not_among_those_who_are_too_many(suite, goals):
     ],
 )
 def test_other_drops_are_another_run(suite, other):
-    asked = {'part': 'tetrahedron', 'drops': 5000, 'seed': 7175}
+    asked = {'part': 'tetrahedron', 'drops': 1500, 'seed': 7175}
     first, second = (suite.client.dropping(**asked | each) for each in ({}, other))
     suite.client.wait(lambda: first.done and second.done, 'both results')
     assert first.result.status.code == second.result.status.code == Status.OK
