@@ -41,9 +41,9 @@ def test_a_recorder_that_starts_again_knows_the_log(suite, run):
 
     suite.client.wait(of_the_run, 'message about the log')
     assert {(run.drops, run.whole, run.error) for run in of_the_run()} == {(DROPS, True, '')}
-    said = suite.processes['drop_recorder'].said
-    assert f'is in {log} already' in said
-    assert 'asking again' not in said
+    recorder = suite.processes['drop_recorder']
+    suite.client.wait(lambda: f'is in {log} already' in recorder.said, 'log line')
+    assert 'asking again' not in recorder.said
 
 
 @pytest.fixture
