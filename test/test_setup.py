@@ -225,7 +225,11 @@ def test_help_lists_every_target():
     text = (ROOT / 'Makefile').read_text()
     declared = text.partition('.PHONY:')[2].partition('\n\n')[0].replace('\\', '').split()
     printed = subprocess.run(
-        ['make', '--no-print-directory', 'help'], cwd=ROOT, capture_output=True, text=True, check=True
+        ['make', '--no-print-directory', 'help'],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
     ).stdout
     listed = [line.split()[1] for line in printed.splitlines()]
     assert sorted(listed) == sorted(set(declared) - {'always'})
