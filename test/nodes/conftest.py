@@ -3,13 +3,13 @@
 import copy
 import functools
 import itertools
+import multiprocessing
 import os
 import re
 import signal
 import subprocess
-import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -75,20 +75,73 @@ def wait():
     return wait
 
 
+# An interpreter that has imported the nodes is forked for each process: the imports take 2 s.
+FORKSERVER = multiprocessing.get_context('forkserver')
+FORKSERVER.set_forkserver_preload(
+    [f'resting_aspects_ros.nodes.{node}' for node in (*SUITE, 'log_replayer', 'feeder_example')]
+)
+# What a forked process does first; the process in which a node reads files is forked, too.
+FORKED = """
+import multiprocessing, os, sys
+from multiprocessing import forkserver
+from resting_aspects_ros.nodes import file_worker
+
+os.setsid()
+os.chdir(folder)
+os.environ.clear()
+os.environ.update(environment)
+file = os.open(output, os.O_WRONLY | os.O_APPEND)
+os.dup2(file, 1)
+os.dup2(file, 2)
+forkserver._forkserver.ensure_running = lambda: None
+file_worker.get_context = lambda _: multiprocessing.get_context('forkserver')
+"""
+
+
+class ForkedNode:
+    """A process that runs a script in a forked interpreter; it has the interface of Popen."""
+
+    def __init__(self, script, output):
+        output.touch()
+        names = {
+            '__name__': 'node',
+            'folder': str(Path.cwd()),
+            'environment': dict(os.environ),
+            'output': str(output),
+        }
+        self._process = FORKSERVER.Process(target=exec, args=(FORKED + script, names))
+        self._process.start()
+        self.pid = self._process.pid
+
+    def poll(self):
+        return self._process.exitcode
+
+    def send_signal(self, number):
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def wait(self, seconds=None):
+        self._process.join(seconds)
+        assert self.poll() is not None, f'it has not ended within {seconds} s'
+        return self.poll()
+
+
+def start_command(command, output):
+    with output.open('wb') as file:
+        return subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=file,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+
+
 class Process:
     """A program of the suite in a process group of its own; what it says goes to a file."""
 
-    def __init__(self, command, output):
-        self.output = output
-        with output.open('wb') as file:
-            self._popen = subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=file,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-        self.pid = self._popen.pid
+    def __init__(self, popen, output):
+        self._popen, self.output, self.pid = popen, output, popen.pid
 
     @property
     def said(self):
@@ -114,7 +167,9 @@ class Process:
     def destroy(self):
         """Leave nothing of it, not even after a failure."""
         if self.running:  # else its number may be another's by now
-            os.killpg(self.pid, signal.SIGKILL)
+            with suppress(ProcessLookupError):  # it has no group of its own yet
+                os.killpg(self.pid, signal.SIGKILL)
+            self.send(signal.SIGKILL)
             self._popen.wait()
 
     def group(self):
@@ -152,38 +207,26 @@ def _processes():
             yield int(folder.name), fields
 
 
-@contextmanager
-def _processes_of(tmp_path_factory):
-    """Give a function that starts a command; all of them are ended at the end."""
-    started = []
+class Processes:
+    """Starts programs, and ends all of them at the end."""
 
-    def run_command(*command):
-        output = tmp_path_factory.mktemp('output') / 'said.txt'
-        started.append(Process([str(word) for word in command], output))
-        return started[-1]
+    def __init__(self, tmp_path_factory, wait):
+        self._folder, self._wait = tmp_path_factory, wait
+        self._started = []
 
-    try:
-        yield run_command
-    finally:
-        for process in started:
-            process.destroy()
+    def command(self, *command):
+        """Start a command."""
+        return self._begin(start_command, [str(word) for word in command])
 
+    def node(self, node, namespace, parameters=(), constants=(), ready='ready'):
+        """Start a node, wait until it is ready, and give its process.
 
-@pytest.fixture(scope='module')
-def run_command(tmp_path_factory):
-    """Start a command; it is ended with the module."""
-    with _processes_of(tmp_path_factory) as run_command:
-        yield run_command
-
-
-def _starter(run_command, wait):
-    """Make a function that starts a node, waits until it is ready, and gives its process.
-
-    ``constants`` are set before: {'run_tracker.GRACE': 1.0}.
-    """
-
-    def start(node, namespace, parameters=(), constants=(), ready='ready'):
-        lines = [f'import resting_aspects_ros.nodes.{node} as node']
+        ``constants`` are set before: {'run_tracker.GRACE': 1.0}.
+        """
+        words = [node, '--ros-args', '-r', f'__ns:={namespace}']
+        for name, value in dict(parameters).items():
+            words += ['-p', f'{name}:={value}']
+        lines = [f'sys.argv = {words!r}', f'import resting_aspects_ros.nodes.{node} as node']
         for name, value in dict(constants).items():
             module, _, constant = name.rpartition('.')
             lines += [
@@ -191,24 +234,46 @@ def _starter(run_command, wait):
                 f'assert hasattr(changed, {constant!r})',
                 f'changed.{constant} = {value!r}',
             ]
-        script = ['-c', '\n'.join([*lines, 'raise SystemExit(node.main())'])]
-        module = ['-m', f'resting_aspects_ros.nodes.{node}']
-        ros = ['--ros-args', '-r', f'__ns:={namespace}']
-        for name, value in dict(parameters).items():
-            ros += ['-p', f'{name}:={value}']
-        process = run_command(sys.executable, *(script if constants else module), *ros)
+        process = self._begin(ForkedNode, '\n'.join([*lines, 'raise SystemExit(node.main())']))
         if ready:
-            wait(lambda: ready in process.said or not process.running, f'{node} ready')
-            assert process.running, process.said
+            self.ready(process, node, ready)
         return process
 
-    return start
+    def ready(self, process, what, word='ready'):
+        """Wait until a process says that it is ready."""
+        self._wait(lambda: word in process.said or not process.running, f'{what} ready')
+        assert process.running, process.said
+
+    def _begin(self, start, what):
+        output = self._folder.mktemp('output') / 'said.txt'
+        self._started.append(Process(start(what, output), output))
+        return self._started[-1]
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for process in self._started:
+            process.destroy()
 
 
 @pytest.fixture(scope='module')
-def start(run_command, wait):
+def processes(tmp_path_factory, wait):
+    """Start programs that are ended with the module."""
+    with Processes(tmp_path_factory, wait) as processes:
+        yield processes
+
+
+@pytest.fixture(scope='module')
+def run_command(processes):
+    """Start a command; it is ended with the module."""
+    return processes.command
+
+
+@pytest.fixture(scope='module')
+def start(processes):
     """Start a node; it is ended with the module."""
-    return _starter(run_command, wait)
+    return processes.node
 
 
 class Drop:
@@ -370,7 +435,7 @@ def namespace():
 class Suite:
     """The three nodes, each in a process, and a client."""
 
-    def __init__(self, namespace, logs, start, wait, constants=(), **simulator):
+    def __init__(self, namespace, logs, processes, constants=(), **simulator):
         self.namespace, self.logs = namespace, logs
         self.client = None
         parameters = {
@@ -380,16 +445,15 @@ class Suite:
         }
 
         def start_node(node, **options):
-            return start(
+            return processes.node(
                 node, namespace, parameters.get(node, {}), dict(constants).get(node, {}), **options
             )
 
         self._start = start_node
-        # Side by side: each takes seconds to import.
+        # Side by side: each starts further processes.
         self.processes = {node: start_node(node, ready='') for node in SUITE}
         for node, process in self.processes.items():
-            wait(lambda process=process: 'ready' in process.said or not process.running, node)
-            assert process.running, process.said
+            processes.ready(process, node)
 
     def seen_by(self, client):
         """The same nodes with another client."""
@@ -419,9 +483,8 @@ class Suite:
 @pytest.fixture(scope='session')
 def shared_nodes(tmp_path_factory, wait):
     """Give the nodes that the test worker has for all modules that end none of them."""
-    with _processes_of(tmp_path_factory) as run_command:
-        namespace, logs = f'/test_{os.getpid()}', tmp_path_factory.mktemp('logs')
-        yield Suite(namespace, logs, _starter(run_command, wait), wait)
+    with Processes(tmp_path_factory, wait) as processes:
+        yield Suite(f'/test_{os.getpid()}', tmp_path_factory.mktemp('logs'), processes)
 
 
 @pytest.fixture(scope='module')
@@ -432,13 +495,13 @@ def suite(shared_nodes, connect):
 
 
 @pytest.fixture(scope='module')
-def fresh_suite(start, wait, connect, tmp_path_factory):
+def fresh_suite(processes, connect, tmp_path_factory):
     """Make nodes that nobody asked for anything yet; they are ended with the module."""
 
     def fresh_suite(constants=(), **simulator):
         namespace = f'/test_{os.getpid()}_{next(_serial)}'
         logs = tmp_path_factory.mktemp('logs')
-        suite = Suite(namespace, logs, start, wait, constants, **simulator)
+        suite = Suite(namespace, logs, processes, constants, **simulator)
         return suite.seen_by(connect(namespace))
 
     return fresh_suite
