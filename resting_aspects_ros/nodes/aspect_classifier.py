@@ -168,14 +168,16 @@ class AspectClassifier(Node):
 
     def _batch(self, message: RestingPoses) -> None:
         poses = poses_from(message)
-        arrivals = self._tracker.accept(message)
+        arrived = self._tracker.accept(message)
         self._outputs.poses.take(message.run.run_id, poses, message.header.stamp)
-        for progress, new in arrivals:
-            account = self._accounts.setdefault(progress.run.run_id, RunAccount(progress.run))
-            account.waiting.extend(poses.between(first, end) for first, end in new)
-            self._drops.add(sum(end - first for first, end in new))
-            self._advance(account)
-            self._tracker.settle(progress)
+        if arrived is None:
+            return
+        progress, new = arrived
+        account = self._accounts.setdefault(progress.run.run_id, RunAccount(progress.run))
+        account.waiting.extend(poses.between(first, end) for first, end in new)
+        self._drops.add(sum(end - first for first, end in new))
+        self._advance(account)
+        self._tracker.settle(progress)
 
     def _is_known(self, run: RunDescription) -> bool | None:
         """Whether all of a run is known from its log; None while the logs are read."""

@@ -16,8 +16,6 @@ from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import AspectDistribution, PartSummary, Status
 from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, ListParts
 
-from resting_aspects_ros.core.distribution import METHOD
-from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.run import DEFAULT_SEED
 from resting_aspects_ros.nodes.client_requests import (
     check_progress,
@@ -69,29 +67,17 @@ class AsyncClient:
         self,
         part: str,
         *,
-        drops: int | None = None,
-        precision: float = 0.0,
-        surface: str = '',
-        conditions: DropConditions | None = None,
-        seed: int | None = None,
-        method: str = METHOD,
-        only_known: bool = False,
         timeout: float | None = None,
         progress: Callable[[int], None] | None = None,
+        **options: Any,
     ) -> Future:
-        """What get_distribution of RestingAspectsClient gives, as a Future."""
+        """What get_distribution of RestingAspectsClient gives, as a Future.
+
+        options : the other parameters of get_distribution
+        """
         self._check(timeout)
         check_progress(progress)
-        request = distribution_request(
-            part,
-            drops=drops,
-            precision=precision,
-            surface=surface,
-            conditions=conditions,
-            seed=seed,
-            method=method,
-            only_known=only_known,
-        )
+        request = distribution_request(part, **options)
         return self._begin(
             f'the distribution of {part}',
             timeout,

@@ -10,6 +10,7 @@ from rclpy.node import Node
 from resting_aspects_interfaces.msg import PartDescription
 from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution
 
+from resting_aspects_ros.core.distribution import METHOD
 from resting_aspects_ros.core.errors import (
     InvalidValueError,
     RestingAspectsError,
@@ -30,13 +31,13 @@ from resting_aspects_ros.nodes.topic_watch import published_parts
 def distribution_request(
     part: str,
     *,
-    drops: int | None,
-    precision: float,
-    surface: str,
-    conditions: DropConditions | None,
-    seed: int | None,
-    method: str,
-    only_known: bool,
+    drops: int | None = None,
+    precision: float = 0.0,
+    surface: str = '',
+    conditions: DropConditions | None = None,
+    seed: int | None = None,
+    method: str = METHOD,
+    only_known: bool = False,
 ) -> GetDistribution.Request:
     """The request, as RestingAspectsClient.get_distribution has it, checked.
 

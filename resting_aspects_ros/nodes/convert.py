@@ -1,5 +1,7 @@
 """Between the suite's own types and ROS messages."""
 
+from dataclasses import fields
+
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Quaternion
@@ -26,6 +28,8 @@ from resting_aspects_ros.drops.run import check_drops, check_first_drop, check_r
 from resting_aspects_ros.nodes.interface import FRAME
 
 NANOSECONDS = 1_000_000_000
+# Fields of a run that are the same in its message.
+_RUN_FIELDS = {field.name for field in fields(Run)} - {'conditions', 'started'}
 
 
 def status(code: int, message: str = '') -> Status:
@@ -59,20 +63,9 @@ def conditions_from(msg: DropConditions) -> drop_conditions.DropConditions:
 
 def run_msg(run: Run) -> RunDescription:
     """A run's description as a message."""
+    same = {name: getattr(run, name) for name in _RUN_FIELDS}
     return RunDescription(
-        run_id=run.run_id,
-        part=run.part,
-        part_sha256=run.part_sha256,
-        conditions=conditions_msg(run.conditions),
-        seed=run.seed,
-        first_drop=run.first_drop,
-        drops=run.drops,
-        precision=run.precision,
-        engine=run.engine,
-        engine_version=run.engine_version,
-        suite_version=run.suite_version,
-        time_step=run.time_step,
-        started=time_msg(run.started),
+        conditions=conditions_msg(run.conditions), started=time_msg(run.started), **same
     )
 
 
@@ -85,20 +78,9 @@ def run_from(msg: RunDescription) -> Run:
         raise InvalidValueError(f'part of run {msg.run_id} is {msg.part!r}, allowed is a name')
     check_drops(msg.drops)
     check_first_drop(msg.first_drop, msg.drops)
+    same = {name: getattr(msg, name) for name in _RUN_FIELDS}
     return Run(
-        run_id=msg.run_id,
-        part=msg.part,
-        part_sha256=msg.part_sha256,
-        conditions=conditions_from(msg.conditions),
-        seed=msg.seed,
-        first_drop=msg.first_drop,
-        drops=msg.drops,
-        precision=msg.precision,
-        engine=msg.engine,
-        engine_version=msg.engine_version,
-        suite_version=msg.suite_version,
-        time_step=msg.time_step,
-        started=nanoseconds(msg.started),
+        conditions=conditions_from(msg.conditions), started=nanoseconds(msg.started), **same
     )
 
 
@@ -119,7 +101,16 @@ def poses_msg(
         header=Header(stamp=stamp, frame_id=frame),
         run=run_msg(run),
         first_drop=poses.first_drop,
-        poses=[_resting_pose_msg(*row) for row in rows],
+        poses=[
+            RestingPose(
+                pose=pose_msg(position, orientation),
+                status=code,
+                decided_by=decided_by,
+                time_to_rest=rest,
+                energy_growth=growth,
+            )
+            for position, orientation, code, decided_by, rest, growth in rows
+        ],
         last=last,
     )
 
@@ -129,23 +120,6 @@ def pose_msg(position: list[float], orientation: list[float]) -> Pose:
     x, y, z = position
     qx, qy, qz, qw = orientation
     return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
-
-
-def _resting_pose_msg(
-    position: list[float],
-    orientation: list[float],
-    code: int,
-    decided_by: int,
-    rest: float,
-    growth: float,
-) -> RestingPose:
-    return RestingPose(
-        pose=pose_msg(position, orientation),
-        status=code,
-        decided_by=decided_by,
-        time_to_rest=rest,
-        energy_growth=growth,
-    )
 
 
 def poses_from(msg: RestingPosesMsg) -> RestingPoses:

@@ -5,6 +5,7 @@ from functools import lru_cache
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
+from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import AspectDistribution
 from resting_aspects_interfaces.srv import GetDistribution
 
@@ -16,9 +17,10 @@ from resting_aspects_ros.drops.ceiling import most_drops
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.run import DEFAULT_SEED, RunDescription, check_drops
 from resting_aspects_ros.drops.surfaces import Surfaces
+from resting_aspects_ros.nodes.convert import conditions_msg
 from resting_aspects_ros.nodes.default_conditions import FollowedDefault
 from resting_aspects_ros.nodes.distribution_messages import distribution_msg, estimate_msg
-from resting_aspects_ros.nodes.drop_requests import DropRequests, DropSpec
+from resting_aspects_ros.nodes.drop_requests import DropRequests
 from resting_aspects_ros.nodes.known_parts import KnownParts, asked_part
 from resting_aspects_ros.nodes.parameters import FRAME_ID, check_frame
 from resting_aspects_ros.nodes.requests import (
@@ -80,8 +82,15 @@ class DistributionAnswers:
             raise self._nothing_known(request, sha)
         await self._simulator(request, sha)
         seed = DEFAULT_SEED if seed is None else seed
-        spec = DropSpec(request.part, conditions, drops, request.precision, seed)
-        account = await self._requests.drop(spec)
+        goal = DropPart.Goal(
+            part=request.part,
+            surface=conditions.surface,
+            conditions=[conditions_msg(conditions)],
+            drops=drops,
+            precision=request.precision,
+            seed=seed,
+        )
+        account = await self._requests.drop(goal)
         return self._message(account.run, account.counted)
 
     async def _usable(self, name: str) -> dict[str, Part]:

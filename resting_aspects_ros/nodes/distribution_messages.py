@@ -1,7 +1,7 @@
 """Between distributions over aspects and ROS messages."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -30,18 +30,24 @@ from resting_aspects_ros.nodes.interface import FRAME
 
 # By their codes in the message Aspect.
 SWEEPS = (Sweep.POINT, Sweep.ARC, Sweep.RING, Sweep.DOME, Sweep.SPHERE)
+# Fields of an aspect that are the same in its message.
+_ASPECT_FIELDS = [
+    'id',
+    'symmetry_class',
+    'multiplicity',
+    'rolls',
+    'com_height',
+    'least_barrier',
+    'neighbour',
+    'basin_share',
+]
 
 
 def distribution_msg(
     distribution: Distribution, run: Run, stamp: Time, complete: bool, frame: str = FRAME
 ) -> AspectDistribution:
     """A distribution with all aspects of the part, seen or not."""
-    aspects = distribution.aspects
-    rows = zip(
-        aspects.aspects, distribution.counts.tolist(), distribution.intervals(), strict=True
-    )
     classes = distribution.by_class()
-    class_rows = zip(aspects.classes(), classes.counts.tolist(), classes.intervals(), strict=True)
     return AspectDistribution(
         header=Header(stamp=stamp, frame_id=frame),
         run=run_msg(run),
@@ -55,18 +61,11 @@ def distribution_msg(
         failed=distribution.failed,
         energy_growth=distribution.energy_growth,
         complete=complete,
-        aspects=[
-            Aspect(**_aspect_fields(aspect), **_share_fields(count, interval))
-            for aspect, count, interval in rows
-        ],
-        classes=[
-            SymmetryClass(
-                symmetry_class=members[0].symmetry_class,
-                aspects=[aspect.id for aspect in members],
-                **_share_fields(count, interval),
-            )
-            for members, count, interval in class_rows
-        ],
+        **_rows(
+            distribution.aspects,
+            _shares(distribution.counts.tolist(), distribution.intervals()),
+            _shares(classes.counts.tolist(), classes.intervals()),
+        ),
     )
 
 
@@ -74,26 +73,19 @@ def estimate_msg(
     found: Estimate, part: Part, stamp: Time, frame: str = FRAME
 ) -> AspectDistribution:
     """What an estimator predicts: without drops, so without counts and bounds (NaN)."""
-    aspects = found.aspects
-    probabilities = found.probabilities.tolist()
+    single = found.probabilities.tolist()
+    summed = [sum(single[each.id - 1] for each in members) for members in found.aspects.classes()]
+    predicted = [
+        _shares([0] * len(each), [Interval(p, math.nan, math.nan) for p in each])
+        for each in (single, summed)
+    ]
     return AspectDistribution(
         header=Header(stamp=stamp, frame_id=frame),
         run=RunDescription(part=part.name, part_sha256=part.part_sha256),
         aspect_numbering=ASPECT_NUMBERING,
         method=found.method,
         complete=True,
-        aspects=[
-            Aspect(**_aspect_fields(aspect), **_predicted_fields(probability))
-            for aspect, probability in zip(aspects.aspects, probabilities, strict=True)
-        ],
-        classes=[
-            SymmetryClass(
-                symmetry_class=members[0].symmetry_class,
-                aspects=[aspect.id for aspect in members],
-                **_predicted_fields(sum(probabilities[aspect.id - 1] for aspect in members)),
-            )
-            for members in aspects.classes()
-        ],
+        **_rows(found.aspects, *predicted),
     )
 
 
@@ -104,16 +96,30 @@ def estimate_from(msg: AspectDistribution) -> Estimate:
     )
 
 
-def _predicted_fields(probability: float) -> dict[str, object]:
-    return {'count': 0, 'probability': probability, 'lower': math.nan, 'upper': math.nan}
+def _shares(counts: list[int], intervals: Sequence[Interval]) -> list[dict[str, object]]:
+    return [
+        {'count': k, 'probability': i.probability, 'lower': i.lower, 'upper': i.upper}
+        for k, i in zip(counts, intervals, strict=True)
+    ]
 
 
-def _share_fields(count: int, interval: Interval) -> dict[str, object]:
+def _rows(
+    aspects: AspectSet, shares: list[dict[str, object]], of_classes: list[dict[str, object]]
+) -> dict[str, object]:
+    """The fields `aspects` and `classes` of a distribution."""
     return {
-        'count': count,
-        'probability': interval.probability,
-        'lower': interval.lower,
-        'upper': interval.upper,
+        'aspects': [
+            Aspect(**_aspect_fields(aspect), **share)
+            for aspect, share in zip(aspects.aspects, shares, strict=True)
+        ],
+        'classes': [
+            SymmetryClass(
+                symmetry_class=members[0].symmetry_class,
+                aspects=[aspect.id for aspect in members],
+                **share,
+            )
+            for members, share in zip(aspects.classes(), of_classes, strict=True)
+        ],
     }
 
 
@@ -121,18 +127,11 @@ def _aspect_fields(aspect: aspect_set.Aspect) -> dict[str, object]:
     orientation = aspect.orientation.tolist()
     points = [Point32(x=x, y=y) for x, y in aspect.support.tolist()]
     return {
-        'id': aspect.id,
-        'symmetry_class': aspect.symmetry_class,
-        'multiplicity': aspect.multiplicity,
-        'rolls': aspect.rolls,
+        **{name: getattr(aspect, name) for name in _ASPECT_FIELDS},
         'sweep': SWEEPS.index(aspect.sweep),
         'axis': _vector_msg(aspect.axis),
         'down_in_part': _vector_msg(aspect.down_in_part),
         'orientation': Quaternion(**dict(zip('xyzw', orientation, strict=True))),
-        'com_height': aspect.com_height,
-        'least_barrier': aspect.least_barrier,
-        'neighbour': aspect.neighbour,
-        'basin_share': aspect.basin_share,
         'support': Polygon(points=points),
     }
 
@@ -223,19 +222,12 @@ def _aspect_from(msg: Aspect) -> aspect_set.Aspect:
             f'sweep of aspect {msg.id} is {msg.sweep}, allowed is 0 to {len(SWEEPS) - 1}'
         )
     return aspect_set.Aspect(
-        id=msg.id,
-        symmetry_class=msg.symmetry_class,
-        multiplicity=msg.multiplicity,
-        rolls=msg.rolls,
+        **{name: getattr(msg, name) for name in _ASPECT_FIELDS},
         sweep=SWEEPS[msg.sweep],
         axis=_vector(msg.axis),
         down_in_part=_vector(msg.down_in_part),
-        com_height=msg.com_height,
         orientation=np.array([getattr(msg.orientation, axis) for axis in 'xyzw']),
         support=np.array([(p.x, p.y) for p in msg.support.points]).reshape(-1, 2),
-        basin_share=msg.basin_share,
-        least_barrier=msg.least_barrier,
-        neighbour=msg.neighbour,
         # The flats of a curved side do not travel: nothing is classified with this.
         directions=_vector(msg.down_in_part)[None],
         links=np.zeros((0, 2), dtype=np.int64),

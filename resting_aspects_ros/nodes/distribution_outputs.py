@@ -1,17 +1,27 @@
 """What the classifier publishes: the newest distribution of each part, markers of one, poses."""
 
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseArray
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from resting_aspects_interfaces.msg import AspectDistribution
+from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.nodes.callbacks import advertise, guarded, steady_timer
-from resting_aspects_ros.nodes.convert import NANOSECONDS
-from resting_aspects_ros.nodes.current_poses import CurrentPoses
+from resting_aspects_ros.nodes.convert import NANOSECONDS, pose_msg
 from resting_aspects_ros.nodes.distribution_messages import distribution_msg
-from resting_aspects_ros.nodes.interface import ASPECT_DISTRIBUTIONS, LATCHED, MARKERS
+from resting_aspects_ros.nodes.interface import (
+    ASPECT_DISTRIBUTIONS,
+    CURRENT_POSES,
+    FRAME,
+    LATCHED,
+    MARKERS,
+)
 from resting_aspects_ros.nodes.known_parts import KnownParts
 from resting_aspects_ros.nodes.markers import PartMarkers
 from resting_aspects_ros.nodes.parameters import FRAME_ID, Parameter, check_frame, on_change
@@ -25,6 +35,8 @@ PUBLISH_PERIOD = Parameter(
     bounds=(0.05, 10.0),
     changeable=True,
 )
+# All lie around the tray's origin: more than this cannot be told from each other.
+MOST_SHOWN = 100
 
 
 class DistributionOutputs:
@@ -91,3 +103,41 @@ class DistributionOutputs:
             part, aspects = self._parts.version(part_sha256)
             self._shown = (part_sha256, PartMarkers(part, aspects, self._frame))
         return self._shown[1]
+
+
+class CurrentPoses:
+    """Publishes current_poses: the newest drops of a run that came to rest, as they came.
+
+    Nothing is made while nobody listens; who comes later gets the newest.
+    """
+
+    def __init__(self, node: Node, frame: str = FRAME) -> None:
+        self._frame = frame
+        self._publisher = advertise(node, PoseArray, CURRENT_POSES, LATCHED)
+        self._run_id = ''
+        self._position = np.zeros((0, 3))
+        self._orientation = np.zeros((0, 4))
+        self._stamp = Time()
+        self._changed = False
+
+    def take(self, run_id: str, poses: RestingPoses, stamp: Time) -> None:
+        """Take a batch; the poses of another run are forgotten."""
+        known = len(self._position) if run_id == self._run_id else 0
+        settled = np.flatnonzero(poses.status == RestStatus.SETTLED)[-MOST_SHOWN:]
+        position = np.concatenate([self._position[:known], poses.position[settled]])
+        orientation = np.concatenate([self._orientation[:known], poses.orientation[settled]])
+        self._position, self._orientation = position[-MOST_SHOWN:], orientation[-MOST_SHOWN:]
+        self._run_id, self._stamp, self._changed = run_id, stamp, True
+
+    def publish(self) -> None:
+        """Publish them if they are new and somebody listens."""
+        if not self._changed or not self._publisher.get_subscription_count():
+            return
+        self._changed = False
+        rows = zip(self._position.tolist(), self._orientation.tolist(), strict=True)
+        self._publisher.publish(
+            PoseArray(
+                header=Header(stamp=self._stamp, frame_id=self._frame),
+                poses=[pose_msg(position, orientation) for position, orientation in rows],
+            )
+        )

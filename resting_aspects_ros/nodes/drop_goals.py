@@ -1,7 +1,7 @@
 """One drop_part goal followed to its end, also if that is the end of the simulator."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from uuid import uuid4
 
 from action_msgs.msg import GoalStatus
@@ -51,73 +51,55 @@ async def drop_result(
     CanceledError
         The goal is not wanted any more.
     """
-    sent = _SentGoal(node, client, goal, group, feedback)
-    handle = await sent.accepted()
-    return await sent.result(handle, wanted)
+    heard = time.monotonic()
+
+    def hear(message: DropPart.Impl.FeedbackMessage) -> None:
+        nonlocal heard
+        heard = time.monotonic()
+        feedback(message.feedback)
+
+    async def arrived(future: Future) -> bool:
+        if await wait_for(node, future, LOOK_PERIOD, group):
+            return True
+        if not client.server_is_ready():
+            raise NotAvailableError(f'the simulator went away while it dropped {goal.part}')
+        return False
+
+    handle = await _accepted(client, goal, hear, arrived)
+    answer = handle.get_result_async()
+    while not await arrived(answer):
+        if not wanted():
+            await arrived(handle.cancel_goal_async())
+            raise CanceledError(f'the drops of {goal.part} are not wanted any more')
+        if time.monotonic() - heard > ASK_PERIOD:
+            heard = time.monotonic()
+            again = handle.get_result_async()
+            if await arrived(again):
+                answer = again
+    if answer.result().status == GoalStatus.STATUS_UNKNOWN:
+        raise NotAvailableError(
+            f'the simulator was started again while it dropped {goal.part}: ask again'
+        )
+    result: DropPart.Result = answer.result().result
+    return result
 
 
-class _SentGoal:
-    def __init__(
-        self,
-        node: Node,
-        client: ActionClient,
-        goal: DropPart.Goal,
-        group: CallbackGroup | None,
-        feedback: Callable[[DropPart.Feedback], object],
-    ) -> None:
-        self._node = node
-        self._client = client
-        self._goal = goal
-        self._group = group
-        self._feedback = feedback
-        self._heard = time.monotonic()
-
-    async def accepted(self) -> ClientGoalHandle:
-        """Send the goal until the simulator answers that it has it."""
-        goal_id = UUID(uuid=list(uuid4().bytes))
-        for sends in range(MAX_SENDS):
-            asked = self._client.send_goal_async(self._goal, self._hear, goal_id)
-            end = time.monotonic() + GOAL_TIMEOUT
-            while not await self._arrived(asked) and time.monotonic() < end:
-                self._check_there()
-            if not asked.done():
-                continue
-            handle = asked.result()
-            # One that it has already is not accepted a second time.
-            if handle.accepted or sends:
-                return handle
+async def _accepted(
+    client: ActionClient,
+    goal: DropPart.Goal,
+    hear: Callable[[DropPart.Impl.FeedbackMessage], None],
+    arrived: Callable[[Future], Awaitable[bool]],
+) -> ClientGoalHandle:
+    """Send the goal until the simulator answers that it has it."""
+    goal_id = UUID(uuid=list(uuid4().bytes))
+    for sends in range(MAX_SENDS):
+        asked = client.send_goal_async(goal, hear, goal_id)
+        end = time.monotonic() + GOAL_TIMEOUT
+        while not await arrived(asked) and time.monotonic() < end:
+            pass
+        # One that the simulator has already is not accepted a second time.
+        if asked.done() and (asked.result().accepted or sends):
+            return asked.result()
+        if asked.done():
             raise NotAvailableError('the simulator did not accept the goal')
-        raise NotAvailableError(f'the simulator accepted no goal in {MAX_SENDS * GOAL_TIMEOUT} s')
-
-    async def result(
-        self, handle: ClientGoalHandle, wanted: Callable[[], bool]
-    ) -> DropPart.Result:
-        """Wait for the result."""
-        answer = handle.get_result_async()
-        while not await self._arrived(answer):
-            self._check_there()
-            if not wanted():
-                await self._arrived(handle.cancel_goal_async())
-                raise CanceledError(f'the drops of {self._goal.part} are not wanted any more')
-            if time.monotonic() - self._heard > ASK_PERIOD:
-                self._heard = time.monotonic()
-                again = handle.get_result_async()
-                if await self._arrived(again):
-                    answer = again
-        if answer.result().status == GoalStatus.STATUS_UNKNOWN:
-            raise NotAvailableError(
-                f'the simulator was started again while it dropped {self._goal.part}: ask again'
-            )
-        return answer.result().result
-
-    def _hear(self, message: DropPart.Impl.FeedbackMessage) -> None:
-        self._heard = time.monotonic()
-        self._feedback(message.feedback)
-
-    async def _arrived(self, future: Future) -> bool:
-        return await wait_for(self._node, future, LOOK_PERIOD, self._group)
-
-    def _check_there(self) -> None:
-        """Raises NotAvailableError if the simulator that existed does not any more."""
-        if not self._client.server_is_ready():
-            raise NotAvailableError(f'the simulator went away while it dropped {self._goal.part}')
+    raise NotAvailableError(f'the simulator accepted no goal in {MAX_SENDS * GOAL_TIMEOUT} s')

@@ -4,38 +4,24 @@ import sys
 import time
 from collections import deque
 
-from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.serialization import deserialize_message, serialize_message
-from rclpy.task import Future, Task
-from resting_aspects_interfaces.msg import (
-    AspectDistribution,
-    PartDescription,
-    RestingPoses,
-)
-from resting_aspects_interfaces.srv import GetDistribution
+from rclpy.serialization import deserialize_message
+from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
 
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
-from resting_aspects_ros.nodes.callbacks import guarded, guarded_task, steady_timer, subscribe
-from resting_aspects_ros.nodes.convert import (
-    check_description,
-    conditions_msg,
-    nanoseconds,
-    poses_from,
-)
+from resting_aspects_ros.nodes.callbacks import guarded, steady_timer, subscribe
+from resting_aspects_ros.nodes.convert import check_description, nanoseconds, poses_from
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, Meter, publish_diagnostics
 from resting_aspects_ros.nodes.interface import (
     ALL_LATCHED,
     ASPECT_DISTRIBUTIONS,
     DROP_RECORDER,
-    GET_DISTRIBUTION,
     LATCHED,
     PARTS,
     POSES,
     RESTING_POSES,
-    SERVICES,
 )
 from resting_aspects_ros.nodes.log_folder import FolderLock, absolute_folder, check_log_folder
 from resting_aspects_ros.nodes.log_reports import LogReports
@@ -46,7 +32,6 @@ from resting_aspects_ros.nodes.run_health import RunHealth
 from resting_aspects_ros.nodes.run_tracker import RunProgress, RunTracker
 from resting_aspects_ros.nodes.spin import run_node
 from resting_aspects_ros.nodes.topic_watch import TopicWatch
-from resting_aspects_ros.nodes.waiting import wait_for
 from resting_aspects_ros.nodes.words import counted
 
 PARAMETERS = (
@@ -62,8 +47,6 @@ PARAMETERS = (
 MOST_EARLY = 100
 # How often it is looked whether a log is whole, s.
 CLOSE_PERIOD = 0.2
-# How often the classifier is asked for a distribution that has not come, s.
-ASK_PERIOD = 1.0
 
 
 class DropRecorder(Node):
@@ -94,10 +77,6 @@ class DropRecorder(Node):
         )
         self._poses = Topic(self.resolve_topic_name(RESTING_POSES), POSES_TYPE, _qos(POSES))
         subscribe(self, RestingPoses, RESTING_POSES, self._batch, POSES, raw=True)
-        self._asking: Task | None = None
-        self._ask = guarded_task(
-            self, 'distributions are not recorded', self._ask_for_distributions
-        )
         close = guarded(self, 'logs are not closed', self._close_whole)
         steady_timer(self, CLOSE_PERIOD, close)
         alone = Alone(self, DROP_RECORDER, harmless='each writes a log of every run')
@@ -118,21 +97,21 @@ class DropRecorder(Node):
         self._lock.take(self._folder)
 
     def _check_folder(self, path: str) -> None:
-        check_log_folder(path)
-        self._lock.take(absolute_folder(path))
+        self._lock.take(check_log_folder(path))
 
     def _batch(self, data: bytes) -> None:
         message = deserialize_message(data, RestingPoses)
         poses_from(message)  # what cannot be counted is asked for again, as what is lost
-        arrivals = self._tracker.accept(message)
-        for progress, new in arrivals:
-            log = self._log(progress)
-            if new or not message.poses:
-                drops = sum(end - first for first, end in new)
-                stamp = nanoseconds(message.header.stamp)
-                self._drops.add(log.write_poses(self._poses, data, self._now(), stamp, drops))
-                self._reports.written(log, always=message.last)
-            self._tracker.settle(progress)
+        if (arrived := self._tracker.accept(message)) is None:
+            return
+        progress, new = arrived
+        log = self._log(progress)
+        if new or not message.poses:
+            drops = sum(end - first for first, end in new)
+            stamp = nanoseconds(message.header.stamp)
+            self._drops.add(log.write_poses(self._poses, data, self._now(), stamp, drops))
+            self._reports.written(log, always=message.last)
+        self._tracker.settle(progress)
 
     def _log(self, progress: RunProgress) -> OpenLog:
         """The log of a run; begun if this is the first batch of it."""
@@ -188,48 +167,7 @@ class DropRecorder(Node):
     def _run_over(self, progress: RunProgress) -> None:
         self._logs[progress.run.run_id].run_is_over(whole=progress.complete)
 
-    async def _ask_for_distributions(self) -> None:
-        """Ask the classifier for what has not come, until it has, or the logs are closed."""
-        # Whoever has a client of a service hears all its answers: there is one while it is used.
-        client = self.create_client(GetDistribution, GET_DISTRIBUTION, qos_profile=SERVICES)
-        never = Future(executor=self.executor)
-        try:
-            while lacking := [log for log in self._logs.values() if log.lacks_distribution()]:
-                if not client.service_is_ready():
-                    await wait_for(self, never, CLOSE_PERIOD)
-                    continue
-                for log in lacking:
-                    if not await self._ask_for_one(client, log):
-                        break
-                await wait_for(self, never, ASK_PERIOD)
-        finally:
-            self.destroy_client(client)
-
-    async def _ask_for_one(self, client: Client, log: OpenLog) -> bool:
-        """Whether there was an answer."""
-        run = log.run
-        request = GetDistribution.Request(
-            part=run.part,
-            conditions=[conditions_msg(run.conditions)],
-            drops=1,
-            seed=[run.seed],
-            only_known=True,
-        )
-        answer = client.call_async(request)
-        # It can be that the service has been found and has not found who asks.
-        if not await wait_for(self, answer, ASK_PERIOD):
-            client.remove_pending_request(answer)
-            return False
-        found = answer.result().distribution
-        if found.run.run_id == run.run_id and log.lacks_distribution():
-            self._write_distribution(log, found, serialize_message(found))
-        return True
-
     def _close_whole(self) -> None:
-        lacking = any(log.lacks_distribution() for log in self._logs.values())
-        if lacking and (self._asking is None or self._asking.done()):
-            assert self.executor is not None  # this is called by it
-            self._asking = self.executor.create_task(self._ask)
         for run_id in [run_id for run_id, log in self._logs.items() if log.done]:
             self._close(run_id)
 

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rclpy.action import ActionClient
@@ -12,8 +11,6 @@ from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.core.errors import EngineError
-from resting_aspects_ros.drops.conditions import DropConditions
-from resting_aspects_ros.nodes.convert import conditions_msg
 from resting_aspects_ros.nodes.drop_goals import drop_result
 from resting_aspects_ros.nodes.interface import ACTION_SERVICES, DROP_PART
 from resting_aspects_ros.nodes.presence import Living
@@ -31,17 +28,6 @@ SERVER_PERIOD = 0.1
 # All batches were sent before the goal's result; so long they have to arrive, or to be asked
 # for again, s.
 BATCHES_TIMEOUT = 120.0
-
-
-@dataclass(frozen=True)
-class DropSpec:
-    """Drops that are wanted."""
-
-    part: str
-    conditions: DropConditions
-    drops: int
-    precision: float
-    seed: int
 
 
 class DropRequests:
@@ -68,17 +54,9 @@ class DropRequests:
         """Whether a goal can be sent now."""
         return bool(self._simulators.count and self._client.server_is_ready())
 
-    async def drop(self, spec: DropSpec) -> 'RunAccount':
+    async def drop(self, goal: DropPart.Goal) -> 'RunAccount':
         """Return the account of a run of these drops; raises what the simulator answers."""
         await self.simulator()
-        goal = DropPart.Goal(
-            part=spec.part,
-            surface=spec.conditions.surface,
-            conditions=[conditions_msg(spec.conditions)],
-            drops=spec.drops,
-            precision=spec.precision,
-            seed=spec.seed,
-        )
         result = await drop_result(self._node, self._client, goal)
         if result.status.code != Status.OK:
             raise status_error(result.status)

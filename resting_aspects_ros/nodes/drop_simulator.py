@@ -52,8 +52,7 @@ from resting_aspects_ros.nodes.requests import (
     asked_conditions,
     error_status,
 )
-from resting_aspects_ros.nodes.shared_drops import GoalDrops, SharedDrops
-from resting_aspects_ros.nodes.simulated_runs import SimulatedRuns
+from resting_aspects_ros.nodes.shared_drops import GoalDrops, SharedDrops, SimulatedRuns
 from resting_aspects_ros.nodes.spin import run_node
 from resting_aspects_ros.nodes.words import counted, listed, of_run, run_values
 from resting_aspects_ros.nodes.words import under_way as runs_text
@@ -158,19 +157,8 @@ class DropSimulator(Node):
         )
         if not self._shared.has(key) and len(self._shared.under_way()) >= MAX_GOALS:
             raise BusyError(f'{MAX_GOALS} drop_part goals are under way, try again later')
-        is_new = not goal.run_id
-        make = partial(self._make_new if is_new else self._make, part=part, job=job, run=run)
+        make = partial(self._make, part=part, job=job, run=run, is_new=not goal.run_id)
         return await self._shared.make(key, handle, asked, make)
-
-    async def _make_new(
-        self, drops: GoalDrops, part: Part, job: DropJob, run: RunDescription
-    ) -> None:
-        """Make a new run."""
-        self._runs.begin(run)
-        try:
-            await self._make(drops, part, job, run, is_new=True)
-        finally:
-            self._runs.end(run)
 
     async def _make(
         self,
@@ -179,9 +167,11 @@ class DropSimulator(Node):
         job: DropJob,
         run: RunDescription,
         *,
-        is_new: bool = False,
+        is_new: bool,
     ) -> None:
         """Make drops of a run; drops that fill a gap do not end their run."""
+        if is_new:
+            self._runs.begin(run)
         asked = drops.asked
         batches = Batches(batch_size(asked.drops))
         total = no_drops(await self._aspects(part)) if asked.precision else None
@@ -191,8 +181,6 @@ class DropSimulator(Node):
                     self._drops.add(len(chunk))
                     for batch in batches.add(chunk):
                         self._publish(batch, run, last=False)
-                        if is_new:
-                            self._runs.reach(run, batch.end)
                     drops.add(chunk)
                     if total is not None:
                         total += count_poses(total.aspects, chunk)

@@ -3,7 +3,6 @@
 import hashlib
 import os
 import socket
-from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 
@@ -21,32 +20,25 @@ def absolute_folder(path: str) -> Path:
     return folder
 
 
-def check_log_folder(path: str) -> None:
-    """Make the folder, write into it, and leave nothing of that.
+def check_log_folder(path: str) -> Path:
+    """Make the folder, write into it, and return it with its full name.
 
     Raises InvalidValueError with the reason if it cannot be done.
 
     At the start it may not be there yet, as a disk that is mounted later; it is told then.
     """
-    made: list[Path] = []
     try:
         if not path:
             raise ValueError('it has no name')
         folder = absolute_folder(path)
-        for each in reversed([each for each in (folder, *folder.parents) if not each.exists()]):
-            each.mkdir()
-            made.append(each)
+        folder.mkdir(parents=True, exist_ok=True)
         with TemporaryFile(dir=folder):
-            pass
+            return folder
     except (OSError, ValueError) as error:  # the second: a name that has a zero byte
         reason = getattr(error, 'strerror', None) or error
         raise InvalidValueError(
             f'log_folder is {path!r}, allowed is a folder that is there or can be made: {reason}'
         ) from None
-    finally:
-        with suppress(OSError):  # somebody has begun to use it
-            for each in reversed(made):
-                each.rmdir()
 
 
 class FolderLock:

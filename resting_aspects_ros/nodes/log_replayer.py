@@ -16,9 +16,15 @@ from resting_aspects_ros.logs.log_reader import unfinished
 from resting_aspects_ros.logs.recording import RecordedMessage, Recording
 from resting_aspects_ros.nodes.callbacks import steady_timer
 from resting_aspects_ros.nodes.diagnostics import Diagnosis, publish_diagnostics
-from resting_aspects_ros.nodes.interface import LOG_REPLAYER, PAUSE, RESUME, SERVICES
+from resting_aspects_ros.nodes.interface import (
+    DROP_SIMULATOR,
+    LOG_REPLAYER,
+    PAUSE,
+    RESUME,
+    SERVICES,
+)
 from resting_aspects_ros.nodes.parameters import Parameter, declare
-from resting_aspects_ros.nodes.presence import announce
+from resting_aspects_ros.nodes.presence import Living, announce
 from resting_aspects_ros.nodes.replay import Position, Replay
 from resting_aspects_ros.nodes.replay_topics import replayed_topics
 from resting_aspects_ros.nodes.spin import run_node
@@ -33,10 +39,6 @@ PARAMETERS = (
 )
 # It is told how far it is at least this often, ns.
 WATCH_PERIOD = 100_000_000
-# How often it is looked whether a simulator publishes, too, s. rclpy has no event for it.
-LOOK_PERIOD = 1.0
-# For rclpy a node that is just being discovered has topics before it has this.
-NO_NAME = '_NODE_NAME_UNKNOWN_'
 
 
 class LogReplayer(Node):
@@ -79,12 +81,7 @@ class LogReplayer(Node):
         )
         self.create_service(Trigger, PAUSE, self._pause, qos_profile=SERVICES)
         self.create_service(Trigger, RESUME, self._resume, qos_profile=SERVICES)
-        self._from_simulator = [
-            self._outputs[topic.recorded].topic_name
-            for topic in topics
-            if topic.describes_part or topic.holds_poses
-        ]
-        self._look = steady_timer(self, LOOK_PERIOD, self._look_for_others)
+        self._simulators = Living(self, DROP_SIMULATOR)
         announce(self, LOG_REPLAYER)
         publish_diagnostics(self, self._diagnose)
         if words := unfinished(recording.path):
@@ -120,19 +117,6 @@ class LogReplayer(Node):
         self._timer.timer_period_ns = wait
         self._timer.reset()
 
-    def _look_for_others(self) -> None:
-        """Warn once if others publish parts or poses, too."""
-        for topic in self._from_simulator:
-            found = self.get_publishers_info_by_topic(topic)
-            names = [f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in found]
-            if len(found) > 1 and not any(NO_NAME in name for name in names):
-                self.get_logger().warning(
-                    f'{topic} has {len(found)} publishers, {", ".join(sorted(names))}: '
-                    'who reads it hears them all'
-                )
-                self._look.cancel()
-                return
-
     def _diagnose(self) -> Diagnosis:
         position = self._replay.position
         values = {
@@ -142,7 +126,11 @@ class LogReplayer(Node):
             'round': position.round,
         }
         state = 'over' if position.over else 'paused' if position.paused else 'replaying'
-        return Diagnosis(state, values)
+        if not self._simulators.count:
+            return Diagnosis(state, values)
+        words = f'a {DROP_SIMULATOR} in this namespace publishes on the same topics'
+        self.get_logger().warning(words, once=True)
+        return Diagnosis(state, values, [words])
 
     def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._replay.paused:

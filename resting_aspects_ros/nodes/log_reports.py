@@ -51,6 +51,4 @@ class LogReports:
         if not log.closed_whole:
             what = 'is not whole' if log.run_over else 'was broken off'
             words = f'{what}: {of_run(log.run, log.drops)} are in {folder}, which is closed'
-        elif log.parts:
-            words += f'; {", ".join(map(str, log.parts))} may be deleted: less of it is there'
         self._logger.info(f'run {log.run.run_id} of {log.run.part} {words}')

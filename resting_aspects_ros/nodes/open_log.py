@@ -17,18 +17,15 @@ from resting_aspects_ros.nodes.convert import NANOSECONDS
 
 # When a run is over, its part and its last distribution have so long to arrive, s.
 END_TIMEOUT = 10.0
-# After so long the distribution is asked for: one that was replaced by that of the next run before
-# it was read does not come any more.
-ASK_AFTER = 1.0
 
 
 class OpenLog:
     """The log of a run and what it still waits for.
 
     A log that cannot be written takes nothing more; ``error`` says why. Nothing here raises.
-    A run of which earlier logs hold only a part, ``parts``, gets one of its own beside them, with
-    a number after its name. One that an earlier log holds whole gets none, and ``earlier`` is the
-    folder of that. ``folder`` is that of the log.
+    A run of which earlier logs hold only a part gets one of its own beside them, with a number
+    after its name. One that an earlier log holds whole gets none, and ``earlier`` is the folder of
+    that. ``folder`` is that of the log.
     """
 
     def __init__(self, folder: Path, run: RunDescription) -> None:
@@ -40,7 +37,6 @@ class OpenLog:
         self.drops = 0  # that are written
         self.closed_whole = False
         self.earlier: Path | None = None
-        self.parts: list[Path] = []
         self._whole = False
         self._over_at: float | None = None
         self.folder = folder
@@ -66,7 +62,6 @@ class OpenLog:
                 return None
         name += f'_{len(earlier) + 1}' if earlier else ''
         self.folder = folder / name
-        self.parts = earlier
         return RunLog(folder, name)
 
     @property
@@ -130,12 +125,6 @@ class OpenLog:
         if self.drops:
             return f'only {self.drops} drops of {run} are recorded: {self.error}'
         return f'{run} is not recorded: {self.error}'
-
-    def lacks_distribution(self) -> bool:
-        """Whether the last distribution should have come by now, and is worth waiting for."""
-        if self._over_at is None or self.has_distribution or self.error or self.done:
-            return False
-        return time.monotonic() - self._over_at > ASK_AFTER
 
     @property
     def run_over(self) -> bool:

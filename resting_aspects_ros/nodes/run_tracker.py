@@ -139,27 +139,20 @@ class RunTracker:
         """The runs that are not over, and how many drops of each have been seen."""
         return [(progress.run, len(progress.seen)) for progress in self._open()]
 
-    def accept(self, batch: RestingPosesMsg) -> list[tuple[RunProgress, list[tuple[int, int]]]]:
-        """The runs that a batch is news for, and the ranges of its drops that each had not seen.
+    def accept(self, batch: RestingPosesMsg) -> tuple[RunProgress, list[tuple[int, int]]] | None:
+        """Return the run of a batch, and the ranges of its drops that are new; None if it is over.
 
-        First its own run, unless that is over; then those in whose gaps its drops belong. Raises
-        InvalidValueError if the batch contradicts an earlier one of its run.
+        Raises InvalidValueError if the batch contradicts an earlier one of its run.
         """
         first, end = batch.first_drop, batch.first_drop + len(batch.poses)
-        own = self._find(run_from(batch.run))
-        arrivals = []
-        if not own.closed:
-            own.heard = time.monotonic()
-            arrivals.append((own, own.take(first, end)))
-            if batch.last:
-                own.ended, own.end = True, max(end, own.seen.end)
-        for other in self._runs.values():
-            if other is own or other.closed or other.run.sequence() != own.run.sequence():
-                continue
-            for low, high in other.missing():
-                if new := other.take(max(low, first), min(high, end)):
-                    arrivals.append((other, new))
-        return arrivals
+        progress = self._find(run_from(batch.run))
+        if progress.closed:
+            return None
+        progress.heard = time.monotonic()
+        new = progress.take(first, end)
+        if batch.last:
+            progress.ended, progress.end = True, max(end, progress.seen.end)
+        return progress, new
 
     def settle(self, progress: RunProgress) -> None:
         """After a batch was dealt with: end the run, or ask for what is missing."""

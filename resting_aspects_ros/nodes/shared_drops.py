@@ -1,6 +1,7 @@
-"""Drops that several drop_part goals ask for at the same time, and that are made once."""
+"""Drops that several goals ask for at the same time, and runs of which drops are asked again."""
 
 import time
+from collections import OrderedDict
 from collections.abc import Awaitable, Callable, Hashable
 from copy import copy
 
@@ -9,13 +10,16 @@ from rclpy.node import Node
 from rclpy.task import Future
 from resting_aspects_interfaces.action import DropPart
 
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.drops.run import RunDescription
-from resting_aspects_ros.nodes.requests import CanceledError
+from resting_aspects_ros.nodes.requests import CanceledError, NotAvailableError
 from resting_aspects_ros.nodes.waiting import wait_for
 
 # How often a goal looks whether it was canceled while others want the same drops, s.
 CANCEL_PERIOD = 0.5
+# Descriptions of so many runs are kept, to publish drops of them again.
+RUNS_KEPT = 10_000
 
 
 class GoalDrops:
@@ -120,3 +124,35 @@ class SharedDrops:
         finally:
             del self._made[key]
             over.set_result(error)
+
+
+class SimulatedRuns:
+    """The runs that a simulator has begun, so that it can publish drops of them again."""
+
+    def __init__(self) -> None:
+        self._runs: OrderedDict[str, RunDescription] = OrderedDict()
+
+    def begin(self, run: RunDescription) -> None:
+        """Keep the description of a run."""
+        self._runs[run.run_id] = run
+        while len(self._runs) > RUNS_KEPT:
+            self._runs.popitem(last=False)
+
+    def find(self, asked: RunDescription) -> RunDescription:
+        """Return the run of which drops are asked for again.
+
+        Raises NotAvailableError if this simulator has not begun it, InvalidValueError if the drops
+        are not of that run.
+        """
+        run = self._runs.get(asked.run_id)
+        if run is None:
+            raise NotAvailableError(
+                f'run {asked.run_id} was not made by this simulator, which was perhaps started '
+                'again since'
+            )
+        if run.sequence() != asked.sequence():
+            raise InvalidValueError(
+                f'run {run.run_id} is of {run.part} under other conditions, of another seed or '
+                'of another version of the part: only its own drops can be published again'
+            )
+        return run

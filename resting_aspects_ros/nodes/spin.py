@@ -8,7 +8,6 @@ import threading
 from collections.abc import Callable, Iterable, Sequence
 from itertools import takewhile
 from pathlib import Path
-from typing import Any
 
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -69,16 +68,12 @@ def _signalled() -> Future:
     read, write = os.pipe()
     os.set_blocking(write, False)
     signal.set_wakeup_fd(write)
-    _handle(_note)
+    # A shell has SIGINT ignored by what it starts in the background, and nodes are ended with it.
+    signal.signal(signal.SIGINT, _note)
+    catch(_note)
     waits = threading.Thread(target=lambda: told.set_result(os.read(read, 1)), daemon=True)
     waits.start()
     return told
-
-
-def _handle(handler: Any) -> None:
-    catch(handler)
-    # A shell has it ignored by what it starts in the background, and nodes are ended with it.
-    signal.signal(signal.SIGINT, handler)
 
 
 def _note(*_: object) -> None:
@@ -90,8 +85,9 @@ def _spin(factories: Sequence[Callable[[], Node]], told: Future) -> int:
     executor = SingleThreadedExecutor()
     code = 2
     try:
-        if not _make(factories, nodes, executor):
-            return 0
+        for factory in factories:
+            nodes.append(factory())
+            executor.add_node(nodes[-1])
         for name in unknown_parameters(nodes):
             nodes[0].get_logger().warning(f'parameter {name!r} is not known and not used')
         code = 1
@@ -123,36 +119,6 @@ def check_domain() -> None:
 def not_utf8(error: UnicodeEncodeError) -> InvalidValueError:
     """What it means that ROS does not take an argument."""
     return InvalidValueError(f'{error.object!r} is given, allowed is UTF-8: ROS takes no other')
-
-
-def _make(
-    factories: Sequence[Callable[[], Node]], nodes: list[Node], executor: SingleThreadedExecutor
-) -> bool:
-    """Make the nodes; whether nobody told the process to end meanwhile.
-
-    A folder of many meshes takes long to read, and nothing is begun yet that has to be finished.
-    """
-    told = False
-
-    def interrupt(*_: object) -> None:
-        nonlocal told
-        if not told:
-            told = True
-            raise KeyboardInterrupt
-
-    try:
-        _handle(interrupt)
-        for factory in factories:
-            node = factory()
-            nodes.append(node)
-            executor.add_node(node)
-    except (KeyboardInterrupt, Exception):
-        # numpy, for one, makes a TypeError of what is raised in the middle of a comparison.
-        if not told:
-            raise
-    finally:
-        _handle(_note)
-    return not told
 
 
 def _refuse(error: Exception, code: int = 2) -> int:

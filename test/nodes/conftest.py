@@ -11,6 +11,7 @@ import subprocess
 import time
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -40,6 +41,7 @@ from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.release import CHUNK
 from resting_aspects_ros.logs.run_log import RunLog
 from resting_aspects_ros.logs.topics import Qos, Topic
+from resting_aspects_ros.nodes import pending_request
 from resting_aspects_ros.nodes.convert import conditions_msg, part_msg, poses_msg, time_msg
 from resting_aspects_ros.nodes.interface import (
     ACTION_SERVICES,
@@ -93,6 +95,7 @@ os.environ.update(environment)
 file = os.open(output, os.O_WRONLY | os.O_APPEND)
 os.dup2(file, 1)
 os.dup2(file, 2)
+sys.stdout.reconfigure(line_buffering=True)
 forkserver._forkserver.ensure_running = lambda: None
 file_worker.get_context = lambda _: multiprocessing.get_context('forkserver')
 """
@@ -104,7 +107,7 @@ class ForkedNode:
     def __init__(self, script, output):
         output.touch()
         names = {
-            '__name__': 'node',
+            '__name__': '__main__',
             'folder': str(Path.cwd()),
             'environment': dict(os.environ),
             'output': str(output),
@@ -218,12 +221,16 @@ class Processes:
         """Start a command."""
         return self._begin(start_command, [str(word) for word in command])
 
-    def node(self, node, namespace, parameters=(), constants=(), ready='ready'):
+    def script(self, code, *words):
+        """Run a script of Python, in an interpreter that has imported the nodes."""
+        return self._begin(ForkedNode, f'sys.argv = {["-c", *map(str, words)]!r}\n{code}')
+
+    def node(self, node, namespace, parameters=(), constants=(), ready='ready', words=()):
         """Start a node, wait until it is ready, and give its process.
 
         ``constants`` are set before: {'run_tracker.GRACE': 1.0}.
         """
-        words = [node, '--ros-args', '-r', f'__ns:={namespace}']
+        words = [node, '--ros-args', '-r', f'__ns:={namespace}', *map(str, words)]
         for name, value in dict(parameters).items():
             words += ['-p', f'{name}:={value}']
         lines = [f'sys.argv = {words!r}', f'import resting_aspects_ros.nodes.{node} as node']
@@ -268,6 +275,26 @@ def processes(tmp_path_factory, wait):
 def run_command(processes):
     """Start a command; it is ended with the module."""
     return processes.command
+
+
+@pytest.fixture(scope='module')
+def run_script(processes):
+    """Run a script of Python; it is ended with the module."""
+    return processes.script
+
+
+@pytest.fixture
+def ahead(monkeypatch):
+    """Set the clock of a client's requests ahead, by seconds."""
+    offset = 0.0
+
+    def ahead(seconds):
+        nonlocal offset
+        offset += seconds
+
+    clock = SimpleNamespace(monotonic=lambda: time.monotonic() + offset)
+    monkeypatch.setattr(pending_request, 'time', clock)
+    return ahead
 
 
 @pytest.fixture(scope='module')
@@ -517,6 +544,10 @@ class Diagnostics:
 
     def _take(self, message):
         self._newest.update({status.name: status for status in message.status})
+
+    def forget(self):
+        """Wait for messages that are still to come."""
+        self._newest.clear()
 
     def wait(self, node, holds, what):
         """The level, the message and the values of a node, once they are as they should be."""

@@ -56,12 +56,12 @@ SNIPPETS = (
 
 
 @pytest.fixture
-def run_snippet(run_command, suite):
+def run_snippet(run_script, suite):
     """Run Python in the namespace of the suite, as in a program of one's own."""
 
     def run_snippet(code):
         namespace = ('--ros-args', '-r', f'__ns:={suite.namespace}')
-        return run_command(sys.executable, '-u', '-c', code, *namespace)
+        return run_script(code, *namespace)
 
     return run_snippet
 

@@ -48,12 +48,15 @@ def recorded():
 
 def test_who_starts_late_has_all_of_the_run(suite, start, recorded, tmp_path, counts):
     """A recorder and a classifier, started in the middle of a run, and others after it."""
-    drops = 40 * LEAST_BATCH + 50  # longer than a node takes to start
+    drops = 4 * LEAST_BATCH + 50
     heard = suite.client.poses()
     asked = suite.client.asking('tetrahedron', drops, seed=[41])
     suite.client.wait(lambda: any(batch.run.seed == 41 for batch in heard), 'first batch')
+    simulator = suite.processes['drop_simulator']
+    assert simulator.send_to_workers(signal.SIGSTOP)
     middle = start('drop_recorder', suite.namespace, {'log_folder': tmp_path / 'middle'})
     assert not asked.done()
+    simulator.send_to_workers(signal.SIGCONT)
     suite.client.wait(asked.done, 'answer')
     expected = asked.result().distribution
     suite.processes['aspect_classifier'].end()
@@ -130,7 +133,7 @@ def test_without_a_simulator_the_answer_is_that_there_is_none(suite):
 # Last: for 20 s a node that was killed is taken for present.
 def test_a_simulator_that_is_killed_and_started_again_ends_no_other_node(suite, counts):
     heard = suite.client.poses()
-    asked = suite.client.asking('tetrahedron', 6000, seed=[43])
+    asked = suite.client.asking('tetrahedron', 3000, seed=[43])
     suite.client.wait(lambda: any(batch.run.seed == 43 for batch in heard), 'first batch')
     suite.processes['drop_simulator'].end(signal.SIGKILL)
     suite.start_again('drop_simulator')

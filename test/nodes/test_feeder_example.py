@@ -16,7 +16,7 @@ from resting_aspects_ros.nodes import feeder_example
 from resting_aspects_ros.nodes.interface import ASPECT_DISTRIBUTIONS, LATCHED
 
 BOX = 'box_10x20x30'
-QUICK = {'feeder_example.PATIENCE': 1.0}
+QUICK = {'feeder_example.PATIENCE': 2.0}
 
 
 @pytest.fixture(scope='module')
@@ -86,14 +86,14 @@ def test_it_starts_late_and_hears_of_changes(suite, feed, rates):
     )
     suite.client.wait(lambda: line in feeder.said, 'line of the answer')
 
-    more = suite.client.ask('tetrahedron', 4000, seed=[2]).distribution
+    more = suite.client.ask('tetrahedron', 1500, seed=[2]).distribution
     last = expected(more, 2, 4)
     wait_for_rate(suite.client, rates, last)
     assert len(rates) > 3  # also from the middle of the run
-    suite.client.wait(lambda: '4000 of 4000 drops on rubber_mat\n' in feeder.said, 'its line')
+    suite.client.wait(lambda: '1500 of 1500 drops on rubber_mat\n' in feeder.said, 'its line')
     # One when it began, one when it was over.
-    assert feeder.said.count('of 4000 drops') == 2
-    assert ' of 4000 drops on rubber_mat so far, more are to come\n' in feeder.said
+    assert feeder.said.count('of 1500 drops') == 2
+    assert ' of 1500 drops on rubber_mat so far, more are to come\n' in feeder.said
     assert warnings(feeder) == []
 
     late = suite.client.listen(Float64MultiArray, 'expected_pick_rate', LATCHED)
@@ -155,7 +155,7 @@ def test_an_unknown_aspect_is_an_error_and_its_rate_is_nan(suite, feed, rates, p
 
 
 def test_a_part_that_nobody_dropped_yet(suite, feed, wait, rates):
-    feeder = feed(suite.namespace, 'hex_nut', [1])
+    feeder = feed(suite.namespace, 'hex_nut', [1], QUICK)
     (line,) = wait(lambda: warnings(feeder), 'warning')
     assert line.endswith('nobody has dropped hex_nut yet: resting_aspects request hex_nut')
     assert rates == []
@@ -163,11 +163,11 @@ def test_a_part_that_nobody_dropped_yet(suite, feed, wait, rates):
 
 def test_a_classifier_that_is_started_again_is_heard_again(suite, feed, rates):
     feeder = feed(suite.namespace, 'tetrahedron', [1, 3])
-    few = suite.client.ask('tetrahedron', 5000, seed=[11]).distribution
+    few = suite.client.ask('tetrahedron', 1600, seed=[11]).distribution
     wait_for_rate(suite.client, rates, expected(few, 1, 3))
     assert suite.processes['aspect_classifier'].end() == 0
     suite.start_again('aspect_classifier')
-    more = suite.client.ask('tetrahedron', 6000, seed=[12]).distribution
+    more = suite.client.ask('tetrahedron', 1700, seed=[12]).distribution
     wait_for_rate(suite.client, rates, expected(more, 1, 3))
     assert warnings(feeder) == []
 
@@ -232,7 +232,7 @@ def test_a_run_that_was_canceled_before_its_first_drop_says_nothing(
     topic = f'{ASPECT_DISTRIBUTIONS}/tetrahedron'
     classifier = client.node.create_publisher(AspectDistribution, topic, LATCHED)
     classifier.publish(AspectDistribution(run=found.run, aspects=found.aspects, complete=True))
-    feeder = feed(namespace, 'tetrahedron', [3])
+    feeder = feed(namespace, 'tetrahedron', [3], QUICK)
     # It comes when the feeder has found the topic, with what is latched there.
     client.wait(lambda: warnings(feeder), 'warning')
     assert 'nobody has dropped tetrahedron yet' in feeder.said

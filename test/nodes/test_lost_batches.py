@@ -11,7 +11,6 @@ import pytest
 from rclpy.action import ActionServer
 from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import (
-    AspectDistribution,
     PartDescription,
     RestingPoses,
     Status,
@@ -174,36 +173,6 @@ def test_a_batch_that_comes_twice_is_counted_once(simulator, known):
         simulator.publish('twice', first, end, last=end == DROPS)
     assert_whole(known(), simulator)
     assert simulator.asked == []
-
-
-def test_a_repair_under_another_run_id_fills_the_gap(simulator, known):
-    simulator.answer = lambda _, first, end: (Status(), [('another', first, end, True)])
-    simulator.publish('gapped', 0, 10)
-    simulator.publish('gapped', 20, 40, last=True)
-    distribution = known()
-    assert_whole(distribution, simulator)
-    assert distribution.run.run_id == simulator.run_id('gapped')
-
-
-def test_a_run_of_the_same_drops_is_a_run_of_its_own_while_another_is_repaired(
-    simulator, client, classifier
-):
-    """The gap of the first is filled by the second, and that one has all its drops as well."""
-    heard = client.listen(AspectDistribution, 'aspect_distributions/tetrahedron', LATCHED)
-    simulator.answer = lambda *_: (Status(), [])  # nothing comes, but it tries
-    simulator.publish('gapped', 0, 10)
-    simulator.publish('gapped', 20, 40, last=True)
-    client.wait(lambda: simulator.asked, 'repair')
-
-    def complete(name):
-        found = {m.run.run_id: m.drops for m in heard if m.complete}
-        return found.get(simulator.run_id(name)) == DROPS
-
-    # One after the other: of what is latched, the newest is all that a reader is sure to get.
-    simulator.publish('whole', 0, 20)
-    client.wait(lambda: complete('gapped'), 'first run complete')
-    simulator.publish('whole', 20, 40, last=True)
-    client.wait(lambda: complete('whole'), 'second run complete')
 
 
 def test_a_repair_that_fails_at_first_is_tried_again(simulator, known):

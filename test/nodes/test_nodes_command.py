@@ -63,14 +63,22 @@ def test_a_request_is_answered_with_one_document_and_ctrl_c_ends_all(
     assert_ended_in_order(nodes, nodes.end(signal.SIGINT), wait, traceback)
 
 
-@pytest.mark.parametrize('way', ['SIGINT', 'SIGTERM', 'SIGHUP', 'Ctrl-C'])
+@pytest.mark.parametrize(
+    'way',
+    [
+        'SIGTERM',
+        'Ctrl-C',
+        *(pytest.param(way, marks=pytest.mark.slow) for way in ('SIGINT', 'SIGHUP')),
+    ],
+)
 def test_it_ends_in_order_while_drops_are_under_way(
     nodes, connect, namespace, wait, traceback, way
 ):
     client = connect(namespace)
+    begun = client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
     # From the last drop of a chunk on: feedback comes after one drop.
     drop = client.dropping('tetrahedron', 100_000, first_drop=CHUNK - 1)
-    client.wait(lambda: drop.feedback, 'first feedback')
+    client.wait(lambda: drop.feedback and begun, 'first feedback, and a log')
     assert not drop.done
     if way == 'Ctrl-C':  # a terminal sends it to the workers, too
         nodes.send_to_group(signal.SIGINT)
@@ -78,19 +86,11 @@ def test_it_ends_in_order_while_drops_are_under_way(
     else:
         code = nodes.end(getattr(signal, way))
     assert_ended_in_order(nodes, code, wait, traceback)
-
-
-def test_a_run_that_ctrl_c_breaks_off_is_named_with_its_log(nodes, connect, namespace, wait):
-    client = connect(namespace)
-    begun = client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
-    client.dropping('tetrahedron', 100_000)
-    client.wait(lambda: begun, 'log begun')
-    assert nodes.end(signal.SIGINT) == 0
     words = (
         rf'run {begun[0].run_id} of tetrahedron was broken off: \d+ of 100000 drops are in '
         rf'{begun[0].log}, which is closed'
     )
-    wait(lambda: re.search(words, nodes.said), 'word of it')
+    assert re.search(words, nodes.said)
 
 
 def test_workers_do_not_outlive_a_simulator_that_is_killed(start, connect, namespace, wait):

@@ -4,7 +4,6 @@ import importlib
 import math
 import pkgutil
 import shutil
-import sys
 
 import pytest
 import yaml
@@ -155,25 +154,21 @@ def test_every_entry_has_a_comment_with_its_bounds_and_when_it_may_be_set():
 
 
 @pytest.fixture
-def start_with_file(run_command, wait):
+def start_with_file(start, wait):
     """Start a node with a parameter file, in some namespace."""
 
     def start_with_file(node, namespace, file):
-        process = run_command(
-            *(sys.executable, '-m', f'resting_aspects_ros.nodes.{node}', '--ros-args'),
-            *('-r', f'__ns:={namespace}', '--params-file', file),
-        )
+        process = start(node, namespace, words=('--params-file', file), ready='')
         wait(lambda: 'ready' in process.said or not process.running, f'{node} ready')
         return process
 
     return start_with_file
 
 
-@pytest.mark.parametrize('below', ['', '/deep/er'])
 def test_nodes_take_their_parameters_from_the_file(
-    start_with_file, connect, parameters_of, namespace, tmp_path, below
+    start_with_file, connect, parameters_of, namespace, tmp_path
 ):
-    namespace += below
+    namespace += '/deep/er'
     (tmp_path / 'parts').mkdir()
     shutil.copy(parts_folder() / 'tetrahedron.stl', tmp_path / 'parts')
     surfaces = surfaces_file().read_text(encoding='utf-8').replace('steel:', 'granite:')
@@ -342,7 +337,7 @@ def test_publish_period_says_how_often_a_run_under_way_is_told_of(suite, paramet
     heard = suite.client.listen(AspectDistribution, 'aspect_distributions/u_bracket', ALL_LATCHED)
 
     def told(seed):
-        suite.client.ask('u_bracket', 1500, seed=[seed])
+        suite.client.ask('u_bracket', 1000, seed=[seed])
         suite.client.wait(
             lambda: any(m.run.seed == seed and m.complete for m in heard), 'last distribution'
         )

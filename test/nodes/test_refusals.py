@@ -1,6 +1,5 @@
 """What is not allowed is refused in words, and the nodes live on."""
 
-import functools
 import math
 import shutil
 import signal
@@ -12,7 +11,6 @@ from resting_aspects_interfaces.msg import Status
 from resting_aspects_ros.config_files import parts_folder
 from resting_aspects_ros.nodes.convert import conditions_msg
 from resting_aspects_ros.nodes.drop_simulator import MAX_GOALS
-from resting_aspects_ros.nodes.interface import LEAST_BATCH
 
 NAMES = ('OK', 'INVALID', 'UNKNOWN_PART', 'NOT_AVAILABLE', 'BUSY', 'CANCELED', 'FAILED')
 KINDS = {getattr(Status, name): name for name in NAMES}
@@ -145,22 +143,6 @@ def test_a_run_id_that_is_no_name(suite, run_id):
     refused = suite.client.drop(drops=5, run_id=run_id).result
     assert refused.status.code == Status.INVALID
     assert f'run_id is {run_id!r}, allowed are up to 64 letters' in refused.status.message
-
-
-def test_drops_that_a_run_under_way_has_not_come_to_are_not_made_twice(suite):
-    run = suite.client.dropping(drops=100_000, seed=23)
-    heard = suite.client.poses()
-    suite.client.wait(lambda: any(batch.run.seed == 23 for batch in heard), 'first batch')
-    run_id = next(batch.run.run_id for batch in heard if batch.run.seed == 23)
-    ask = functools.partial(suite.client.drop, seed=23, run_id=run_id)
-    yet_to_come = ask(drops=10, first_drop=99_990).result
-    assert yet_to_come.status.code == Status.BUSY
-    assert yet_to_come.status.message.startswith(f'run {run_id} is under way and has not come to ')
-    assert ask(drops=10, first_drop=LEAST_BATCH - 10).result.status.code == Status.OK
-    run.cancel()
-    suite.client.wait(lambda: run.done, 'canceled goal')
-    assert run.outcome == 'canceled'
-    assert ask(drops=10, first_drop=99_990).result.status.code == Status.OK
 
 
 def test_one_goal_too_many_is_told_that_the_simulator_is_busy(suite, diagnostics_of):

@@ -1,8 +1,6 @@
 """A classifier that is started again knows what the logs of earlier runs hold."""
 
 import shutil
-import subprocess
-import sys
 
 import pytest
 from resting_aspects_interfaces.msg import (
@@ -13,9 +11,11 @@ from resting_aspects_interfaces.msg import (
     Status,
 )
 
+from resting_aspects_ros.cli import main
 from resting_aspects_ros.config_files import parts_folder
 from resting_aspects_ros.drops.engine import drop_chunk
 from resting_aspects_ros.drops.plan import plan_run
+from resting_aspects_ros.nodes import pending_request
 from resting_aspects_ros.nodes.convert import part_msg, poses_msg, time_msg
 from resting_aspects_ros.nodes.interface import LATCHED, POSES, RESTING_POSES
 
@@ -33,7 +33,12 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope='module')
 def suite(fresh_suite, folder):
     return fresh_suite(
-        {'drop_simulator': {'part_offers.SCAN_PERIOD': 0.2}}, parts_folder=folder, workers=1
+        {
+            'drop_simulator': {'part_offers.SCAN_PERIOD': 0.2},
+            'aspect_classifier': {'drop_requests.STARTING': 1.0, 'known_parts.QUIET': 1.0},
+        },
+        parts_folder=folder,
+        workers=1,
     )
 
 
@@ -131,33 +136,35 @@ def test_without_a_simulator_what_is_known_is_answered_still(restarted, first):
     restarted.start_again('drop_simulator')
 
 
-def request(namespace, *words):
-    command = [sys.executable, '-m', 'resting_aspects_ros.cli', 'request', 'tetrahedron']
-    return subprocess.run(
-        [*command, *words, '--ros-args', '-r', f'__ns:={namespace}'],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+@pytest.fixture
+def request_of(restarted, capfd, monkeypatch):
+    """Ask by the command; its exit code, and what it printed to both streams."""
+    monkeypatch.setattr(pending_request, 'SIMULATOR_TIMEOUT', 1.0)
+
+    def request_of(*words):
+        ros = ('--ros-args', '-r', f'__ns:={restarted.namespace}')
+        code = main(['request', 'tetrahedron', *words, *ros])
+        return code, *capfd.readouterr()
+
+    return request_of
 
 
-def test_without_a_simulator_a_request_is_answered_from_logs(restarted, first):
+def test_without_a_simulator_a_request_is_answered_from_logs(restarted, first, request_of):
     assert restarted.processes['drop_simulator'].end() == 0
     start_again(restarted, 'aspect_classifier')
     surface = ('--surface', 'rubber_mat')
-    table = request(restarted.namespace, '--drops', '200', *surface)
-    name, words, *_ = (line.rstrip() for line in table.stdout.splitlines())
+    _, table, _ = request_of('--drops', '200', *surface)
+    name, words, *_ = (line.rstrip() for line in table.splitlines())
     assert name == 'tetrahedron'  # of a log; its size is known to the simulator
     assert words == f'300 drops on rubber_mat, seed {SEED}'
-    document = request(restarted.namespace, '--drops', '200', '--json', *surface)
-    assert document.returncode == 0
+    code, _, printed = request_of('--drops', '200', '--json', *surface)
+    assert code == 0
     # On a busy machine it may also say that it waits for the classifier to be found.
-    assert document.stderr.endswith('no drop_simulator offers tetrahedron\n')
-    refused = request(restarted.namespace, '--drops', '301', *surface)
-    assert refused.returncode == 1
-    assert refused.stderr.endswith(
-        f'error: no drop_simulator answers on {restarted.namespace}/drop_part, waited 10 s: '
+    assert printed.endswith('no drop_simulator offers tetrahedron\n')
+    code, _, printed = request_of('--drops', '301', *surface)
+    assert code == 1
+    assert printed.endswith(
+        f'error: no drop_simulator answers on {restarted.namespace}/drop_part, waited 1 s: '
         'start drop_simulator; no distribution of tetrahedron under these conditions over at '
         'least 301 drops is known; known are 300 drops on rubber_mat\n'
     )
