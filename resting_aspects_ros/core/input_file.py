@@ -1,5 +1,6 @@
 """Reading files that people hand in: regular files of a limited size, never a pipe or a device."""
 
+import os
 import stat
 from pathlib import Path
 
@@ -52,6 +53,16 @@ def read_input(
         reason = getattr(cause, 'strerror', None) or one_line(str(cause))
         raise error(f'{label} cannot be read: {reason}') from None
     raise error(f'{label} is too large: expected at most {_size(max_bytes)}')
+
+
+def is_file(path: Path) -> bool:
+    """Path.is_file, but False where that raises: for a link to a name that is too long."""
+    return os.path.isfile(path)  # noqa: PTH113
+
+
+def is_folder(path: Path) -> bool:
+    """Path.is_dir, but False where that raises."""
+    return os.path.isdir(path)  # noqa: PTH112
 
 
 def named(what: str, path: str | Path) -> str:

@@ -14,7 +14,7 @@ from resting_aspects_ros.core.errors import (
     shown,
 )
 from resting_aspects_ros.core.file_names import printable
-from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.core.input_file import is_file, named
 from resting_aspects_ros.core.mesh_file import FORMATS
 from resting_aspects_ros.core.part import DEFAULT_UNIT, MAX_NAME, UNITS, Part, is_valid_name
 from resting_aspects_ros.core.part_loading import load_part
@@ -135,7 +135,7 @@ class PartLibrary:
 
     def _files(self) -> list[Path]:
         try:
-            return sorted(file for file in self.folder.iterdir() if file.is_file())
+            return sorted(filter(is_file, self.folder.iterdir()))
         except OSError:  # problems() tells
             return []
 

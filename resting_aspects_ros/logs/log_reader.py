@@ -7,7 +7,7 @@ from pathlib import Path
 from mcap.records import Channel, Message
 
 from resting_aspects_ros.core.errors import LogError, NoLogError, shown
-from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.core.input_file import is_file, is_folder, named
 from resting_aspects_ros.logs.log_file import LogFile
 from resting_aspects_ros.logs.mcap_file import MAGIC
 from resting_aspects_ros.logs.record_file import ALLOWED
@@ -19,9 +19,9 @@ _BEGINS = MAGIC[:5]
 
 def is_log(path: Path) -> bool:
     """Whether it is meant to be a log: a folder, or an MCAP file by its name or first bytes."""
-    if path.is_dir() or path.suffix == _SUFFIX:
+    if is_folder(path) or path.suffix == _SUFFIX:
         return True
-    if not path.is_file():
+    if not is_file(path):
         return False  # nothing, or a pipe, of which what is read is gone
     try:
         with path.open('rb') as file:
@@ -91,9 +91,9 @@ def one_file(path: Path) -> Path:
 
 def log_files(path: Path) -> list[Path]:
     """Return the MCAP files of a log, by name; NoLogError for a folder without any."""
-    if not path.is_dir():
+    if not is_folder(path):
         return [path]
-    found = sorted(file for file in path.glob(f'*{_SUFFIX}') if file.is_file())
+    found = sorted(filter(is_file, path.glob(f'*{_SUFFIX}')))
     if not found:
         words = f'{named("folder", path)} is no log: no {_SUFFIX} file is in it'
         if logs := len({file.parent for file in path.glob(f'*/*{_SUFFIX}')}):

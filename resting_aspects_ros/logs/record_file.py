@@ -77,9 +77,9 @@ class RecordFile:
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self.texts: dict[str, dict[str, str]] = {}
-        if path.exists() and not path.is_file():
-            raise NoLogError(f'{named("log", path)} is neither a file nor a folder')
         try:
+            if path.exists() and not path.is_file():
+                raise NoLogError(f'{named("log", path)} is neither a file nor a folder')
             self.stream: BinaryIO = path.open('rb')
         except OSError as error:
             words = f'{named("log", path)} cannot be read: {error.strerror}'

@@ -88,6 +88,8 @@ class FileWorker:
 
     def _ready(self) -> Connection:
         """The connection to a process that has started."""
+        if self._process is not None and not self._process.is_alive():
+            self._replace()  # it was killed meanwhile, by no file
         if self._connection is not None:
             return self._connection
         # The process inherits this: Ctrl-C in a terminal reaches it too, and the node ends it.

@@ -13,6 +13,8 @@ from resting_aspects_interfaces.msg import AspectDistribution
 from resting_aspects_ros.core.aspects import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.core.distribution import Distribution, count_poses
 from resting_aspects_ros.core.errors import LogError, RestingAspectsError
+from resting_aspects_ros.core.file_names import printable
+from resting_aspects_ros.core.input_file import is_folder
 from resting_aspects_ros.drops.merge import merge_drops
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.logs.indexed_log import IndexedLog, NoIndexError
@@ -42,7 +44,7 @@ def logs_in(folder: Path) -> list[Path]:
     A folder that does not exist, or cannot be read, holds none.
     """
     try:
-        found = [path for path in folder.iterdir() if _STARTED.search(path.name) and path.is_dir()]
+        found = [p for p in folder.iterdir() if _STARTED.search(p.name) and is_folder(p)]
     except OSError:
         return []  # no log was written yet
 
@@ -159,7 +161,7 @@ class LogLoader:
                 self._known.add(*found)
                 self._used += 1
         except RestingAspectsError as error:
-            self._unused[log.name] = str(error)
+            self._unused[printable(log.name)] = str(error)
 
     def _tell(self, logs: int, left: int, seconds: float) -> None:
         if not logs:

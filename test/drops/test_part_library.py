@@ -40,6 +40,12 @@ def test_new_file_is_registered_at_once(folder):
     assert library.load('clip').name == 'clip'
 
 
+def test_a_link_that_cannot_be_followed_costs_no_other_part(folder):
+    (folder / 'long.stl').symlink_to('x' * 300)
+    (folder / 'loop.stl').symlink_to('loop.stl')
+    assert PartLibrary(folder).names() == ['bush', 'cover', 'pin']
+
+
 def test_unknown_part_lists_those_that_are_registered(folder):
     with pytest.raises(UnknownPartError) as caught:
         PartLibrary(folder).load('covre')

@@ -92,6 +92,14 @@ def test_what_ends_the_process_fails_alone(make_worker, run):
     assert run(worker, operator.add, 2, 3) == 5
 
 
+def test_a_process_that_was_killed_between_two_files_is_replaced(make_worker, run):
+    worker = make_worker()
+    assert run(worker, operator.add, 2, 3) == 5
+    worker._process.kill()
+    worker._process.join()
+    assert run(worker, operator.add, 2, 3) == 5
+
+
 def test_the_node_goes_on_meanwhile(make_worker, node, tmp_path):
     worker, ticks, errors = make_worker(), [], []
     timer = node.create_timer(0.01, lambda: ticks.append(1))

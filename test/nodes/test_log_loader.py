@@ -165,6 +165,7 @@ def test_the_newest_log_of_each_part_comes_first(tmp_path):
     for name in names:
         (tmp_path / name).mkdir()
     (tmp_path / 'file_20200101T000000Z_5').write_bytes(b'')
+    (tmp_path / 'link_20200101T000000Z_6').symlink_to('x' * 300)
     order = [names.index(log.name) for log in logs_in(tmp_path)]
     assert order == [3, 0, 2, 1]
     assert logs_in(tmp_path / 'none') == []
