@@ -194,7 +194,8 @@ def _checked_obj(data: bytes, label: str) -> bytes:
             f'{label} has relative vertex numbers between its vertices, as in '
             f'{_shown(relative)}: only absolute ones are allowed there'
         )
-    # Textures and normals are of no use here, and trimesh needs pillow for them.
+    # trimesh makes a mesh of each material, which takes long, and needs pillow for textures.
+    data = b'\n'.join(re.findall(rb'^[vf] [^\n]*', data, re.MULTILINE))
     return re.sub(rb'(?<=\d)/[-/\d]*', b'', data)
 
 

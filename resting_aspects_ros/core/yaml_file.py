@@ -26,19 +26,26 @@ def read_yaml(
     Raises ``error`` with one line that names the file if it is not a readable regular file of at
     most ``max_bytes``, or not YAML; see parse_yaml.
     """
-    return parse_yaml(read_input(path, max_bytes, what, error), named(what, path), error)
+    data = read_input(path, max_bytes, what, error)
+    return parse_yaml(data, named(what, path), error, max_bytes)
 
 
 def parse_yaml(
-    data: bytes | str, label: str, error: type[RestingAspectsError] = InvalidValueError
+    data: bytes | str,
+    label: str,
+    error: type[RestingAspectsError] = InvalidValueError,
+    max_length: int = MAX_BYTES,
 ) -> Any:
     """Return the document in the text of a YAML file, of plain types; None if it is empty.
 
-    Raises ``error``, in one line that begins with the label, for text that is not YAML, values
+    Raises ``error``, in one line that begins with the label, for text that is too long, which
+    takes minutes to read, or not YAML, values
     that do not fit their tag, nesting that is too deep, and aliases that contain themselves or
     stand for more than MAX_VALUES values.
     """
     try:
+        if len(data) > max_length:
+            raise ValueError(f'it has more than {max_length} characters')
         loader = yaml.SafeLoader(data)
         try:
             node = loader.get_single_node()

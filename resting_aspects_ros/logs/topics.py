@@ -53,8 +53,8 @@ class Qos:
     history: str = 'keep_last'
 
     def __post_init__(self) -> None:
-        if self.depth < 0:
-            raise LogError(f'QoS depth {self.depth} is not allowed: it must be 0 or more')
+        if type(self.depth) is not int or not 0 <= self.depth < 2**31:
+            raise LogError(f'QoS depth {shown(self.depth)} is not allowed: expected one from 0 on')
         _require_one_of('reliability', self.reliability, _RELIABILITIES)
         _require_one_of('durability', self.durability, _DURABILITIES)
         _require_one_of('history', self.history, _HISTORIES)

@@ -9,7 +9,7 @@ from typing import Any
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.core.errors import LogError, one_line
 from resting_aspects_ros.logs.log_reader import check_definition
 from resting_aspects_ros.logs.recording import RecordedTopic, Recording
 from resting_aspects_ros.nodes.interface import (
@@ -36,6 +36,7 @@ _OTHERS = QoSProfile(depth=10)
 
 # A name that ROS allows and that is not hidden, as those that an action is made of are.
 _NAME = re.compile(r'(/[A-Za-z]\w*)+', re.ASCII)
+_LONGEST_NAME = 247  # DDS ends a program that takes a longer one
 _TYPE = re.compile(r'[A-Za-z]\w*/msg/[A-Za-z]\w*', re.ASCII)
 
 
@@ -79,7 +80,7 @@ def replayed_topics(recording: Recording) -> tuple[list[ReplayedTopic], list[str
     for topic in recording.topics.values():
         reason = _reason_against(topic, namespace)
         if reason:
-            skipped.append(f'{topic.name}: {reason}')
+            skipped.append(one_line(f'{topic.name}: {reason}'))
             continue
         check_definition(recording.path, topic.type, topic.type_hash)
         name = topic.name.removeprefix(namespace).removeprefix('/')
@@ -107,7 +108,7 @@ def _types() -> set[str]:
 def _reason_against(topic: RecordedTopic, namespace: str) -> str:
     if not topic.name.startswith(f'{namespace.rstrip("/")}/'):
         return f'not in {namespace}, the namespace of the suite in the log'
-    if not _NAME.fullmatch(topic.name):
+    if not _NAME.fullmatch(topic.name) or len(topic.name) > _LONGEST_NAME:
         return 'hidden, or no name of a topic of ROS'
     if topic.encoding != 'cdr' or not _TYPE.fullmatch(topic.type):
         return f'no messages of ROS 2 ({topic.type or "of no type"}, in {topic.encoding})'

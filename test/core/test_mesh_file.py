@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.core.errors import PartError, RestingAspectsError
+from resting_aspects_ros.core.mesh_file import _checked_obj
 from resting_aspects_ros.core.part_loading import part_from_bytes
 
 CORNERS = [(0, 0, 0), (4, 0, 0), (4, 3, 0), (0, 3, 0), (0, 0, 2), (4, 0, 2), (4, 3, 2), (0, 3, 2)]
@@ -280,3 +281,9 @@ def test_damaged_file_is_a_part_or_an_error_of_the_suite(data):
     assert part.volume > 0
     assert part.hull_radius > 0
     np.testing.assert_allclose(part.principal_axes.T @ part.principal_axes, np.eye(3), atol=1e-12)
+
+
+def test_of_an_obj_trimesh_gets_vertices_and_faces_only():
+    """It makes a mesh of each material: a megabyte of them takes minutes."""
+    data, _ = obj('o a\nv 1 2 3\nusemtl a\nvn 0 0 1\ng b\nf 1/1/1 2 3\nusemtl b\nf 1 2 3\nl 1 2\n')
+    assert _checked_obj(data, 'x') == b'v 1 2 3\nf 1 2 3\nf 1 2 3'

@@ -205,11 +205,13 @@ def test_one_topic_of_two_types_is_refused(tmp_path):
         ('[{', 'is not valid YAML'),
         ('[' * 1000, 'is not valid YAML: it is nested too deeply'),
         ('!!timestamp abc', 'is not valid YAML'),
-        ('x' * 10**6, 'no profiles of rosbag2'),
+        ('[1, ' * 10**6, 'it has more than 65536 characters'),
         ('- depth: 1', 'no profiles of rosbag2'),
         ('just words', 'no profiles of rosbag2'),
         (yaml_text(qos_profiles(Qos(1))).replace(': reliable', ': 1'), 'QoS reliability 1 is not'),
-        (yaml_text(qos_profiles(Qos(1))).replace('depth: 1', 'depth: x'), 'no profiles of rosb'),
+        (yaml_text(qos_profiles(Qos(1))).replace('depth: 1', 'depth: x'), "QoS depth 'x'"),
+        (yaml_text(qos_profiles(Qos(1))).replace('depth: 1', 'depth: 1.5'), 'QoS depth 1.5'),
+        (yaml_text(qos_profiles(Qos(1))).replace('depth: 1', 'depth: 1' + 30 * '0'), 'depth 100'),
     ],
 )
 def test_qos_that_cannot_be_read_is_told_with_its_topic(tmp_path, text, says):

@@ -527,7 +527,7 @@ def test_run_folder_name():
 @pytest.mark.parametrize(
     ('make', 'words'),
     [
-        (lambda: Qos(-1), 'QoS depth -1 is not allowed: it must be 0 or more'),
+        (lambda: Qos(-1), 'QoS depth -1 is not allowed: expected one from 0 on'),
         (lambda: Qos(1, '1'), "QoS reliability '1' is not allowed: it must be reliable or"),
         (lambda: Qos(1, durability='x'), "durability 'x' is not allowed: it must be volatile or"),
         (lambda: Qos(1, history='x'), "history 'x' is not allowed: it must be keep_last or keep"),

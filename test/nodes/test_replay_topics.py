@@ -105,6 +105,7 @@ def test_a_log_without_a_suite_keeps_its_names(recording):
         ('/cell/a b', 'text', 'hidden, or no name of a topic of ROS'),
         ('/cell/1', 'text', 'hidden, or no name of a topic of ROS'),
         ('/cell/a/', 'text', 'hidden, or no name of a topic of ROS'),
+        ('/cell/' + 'a' * 242, 'text', 'hidden, or no name of a topic of ROS'),
         ('/cell/x', 'a/srv/X_Event', 'no messages of ROS 2 (a/srv/X_Event, in cdr)'),
         ('/cell/x', '../msg/X', 'no messages of ROS 2 (../msg/X, in cdr)'),
     ],
@@ -112,6 +113,12 @@ def test_a_log_without_a_suite_keeps_its_names(recording):
 def test_what_cannot_be_replayed_is_left_out_and_told(recording, name, kind, why):
     log = recording(('/cell/resting_poses', 'poses'), (name, kind))
     assert names(log) == ({'/cell/resting_poses': 'resting_poses'}, [f'{name}: {why}'])
+
+
+def test_control_characters_of_a_topic_are_not_told(recording):
+    log = recording(('/cell/resting_poses', 'poses'), ('/cell/\x1b[31m', 'text'))
+    why = 'hidden, or no name of a topic of ROS'
+    assert names(log)[1] == [rf'/cell/\x1b[31m: {why}']
 
 
 def test_a_log_of_nothing_that_can_be_replayed_is_refused(recording):
