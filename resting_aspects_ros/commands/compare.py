@@ -14,7 +14,7 @@ from resting_aspects_ros.commands.given_counts import (
     check_same_part,
     counted_by_class,
 )
-from resting_aspects_ros.commands.quantities import parse_quantity
+from resting_aspects_ros.commands.quantities import parse_share
 from resting_aspects_ros.core.comparison import compare
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.intervals import check_confidence
@@ -61,7 +61,7 @@ def add(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read, compare and show; returns the exit code. Raises RestingAspectsError."""
-    confidence = parse_quantity('--confidence', arguments.confidence, '')
+    confidence = parse_share('--confidence', arguments.confidence)
     check_confidence(confidence)
     a, b = read_counts(arguments.a), read_counts(arguments.b)
     if a.by_class or b.by_class:

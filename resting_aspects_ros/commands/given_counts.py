@@ -75,8 +75,8 @@ def counted_by_class(given: GivenCounts) -> GivenCounts:
             f'{str(given.path)!r} counts by aspect and does not say which of them are alike, '
             'allowed is a log or a JSON document, or a CSV with the column class'
         )
-    numbers, first = np.unique(given.classes, return_index=True)
-    of_class = np.bincount(given.classes, weights=given.tally.counts)[numbers].astype(np.int64)
+    numbers, first, which = np.unique(given.classes, return_index=True, return_inverse=True)
+    of_class = np.bincount(which, weights=given.tally.counts).astype(np.int64)
     return dataclasses.replace(
         given,
         ids=tuple(numbers.tolist()),

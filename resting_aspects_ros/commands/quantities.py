@@ -53,6 +53,6 @@ def parse_integer(text: str) -> int:
     except InvalidOperation:
         raise ValueError(text) from None
     # Not a number, infinite, with a fraction, or of more digits than any option takes.
-    if not number.is_finite() or number.adjusted() > MAX_DIGITS or number % 1:
+    if not number.is_finite() or number.adjusted() > MAX_DIGITS or number != int(number):
         raise ValueError(text)
     return int(number)

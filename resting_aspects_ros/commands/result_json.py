@@ -138,7 +138,7 @@ class RunDocument(CountsDocument):
 def read_document(path: Path, text: str) -> CountsDocument:
     """Return the checked document; raises InvalidValueError, which names file and field."""
     try:
-        document = json.loads(text, parse_constant=_finite, parse_float=_finite)
+        document = json.loads(text, parse_constant=_finite, parse_float=_finite, parse_int=_whole)
     except (ValueError, RecursionError) as error:
         raise InvalidValueError(f'{_file(path)} is not JSON: {one_line(str(error))}') from None
     if not isinstance(document, dict):
@@ -191,6 +191,11 @@ def _finite(text: str) -> float:
     if math.isfinite(number := float(text)):
         return number
     raise ValueError(f'{text} is not a finite number')
+
+
+def _whole(text: str) -> int:
+    _finite(text)  # it may be used as a float
+    return int(text)
 
 
 def _refusal(path: Path, document: Any, error: Any) -> InvalidValueError:

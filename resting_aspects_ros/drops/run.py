@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.drops.conditions import DropConditions
 
 MOST_DROPS = 2_000_000
@@ -69,8 +69,8 @@ def check_run_id(run_id: str) -> None:
     """Raises InvalidValueError if a run cannot have this id; empty stands for a new one."""
     if run_id and not _RUN_ID.fullmatch(run_id):
         raise InvalidValueError(
-            f'run_id is {run_id!r}, allowed are up to {_LONGEST_RUN_ID} letters, digits, "_", "-" '
-            'and ".", a letter or digit first'
+            f'invalid run_id {shown(run_id)}: expected up to {_LONGEST_RUN_ID} letters, digits, '
+            '"_", "-" and ".", a letter or digit first'
         )
 
 

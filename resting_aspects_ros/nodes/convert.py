@@ -16,7 +16,7 @@ from resting_aspects_interfaces.msg import (
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 from std_msgs.msg import Header
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.mesh_file import FORMATS
 from resting_aspects_ros.core.part import Part, is_valid_name
 from resting_aspects_ros.core.part_loading import part_from_bytes
@@ -75,7 +75,9 @@ def run_from(msg: RunDescription) -> Run:
         raise InvalidValueError("run_id is '', allowed is that of a run")
     check_run_id(msg.run_id)
     if not is_valid_name(msg.part):
-        raise InvalidValueError(f'part of run {msg.run_id} is {msg.part!r}, allowed is a name')
+        raise InvalidValueError(
+            f'part of run {msg.run_id} is {shown(msg.part)}, allowed is a name'
+        )
     check_drops(msg.drops)
     check_first_drop(msg.first_drop, msg.drops)
     same = {name: getattr(msg, name) for name in _RUN_FIELDS}
@@ -184,8 +186,8 @@ def check_description(msg: PartDescription, name: str) -> None:
     """Raises InvalidValueError if a description on parts/<name> is of another part."""
     if msg.name != name or msg.format not in FORMATS:
         raise InvalidValueError(
-            f'part {name!r} is described as {msg.name!r} in the format {msg.format!r}, allowed is '
-            f'its own name, and {", ".join(FORMATS)}'
+            f'part {name!r} is described as {shown(msg.name)} in the format {shown(msg.format)}, '
+            f'allowed is its own name, and {", ".join(FORMATS)}'
         )
 
 

@@ -13,6 +13,7 @@ from resting_aspects_ros.core.errors import (
     PartError,
     RestingAspectsError,
     UnknownPartError,
+    shown,
 )
 from resting_aspects_ros.core.estimators.estimate import METHODS
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError
@@ -86,7 +87,7 @@ def asked_estimator(method: str) -> str | None:
         return None
     if method not in METHODS:
         raise InvalidValueError(
-            f'method {method!r} is not known, allowed are {METHOD}, {", ".join(METHODS)}'
+            f'method {shown(method)} is not known, allowed are {METHOD}, {", ".join(METHODS)}'
         )
     return method
 

@@ -190,7 +190,7 @@ def test_number_of_drops_in_any_notation(run, text):
     assert json.loads(ended.stdout)['drops'] == 10, ended.stderr
 
 
-@pytest.mark.parametrize('text', ['1.5', '1e-1', 'many', 'nan', 'inf', '1e999999999', ''])
+@pytest.mark.parametrize('text', ['1.5', '1e-1', 'many', 'inf', '1e999999999', '1e-999999999', ''])
 def test_number_that_is_not_an_integer_is_refused(refused, text):
     assert 'is not an integer, such as 1000 or 1e4' in refused(
         'drop', 'tetrahedron', '--drops', text

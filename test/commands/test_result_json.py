@@ -145,6 +145,7 @@ def test_what_is_wrong_in_a_document(original, refusal, place, value, said):
         ('{"drops": NaN}', 'f.json is not JSON: NaN is not a finite number'),
         ('{"drops": 1e999}', 'f.json is not JSON: 1e999 is not a finite number'),
         (f'{{"drops": {"9" * 5000}}}', 'f.json is not JSON: '),
+        (f'{{"aspects": [{10**400}]}}', 'f.json is not JSON: 1000000'),
         ('[]', 'invalid document [] in f.json: expected a JSON object'),
         ('{}', 'f.json has no schema_version'),
         ('{"runs": []}', 'f.json is of several runs, by merge: expected'),

@@ -160,8 +160,9 @@ def test_poses_in_which_nothing_can_rest_are_refused(field, value, words):
     [
         ('run_id', ''),
         ('run_id', '../../tmp/evil'),
-        ('run_id', 'a' * 300),
+        ('run_id', 'a' * 100_000),
         ('part', '../../etc/x'),
+        ('part', 'a' * 100_000),
         ('drops', 0),
         ('first_drop', MOST_SEED),
     ],
@@ -169,16 +170,17 @@ def test_poses_in_which_nothing_can_rest_are_refused(field, value, words):
 def test_a_description_of_no_run_is_refused(field, value):
     message = convert.run_msg(RUN)
     setattr(message, field, value)
-    with pytest.raises(InvalidValueError, match=r'.* is .*, allowed (is|are) '):
+    with pytest.raises(InvalidValueError, match=r'.*(, allowed is |: expected )') as caught:
         convert.run_from(message)
+    assert len(str(caught.value)) < 300
 
 
-@pytest.mark.parametrize(('field', 'value'), [('name', '../z'), ('format', '../z')])
+@pytest.mark.parametrize(('field', 'value'), [('name', 'z' * 100_000), ('format', '../z')])
 def test_a_description_of_another_part_than_its_topic_s_is_refused(part, field, value):
     message = convert.part_msg(part('tetrahedron'))
     convert.check_description(message, 'tetrahedron')
     setattr(message, field, value)
-    with pytest.raises(InvalidValueError, match="part 'tetrahedron' is described as"):
+    with pytest.raises(InvalidValueError, match=r"^part 'tetrahedron' is described as .{,200}$"):
         convert.check_description(message, 'tetrahedron')
 
 

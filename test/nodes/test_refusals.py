@@ -142,7 +142,7 @@ def test_drops_of_another_run_do_not_pass_for_those_of_a_run(suite):
 def test_a_run_id_that_is_no_name(suite, run_id):
     refused = suite.client.drop(drops=5, run_id=run_id).result
     assert refused.status.code == Status.INVALID
-    assert f'run_id is {run_id!r}, allowed are up to 64 letters' in refused.status.message
+    assert f'invalid run_id {run_id!r}: expected up to 64 letters' in refused.status.message
 
 
 def test_one_goal_too_many_is_told_that_the_simulator_is_busy(suite, diagnostics_of):
