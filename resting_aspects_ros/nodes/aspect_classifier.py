@@ -116,8 +116,7 @@ class AspectClassifier(Node):
     def _load(self) -> None:
         """Read the logs of earlier runs."""
         self.destroy_timer(self._start)
-        load = guarded_task(self, 'earlier runs are not used', self._logs.load)
-        self._execute(load, self._announce)
+        self._execute(self._logs.load, self._announce)
 
     def _announce(self) -> None:
         """All logs have been read."""

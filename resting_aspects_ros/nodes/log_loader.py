@@ -21,6 +21,7 @@ from resting_aspects_ros.logs.indexed_log import IndexedLog, NoIndexError
 from resting_aspects_ros.logs.log_reader import is_being_written, messages
 from resting_aspects_ros.logs.outcome import Outcome
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE
+from resting_aspects_ros.nodes.callbacks import guarded_task
 from resting_aspects_ros.nodes.convert import run_from, serialized_part, serialized_poses
 from resting_aspects_ros.nodes.distribution_messages import distribution_from
 from resting_aspects_ros.nodes.file_worker import FileWorker
@@ -130,11 +131,9 @@ class LogLoader:
 
     async def load(self, done: Callable[[], None]) -> None:
         """Read them; what cannot be read costs no other log. ``done`` is called at the end."""
-        try:
-            await self._load()
-        finally:
-            self.ready = True
-            done()
+        await guarded_task(self._node, 'earlier runs are not used', self._load)()
+        self.ready = True
+        done()
 
     async def _load(self) -> None:
         if self._folder is None:

@@ -229,3 +229,4 @@ def test_until_the_logs_are_read_nothing_is_answered(start, connect, namespace, 
     assert isinstance(answer.exception(), AnswerTimeoutError)
     assert 'ready' not in classifier.said
     assert classifier.end() == 0
+    assert 'ERROR' not in classifier.said
