@@ -651,8 +651,8 @@ def traceback():
 def batches(part, surfaces):
     """Make the batches of a run of the tetrahedron, as CDR: each has the first drops again."""
 
-    def batches(count, run_id='recorded'):
-        job, run = plan_run(
+    def plan(count, run_id):
+        return plan_run(
             part('tetrahedron'),
             surfaces.get(),
             seed=1,
@@ -660,9 +660,13 @@ def batches(part, surfaces):
             run_id=run_id,
             started=10**18,
         )
-        firsts = range(0, LEAST_BATCH, CHUNK)
-        poses = Poses.join([drop_chunk(job, first, first + CHUNK) for first in firsts])
-        batch = poses_msg(poses, run, time_msg(7), last=False)
+
+    job, _ = plan(1, '')
+    firsts = range(0, LEAST_BATCH, CHUNK)
+    poses = Poses.join([drop_chunk(job, first, first + CHUNK) for first in firsts])
+
+    def batches(count, run_id='recorded'):
+        batch = poses_msg(poses, plan(count, run_id)[1], time_msg(7), last=False)
         for k in range(count):
             batch.first_drop = k * LEAST_BATCH
             batch.last = k == count - 1

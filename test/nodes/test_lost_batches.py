@@ -26,6 +26,7 @@ from resting_aspects_ros.nodes.presence import announce
 
 DROPS = 40
 QUICK = {'run_tracker.CHECK_PERIOD': 0.2, 'run_tracker.GRACE': 0.5, 'open_log.END_TIMEOUT': 2.0}
+QUIET = {'known_parts.QUIET': 1.0}
 
 
 class FakeSimulator:
@@ -37,6 +38,7 @@ class FakeSimulator:
 
     def __init__(self, client, part, conditions):
         node, self._tetrahedron, self.conditions = client.node, part, conditions
+        self._aspects = find_aspects(part)
         self._out = node.create_publisher(RestingPoses, 'resting_poses', POSES)
         self._part = node.create_publisher(PartDescription, 'parts/tetrahedron', LATCHED)
         self._part.publish(part_msg(part))
@@ -64,7 +66,7 @@ class FakeSimulator:
             self._tetrahedron, self.conditions, seed=seed, drops=DROPS, run_id='', started=10**18
         )
         self._poses = drop_chunk(job, 0, DROPS)
-        counted = count_poses(find_aspects(self._tetrahedron), self._poses)
+        counted = count_poses(self._aspects, self._poses)
         self.counts = counted.counts.tolist()
 
     def run_id(self, name):
@@ -117,7 +119,7 @@ def simulator(fake, seeds=itertools.count(1)):  # noqa: B008 - one for all tests
 
 @pytest.fixture(scope='module')
 def classifier(start, namespace):
-    return start('aspect_classifier', namespace, constants=QUICK)
+    return start('aspect_classifier', namespace, constants=QUICK | QUIET)
 
 
 @pytest.fixture
@@ -241,7 +243,7 @@ def test_the_first_drops_of_a_run_whose_simulator_died_are_known(
     assert recorder.end() == 0
     assert simulator.asked == []
     again = f'{namespace}_again_{restarted}'
-    start('aspect_classifier', again, {'log_folder': tmp_path})
+    start('aspect_classifier', again, {'log_folder': tmp_path}, QUIET)
     other = connect(again)
     after = other.wait(lambda: found(client=other), 'first drops')
     assert not found(26, other)

@@ -23,7 +23,7 @@ def suite(fresh_suite, tmp_path_factory):
     shutil.copy(parts_folder() / 'tetrahedron.stl', folder)
     whole = (folder / 'tetrahedron.stl').read_bytes()
     (folder / 'cut_short.stl').write_bytes(whole[:-20])
-    return fresh_suite(parts_folder=folder)
+    return fresh_suite({'aspect_classifier': {'known_parts.QUIET': 1.0}}, parts_folder=folder)
 
 
 @pytest.fixture(params=['get_distribution', 'drop_part'])
