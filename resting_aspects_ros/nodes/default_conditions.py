@@ -6,12 +6,11 @@ from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
 
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.drops.surfaces import DEFAULT_SURFACE, Surfaces
-from resting_aspects_ros.nodes.callbacks import advertise, subscribe
+from resting_aspects_ros.nodes.callbacks import advertise, subscribe, wait_for
 from resting_aspects_ros.nodes.convert import conditions_from, conditions_msg
 from resting_aspects_ros.nodes.interface import DEFAULT_CONDITIONS, LATCHED
 from resting_aspects_ros.nodes.parameters import Parameter, on_change
 from resting_aspects_ros.nodes.requests import NotAvailableError
-from resting_aspects_ros.nodes.waiting import wait_for
 
 SURFACE = Parameter(
     'surface',

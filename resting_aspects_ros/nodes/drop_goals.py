@@ -13,8 +13,8 @@ from rclpy.task import Future
 from resting_aspects_interfaces.action import DropPart
 from unique_identifier_msgs.msg import UUID
 
+from resting_aspects_ros.nodes.callbacks import wait_for
 from resting_aspects_ros.nodes.requests import CanceledError, NotAvailableError
-from resting_aspects_ros.nodes.waiting import wait_for
 
 # A simulator accepts a goal within this, s; else the goal is sent again, so often: a simulator can
 # be discovered before it has discovered the client, and then its answer is lost.

@@ -24,8 +24,7 @@ from resting_aspects_ros.nodes.interface import (
     RESTING_POSES,
 )
 from resting_aspects_ros.nodes.log_folder import FolderLock, absolute_folder, check_log_folder
-from resting_aspects_ros.nodes.log_reports import LogReports
-from resting_aspects_ros.nodes.open_log import OpenLog
+from resting_aspects_ros.nodes.open_log import LogReports, OpenLog
 from resting_aspects_ros.nodes.parameters import Parameter, declare, on_change
 from resting_aspects_ros.nodes.presence import Alone
 from resting_aspects_ros.nodes.run_health import RunHealth

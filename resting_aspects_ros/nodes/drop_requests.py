@@ -11,11 +11,11 @@ from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.nodes.callbacks import sleep_for, wait_for
 from resting_aspects_ros.nodes.drop_goals import drop_result
 from resting_aspects_ros.nodes.interface import ACTION_SERVICES, DROP_PART
 from resting_aspects_ros.nodes.presence import Living
 from resting_aspects_ros.nodes.requests import NotAvailableError, status_error
-from resting_aspects_ros.nodes.waiting import sleep_for, wait_for
 
 if TYPE_CHECKING:
     from resting_aspects_ros.nodes.run_accounts import RunAccount

@@ -29,7 +29,6 @@ from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.run import RunDescription, check_run_id
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.drops.worker_pool import MAX_WORKERS, default_workers
-from resting_aspects_ros.nodes.batches import Batches
 from resting_aspects_ros.nodes.callbacks import advertise
 from resting_aspects_ros.nodes.convert import poses_msg, status
 from resting_aspects_ros.nodes.default_conditions import SURFACE, OfferedDefault
@@ -56,7 +55,7 @@ from resting_aspects_ros.nodes.shared_drops import GoalDrops, SharedDrops, Simul
 from resting_aspects_ros.nodes.spin import run_node
 from resting_aspects_ros.nodes.words import counted, listed, of_run, run_values
 from resting_aspects_ros.nodes.words import under_way as runs_text
-from resting_aspects_ros.nodes.workers import Workers
+from resting_aspects_ros.nodes.workers import Batches, Workers
 
 PARAMETERS = (
     Parameter('parts_folder', '', 'folder of meshes that can be asked for; empty: the examples'),

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from rclpy.node import Node
 
 from resting_aspects_ros.core.errors import RestingAspectsError
-from resting_aspects_ros.nodes.waiting import result_of
+from resting_aspects_ros.nodes.callbacks import result_of
 
 T = TypeVar('T')
 

@@ -11,10 +11,10 @@ from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.errors import PartError, RestingAspectsError
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.nodes.callbacks import sleep_for
 from resting_aspects_ros.nodes.convert import check_description, part_from
 from resting_aspects_ros.nodes.file_worker import FileWorker
 from resting_aspects_ros.nodes.requests import unknown_part
-from resting_aspects_ros.nodes.waiting import sleep_for
 
 # A simulator's parts come in one after another; after so long without a new one all are there, s.
 QUIET = 5.0

@@ -1,4 +1,4 @@
-"""One log that the recorder is writing."""
+"""One log that the recorder is writing, and what the recorder reports of its logs."""
 
 import dataclasses
 import time
@@ -6,6 +6,7 @@ from contextlib import suppress
 from datetime import datetime, timezone
 from pathlib import Path
 
+from rclpy.node import Node
 from resting_aspects_interfaces.msg import PartDescription, RecordedRun
 
 from resting_aspects_ros.core.errors import LogError
@@ -13,7 +14,10 @@ from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.logs.outcome import OUTCOME, Outcome, recorded_outcome
 from resting_aspects_ros.logs.run_log import RunLog, run_folder_name
 from resting_aspects_ros.logs.topics import Topic
+from resting_aspects_ros.nodes.callbacks import advertise
 from resting_aspects_ros.nodes.convert import NANOSECONDS
+from resting_aspects_ros.nodes.interface import ALL_LATCHED, RECORDED_RUNS
+from resting_aspects_ros.nodes.words import of_run
 
 # When a run is over, its part and its last distribution have so long to arrive, s.
 END_TIMEOUT = 10.0
@@ -159,6 +163,49 @@ class OpenLog:
         if self._log is not None:
             with suppress(LogError):
                 self._log.close()
+
+
+class LogReports:
+    """Publishes recorded_runs.
+
+    error : what went wrong last, in words, until a log is whole again; else empty
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._logger = node.get_logger()
+        self._recorded = advertise(node, RecordedRun, RECORDED_RUNS, ALL_LATCHED)
+        self.error = ''
+
+    def begun(self, log: OpenLog) -> None:
+        """A log is begun, or found to be there already."""
+        self.written(log, always=True)
+        if log.earlier is not None:
+            run = log.run
+            self._logger.info(f'run {run.run_id} of {run.part} is in {log.earlier} already')
+
+    def written(self, log: OpenLog, *, always: bool = False) -> None:
+        """Tell how far the log is, at its turning points; and once what went wrong."""
+        self._logger.debug(f'{log.drops} drops are in {log.folder}')
+        new_error = bool(log.error) and not log.reported
+        if new_error:
+            log.reported = True
+            self.error = log.problem()
+            self._logger.error(self.error)
+        elif log.closed_whole:
+            self.error = ''  # it works again
+        if new_error or always:
+            self._recorded.publish(log.message())
+
+    def closed(self, log: OpenLog, folder: Path | None) -> None:
+        """A log is closed; folder : None if that went wrong, or there was none to close."""
+        self.written(log, always=True)
+        if folder is None:
+            return
+        words = f'is in {folder}'
+        if not log.closed_whole:
+            what = 'is not whole' if log.run_over else 'was broken off'
+            words = f'{what}: {of_run(log.run, log.drops)} are in {folder}, which is closed'
+        self._logger.info(f'run {log.run.run_id} of {log.run.part} {words}')
 
 
 def _earlier_logs(folder: Path, name: str) -> list[Path]:

@@ -12,12 +12,11 @@ from resting_aspects_interfaces.msg import PartDescription
 from resting_aspects_ros.core.errors import PartError, RestingAspectsError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.part_library import PartLibrary, Stamp
-from resting_aspects_ros.nodes.callbacks import advertise, guarded_task, steady_timer
+from resting_aspects_ros.nodes.callbacks import advertise, guarded_task, steady_timer, wait_for
 from resting_aspects_ros.nodes.convert import part_msg
 from resting_aspects_ros.nodes.file_worker import FileLimitError, FileWorker
 from resting_aspects_ros.nodes.interface import LATCHED, PARTS
 from resting_aspects_ros.nodes.requests import NotAvailableError
-from resting_aspects_ros.nodes.waiting import wait_for
 
 # How often the folder is looked at for parts that are new, changed or gone, s.
 SCAN_PERIOD = 2.0

@@ -12,7 +12,7 @@ from rclpy.task import Future
 from resting_aspects_interfaces.action import DropPart
 
 from resting_aspects_ros.core.errors import RestingAspectsError
-from resting_aspects_ros.nodes.callbacks import steady_timer
+from resting_aspects_ros.nodes.callbacks import sleep_for, steady_timer, wait_for
 from resting_aspects_ros.nodes.drop_goals import drop_result
 from resting_aspects_ros.nodes.interface import (
     ASPECT_CLASSIFIER,
@@ -21,7 +21,6 @@ from resting_aspects_ros.nodes.interface import (
     PRESENCE,
 )
 from resting_aspects_ros.nodes.requests import CanceledError, NotAvailableError
-from resting_aspects_ros.nodes.waiting import sleep_for, wait_for
 
 # A suite that is just starting needs a few seconds to be ready, s.
 SERVICE_TIMEOUT = 20.0

@@ -13,8 +13,8 @@ from resting_aspects_interfaces.action import DropPart
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.drops.run import RunDescription
+from resting_aspects_ros.nodes.callbacks import wait_for
 from resting_aspects_ros.nodes.requests import CanceledError, NotAvailableError
-from resting_aspects_ros.nodes.waiting import wait_for
 
 # How often a goal looks whether it was canceled while others want the same drops, s.
 CANCEL_PERIOD = 0.5
