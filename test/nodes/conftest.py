@@ -121,7 +121,8 @@ class ForkedNode:
 
     def send_signal(self, number):
         if self.poll() is None:
-            os.kill(self.pid, number)
+            with suppress(ProcessLookupError):  # it ends just now
+                os.kill(self.pid, number)
 
     def wait(self, seconds=None):
         self._process.join(seconds)
@@ -161,7 +162,7 @@ class Process:
         """As a terminal does on Ctrl-C."""
         os.killpg(self.pid, number)
 
-    def end(self, number=signal.SIGINT, seconds=20):
+    def end(self, number=signal.SIGINT, seconds=DEADLINE):
         """Ask it to end; its exit code."""
         if self.running:
             self.send(number)

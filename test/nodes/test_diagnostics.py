@@ -147,6 +147,7 @@ def test_drops_that_are_not_recorded_are_not_counted_as_such(suite, told, tmp_pa
     recorded = suite.client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
     recorder = parameters_of(suite.client, 'drop_recorder')
     assert recorder.set(log_folder=str(tmp_path / 'disk')) == []
+    (tmp_path / 'disk').rmdir()
     (tmp_path / 'disk').write_bytes(b'')  # no folder can be made there any more
     run_id = suite.client.drop('tetrahedron', 300, seed=6).result.run_id
 

@@ -96,7 +96,6 @@ def test_a_simulator_that_is_killed_is_missed(suite, told, begin):
     ('node', 'level', 'words'),
     [
         ('drop_simulator', DiagnosticStatus.ERROR, 'use another namespace or ROS_DOMAIN_ID'),
-        ('aspect_classifier', DiagnosticStatus.ERROR, 'use another namespace or ROS_DOMAIN_ID'),
         ('drop_recorder', DiagnosticStatus.WARN, 'each writes a log of every run'),
     ],
 )

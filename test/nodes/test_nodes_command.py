@@ -3,12 +3,12 @@
 import json
 import re
 import signal
-import subprocess
 import sys
 
 import pytest
 from resting_aspects_interfaces.msg import RecordedRun
 
+from resting_aspects_ros.cli import main
 from resting_aspects_ros.drops.release import CHUNK
 from resting_aspects_ros.nodes.interface import ALL_LATCHED, RECORDED_RUNS
 
@@ -26,19 +26,12 @@ def nodes(run_command, wait, namespace, tmp_path):
 
 
 @pytest.fixture
-def request_json(namespace):
+def request_json(namespace, capfd):
     """Run `resting_aspects request ... --json` and give the document."""
 
     def request_json(*words):
-        done = subprocess.run(
-            [*COMMAND, 'request', *words, '--json', '--ros-args', '-r', f'__ns:={namespace}'],
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
-        return json.loads(done.stdout)
+        assert main(['request', *words, '--json', '--ros-args', '-r', f'__ns:={namespace}']) == 0
+        return json.loads(capfd.readouterr().out)
 
     return request_json
 
@@ -47,11 +40,41 @@ def assert_ended_in_order(process, code, wait, traceback):
     assert code == 0
     assert not traceback(process.said), process.said
     assert 'rror' not in process.said
-    wait(lambda: process.group() == [], 'end of all its processes', seconds=5)
+    wait(lambda: process.group() == [], 'end of all its processes')
+
+
+@pytest.fixture
+def end_during_a_run(nodes, connect, namespace, wait, traceback):
+    """End the nodes while they drop, and hold what they say and leave to what it should be."""
+
+    def end_during_a_run(end):
+        client = connect(namespace)
+        begun = client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
+        # From the last drop of a chunk on: feedback comes after one drop.
+        drop = client.dropping('tetrahedron', 100_000, first_drop=CHUNK - 1)
+
+        def log():
+            logged = {each.run_id: each.log for each in begun}
+            runs = [batch.run.run_id for batch in heard if batch.run.drops == 100_000]
+            return next(((run_id, logged[run_id]) for run_id in runs if run_id in logged), None)
+
+        heard = client.poses()
+        client.wait(lambda: drop.feedback and log(), 'first feedback, and a log')
+        assert not drop.done
+        assert len(nodes.group()) > 1  # it has workers
+        assert_ended_in_order(nodes, end(), wait, traceback)
+        run_id, folder = log()
+        words = (
+            rf'run {run_id} of tetrahedron was broken off: \d+ of 100000 drops are in '
+            rf'{folder}, which is closed'
+        )
+        assert re.search(words, nodes.said)
+
+    return end_during_a_run
 
 
 def test_a_request_is_answered_with_one_document_and_ctrl_c_ends_all(
-    nodes, request_json, wait, traceback, tmp_path
+    nodes, request_json, wait, tmp_path, end_during_a_run
 ):
     document = request_json('tetrahedron', '--drops', '30', '--seed', '3')
     assert (document['part'], document['drops'], document['seed']) == ('tetrahedron', 30, 3)
@@ -59,38 +82,24 @@ def test_a_request_is_answered_with_one_document_and_ctrl_c_ends_all(
     assert counted + sum(document[k] for k in ('unclassified', 'unsettled', 'failed')) == 30
     assert request_json('tetrahedron', '--drops', '30', '--only-known') == document
     wait(lambda: list(tmp_path.glob('logs/tetrahedron_*/metadata.yaml')), 'log')
-    assert len(nodes.group()) > 1  # it has workers
-    assert_ended_in_order(nodes, nodes.end(signal.SIGINT), wait, traceback)
+
+    def ctrl_c():
+        nodes.send_to_group(signal.SIGINT)  # a terminal sends it to the workers, too
+        return nodes.end(0)
+
+    end_during_a_run(ctrl_c)
 
 
 @pytest.mark.parametrize(
-    'way',
+    'number',
     [
-        'SIGTERM',
-        'Ctrl-C',
-        *(pytest.param(way, marks=pytest.mark.slow) for way in ('SIGINT', 'SIGHUP')),
+        signal.SIGTERM,
+        pytest.param(signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param(signal.SIGHUP, marks=pytest.mark.slow),
     ],
 )
-def test_it_ends_in_order_while_drops_are_under_way(
-    nodes, connect, namespace, wait, traceback, way
-):
-    client = connect(namespace)
-    begun = client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
-    # From the last drop of a chunk on: feedback comes after one drop.
-    drop = client.dropping('tetrahedron', 100_000, first_drop=CHUNK - 1)
-    client.wait(lambda: drop.feedback and begun, 'first feedback, and a log')
-    assert not drop.done
-    if way == 'Ctrl-C':  # a terminal sends it to the workers, too
-        nodes.send_to_group(signal.SIGINT)
-        code = nodes.end(0)
-    else:
-        code = nodes.end(getattr(signal, way))
-    assert_ended_in_order(nodes, code, wait, traceback)
-    words = (
-        rf'run {begun[0].run_id} of tetrahedron was broken off: \d+ of 100000 drops are in '
-        rf'{begun[0].log}, which is closed'
-    )
-    assert re.search(words, nodes.said)
+def test_it_ends_in_order_while_drops_are_under_way(nodes, end_during_a_run, number):
+    end_during_a_run(lambda: nodes.end(number))
 
 
 def test_workers_do_not_outlive_a_simulator_that_is_killed(start, connect, namespace, wait):
@@ -98,7 +107,7 @@ def test_workers_do_not_outlive_a_simulator_that_is_killed(start, connect, names
     connect(namespace).drop('tetrahedron', 1)
     assert len(simulator.group()) > 1
     simulator.end(signal.SIGKILL)
-    wait(lambda: simulator.group() == [], 'end of its workers', seconds=10)
+    wait(lambda: simulator.group() == [], 'end of its workers')
 
 
 def test_nodes_that_wait_use_next_to_no_processor_time(suite):
