@@ -91,7 +91,15 @@ def make_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
     for command, text in COMMANDS.items():
         if command == requested:
             _check_memory()
-            import_module(f'resting_aspects_ros.commands.{command}').add(subparsers)
+            module = import_module(f'resting_aspects_ros.commands.{command}')
+            subparser = subparsers.add_parser(
+                command,
+                description=module.DESCRIPTION,
+                epilog=module.EXAMPLES,
+                formatter_class=argparse.RawDescriptionHelpFormatter,
+            )
+            module.add_arguments(subparser)
+            subparser.set_defaults(run=module.run)
         else:
             subparsers.add_parser(command, help=text)
     return parser

@@ -1,8 +1,7 @@
 """Signals that ask a program to end: Ctrl-C, a service manager, a terminal that closes."""
 
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
+from types import TracebackType
 from typing import Any
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -17,12 +16,34 @@ def catch(handler: Any) -> dict[signal.Signals, Any]:
     return before
 
 
-@contextmanager
-def handled_by(handler: Any) -> Iterator[None]:
-    """Install a handler for the duration of the block."""
-    before = catch(handler)
-    try:
-        yield
-    finally:
-        for number, old in before.items():
-            signal.signal(number, old)
+class Interruption:
+    """Deferred interruption: signals are noted during `with`, and checked at safe points.
+
+    Once the work ends because of a signal, further ones are ignored: a second Ctrl-C must not
+    spoil what is being saved.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._before: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> 'Interruption':  # noqa: PYI034 - Self is newer than Python 3.10
+        self._before = catch(self._note)
+        return self
+
+    def check(self) -> None:
+        """Raise KeyboardInterrupt if a signal came."""
+        if self.asked:
+            raise KeyboardInterrupt
+
+    def _note(self, *_: object) -> None:
+        self.asked = True
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, signal.SIG_IGN if self.asked else handler)

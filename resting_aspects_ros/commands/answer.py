@@ -9,8 +9,8 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from resting_aspects_ros.commands.convergence import Convergence
+from resting_aspects_ros.commands.formatting import surface_text
 from resting_aspects_ros.commands.outputs import whole_file
-from resting_aspects_ros.commands.surface_text import surface_text
 from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.history import Counts
 from resting_aspects_ros.core.part import Part

@@ -2,46 +2,34 @@
 
 import argparse
 import sys
-from typing import Any
 
-from resting_aspects_ros.commands.options import add_each, add_part
+from resting_aspects_ros.commands.answer import make_console, show_table
+from resting_aspects_ros.commands.given_part import part_of
+from resting_aspects_ros.commands.options import add_output, add_part
+from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.report.aspect_table import aspect_table, symmetry_text
+from resting_aspects_ros.report.document import aspects_document, to_json
+from resting_aspects_ros.report.rounding import size_text
 
+DESCRIPTION = """Show in which aspects a part can rest, which of them look alike because a
+rotation maps the part onto itself, from which share of all directions it
+rolls into each if it is let go without speed (basin), and by how much its
+centre of mass must rise to leave it (barrier)."""
 EXAMPLES = """examples:
   resting_aspects aspects hex_nut
   resting_aspects aspects my_part.stl --unit mm --json
 """
 
 
-def add(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'aspects',
-        description='Show in which aspects a part can rest, which of them look alike because a\n'
-        'rotation maps the part onto itself, from which share of all directions it\n'
-        'rolls into each if it is let go without speed (basin), and by how much its\n'
-        'centre of mass must rise to leave it (barrier).',
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_part(parser)
-    add_each(parser)
-    parser.add_argument('--json', action='store_true', help='print one JSON document instead')
-    parser.set_defaults(run=run)
+    add_output(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Do it; raises RestingAspectsError for wrong input."""
-    # What takes a while to import, which --help does not need.
-    from resting_aspects_ros.commands.answer import make_console, show_table
-    from resting_aspects_ros.commands.given_part import given_part
-    from resting_aspects_ros.core.aspects import find_aspects
-    from resting_aspects_ros.report.aspect_table import aspect_table, symmetry_text
-    from resting_aspects_ros.report.document import aspects_document, to_json
-    from resting_aspects_ros.report.rounding import size_text
-
-    part = given_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
-    for warning in part.warnings:
-        print(f'warning: {warning}', file=sys.stderr)
+    part = part_of(arguments)
     aspects = find_aspects(part)
     if arguments.json:
         sys.stdout.write(to_json(aspects_document(part, aspects)))

@@ -3,15 +3,14 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from resting_aspects_ros.commands.answer import make_console, show_table
-from resting_aspects_ros.commands.given_part import given_part
-from resting_aspects_ros.commands.options import add_part_place
+from resting_aspects_ros.commands.formatting import warn
+from resting_aspects_ros.commands.given_part import part_of
+from resting_aspects_ros.commands.options import add_output, add_part_place, parse_quantity
 from resting_aspects_ros.commands.poses_file import PosesFile, read_poses_file
-from resting_aspects_ros.commands.quantities import parse_quantity
 from resting_aspects_ros.core.agreement import compare, find_differences
 from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects import find_aspects
@@ -38,6 +37,10 @@ from resting_aspects_ros.report.document import to_json
 AT_LEAST, AT_LEAST_WITH_PART = 2, 1
 INVERSE = np.array([-1.0, -1.0, -1.0, 1.0])
 
+DESCRIPTION = """Sort resting poses by their orientations alone: two are the same if they
+differ by a turn about the vertical. With --part also by the aspects that
+follow from its shape; then poses on which the two differ are listed. They
+agree on a pose that is in an aspect and in the cluster that goes with it."""
 EXAMPLES = """examples:
   resting_aspects classify poses.csv
   resting_aspects classify poses.csv --part l_bracket
@@ -45,17 +48,8 @@ EXAMPLES = """examples:
 """
 
 
-def add(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'classify',
-        description='Sort resting poses by their orientations alone: two are the same if they\n'
-        'differ by a turn about the vertical. With --part also by the aspects that\n'
-        'follow from its shape; then poses on which the two differ are listed. They\n'
-        'agree on a pose that is in an aspect and in the cluster that goes with it.',
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument(
         'poses',
         metavar='POSES.csv',
@@ -72,8 +66,7 @@ def add(subparsers: Any) -> None:
         help='poses whose down directions are at most this apart are the same, and so on '
         'from each to the next (5): 1 to 30 degrees',
     )
-    parser.add_argument('--json', action='store_true', help='print one JSON document instead')
-    parser.set_defaults(run=run)
+    add_output(parser, each=False)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -95,10 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _part(arguments: argparse.Namespace) -> Part | None:
     if arguments.part is not None:
-        part = given_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
-        for warning in part.warnings:
-            print(f'warning: {warning}', file=sys.stderr)
-        return part
+        return part_of(arguments)
     for name in ('unit', 'body', 'parts'):
         if (value := getattr(arguments, name)) is not None:
             raise InvalidValueError(f'--{name} is {shown(str(value))}, allowed only with --part')
@@ -167,10 +157,9 @@ def _warn_of_another_part(
         if np.count_nonzero(inverse) > settled / 2
         else 'is this the pose file of another part, or in another unit or frame?'
     )
-    print(
-        f'warning: {unclassified} of {settled} settled poses in {str(path)!r} are in no aspect '
-        f'of {part.name!r}: {hint}',
-        file=sys.stderr,
+    warn(
+        f'{unclassified} of {settled} settled poses in {str(path)!r} are in no aspect of '
+        f'{part.name!r}: {hint}'
     )
 
 

@@ -3,18 +3,18 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from resting_aspects_ros.commands.answer import make_console, show_table
 from resting_aspects_ros.commands.counts_files import read_counts
+from resting_aspects_ros.commands.formatting import warn
 from resting_aspects_ros.commands.given_counts import (
     GivenCounts,
     check_same_part,
     counted_by_class,
 )
-from resting_aspects_ros.commands.quantities import parse_share
+from resting_aspects_ros.commands.options import add_output, parse_share
 from resting_aspects_ros.core.comparison import compare
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.intervals import check_confidence
@@ -26,6 +26,13 @@ from resting_aspects_ros.report.document import to_json
 # Of the tables that are drawn: the same question has the same answer.
 SEED = 1
 
+DESCRIPTION = """How far two distributions over the same aspects are apart, and whether
+chance explains it. Each of A and B is a log (the folder of a run, or its
+.mcap file), a JSON document of drop or request, or a CSV of counts: a line
+of names with aspect and count among them, then a line for each aspect, also
+with count 0, and if there are for unclassified, unsettled and failed drops;
+with class instead of aspect, a line for each class of aspects that look alike.
+Shares are of the drops that are in an aspect."""
 EXAMPLES = """examples:
   resting_aspects compare out/nut/distribution.json manual.csv
   resting_aspects compare out/logs/my_part_20270131T235959Z_4f1c p.json
@@ -33,20 +40,8 @@ EXAMPLES = """examples:
 """
 
 
-def add(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'compare',
-        description='How far two distributions over the same aspects are apart, and whether\n'
-        'chance explains it. Each of A and B is a log (the folder of a run, or its\n'
-        '.mcap file), a JSON document of drop or request, or a CSV of counts: a line\n'
-        'of names with aspect and count among them, then a line for each aspect, also\n'
-        'with count 0, and if there are for unclassified, unsettled and failed drops;\n'
-        'with class instead of aspect, a line for each class of aspects that look alike.\n'
-        'Shares are of the drops that are in an aspect.',
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument('a', metavar='A', type=Path, help='log, JSON document or CSV')
     parser.add_argument('b', metavar='B', type=Path, help='what A is compared with, likewise')
     parser.add_argument(
@@ -55,8 +50,7 @@ def add(subparsers: Any) -> None:
         default='0.95',
         help='of the intervals: more than 0.5 and less than 1 (0.95)',
     )
-    parser.add_argument('--json', action='store_true', help='print one JSON document instead')
-    parser.set_defaults(run=run)
+    add_output(parser, each=False)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -119,7 +113,7 @@ def _warn_if_incomplete(given: GivenCounts) -> None:
     if not given.complete:
         known = given.run is not None and given.run.precision == 0
         asked = f' of {given.run.drops}' if given.run and known else ''
-        _warn(f'{str(given.path)!r} is not complete: it counts {given.drops}{asked} drops')
+        warn(f'{str(given.path)!r} is not complete: it counts {given.drops}{asked} drops')
 
 
 def _warn_if_dependent(a: GivenCounts, b: GivenCounts) -> None:
@@ -131,12 +125,12 @@ def _warn_if_dependent(a: GivenCounts, b: GivenCounts) -> None:
     if common <= 0:
         return
     if a.run.sequence() == b.run.sequence():
-        _warn(
+        warn(
             f'{common} drops of A and B are the same (part, conditions, seed {a.run.seed} and '
             'engine are): they are not independent, so bounds and p value mean nothing'
         )
     else:
-        _warn(
+        warn(
             f'{common} drops of A and B begin with the same orientations (seed {a.run.seed}): '
             'they are not independent, so bounds and p value are only rough; take another seed'
         )
@@ -157,7 +151,3 @@ def _listed(ids: tuple[int, ...] | list[int]) -> str:
     most = 20
     more = f' and {len(ids) - most} more' if len(ids) > most else ''
     return (', '.join(map(str, ids[:most])) or 'none') + more
-
-
-def _warn(text: str) -> None:
-    print(f'warning: {text}', file=sys.stderr)

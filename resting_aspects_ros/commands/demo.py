@@ -12,9 +12,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from resting_aspects_ros.commands.interruption import Interruption
 from resting_aspects_ros.commands.outputs import check_output, make_folder
 from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.signals import Interruption
 
 PART, DROPS, SEED = 'l_bracket', 1000, 1
 NODES = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
@@ -22,22 +22,17 @@ LOG_TIMEOUT = 20.0  # s
 LOG_PERIOD = 0.1  # s
 STOP_TIMEOUT = 10.0  # s, for a node to end in order
 
+DESCRIPTION = f"""Start drop_simulator, aspect_classifier and drop_recorder as three
+processes that talk over DDS, ask for the distribution of {PART},
+{DROPS} drops, as a ROS client, show it, stop everything, and make the report."""
 EXAMPLES = """examples:
   resting_aspects demo
   resting_aspects demo --out result
 """
 
 
-def add(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'demo',
-        description='Start drop_simulator, aspect_classifier and drop_recorder as three\n'
-        f'processes that talk over DDS, ask for the distribution of {PART},\n'
-        f'{DROPS} drops, as a ROS client, show it, stop everything, and make the report.',
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument(
         '--out',
         metavar='DIR',
@@ -45,7 +40,6 @@ def add(subparsers: Any) -> None:
         default=Path('out/demo'),
         help='folder of the report, the log of the run, and what the nodes print (out/demo)',
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

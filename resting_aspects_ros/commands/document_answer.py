@@ -1,7 +1,6 @@
 """A JSON document of `drop` or `request` as the answer that it holds."""
 
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +8,7 @@ import numpy as np
 from resting_aspects_ros.commands.answer import Answer
 from resting_aspects_ros.commands.counts_files import MAX_BYTES
 from resting_aspects_ros.commands.csv_file import open_text
+from resting_aspects_ros.commands.formatting import warn
 from resting_aspects_ros.commands.given_counts import check_same_part
 from resting_aspects_ros.commands.given_part import given_part
 from resting_aspects_ros.commands.result_json import (
@@ -105,7 +105,7 @@ def _part(
         if part.part_sha256 == document.part_sha256:
             return part
         why = f'{part.name!r} is another part than it was when it was dropped'
-    print(f'warning: no pictures: {why}. --part names the part', file=sys.stderr)
+    warn(f'no pictures: {why}. --part names the part')
     return None
 
 

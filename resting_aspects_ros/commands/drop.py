@@ -3,19 +3,20 @@
 import argparse
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
-from resting_aspects_ros.commands.interruption import Interruption
 from resting_aspects_ros.commands.options import (
     add_conditions,
-    add_each,
+    add_output,
     add_part,
     add_run,
+    parse_share,
     whole,
 )
-from resting_aspects_ros.commands.quantities import parse_share
 from resting_aspects_ros.drops.run import DEFAULT_SEED
+from resting_aspects_ros.signals import Interruption
 
+DESCRIPTION = """Drop a part many times in simulation and show in which aspects it comes
+to rest, and how probable each is. Needs no ROS graph."""
 EXAMPLES = """examples:
   resting_aspects drop l_bracket
   resting_aspects drop my_part.stl --unit mm --drops 5000 --out result
@@ -28,15 +29,8 @@ EXAMPLES = """examples:
 """
 
 
-def add(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'drop',
-        description='Drop a part many times in simulation and show in which aspects it comes\n'
-        'to rest, and how probable each is. Needs no ROS graph.',
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_part(parser, needed=False)
     parser.add_argument(
         '--from-log',
@@ -84,13 +78,11 @@ def add(subparsers: Any) -> None:
         action='store_true',
         help='make the same drops again in half the time step, and say how far the answer moves',
     )
-    add_each(parser)
-    parser.add_argument('--json', action='store_true', help='print one JSON document instead')
+    add_output(parser)
     add_conditions(parser)
     parser.add_argument(
         '--force', action='store_true', help='drop even from a height that looks like a mistake'
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -108,13 +100,17 @@ def run(arguments: argparse.Namespace) -> int:
             count = default_workers() if arguments.workers is None else arguments.workers
             workers = processes = ProcessWorkers(count)
             stack.callback(processes.stop)
-        from resting_aspects_ros.commands.drop_here import drop_here
-        from resting_aspects_ros.commands.drop_question import asked_drops
+        from resting_aspects_ros.commands.drop_request import requested_drops
+        from resting_aspects_ros.commands.drop_run import drop_and_answer
+        from resting_aspects_ros.core.intervals import check_confidence
 
-        question = asked_drops(arguments)
+        request = requested_drops(arguments)
         if workers is None:
             from resting_aspects_ros.drops.cluster import ClusterWorkers
 
             workers = cluster = ClusterWorkers(arguments.scheduler)
             stack.callback(cluster.stop)
-        return drop_here(arguments, question, workers, confidence, stop)
+        check_confidence(confidence)
+        if not arguments.force:
+            request.check_height()
+        return drop_and_answer(arguments, request, workers, confidence, stop)

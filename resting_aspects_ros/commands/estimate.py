@@ -4,15 +4,14 @@ import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from resting_aspects_ros.commands.answer import make_console, show_table
-from resting_aspects_ros.commands.given_part import given_part
-from resting_aspects_ros.commands.options import add_each, add_part
-from resting_aspects_ros.commands.quantities import parse_quantity
-from resting_aspects_ros.config_files import surfaces_file
+from resting_aspects_ros.commands.formatting import shipped_surfaces
+from resting_aspects_ros.commands.given_part import part_of
+from resting_aspects_ros.commands.options import add_output, add_part, parse_quantity
 from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate, estimate_each
@@ -20,7 +19,6 @@ from resting_aspects_ros.core.estimators.recommendation import Recommendation, r
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.conditions import DropConditions
-from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.report.document import to_json
 from resting_aspects_ros.report.estimate_document import against_fields, estimate_document
 from resting_aspects_ros.report.estimate_table import estimate_table, legend
@@ -33,6 +31,12 @@ SEED = 1
 # A part is thrown if its speed and its spin have more than this share of the height's energy.
 THROWN_SHARE = 0.25
 ALL = 'all'
+DESCRIPTION = """How probable each aspect of a part is by the analytic methods of the
+literature. They take milliseconds and know the shape alone. The surface and the
+height of release decide which method is recommended; docs/estimators.md says
+how far off each is. With --against the drops of a log (or a JSON document of
+drop or request, or a CSV of counts, as compare takes them) are shown beside
+them."""
 EXAMPLES = """examples:
   resting_aspects estimate l_bracket
   resting_aspects estimate my_part.stl --method rolling,csa --json
@@ -41,19 +45,8 @@ EXAMPLES = """examples:
 """
 
 
-def add(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'estimate',
-        description='How probable each aspect of a part is by the analytic methods of the\n'
-        'literature. They take milliseconds and know the shape alone. The surface and the\n'
-        'height of release decide which method is recommended; docs/estimators.md says\n'
-        'how far off each is. With --against the drops of a log (or a JSON document of\n'
-        'drop or request, or a CSV of counts, as compare takes them) are shown beside\n'
-        'them.',
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_part(parser)
     parser.add_argument(
         '--method',
@@ -74,9 +67,7 @@ def add(subparsers: Any) -> None:
     parser.add_argument(
         '--height', metavar='M', help='recommend for this height of release, such as 300mm'
     )
-    add_each(parser)
-    parser.add_argument('--json', action='store_true', help='print one JSON document instead')
-    parser.set_defaults(run=run)
+    add_output(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -85,9 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
     Raises RestingAspectsError for wrong input, NotDefinedError if no method asked for is defined.
     """
     names = _methods(arguments.method)
-    part = given_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
-    for warning in part.warnings:
-        print(f'warning: {warning}', file=sys.stderr)
+    part = part_of(arguments)
     shape = RestingShape(part)
     against = None
     if arguments.against is not None:
@@ -176,7 +165,7 @@ def _conditions(arguments: argparse.Namespace, against: 'GivenCounts | None') ->
     if against is not None and against.run is not None and not arguments.surface:
         conditions = against.run.conditions
     else:
-        conditions = Surfaces.read(surfaces_file()).get(arguments.surface)
+        conditions = shipped_surfaces().get(arguments.surface)
     if arguments.height is None:
         return conditions
     return conditions.changed(height=parse_quantity('--height', arguments.height, 'm'))

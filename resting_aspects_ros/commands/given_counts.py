@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.commands.surface_text import surface_text
+from resting_aspects_ros.commands.formatting import surface_text
 from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.comparison import Tally
 from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown

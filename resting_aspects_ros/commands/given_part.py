@@ -1,16 +1,26 @@
 """The part that is meant by what a person typed."""
 
+import argparse
 import os
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from resting_aspects_ros.commands.formatting import warn
 from resting_aspects_ros.config_files import parts_folder
 from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError, shown
 from resting_aspects_ros.core.mesh_file import FORMATS
 from resting_aspects_ros.core.part import DEFAULT_UNIT, UNITS, Part
 from resting_aspects_ros.core.part_loading import load_part
 from resting_aspects_ros.drops.part_library import PartLibrary, read_part_yaml
+
+
+def part_of(arguments: argparse.Namespace) -> Part:
+    """Return the part that the flags of add_part mean, and print its warnings."""
+    part = given_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+    for warning in part.warnings:
+        warn(warning)
+    return part
 
 
 def given_part(text: str, unit: str | None, folder: Path | None, body: int | None = None) -> Part:

@@ -1,14 +1,12 @@
 """What a log says of its run."""
 
-import sys
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
 from resting_aspects_ros.commands.answer import Answer
+from resting_aspects_ros.commands.formatting import warn
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import (
     METHOD,
@@ -25,10 +23,10 @@ from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.drops.coverage import Coverage
 from resting_aspects_ros.drops.merge import Piece, merge_drops
 from resting_aspects_ros.drops.run import RunDescription
+from resting_aspects_ros.logs.bag_metadata import Outcome
 from resting_aspects_ros.logs.indexed_log import IndexedLog, NoIndexError
 from resting_aspects_ros.logs.log_file import LogFile
-from resting_aspects_ros.logs.log_reader import one_file, state_text, typed_messages, unfinished
-from resting_aspects_ros.logs.outcome import Outcome
+from resting_aspects_ros.logs.log_reader import one_file, state_text, typed_messages
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE
 from resting_aspects_ros.nodes.convert import serialized_batch, serialized_part, serialized_poses
 from resting_aspects_ros.nodes.distribution_messages import serialized_distribution
@@ -43,7 +41,7 @@ class LoggedRun:
     Parameters
     ----------
     log : Path
-        For errors.
+        As it was given.
     keep_poses : bool
         Keep the poses of all batches, in ``pieces``.
 
@@ -51,22 +49,25 @@ class LoggedRun:
     ----------
     run : RunDescription
         None while no batch of poses came.
-    part : Part
-        As it was when it was dropped; None while it was not described.
-    distribution : Distribution
-        The last one; None while there was none. ``complete`` if it counts all drops of the run.
     seen : Coverage
         Drops of the run that came.
+    path, messages, finished, being_written
+        Of the MCAP file, once it was read. ``finished``: it was not broken off.
+    recorded : Outcome
+        What the log says that it holds; None if it does not.
 
-    ``part``, ``distribution`` and ``complete`` are read from the last message of their type when
-    they are first asked for; LogError if it cannot be read.
+    ``part`` and ``counted`` are read from the last message of their type when they are first asked
+    for; LogError if it cannot be read.
     """
 
     def __init__(self, log: Path, *, keep_poses: bool = False) -> None:
+        self.log = self.path = log
+        self.messages = 0
+        self.finished = self.being_written = False
+        self.recorded: Outcome | None = None
         self.run: RunDescription | None = None
         self.seen = Coverage()
         self.pieces: list[Piece] = []
-        self._log = log
         self._keep_poses = keep_poses
         self._last: dict[str, bytes] = {}
         self._end: int | None = None  # index after the last drop, once it is known
@@ -87,30 +88,21 @@ class LoggedRun:
 
     @cached_property
     def part(self) -> Part | None:
-        """The part, of the last description."""
+        """The part as it was dropped, of the last description."""
         data = self._last.get(PART_TYPE)
         return None if data is None else self._read(serialized_part, data)
 
     @cached_property
-    def _distribution(self) -> tuple[Distribution | None, bool]:
+    def counted(self) -> tuple[Distribution, RunDescription, bool] | None:
+        """The last distribution, its run, and whether it counts all drops of that."""
         data = self._last.get(DISTRIBUTION_TYPE)
-        if data is None:
-            return None, False
-        distribution, _, complete = self._read(serialized_distribution, data)
-        return distribution, complete
+        return None if data is None else self._read(serialized_distribution, data)
 
     @property
-    def distribution(self) -> Distribution | None:
-        """The last distribution."""
-        return self._distribution[0]
-
-    @property
-    def complete(self) -> bool:
-        """Whether the last distribution counts all drops of the run."""
-        return self._distribution[1]
-
     def outcome(self) -> Outcome:
-        """Return how many drops there are, and whether it is all of them, and the part."""
+        """How many drops there are, and whether it is all of them, and the part."""
+        if self.recorded is not None:
+            return self.recorded
         run, part = self.run, self.part
         if run is None or part is None:
             return Outcome(len(self.seen), whole=False)
@@ -119,6 +111,20 @@ class LoggedRun:
         missing = self.seen.missing(run.first_drop, end)
         whole = not missing and part.part_sha256 == run.part_sha256
         return Outcome(len(self.seen), whole)
+
+    @property
+    def ranges(self) -> list[tuple[int, int]]:
+        """The drops that it holds, [first, end) of each row of them without a gap."""
+        run = self.run
+        if run is None or not self.outcome.whole:
+            return self.seen.ranges
+        return [(run.first_drop, run.first_drop + self.outcome.drops)]
+
+    def warn_if_unfinished(self) -> None:
+        """Print on standard error if the log has no end."""
+        state = state_text(self.log, being_written=self.being_written, finished=self.finished)
+        if state:
+            warn(state)
 
     def _batch(self, data: bytes) -> tuple[RunDescription, int, int, bool]:
         if not self._keep_poses:
@@ -132,50 +138,9 @@ class LoggedRun:
             return read(data)
         except Exception as error:  # whatever is in it
             raise LogError(
-                f'{named("log", self._log)} has a message that cannot be read: '
+                f'{named("log", self.log)} has a message that cannot be read: '
                 f'{one_line(str(error))}'
             ) from error
-
-
-@dataclass(frozen=True)
-class LogContents:
-    """A run as a log has it, and the log.
-
-    log, path : Path
-        As it was given, and its MCAP file.
-    messages : int
-    finished : bool
-        It was not broken off, and is not being written.
-    """
-
-    log: Path
-    path: Path
-    messages: int
-    finished: bool
-    being_written: bool
-    run: LoggedRun
-    outcome: Outcome
-
-    @property
-    def ranges(self) -> list[tuple[int, int]]:
-        """The drops that it holds, [first, end) of each row of them without a gap."""
-        run = self.run.run
-        if run is None or not self.outcome.whole:
-            return self.run.seen.ranges
-        return [(run.first_drop, run.first_drop + self.outcome.drops)]
-
-    def described_run(self) -> tuple[RunDescription, Part]:
-        """Return the run and its part; InvalidValueError if the log does not have both."""
-        run, part = self.run.run, self.run.part
-        if run is None:
-            raise InvalidValueError(f'{named("log", self.log)} holds no drops')
-        if part is None or part.part_sha256 != run.part_sha256:
-            raise InvalidValueError(f'{named("log", self.log)} does not describe its part')
-        return run, part
-
-    def warn_if_unfinished(self) -> None:
-        """Print on standard error if the log has no end."""
-        _warn(state_text(self.log, being_written=self.being_written, finished=self.finished))
 
 
 def rest_of_run(run: RunDescription, outcome: Outcome) -> str:
@@ -185,46 +150,45 @@ def rest_of_run(run: RunDescription, outcome: Outcome) -> str:
     return ', where the run ended' if outcome.whole else ', the others are not in this log'
 
 
-def read_contents(log: Path, *, keep_poses: bool = False) -> LogContents:
+def read_logged_run(log: Path, *, keep_poses: bool = False) -> LoggedRun:
     """Read what is in a log, closed or broken off; raises LogError.
 
     Of a closed log only what is needed is read, found by its index; all of it if the poses are
     kept, or if nobody counted its drops.
     """
-    if not keep_poses:
-        try:
-            with IndexedLog(log) as indexed:
-                if (found := _by_index(log, indexed)) is not None:
-                    return found
-        except NoIndexError:
-            pass
     run = LoggedRun(log, keep_poses=keep_poses)
+    if not keep_poses and _read_by_index(run):
+        return run
     with LogFile(one_file(log)) as file:
         for type_name, message in typed_messages(file, TYPES):
             run.take(type_name, message.data)
+        run.path, run.messages = file.path, file.messages
+        run.finished, run.being_written = file.finished, file.being_written
         # Without its end nothing vouches for a text in the file.
-        recorded = Outcome.of(file.texts) if file.finished else None
-        outcome = recorded or run.outcome()
-        return LogContents(
-            log, file.path, file.messages, file.finished, file.being_written, run, outcome
-        )
+        run.recorded = Outcome.of(file.texts) if file.finished else None
+    return run
 
 
-def _by_index(log: Path, indexed: IndexedLog) -> LogContents | None:
-    outcome = Outcome.of(indexed.notes())
-    if outcome is None:
-        return None
-    run = LoggedRun(log)
-    if outcome.whole:
-        batches: Iterable[bytes | None] = [indexed.first(POSES_TYPE)]
-    else:  # there can be gaps
-        batches = (message.data for _, message in typed_messages(indexed, [POSES_TYPE]))
-    others = ((name, indexed.last(name)) for name in (PART_TYPE, DISTRIBUTION_TYPE))
-    for type_name, data in chain(((POSES_TYPE, data) for data in batches), others):
-        if data is not None:
-            run.take(type_name, data)
-    messages = indexed.counts().total()
-    return LogContents(log, indexed.path, messages, True, indexed.being_written, run, outcome)
+def _read_by_index(run: LoggedRun) -> bool:
+    """Read a closed log that says what it holds; False if it is none."""
+    try:
+        with IndexedLog(run.log) as indexed:
+            run.recorded = Outcome.of(indexed.notes())
+            if run.recorded is None:
+                return False
+            if not run.recorded.whole:  # there can be gaps
+                for _, message in typed_messages(indexed, [POSES_TYPE]):
+                    run.take(POSES_TYPE, message.data)
+            elif batch := indexed.first(POSES_TYPE):
+                run.take(POSES_TYPE, batch)
+            for type_name in (PART_TYPE, DISTRIBUTION_TYPE):
+                if data := indexed.last(type_name):
+                    run.take(type_name, data)
+            run.path, run.messages = indexed.path, indexed.message_count
+            run.finished, run.being_written = True, indexed.being_written
+    except NoIndexError:
+        return False
+    return True
 
 
 def logged_answer(log: Path) -> Answer:
@@ -232,16 +196,20 @@ def logged_answer(log: Path) -> Answer:
 
     Raises InvalidValueError if it is no log of a run with its part, LogError if it cannot be read.
     """
-    contents = read_contents(log, keep_poses=True)
-    run, part = contents.described_run()
-    contents.warn_if_unfinished()
+    logged = read_logged_run(log, keep_poses=True)
+    run, part = logged.run, logged.part
+    if run is None:
+        raise InvalidValueError(f'{named("log", log)} holds no drops')
+    if part is None or part.part_sha256 != run.part_sha256:
+        raise InvalidValueError(f'{named("log", log)} does not describe its part')
+    logged.warn_if_unfinished()
     counted = no_drops(find_aspects(part), by_precision=run.precision > 0)
     history = History(counted.aspects)
-    for poses in _poses(contents.run.pieces, run):
+    for poses in _poses(logged.pieces, run):
         ids = aspect_ids(counted.aspects, poses)
         history.add(ids)
         counted += count_poses(counted.aspects, poses, ids)
-    whole = contents.outcome.whole and contents.finished
+    whole = logged.outcome.whole and logged.finished
     return Answer(counted, run, part, METHOD, whole, history=history.points())
 
 
@@ -251,13 +219,3 @@ def _poses(pieces: list[Piece], run: RunDescription) -> Iterator[RestingPoses]:
         if merged.run.sequence() == run.sequence():
             for poses in merged.poses:
                 yield poses.between(run.first_drop, run.end)
-
-
-def warn_if_unfinished(log: Path) -> None:
-    """Print on standard error if a log has no end; LogError if it cannot be read."""
-    _warn(unfinished(log))
-
-
-def _warn(words: str) -> None:
-    if words:
-        print(f'warning: {words}', file=sys.stderr)

@@ -5,36 +5,29 @@ import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from resting_aspects_ros.commands.answer import print_table
-from resting_aspects_ros.commands.logged_run import LogContents, read_contents, warn_if_unfinished
-from resting_aspects_ros.commands.options import add_each
-from resting_aspects_ros.commands.surface_text import surface_text
+from resting_aspects_ros.commands.formatting import surface_text
+from resting_aspects_ros.commands.logged_run import LoggedRun, read_logged_run
+from resting_aspects_ros.commands.options import add_output
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import METHOD, Distribution, count_poses, no_drops
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.merge import MergedDrops, merge_drops
-from resting_aspects_ros.logs.log_reader import log_files
 from resting_aspects_ros.report.document import distribution_document, to_json
 
+DESCRIPTION = """The distribution over all drops in logs of one part under the same
+conditions. A drop that is in several of them, by its seed and its index,
+counts once."""
 EXAMPLES = """examples:
   resting_aspects merge out/logs/l_bracket_*
   resting_aspects merge monday.mcap tuesday.mcap --any-engine --json
 """
 
 
-def add(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'merge',
-        description='The distribution over all drops in logs of one part under the same\n'
-        'conditions. A drop that is in several of them, by its seed and its index,\n'
-        'counts once.',
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument(
         'logs', metavar='LOG', type=Path, nargs='+', help='folder of a run, or an .mcap file'
     )
@@ -43,9 +36,7 @@ def add(subparsers: Any) -> None:
         action='store_true',
         help='also of different engines, versions of them, or time steps',
     )
-    add_each(parser)
-    parser.add_argument('--json', action='store_true', help='print one JSON document instead')
-    parser.set_defaults(run=run)
+    add_output(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -54,8 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
     Raises RestingAspectsError for logs that cannot be read, or do not belong together.
     """
     logs = arguments.logs
-    found = [read_contents(file, keep_poses=True) for log in logs for file in log_files(log)]
-    pieces = (piece for each in found for piece in each.run.pieces)
+    found = [read_logged_run(log, keep_poses=True) for log in logs]
+    pieces = (piece for each in found for piece in each.pieces)
     merged = merge_drops(pieces, any_engine=arguments.any_engine)
     if not merged:
         raise InvalidValueError(f'no drops are in {_named(logs)}, allowed are logs of runs')
@@ -66,8 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
             f'{_named(logs)} do not describe their part: allowed are logs that the recorder '
             'closed, at least one'
         )
-    for log in logs:
-        warn_if_unfinished(log)
+    for each in found:
+        each.warn_if_unfinished()
     distribution = _counted(part, merged)
     if arguments.json:
         fields = {
@@ -87,9 +78,9 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _part(found: Sequence[LogContents], part_sha256: str) -> Part | None:
+def _part(found: Sequence[LoggedRun], part_sha256: str) -> Part | None:
     """Return the part as one of the logs describes it."""
-    parts = (each.run.part for each in found)
+    parts = (each.part for each in found)
     return next((part for part in parts if part and part.part_sha256 == part_sha256), None)
 
 

@@ -1,10 +1,12 @@
 """`resting_aspects nodes`: the whole suite in one process."""
 
 import argparse
-from typing import Any
 
 from resting_aspects_ros.commands.options import add_ros_args
 
+DESCRIPTION = """Run drop_simulator, aspect_classifier and drop_recorder in one process,
+until Ctrl-C. Each is a program of its own, too, whose --help lists its
+parameters."""
 EXAMPLES = """examples:
   resting_aspects nodes
   resting_aspects nodes --ros-args -p parts_folder:=my_parts
@@ -12,18 +14,9 @@ EXAMPLES = """examples:
 """
 
 
-def add(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'nodes',
-        description='Run drop_simulator, aspect_classifier and drop_recorder in one process,\n'
-        'until Ctrl-C. Each is a program of its own, too, whose --help lists its\n'
-        'parameters.',
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_ros_args(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,13 +1,25 @@
-"""Options that several subcommands share."""
+"""Options that several subcommands share, and numbers with a unit as a person types them."""
 
 import argparse
+import re
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
-from resting_aspects_ros.commands.quantities import parse_integer, parse_quantity, parse_share
-from resting_aspects_ros.core.errors import shown
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.drops.run import DEFAULT_DROPS, check_drops
 from resting_aspects_ros.drops.surfaces import DEFAULT_SURFACE, Surfaces
+
+# Factors to SI, by the unit that a quantity has inside.
+_FACTORS: dict[str, dict[str, float]] = {
+    'm': {'m': 1.0, 'um': 1e-6, 'mm': 1e-3, 'cm': 1e-2, 'in': 0.0254, 'ft': 0.3048},
+    'm/s': {'m/s': 1.0, 'mm/s': 1e-3, 'cm/s': 1e-2},
+    'm/s2': {'m/s2': 1.0, 'm/s^2': 1.0, 'mm/s2': 1e-3, 'mm/s^2': 1e-3},
+    'rad/s': {'rad/s': 1.0, 'deg/s': 0.017453292519943295, 'rpm': 0.10471975511965977},
+    '': {},
+}
+MAX_DIGITS = 20
+_NUMBER = re.compile(r'\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*')
 
 
 def add_part(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
@@ -39,14 +51,16 @@ def add_part_place(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_each(parser: argparse.ArgumentParser) -> None:
-    """--each, which shows aspects that look alike one by one."""
-    parser.add_argument(
-        '--each',
-        action='store_true',
-        help='show a row for each aspect, also for those that a rotation of the part maps onto '
-        'each other',
-    )
+def add_output(parser: argparse.ArgumentParser, *, each: bool = True) -> None:
+    """--json, and --each for a table of aspects."""
+    if each:
+        parser.add_argument(
+            '--each',
+            action='store_true',
+            help='show a row for each aspect, also for those that a rotation of the part maps '
+            'onto each other',
+        )
+    parser.add_argument('--json', action='store_true', help='print one JSON document instead')
 
 
 def add_conditions(parser: argparse.ArgumentParser, default: str = DEFAULT_SURFACE) -> None:
@@ -145,11 +159,42 @@ def _flag(name: str) -> str:
     return '--' + name.replace('_', '-')
 
 
+def parse_quantity(name: str, text: str, unit: str) -> float:
+    """``60mm`` as 0.06, if the unit inside is m. A bare number is in the unit inside.
+
+    Raises InvalidValueError, with the units that are allowed.
+    """
+    match = _NUMBER.fullmatch(text)
+    factors = _FACTORS[unit]
+    if match is None or (match[2] and match[2] not in factors):
+        allowed = (
+            f'a number, in {unit} or with one of {", ".join(factors)}' if unit else 'a number'
+        )
+        raise InvalidValueError(f'{name} is {shown(text)}, allowed is {allowed}')
+    return float(match[1]) * factors.get(match[2], 1.0)
+
+
+def parse_share(name: str, text: str) -> float:
+    """``0.02`` or ``2%`` as 0.02; raises InvalidValueError."""
+    match = _NUMBER.fullmatch(text)
+    if match is None or match[2] not in ('', '%'):
+        raise InvalidValueError(
+            f'invalid {name} {shown(text)}: expected a number, such as 0.02 or 2%'
+        )
+    return float(match[1]) / (100 if match[2] else 1)
+
+
 def whole(text: str) -> int:
-    """A whole number, as the type of an option."""
+    """``1000``, ``10_000`` or ``1e4`` as an integer, as the type of an option."""
     try:
-        return parse_integer(text)
+        return int(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(
-            f'{shown(text)} is not an integer, such as 1000 or 1e4'
-        ) from None
+        pass
+    try:
+        number = Decimal(text)
+    except InvalidOperation:
+        number = Decimal('NaN')
+    # Not a number, infinite, with a fraction, or of more digits than any option takes.
+    if not number.is_finite() or number.adjusted() > MAX_DIGITS or number != int(number):
+        raise argparse.ArgumentTypeError(f'{shown(text)} is not an integer, such as 1000 or 1e4')
+    return int(number)

@@ -68,80 +68,64 @@ def read_poses_file(path: Path, at_least: int) -> PosesFile:
     InvalidValueError
         With file, line, column, value and what is allowed.
     """
+    numbers, index, lines = array('d'), array('q'), array('q')
+    count = dict.fromkeys(RestStatus, 0)
     with open_text(path, 'pose file', MAX_BYTES) as file:
         table = CsvTable(path, file)
-        found = _Poses(path, table)
+        columns = _quaternion_columns(table.where, table.header)
+        names = [name.lower() for name in table.header]
+        status_column = names.index('status') if 'status' in names else None
         for line, row in table.rows():
-            found.add(line, row)
-    poses = found.poses()
-    if len(poses.index) < at_least:
-        settled = ' settled' if poses.unsettled or poses.failed else ''
+            status = _status(table, line, row, status_column)
+            if status is RestStatus.SETTLED:  # no others need to have an orientation
+                index.append(sum(count.values()))
+                lines.append(line)
+                numbers.extend(_number(table, line, row, k) for k in columns)
+            count[status] += 1
+    if len(index) < at_least:
+        settled = ' settled' if sum(count.values()) > len(index) else ''
         raise InvalidValueError(
-            f'{str(path)!r} has {len(poses.index)}{settled} poses, allowed are {at_least} or more'
+            f'{str(path)!r} has {len(index)}{settled} poses, allowed are {at_least} or more'
         )
-    return poses
-
-
-class _Poses:
-    """The poses of the lines that were read so far, in little memory."""
-
-    def __init__(self, path: Path, table: CsvTable) -> None:
-        self._path = path
-        self._table = table
-        self._columns = _quaternion_columns(table.where, table.header)
-        self._status = _status_column(table.header)
-        self._numbers, self._index, self._line = array('d'), array('q'), array('q')
-        self._count = dict.fromkeys(RestStatus, 0)
-
-    def add(self, line: int, row: Sequence[str]) -> None:
-        status = self._status_of(line, row)
-        if status is RestStatus.SETTLED:  # no others need to have an orientation
-            self._index.append(sum(self._count.values()))
-            self._line.append(line)
-            self._numbers.extend(self._number(line, row, k) for k in self._columns)
-        self._count[status] += 1
-
-    def poses(self) -> PosesFile:
-        xyzw = np.frombuffer(self._numbers, dtype=np.float64).reshape(-1, 4)
-        line = np.frombuffer(self._line, dtype=np.int64)
-        with np.errstate(over='ignore'):  # what is as long as that is refused
-            length = np.linalg.norm(xyzw, axis=1)
-        wrong = np.flatnonzero(~(np.abs(length - 1) <= LENGTH_TOLERANCE))
-        if len(wrong):
-            self._refuse(int(line[wrong[0]]), xyzw[wrong[0]], float(length[wrong[0]]))
-        return PosesFile(
-            canonical(xyzw),
-            np.frombuffer(self._index, dtype=np.int64),
-            line,
-            unsettled=self._count[RestStatus.UNSETTLED],
-            failed=self._count[RestStatus.FAILED],
-        )
-
-    def _status_of(self, line: int, row: Sequence[str]) -> RestStatus:
-        if self._status is None:
-            return RestStatus.SETTLED
-        try:
-            return RestStatus[row[self._status].strip().upper()]
-        except KeyError:
-            names = ', '.join(status.name for status in RestStatus)
-            raise self._table.wrong(line, row, self._status, names) from None
-
-    def _number(self, line: int, row: Sequence[str], column: int) -> float:
-        try:
-            number = float(row[column])
-        except ValueError:
-            number = np.nan
-        if not np.isfinite(number):
-            raise self._table.wrong(line, row, column, 'a finite number, such as -0.5')
-        return number
-
-    def _refuse(self, line: int, xyzw: npt.NDArray[np.float64], length: float) -> None:
-        names = ', '.join(self._table.header[k] for k in self._columns)
-        numbers = ', '.join(f'{number:.6g}' for number in xyzw)
+    xyzw = np.frombuffer(numbers, dtype=np.float64).reshape(-1, 4)
+    with np.errstate(over='ignore'):  # what is as long as that is refused
+        length = np.linalg.norm(xyzw, axis=1)
+    wrong = np.flatnonzero(~(np.abs(length - 1) <= LENGTH_TOLERANCE))
+    if len(wrong):
+        k = int(wrong[0])
         raise InvalidValueError(
-            f'{str(self._path)!r} line {line}, columns {names} are {numbers}: a quaternion of '
-            f'length {length:.6g}, allowed is 1 within {LENGTH_TOLERANCE:g}'
+            f'{str(path)!r} line {lines[k]}, columns '
+            f'{", ".join(table.header[column] for column in columns)} are '
+            f'{", ".join(f"{number:.6g}" for number in xyzw[k])}: a quaternion of length '
+            f'{length[k]:.6g}, allowed is 1 within {LENGTH_TOLERANCE:g}'
         )
+    return PosesFile(
+        canonical(xyzw),
+        np.frombuffer(index, dtype=np.int64),
+        np.frombuffer(lines, dtype=np.int64),
+        unsettled=count[RestStatus.UNSETTLED],
+        failed=count[RestStatus.FAILED],
+    )
+
+
+def _status(table: CsvTable, line: int, row: Sequence[str], column: int | None) -> RestStatus:
+    if column is None:
+        return RestStatus.SETTLED
+    try:
+        return RestStatus[row[column].strip().upper()]
+    except KeyError:
+        names = ', '.join(status.name for status in RestStatus)
+        raise table.wrong(line, row, column, names) from None
+
+
+def _number(table: CsvTable, line: int, row: Sequence[str], column: int) -> float:
+    try:
+        number = float(row[column])
+    except ValueError:
+        number = np.nan
+    if not np.isfinite(number):
+        raise table.wrong(line, row, column, 'a finite number, such as -0.5')
+    return number
 
 
 def _quaternion_columns(where: str, header: Sequence[str]) -> list[int]:
@@ -166,8 +150,3 @@ def _quaternion_columns(where: str, header: Sequence[str]) -> list[int]:
             f'allowed are {ALLOWED_NAMES}'
         )
     return [names.index(axis) for axis in _AXES]
-
-
-def _status_column(header: Sequence[str]) -> int | None:
-    names = [name.lower() for name in header]
-    return names.index('status') if 'status' in names else None

@@ -3,35 +3,28 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
 from resting_aspects_ros.commands.logged_run import TYPES, LoggedRun, rest_of_run
 from resting_aspects_ros.core.errors import RestingAspectsError
-from resting_aspects_ros.logs.outcome import OUTCOME
+from resting_aspects_ros.logs.bag_metadata import OUTCOME
 from resting_aspects_ros.logs.recovery import Account, recover_log
 
+DESCRIPTION = """Rebuild index, summary and metadata.yaml of logs whose recorder was killed.
+Every message that is in the file in full is kept, and a classifier that is
+started uses the drops. Logs that are closed, or are being written, stay as they
+are. A file that is damaged before its end is refused: "mcap recover", of the
+MCAP command line tool, copies what is readable in it."""
 EXAMPLES = """examples:
   resting_aspects recover out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
   resting_aspects recover out/logs/*
 """
 
 
-def add(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'recover',
-        description='Rebuild index, summary and metadata.yaml of logs whose recorder was killed.\n'
-        'Every message that is in the file in full is kept, and a classifier that is\n'
-        'started uses the drops. Logs that are closed, or are being written, stay as they\n'
-        'are. A file that is damaged before its end is refused: "mcap recover", of the\n'
-        'MCAP command line tool, copies what is readable in it.',
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument(
         'logs', metavar='LOG', type=Path, nargs='+', help='folder of a run, or an .mcap file'
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -67,13 +60,13 @@ def _recover(log: Path) -> str:
 
 
 def _notes(logged: LoggedRun) -> dict[str, dict[str, str]]:
-    return {} if logged.run is None else {OUTCOME: logged.outcome().record()}
+    return {} if logged.run is None else {OUTCOME: logged.outcome.record()}
 
 
 def _drops(logged: LoggedRun) -> str:
     """Return how many of its drops a log has."""
     if logged.run is None:
         return 'no drops'
-    outcome = logged.outcome()
+    outcome = logged.outcome
     words = f'{outcome.drops} of {logged.run.drops} drops of {logged.run.part}'
     return words + rest_of_run(logged.run, outcome)

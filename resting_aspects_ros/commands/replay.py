@@ -2,13 +2,17 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from resting_aspects_ros.commands.options import add_ros_args
-from resting_aspects_ros.commands.quantities import parse_quantity
+from resting_aspects_ros.commands.options import add_ros_args, parse_quantity
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.file_names import is_printable
 
+DESCRIPTION = """Publish the messages of a log on the topics of the suite, with the recorded
+QoS, bytes and pauses, so that a controller can be developed without drops.
+Names are relative to the namespace of the command, not to the recorded one. It
+keeps running after the last message so that late subscribers receive the
+latched topics: part, poses and last distribution. The services
+log_replayer/pause and log_replayer/resume pause and resume it."""
 EXAMPLES = """examples:
   resting_aspects replay out/logs/l_bracket_20250131T235959Z_4f1c
   resting_aspects replay run.mcap --rate 10 --ros-args -r __ns:=/cell_1
@@ -16,19 +20,8 @@ EXAMPLES = """examples:
 """
 
 
-def add(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'replay',
-        description='Publish the messages of a log on the topics of the suite, with the recorded\n'
-        'QoS, bytes and pauses, so that a controller can be developed without drops.\n'
-        'Names are relative to the namespace of the command, not to the recorded one. It\n'
-        'keeps running after the last message so that late subscribers receive the\n'
-        'latched topics: part, poses and last distribution. The services\n'
-        'log_replayer/pause and log_replayer/resume pause and resume it.',
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument(
         'log', metavar='LOG', type=Path, help='folder of a run, or an .mcap file, closed or not'
     )
@@ -49,7 +42,6 @@ def add(subparsers: Any) -> None:
         'and drop_recorder count no drop twice',
     )
     add_ros_args(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

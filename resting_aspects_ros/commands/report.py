@@ -2,7 +2,6 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from resting_aspects_ros.commands.answer import Answer
 from resting_aspects_ros.commands.counts_files import read_counts
@@ -13,6 +12,9 @@ from resting_aspects_ros.commands.report_files import check_report, default_fold
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.logs.log_reader import is_log
 
+DESCRIPTION = """Write report.html, one file that needs no network, with the part in 3D, a
+picture and the probability of each aspect, charts, and all conditions; and
+the figures as PNG and SVG."""
 EXAMPLES = """examples:
   resting_aspects report out/nut/distribution.json
   resting_aspects report out/logs/l_bracket_20250131T120000Z_4f1c --out report
@@ -21,16 +23,8 @@ EXAMPLES = """examples:
 """
 
 
-def add(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'report',
-        description='Write report.html, one file that needs no network, with the part in 3D, a\n'
-        'picture and the probability of each aspect, charts, and all conditions; and\n'
-        'the figures as PNG and SVG.',
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument(
         'result',
         metavar='LOG_OR_JSON',
@@ -54,7 +48,6 @@ def add(subparsers: Any) -> None:
         help='the part of a JSON document (the mesh that it names, else the part of its name)',
     )
     add_part_place(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

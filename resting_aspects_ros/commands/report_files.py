@@ -7,10 +7,9 @@ import numpy as np
 
 from resting_aspects_ros.commands.answer import Answer
 from resting_aspects_ros.commands.estimate import recommendation
+from resting_aspects_ros.commands.formatting import condition_facts, surface_text, when_text
 from resting_aspects_ros.commands.given_counts import GivenCounts, counted_by_class_of
 from resting_aspects_ros.commands.outputs import check_output, make_folder, whole_file
-from resting_aspects_ros.commands.run_facts import condition_facts, when_text
-from resting_aspects_ros.commands.surface_text import surface_text
 from resting_aspects_ros.core.comparison import Tally, compare
 from resting_aspects_ros.core.estimators.estimate import METHODS, estimate_each
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape

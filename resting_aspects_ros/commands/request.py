@@ -1,14 +1,13 @@
 """`resting_aspects request`: ask a running suite for a distribution, as a ROS client."""
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.commands.interruption import Interruption
+from resting_aspects_ros.commands.formatting import shipped_surfaces, warn
 from resting_aspects_ros.commands.options import (
     add_conditions,
-    add_each,
+    add_output,
     add_ros_args,
     add_run,
     changes_of,
@@ -16,17 +15,19 @@ from resting_aspects_ros.commands.options import (
     drops_of,
 )
 from resting_aspects_ros.commands.outputs import check_output
-from resting_aspects_ros.commands.surface_text import shipped_surfaces
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.drops.conditions import QUANTITIES
-from resting_aspects_ros.drops.run import DEFAULT_SEED
+from resting_aspects_ros.drops.run import DEFAULT_SEED, MOST_DROPS
 
 if TYPE_CHECKING:
     from resting_aspects_ros.commands.answer import Answer
     from resting_aspects_ros.commands.progress import DropProgress
     from resting_aspects_ros.core.part import Part
     from resting_aspects_ros.nodes.client import RestingAspectsClient
+from resting_aspects_ros.signals import Interruption
 
+DESCRIPTION = """Call get_distribution of the running nodes: a known distribution is
+answered at once, otherwise the part is dropped first."""
 EXAMPLES = """examples:
   resting_aspects nodes                      (in another terminal)
   resting_aspects request l_bracket --drops 2000
@@ -36,15 +37,8 @@ EXAMPLES = """examples:
 """
 
 
-def add(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'request',
-        description='Call get_distribution of the running nodes: a known distribution is\n'
-        'answered at once, otherwise the part is dropped first.',
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument('part', metavar='PART', help='name of a part that the simulator knows')
     add_run(parser, f'any known run will do, and a new one gets {DEFAULT_SEED}')
     parser.add_argument(
@@ -58,12 +52,10 @@ def add(subparsers: Any) -> None:
         action='store_true',
         help='do not drop; without --drops and --precision whatever is known will do',
     )
-    add_each(parser)
-    parser.add_argument('--json', action='store_true', help='print one JSON document instead')
+    add_output(parser)
     parser.add_argument('--picture', metavar='FILE.png', type=Path, help='write a picture')
     add_conditions(parser, "the simulator's default")
     add_ros_args(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -79,12 +71,12 @@ def run(arguments: argparse.Namespace) -> int:
         drops, precision = drops_of(arguments)
         # A second to import, which --help does not need.
         from resting_aspects_ros.commands.progress import DropProgress
-        from resting_aspects_ros.drops.ceiling import most_drops
+        from resting_aspects_ros.core.stopping import max_drops
         from resting_aspects_ros.nodes.client import RestingAspectsClient
 
-        progress = DropProgress(arguments.part, most_drops(drops, precision))
+        progress = DropProgress(arguments.part, max_drops(drops, precision, MOST_DROPS))
         with RestingAspectsClient(
-            ros_args=arguments.ros_args, warn=_warn, check=stop.check
+            ros_args=arguments.ros_args, warn=warn, check=stop.check
         ) as client:
             changes = changes_of(arguments)
             if changes and not arguments.surface:
@@ -130,12 +122,8 @@ def _part(client: 'RestingAspectsClient', name: str) -> 'Part | None':
             raise UnknownPartError(f'no drop_simulator offers {name}')
         return client.get_part(name)
     except (NotAvailableError, UnknownPartError) as error:
-        _warn(f'no picture of the part, and not what it rests on: {error}')
+        warn(f'no picture of the part, and not what it rests on: {error}')
         return None
-
-
-def _warn(text: str) -> None:
-    print(f'warning: {text}', file=sys.stderr)
 
 
 def _interrupted(progress: 'DropProgress') -> str:

@@ -6,6 +6,7 @@ they are told apart by shape first: neighbours on a curved side, and then what i
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import chain
 
 import numpy as np
@@ -61,6 +62,8 @@ class Joined:
     height: float
 
 
+# For a run of drops both its aspects and its job are made of them.
+@lru_cache(maxsize=1)
 def join_minima(landscape: Landscape) -> list[Joined]:
     """The aspects as groups of minima, each minimum in one of them.
 

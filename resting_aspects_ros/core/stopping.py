@@ -96,6 +96,28 @@ def drops_for(
     return ceiling
 
 
+def max_drops(
+    drops: int,
+    precision: float,
+    limit: int,
+    aspects: int = 1,
+    method: str = INTERVAL,
+    confidence: float = CONFIDENCE,
+) -> int:
+    """How many drops a run makes at most; raises InvalidValueError for a wrong precision.
+
+    Parameters
+    ----------
+    drops : int
+        That are requested; 0 with a precision: as many as it takes, up to ``limit``.
+    precision : float
+        At which the run stops; 0: it makes all its drops.
+    """
+    if precision == 0:
+        return drops
+    return drops_for(precision, drops or limit, aspects, method, confidence)
+
+
 def is_precise(
     counts: npt.ArrayLike,
     drops: int,

@@ -20,10 +20,9 @@ import numpy.typing as npt
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.drops.end_poses import resting_poses
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.release import CHUNK, Release, releases
-from resting_aspects_ros.drops.settling import LOOK, Settling, States
+from resting_aspects_ros.drops.settling import LOOK, Settling, States, resting_poses
 
 
 @contextmanager

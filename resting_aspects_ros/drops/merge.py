@@ -6,7 +6,7 @@ drops. To count a drop twice would make intervals narrower than they are.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 
 import numpy as np
@@ -135,22 +135,13 @@ def _check_equal(
 
 
 def _differ(a: RestingPoses, b: RestingPoses) -> npt.NDArray[np.bool_]:
-    """(n,) whether anything of a drop differs."""
-    return np.asarray(
-        (a.status != b.status)
-        | (a.decided_by != b.decided_by)
-        | _bits_differ(a.position, b.position).any(axis=1)
-        | _bits_differ(a.orientation, b.orientation).any(axis=1)
-        | _bits_differ(a.time_to_rest, b.time_to_rest)
-        | _bits_differ(a.energy_growth, b.energy_growth)
-    )
-
-
-def _bits_differ(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-    # A number that is none has many bit patterns, of which a file may keep any.
-    none = np.isnan(a) & np.isnan(b)
-    bits = [np.ascontiguousarray(x, dtype=np.float64).view(np.uint64) for x in (a, b)]
-    return np.asarray((bits[0] != bits[1]) & ~none)
+    """(n,) whether anything of a drop differs in a bit, but for the bits of NaN."""
+    found = np.zeros(len(a), dtype=bool)
+    for field in fields(RestingPoses)[1:]:
+        x, y = (np.atleast_2d(getattr(each, field.name).T) for each in (a, b))
+        same = (x == y) & (np.signbit(x) == np.signbit(y)) | np.isnan(x) & np.isnan(y)
+        found |= ~same.all(axis=0)
+    return found
 
 
 def _check_starts(merged: Sequence[MergedDrops]) -> None:

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.poses import DecidedBy, RestStatus
-from resting_aspects_ros.core.rotations import Array, down_in_part, rotate
+from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
+from resting_aspects_ros.core.rotations import Array, canonical, down_in_part, rotate, turned_down
 from resting_aspects_ros.drops.job import DropJob
-from resting_aspects_ros.drops.release import Release, depth_of, part_from_body
+from resting_aspects_ros.drops.release import Release, body_from_part, depth_of, part_from_body
 
 # Time between looks, T.
 LOOK = 0.5
@@ -157,3 +157,31 @@ class Settling:
             kinetic += moments[axis] * spin[:, axis] ** 2
         # An impact overlaps, and the hull gets out of it again.
         return np.asarray(kinetic / 2 + np.maximum(height, depth_of(states.orientation, job.hull)))
+
+
+def resting_poses(job: DropJob, first_drop: int, ends: Settling) -> RestingPoses:
+    """The poses of drops that are over, the first of them with the index ``first_drop``."""
+    failed = ends.status == RestStatus.FAILED
+    body = np.where(failed[:, None], [0.0, 0.0, 0.0, 1.0], ends.orientation)
+    orientation = canonical(part_from_body(body, job.axes))
+    # What is decided by energy rolls on, to the minimum; how it turns and slides meanwhile is no
+    # prediction.
+    decided = ends.minimum >= 0
+    orientation[decided] = turned_down(
+        orientation[decided], job.rest.directions[ends.minimum[decided]]
+    )
+    centre = ends.position * job.radius
+    # A hull rests a margin (0.001 R) above Bullet's plane; a part rests on the surface.
+    settled = ends.status == RestStatus.SETTLED
+    depth = depth_of(body_from_part(orientation, job.axes), job.hull) * job.radius
+    centre[:, 2] = np.where(settled, depth, centre[:, 2])
+    position = centre - rotate(orientation, job.centre_of_mass)
+    return RestingPoses(
+        first_drop=first_drop,
+        position=np.where(failed[:, None], 0.0, position),
+        orientation=orientation,
+        status=ends.status,
+        decided_by=ends.decided_by,
+        time_to_rest=ends.time * job.time_unit,
+        energy_growth=ends.growth,
+    )

@@ -1,12 +1,18 @@
-"""Drops in processes of this machine."""
+"""Drops in processes of this machine.
+
+The parent sends (job or None, first drop, end); None stands for the job that was sent before. A
+worker answers with the resting poses, or the exception, until the parent is gone.
+"""
 
 import os
+import pickle
 import signal
 import socket
 import sys
 import threading
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
+from importlib import import_module
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from subprocess import DEVNULL, Popen, TimeoutExpired
@@ -19,8 +25,11 @@ MAX_WORKERS = 1024
 # A worker imports from where its parent does, whatever the working folder holds.
 _PROGRAM = (
     'import sys; sys.path[:] = sys.argv[2:]; '
-    'from resting_aspects_ros.drops.worker import main; main(int(sys.argv[1]))'
+    'from resting_aspects_ros.drops.worker_pool import serve; serve(int(sys.argv[1]))'
 )
+# Workers run at lower priority than other processes of this machine.
+NICENESS = 5
+_ENGINE = 'resting_aspects_ros.drops.engine'
 # The parent decides what these mean. A terminal sends them to all of its processes.
 _PARENTS_SIGNALS = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 # A killed process ends at once, unless the system holds it; s.
@@ -124,7 +133,7 @@ class ProcessWorkers:
 
 
 class _Worker:
-    """A process that runs `worker.main`; begins to import what it needs at once."""
+    """A process that runs `serve`; begins to import what it needs at once."""
 
     def __init__(self) -> None:
         self._job: DropJob | None = None
@@ -168,3 +177,33 @@ class _Worker:
         """Wait for the end of a process that was killed."""
         with suppress(TimeoutExpired):
             self._process.wait(_END_TIMEOUT)
+
+
+def serve(descriptor: int) -> None:
+    """Serve the connection with this file descriptor; never returns."""
+    os.nice(NICENESS)
+    connection = Connection(descriptor)
+    tasks: SimpleQueue[bytes] = SimpleQueue()
+    threading.Thread(target=_receive, args=(connection, tasks), daemon=True).start()
+    with suppress(Exception):
+        # Before the first task arrives; what fails here fails again there.
+        import_module(_ENGINE)
+    job = None
+    while True:
+        task = tasks.get()
+        try:
+            sent_job, first, end = pickle.loads(task)  # noqa: S301 - from the parent
+            job = job if sent_job is None else sent_job
+            answer: object = import_module(_ENGINE).drop_chunk(job, first, end)
+        except Exception as error:  # noqa: BLE001 - the parent reports it
+            answer = error
+        connection.send(answer)
+
+
+def _receive(connection: Connection, tasks: 'SimpleQueue[bytes]') -> None:
+    """Queue what arrives. End the process with its parent, also in the middle of a chunk."""
+    try:
+        while True:
+            tasks.put(connection.recv_bytes())
+    except (EOFError, OSError):
+        os._exit(0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +22,31 @@ _MAX_BYTES = 1 << 20
 
 # rosbag2's word for the starting time of a bag in which nothing is.
 _NEVER = 2**63 - 1
+
+
+# The record of free text that tells how a log ended.
+OUTCOME = 'outcome'
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Drops in a log, and whether it is whole: all drops of its run, and the part."""
+
+    drops: int
+    whole: bool
+
+    def record(self) -> dict[str, str]:
+        """The values of the record."""
+        return {'whole': str(self.whole).lower(), 'drops': str(self.drops)}
+
+    @classmethod
+    def of(cls, notes: Mapping[str, Mapping[str, str]]) -> Outcome | None:
+        """What the records of a log say; None if they do not."""
+        values = notes.get(OUTCOME, {})
+        drops = values.get('drops', '')
+        if 'whole' not in values or not drops.isdecimal():
+            return None
+        return cls(int(drops), values['whole'] == 'true')
 
 
 @dataclass
@@ -121,13 +147,15 @@ def read_information(folder: Path) -> object:
     return document.get(_INFORMATION) if isinstance(document, dict) else None
 
 
-def custom_data(folder: Path) -> dict[str, str]:
-    """The custom data in a bag's metadata.yaml; empty if it has none, or none that can be read."""
+def recorded_outcome(folder: Path) -> Outcome | None:
+    """What metadata.yaml says of the log in a folder; None if it does not."""
     information = read_information(folder)
-    data = information.get('custom_data') if isinstance(information, dict) else None
-    return (
-        {str(name): str(value) for name, value in data.items()} if isinstance(data, dict) else {}
-    )
+    custom = information.get('custom_data') if isinstance(information, dict) else None
+    if not isinstance(custom, dict):
+        return None
+    start = f'{OUTCOME}.'
+    values = {str(key).removeprefix(start): str(value) for key, value in custom.items()}
+    return Outcome.of({OUTCOME: values})
 
 
 def _sync_folder(folder: Path) -> None:

@@ -1,9 +1,6 @@
 """What a closed log says, found by the index at its end: the rest of the file is not read."""
 
-from collections import Counter
 from pathlib import Path
-
-from mcap.records import Message, Metadata
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.core.input_file import named
@@ -36,24 +33,13 @@ class IndexedLog(LogFile):
         except BaseException:
             self.stream.close()
             raise
-        self._index, self._statistics = summary, summary.statistics
-
-    @property
-    def span(self) -> tuple[int, int]:
-        """Log time of the first and of the last message, ns since 1970."""
-        return self._statistics.message_start_time, self._statistics.message_end_time
-
-    def counts(self) -> Counter[str]:
-        """Return how many messages of each type there are."""
-        counts: Counter[str] = Counter()
-        for channel, number in self._statistics.channel_message_counts.items():
-            counts[self.type_of(channel)] += number
-        return counts
+        self._index = summary
+        self.message_count: int = summary.statistics.message_count
 
     def notes(self) -> dict[str, dict[str, str]]:
         """Return the records of free text, by name."""
-        found = [self.record_at(each.offset) for each in self._index.metadata_indexes]
-        return {each.name: each.metadata for each in found if isinstance(each, Metadata)}
+        found = [self.metadata_at(each.offset) for each in self._index.metadata_indexes]
+        return {each.name: each.metadata for each in found}
 
     def first(self, type_name: str) -> bytes | None:
         """Return the first message of a type in the file, in CDR; None if there is none."""
@@ -74,11 +60,7 @@ class IndexedLog(LogFile):
             if not each.message_index_offsets or wanted & each.message_index_offsets.keys()
         ]
         for start in sorted(chunks, reverse=last):
-            found = [
-                each.data
-                for each in self.chunk_at(start)
-                if isinstance(each, Message) and each.channel_id in wanted
-            ]
+            found = [each.data for each in self.messages_at(start) if each.channel_id in wanted]
             if found:
                 return bytes(found[-1] if last else found[0])
         return None

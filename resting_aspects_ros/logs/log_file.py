@@ -1,159 +1,250 @@
-"""The records of an MCAP file in their order, and its index."""
+"""An MCAP file, open for reading: its records in their order, and its index.
 
+Every batch is flushed, so a crash cuts a file at its end: what is whole before that counts.
+Anything else that is not as a writer left it is damage. A damaged file is refused: nothing here
+looks for what may still be readable in it, as `mcap recover` does.
+"""
+
+import os
 import zlib
-from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, TypeVar
 
 from mcap.records import (
     Attachment,
     Channel,
     Chunk,
-    ChunkIndex,
     DataEnd,
     Footer,
     McapRecord,
     Message,
     Metadata,
-    MetadataIndex,
     Schema,
-    Statistics,
 )
 from mcap.summary import Summary
 
-from resting_aspects_ros.logs.mcap_file import FOOTER_SIZE, MAGIC
-from resting_aspects_ros.logs.record_file import RecordFile
+from resting_aspects_ros.core.errors import LogError, NoLogError, one_line
+from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.logs.mcap_file import FOOTER_SIZE, MAGIC, is_locked
 from resting_aspects_ros.logs.record_format import (
+    HEAD,
+    MAX_RECORD,
     DamageError,
     chunk_records,
+    is_complete,
     parse_record,
-    split_records,
+    parse_summary,
 )
 
-
-@dataclass
-class _Totals:
-    """What was read of a file, to be held to what the file says of itself at its end.
-
-    counts : Counter
-        Messages by channel, metadata and attachments.
-    crc : int
-        The checksum over all bytes so far.
-    in_data : bool
-        The data section is not over.
-    """
-
-    counts: Counter[int | type] = field(default_factory=Counter)
-    crc: int = zlib.crc32(MAGIC)
-    in_data: bool = True
-
-    def check(self, record: McapRecord | None) -> None:
-        """Raise DamageError if a record says that there is other data than was read."""
-        if isinstance(record, DataEnd):
-            self.in_data = False
-            if record.data_section_crc not in (0, self.crc):
-                raise DamageError('data with a wrong checksum')
-        elif isinstance(record, Statistics):
-            found = {k: n for k, n in self.counts.items() if isinstance(k, int)}
-            by_channel = {k: n for k, n in record.channel_message_counts.items() if n}
-            if (
-                (by_channel and by_channel != found)  # a writer may leave it out
-                or record.message_count != sum(found.values())
-                or record.metadata_count != self.counts[Metadata]
-                or record.attachment_count != self.counts[Attachment]
-            ):
-                raise DamageError('statistics that differ from what is there')
+Self = TypeVar('Self', bound='LogFile')  # typing.Self is newer than Python 3.10
+ALLOWED = 'allowed is the folder of a run, or an .mcap file'
+# A loss of power leaves a file with zeros at its end, more than any record ends in.
+_ZEROS = 16
 
 
-class LogFile(RecordFile):
-    """An MCAP file, open for reading, whole or broken off; to be used with `with`.
+class LogFile:
+    """An MCAP file, open for reading as it is now, whole or broken off; to be used with `with`.
 
+    path : Path
+
+    Raises NoLogError if it cannot be opened or is no MCAP file.
+
+    being_written : bool
+        A process is writing it.
+    finished : bool
+        It ends as a closed file does.
     messages : int
         How many ``records`` has read.
+    schemas, channels : dict
+        Those that were read, by their ids in the file.
+    texts : dict
+        The records of free text that were read, by name.
     """
 
-    messages = 0
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.messages = 0
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self.texts: dict[str, dict[str, str]] = {}
+        try:
+            if path.exists() and not path.is_file():
+                raise NoLogError(f'{named("log", path)} is neither a file nor a folder')
+            self.stream: BinaryIO = path.open('rb')
+        except OSError as error:
+            words = f'{named("log", path)} cannot be read: {error.strerror}'
+            raise NoLogError(f'{words}, {ALLOWED}') from None
+        try:
+            with self._checked():
+                self.being_written = is_locked(self.stream)
+                self._size = self.stream.seek(0, os.SEEK_END)
+                begins = self._at(0, len(MAGIC))
+                ends = self._at(max(0, self._size - len(MAGIC)), len(MAGIC))
+            if not MAGIC.startswith(begins):
+                words = f'{named("log", path)} is damaged, or no MCAP file: it begins with'
+                raise NoLogError(f'{words} {begins!r}, {ALLOWED}')
+            self.finished = ends == MAGIC and self._size > len(MAGIC)
+        except BaseException:
+            self.stream.close()
+            raise
+
+    def __enter__(self: Self) -> Self:  # noqa: PYI019
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.stream.close()
+
+    def type_of(self, channel_id: int) -> str:
+        """Return the type of the messages of a known channel; empty if the file does not say."""
+        schema = self.schemas.get(self.channels[channel_id].schema_id)
+        return '' if schema is None else schema.name
 
     def records(self) -> Iterator[Message | Metadata | Attachment]:
         """Read the messages, metadata and attachments, in their order, up to where it is cut.
 
         The schemas and channels of messages are in ``schemas`` and ``channels``. Raises LogError
-        if the file cannot be read or is damaged. Only who reads to the end knows that it is not:
-        checksums and counts of the whole file come last.
+        if the file cannot be read or is damaged, which may show at its end only.
         """
-        with self.checked():
+        with self._checked():
             yield from self._records()
 
     def summary(self) -> Summary | None:
         """Read the index at the end; None if there is none. LogError if it is damaged."""
         if not self.finished:
             return None
-        with self.checked():
+        with self._checked():
             return self._summary()
 
+    def metadata_at(self, start: int) -> Metadata:
+        """Read the record of free text at an offset, in bytes; LogError if there is none."""
+        with self._checked():
+            record = self._record(start)
+            if not isinstance(record, Metadata):
+                raise DamageError(f'no metadata at byte {start}')
+            return record
+
+    def messages_at(self, start: int) -> list[Message]:
+        """Read the messages of the chunk at an offset, in bytes; LogError if there is none."""
+        with self._checked():
+            chunk = self._record(start)
+            if not isinstance(chunk, Chunk):
+                raise DamageError(f'no chunk at byte {start}')
+            records = list(chunk_records(chunk))
+            for record in records:
+                self._note(record)
+            return [record for record in records if isinstance(record, Message)]
+
+    @contextmanager
+    def _checked(self) -> Iterator[None]:
+        """Make one LogError of whatever reading or parsing raises."""
+        try:
+            yield
+        except LogError:
+            raise
+        except OSError as error:
+            raise LogError(f'{named("log", self.path)} cannot be read: {error.strerror}') from None
+        except Exception as error:
+            found = str(error) if isinstance(error, DamageError) else repr(error)
+            raise LogError(
+                f'{named("log", self.path)} is damaged: found {one_line(found)}; "mcap recover", '
+                'of the MCAP command line tool, copies what is still readable'
+            ) from error
+
     def _records(self) -> Iterator[Message | Metadata | Attachment]:
-        totals = _Totals()
-        start = len(MAGIC)
-        while start <= self.size and (frame := self.frame(start)) is not None:
+        crc, in_data, start = zlib.crc32(MAGIC), True, len(MAGIC)
+        while start <= self._size and (raw := self._frame(start)):
+            end = start + len(raw)
             try:
-                record = self.parse(frame)
+                record = parse_record(raw[0], raw[HEAD:])
                 content = chunk_records(record) if isinstance(record, Chunk) else [record]
             except Exception:
-                if not self.finished and self.ends_in_zeros(frame.end - 1):
+                if not self.finished and self._ends_in_zeros(end - 1):
                     return  # as after a loss of power
                 raise
+            if isinstance(record, Footer):
+                self._check_footer(record, end)
+                return
+            if isinstance(record, DataEnd):
+                in_data = False
+                if record.data_section_crc not in (0, crc):
+                    raise DamageError('data with a wrong checksum')
             for each in content:
-                self.note(each)
-                if isinstance(each, Message | Metadata | Attachment) and totals.in_data:
-                    totals.counts[
-                        each.channel_id if isinstance(each, Message) else type(each)
-                    ] += 1
+                self._note(each)
+                if isinstance(each, Message | Metadata | Attachment) and in_data:
                     self.messages += isinstance(each, Message)
                     yield each
-            totals.check(record)
-            if isinstance(record, Footer):
-                self.check_footer(record, frame)
-                return
-            totals.crc = zlib.crc32(frame.content, zlib.crc32(frame.head, totals.crc))
-            start = frame.end
+            crc, start = zlib.crc32(raw, crc), end
 
     def _summary(self) -> Summary | None:
-        end = self.size - len(MAGIC) - FOOTER_SIZE
-        frame = self.frame(end)
-        footer = None if frame is None else self.parse(frame)
-        if frame is None or not isinstance(footer, Footer):
+        end = self._size - len(MAGIC) - FOOTER_SIZE
+        footer = self._record(end)
+        if not isinstance(footer, Footer):
             raise DamageError('no footer')
-        self.check_footer(footer, frame)
-        if not footer.summary_start:
-            return None
-        found = Summary()
+        self._check_footer(footer, self._size - len(MAGIC))
         start = footer.summary_start
-        for opcode, content in split_records(self.at(start, end - start)):
-            record = parse_record(opcode, content, exact=False)
-            if isinstance(record, Schema):
-                found.schemas[record.id] = record
-            elif isinstance(record, Channel):
-                found.channels[record.id] = record
-            elif isinstance(record, Statistics):
-                found.statistics = record
-            elif isinstance(record, ChunkIndex):
-                found.chunk_indexes.append(record)
-            elif isinstance(record, MetadataIndex):
-                found.metadata_indexes.append(record)
+        found = parse_summary(self._at(start, end - start) if start else b'')
         for each in (*found.schemas.values(), *found.channels.values()):
-            self.note(each)
-        return found if _is_complete(found) else None
+            self._note(each)
+        return found if is_complete(found) else None
 
+    def _record(self, start: int) -> McapRecord:
+        """Read the record at an offset."""
+        raw = self._frame(start)
+        return parse_record(raw[0], raw[HEAD:])
 
-def _is_complete(summary: Summary) -> bool:
-    """Whether an index has all messages; DamageError if it contradicts itself."""
-    statistics = summary.statistics
-    if statistics is None or statistics.chunk_count != len(summary.chunk_indexes):
-        return False
-    counts = statistics.channel_message_counts
-    named = {*counts, *(k for each in summary.chunk_indexes for k in each.message_index_offsets)}
-    if unknown := named - summary.channels.keys():
-        raise DamageError(f'an index of messages of the unknown channel {min(unknown)}')
-    if counts and sum(counts.values()) != statistics.message_count:
-        raise DamageError('statistics that contradict themselves')
-    return bool((counts and statistics.chunk_count) or not statistics.message_count)
+    def _frame(self, start: int) -> bytes:
+        """Read the bytes of a record at an offset; none if the file was cut within it."""
+        if not len(MAGIC) <= start <= self._size:
+            raise DamageError(f'a record at byte {start} of {self._size}')
+        head = self._at(start, HEAD)
+        length = int.from_bytes(head[1:], 'little')
+        if len(head) == HEAD and length <= self._size - start - HEAD:
+            if length > MAX_RECORD:
+                raise DamageError(f'a record of {length} bytes: expected at most {MAX_RECORD}')
+            return self._at(start, HEAD + length)
+        if self.finished:
+            raise DamageError(f'a record at byte {start} that does not end within the file')
+        return b''
+
+    def _note(self, record: McapRecord) -> None:
+        """Keep texts and what describes messages, and check that each is described."""
+        if isinstance(record, Message):
+            if record.channel_id not in self.channels:
+                raise DamageError(f'a message of the unknown channel {record.channel_id}')
+        elif isinstance(record, Metadata):
+            self.texts[record.name] = record.metadata
+        elif isinstance(record, Schema):
+            self.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            if record.schema_id and record.schema_id not in self.schemas:
+                raise DamageError(f'a channel of the unknown schema {record.schema_id}')
+            self.channels[record.id] = record
+
+    def _check_footer(self, footer: Footer, end: int) -> None:
+        """Raise DamageError if the file does not end there, or the summary is damaged."""
+        if not MAGIC.startswith(self._at(end, len(MAGIC) + 1)):
+            raise DamageError('more data after the footer')
+        start = footer.summary_start
+        if start and not len(MAGIC) <= start <= end - FOOTER_SIZE <= start + MAX_RECORD:
+            raise DamageError(f'a summary at byte {start} of {self._size}')
+        # With the footer up to the checksum.
+        if start and footer.summary_crc not in (0, zlib.crc32(self._at(start, end - 4 - start))):
+            raise DamageError('a summary with a wrong checksum')
+
+    def _ends_in_zeros(self, start: int) -> bool:
+        """Whether only zeros follow from an offset on, more than a record ends in."""
+        start = min(start, max(0, self._size - _ZEROS))
+        return not self._at(start, self._size).strip(b'\0')
+
+    def _at(self, start: int, length: int) -> bytes:
+        """Read so many bytes, or as many as there were when the file was opened."""
+        self.stream.seek(start)
+        return self.stream.read(max(0, min(length, self._size - start)))

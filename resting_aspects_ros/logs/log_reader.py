@@ -1,16 +1,14 @@
 """Read a log, whole or broken off: messages as the bytes that were on the wire."""
 
 from collections.abc import Collection, Iterator
-from contextlib import ExitStack
 from pathlib import Path
 
 from mcap.records import Channel, Message
 
 from resting_aspects_ros.core.errors import LogError, NoLogError, shown
 from resting_aspects_ros.core.input_file import is_file, is_folder, named
-from resting_aspects_ros.logs.log_file import LogFile
+from resting_aspects_ros.logs.log_file import ALLOWED, LogFile
 from resting_aspects_ros.logs.mcap_file import MAGIC
-from resting_aspects_ros.logs.record_file import ALLOWED
 from resting_aspects_ros.logs.schemas import load_schema
 
 _SUFFIX = '.mcap'
@@ -31,39 +29,22 @@ def is_log(path: Path) -> bool:
 
 
 def messages(path: Path, type_name: str) -> Iterator[bytes]:
-    """Read all messages of a type, in CDR, in the order of the files.
+    """Read all messages of a type, in CDR, in their order.
 
     The index at the end of a file is not needed: of a log that was broken off, or is still being
     written, what is whole in it counts.
 
-    Parameters
-    ----------
     path : Path
-        A folder with MCAP files, such as that of a run, or one such file.
+        The folder of a run, or its MCAP file.
     type_name : str
         `resting_aspects_interfaces/msg/AspectDistribution`.
 
-    Raises
-    ------
-    LogError
-        If it is no log, cannot be read, is damaged, or was written with another definition of the
-        type than the installed one.
+    Raises LogError if it is no log, cannot be read, is damaged, or was written with another
+    definition of the type than the installed one.
     """
-    for log in log_files(path):
-        with LogFile(log) as file:
-            for message in typed_messages(file, [type_name]):
-                yield message[1].data
-
-
-def last_message(path: Path, type_name: str) -> bytes | None:
-    """Read the message of a type that was logged last; None if there is none. See messages."""
-    last: Message | None = None
-    for log in log_files(path):
-        with LogFile(log) as file:
-            for _, message in typed_messages(file, [type_name]):
-                if last is None or message.log_time >= last.log_time:
-                    last = message
-    return None if last is None else last.data
+    with LogFile(one_file(path)) as file:
+        for _, message in typed_messages(file, [type_name]):
+            yield message.data
 
 
 def typed_messages(file: LogFile, types: Collection[str]) -> Iterator[tuple[str, Message]]:
@@ -82,30 +63,24 @@ def typed_messages(file: LogFile, types: Collection[str]) -> Iterator[tuple[str,
 
 
 def one_file(path: Path) -> Path:
-    """Return the MCAP file of a log that has one; raises LogError if there is none, or more."""
-    files = log_files(path)
-    if len(files) > 1:
-        raise LogError(f'{named("folder", path)} has {len(files)} {_SUFFIX} files, allowed is one')
-    return files[0]
-
-
-def log_files(path: Path) -> list[Path]:
-    """Return the MCAP files of a log, by name; NoLogError for a folder without any."""
+    """Return the MCAP file of a log; NoLogError for a folder with none, LogError with several."""
     if not is_folder(path):
-        return [path]
-    found = sorted(filter(is_file, path.glob(f'*{_SUFFIX}')))
+        return path
+    found = list(filter(is_file, path.glob(f'*{_SUFFIX}')))
+    if len(found) > 1:
+        raise LogError(f'{named("folder", path)} has {len(found)} {_SUFFIX} files, allowed is one')
     if not found:
         words = f'{named("folder", path)} is no log: no {_SUFFIX} file is in it'
         if logs := len({file.parent for file in path.glob(f'*/*{_SUFFIX}')}):
             words += f', but in {logs} folders in it'
         raise NoLogError(f'{words}, {ALLOWED}')
-    return found
+    return found[0]
 
 
 def is_being_written(path: Path) -> bool:
-    """Whether a process is writing a file of a log now; LogError if it cannot be read."""
-    with ExitStack() as stack:
-        return any(stack.enter_context(LogFile(log)).being_written for log in log_files(path))
+    """Whether a process is writing a log now; LogError if it cannot be read."""
+    with LogFile(one_file(path)) as file:
+        return file.being_written
 
 
 def unfinished(path: Path) -> str:
@@ -113,13 +88,8 @@ def unfinished(path: Path) -> str:
 
     Raises LogError if it cannot be read.
     """
-    with ExitStack() as stack:
-        files = [stack.enter_context(LogFile(log)) for log in log_files(path)]
-        return state_text(
-            path,
-            being_written=any(file.being_written for file in files),
-            finished=all(file.finished for file in files),
-        )
+    with LogFile(one_file(path)) as file:
+        return state_text(path, being_written=file.being_written, finished=file.finished)
 
 
 def state_text(path: Path, *, being_written: bool, finished: bool) -> str:

@@ -1,7 +1,11 @@
-"""What every MCAP file of the suite has: its profile, its channels, and its end."""
+"""What every MCAP file of the suite has: its profile, its channels, its end, and its lock.
 
+Who writes or recovers a log holds an advisory lock on its file, at most until the process ends.
+"""
+
+import fcntl
 import os
-from typing import BinaryIO
+from typing import IO, BinaryIO
 
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
@@ -44,3 +48,26 @@ def finish_file(writer: Writer, stream: BinaryIO, metadata: BagMetadata) -> None
     stream.flush()
     os.fsync(stream.fileno())
     stream.close()
+
+
+def lock_file(file: IO[bytes]) -> bool:
+    """Lock a file; False if another has. Where the file system has no locks none is taken."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True
+
+
+def is_locked(file: IO[bytes]) -> bool:
+    """Whether another process, or another stream of this one, is writing the file."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    fcntl.flock(file, fcntl.LOCK_UN)
+    return False

@@ -30,6 +30,7 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
+from mcap.summary import Summary
 
 # Bytes of a record, and of what a chunk is unpacked to. The largest that a log needs is a part's
 # description with its mesh.
@@ -53,43 +54,23 @@ _PARSERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
     Opcode.DATA_END: DataEnd.read,
 }
 _IN_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
-# Opcodes from here on are for records of other programs.
-_PRIVATE = 0x80
-# Where the length of a record's last long field is: after so many bytes and so many texts; how
-# many bytes that length has, and how many follow the field.
-_LAST_FIELD: dict[int, tuple[int, int, int, int]] = {
-    Opcode.HEADER: (0, 1, 4, 0),
-    Opcode.SCHEMA: (2, 2, 4, 0),
-    Opcode.CHANNEL: (4, 2, 4, 0),
-    Opcode.CHUNK: (28, 1, 8, 0),
-    Opcode.MESSAGE_INDEX: (2, 0, 4, 0),
-    Opcode.ATTACHMENT: (16, 2, 8, 4),
-    Opcode.METADATA: (0, 1, 4, 0),
-}
 
 
 class DamageError(Exception):
     """What was found instead of what a writer of MCAP leaves."""
 
 
-def parse_record(opcode: int, content: bytes, *, exact: bool) -> McapRecord | None:
-    """Parse a record; None if it is one of another program, which MCAP allows.
+def parse_record(opcode: int, content: bytes) -> McapRecord:
+    """Parse a record; raises DamageError, or whatever the parser raises for content that is none.
 
-    exact : bool
-        Refuse what a later version of MCAP may add: unknown records, and fields at the end.
-
-    Raises DamageError, or whatever the parser raises for content that is none.
+    Records of other programs, which MCAP allows, are refused: no writer of ROS logs has any.
     """
-    stream = _Content(content)
+    stream = ReadDataStream(_Content(content))
     if opcode == Opcode.MESSAGE:
         return Message.read(stream, len(content))
     if opcode not in _PARSERS:
-        if exact or opcode < _PRIVATE:
-            raise DamageError(f'a record with the unknown opcode {opcode}')
-        return None
+        raise DamageError(f'a record with the unknown opcode {opcode}')
     record = _PARSERS[opcode](stream)
-    if exact and stream.count != len(content):
-        raise DamageError(f'{type(record).__name__} record of {len(content)} bytes')
     if isinstance(record, Attachment):
         _check_crc('an attachment', int.from_bytes(content[-4:], 'little'), content[:-4])
     return record
@@ -115,11 +96,9 @@ def chunk_records(chunk: Chunk) -> Iterator[McapRecord]:
 
 def _parsed(content: bytes) -> Iterator[McapRecord]:
     for opcode, each in split_records(content):
-        if opcode not in _IN_CHUNKS and opcode < _PRIVATE:
+        if opcode not in _IN_CHUNKS:
             raise DamageError(f'a record with the opcode {opcode} in a chunk')
-        record = parse_record(opcode, each, exact=False)
-        if record is not None:
-            yield record
+        yield parse_record(opcode, each)
 
 
 def _unpacked(chunk: Chunk) -> bytes:
@@ -146,31 +125,41 @@ def _check_crc(what: str, crc: int, content: bytes) -> None:
         raise DamageError(f'{what} with a wrong checksum')
 
 
-def can_be_cut(opcode: int, length: int, content: bytes) -> bool:
-    """Whether this is the beginning of a record of so many bytes, of which the rest is missing.
+def parse_summary(content: bytes) -> Summary:
+    """Parse the index at the end of a file; errors as parse_record."""
+    found = Summary()
+    for opcode, each in split_records(content):
+        record = parse_record(opcode, each)
+        if isinstance(record, Schema):
+            found.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            found.channels[record.id] = record
+        elif isinstance(record, Statistics):
+            found.statistics = record
+        elif isinstance(record, ChunkIndex):
+            found.chunk_indexes.append(record)
+        elif isinstance(record, MetadataIndex):
+            found.metadata_indexes.append(record)
+    return found
 
-    Its length is held to the one that the record itself repeats: were it just damaged, all that
-    follows would be taken for a part of this record.
-    """
-    if opcode != Opcode.MESSAGE and opcode not in _PARSERS:
+
+def is_complete(summary: Summary) -> bool:
+    """Whether an index has all messages; DamageError if it contradicts itself."""
+    statistics = summary.statistics
+    if statistics is None or statistics.chunk_count != len(summary.chunk_indexes):
         return False
-    at, texts, width, after = _LAST_FIELD.get(opcode, (len(content), 0, 1, 0))
-    for _ in range(texts):
-        at += 4 + int.from_bytes(content[at : at + 4], 'little')
-    field = content[at : at + width]
-    return len(field) < width or length == at + width + int.from_bytes(field, 'little') + after
+    counts = statistics.channel_message_counts
+    named = {*counts, *(k for each in summary.chunk_indexes for k in each.message_index_offsets)}
+    if unknown := named - summary.channels.keys():
+        raise DamageError(f'an index of messages of the unknown channel {min(unknown)}')
+    return bool(statistics.chunk_count or not statistics.message_count)
 
 
-class _Content(ReadDataStream):
+class _Content(BytesIO):
     """A record's content; DamageError where a field does not end within it."""
 
-    def __init__(self, content: bytes) -> None:
-        super().__init__(BytesIO())
-        self._content = content
-
-    def read(self, length: int) -> bytes:
-        start = self._count
-        self._count += length
-        if not start <= self._count <= len(self._content):
+    def read(self, size: int | None = -1) -> bytes:
+        data = super().read(size)
+        if len(data) != size:
             raise DamageError('a field that does not end within its record')
-        return self._content[start : self._count]
+        return data

@@ -1,6 +1,5 @@
 """A log to be played again: its topics, its span, and its messages in their order, with times."""
 
-import heapq
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -11,7 +10,7 @@ from mcap.records import Channel, Message
 from resting_aspects_ros.core.errors import LogError, one_line
 from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.logs.log_file import LogFile
-from resting_aspects_ros.logs.log_reader import log_files, written_hash
+from resting_aspects_ros.logs.log_reader import one_file, written_hash
 from resting_aspects_ros.logs.topics import Qos, recorded_qos
 
 
@@ -58,21 +57,14 @@ class Span:
     messages: int
 
 
-@dataclass(frozen=True)
-class _File:
-    path: Path
-    start: int
-    messages: int
-
-
 class Recording:
     """What is whole in a log now: it is read once to find out, and again for the messages.
 
     No index is needed, so a log that was broken off, or is still being written, will do. No more
-    than a chunk of each file is in memory at a time.
+    than a chunk is in memory at a time.
 
     path : Path
-        A folder with MCAP files, such as that of a run, or one such file.
+        The folder of a run, or an MCAP file.
 
     Raises LogError if it is no log, cannot be read, is damaged before its end, or has no message.
 
@@ -84,8 +76,24 @@ class Recording:
         self.path = path
         self.topics: dict[str, RecordedTopic] = {}
         self._spans: dict[str, Span] = {}
-        self._files = [file for name in log_files(path) if (file := self._scan(name)).messages]
-        if not self._files:
+        self._file = one_file(path)
+        self._count = 0
+        for topic, message in _read(self._file):
+            known = self.topics.setdefault(topic.name, topic)
+            if (topic.type, topic.type_hash) != (known.type, known.type_hash):
+                raise LogError(
+                    one_line(
+                        f'log {str(path)!r} has topic {topic.name} as {topic.type} '
+                        f'({topic.type_hash}) and as {known.type} ({known.type_hash}), '
+                        'allowed is one',
+                        600,
+                    )
+                )
+            span = self._spans.setdefault(topic.name, Span(message.time, message.time, 0))
+            span.end = message.time
+            span.messages += 1
+            self._count += 1
+        if not self._count:
             raise LogError(f'log {str(path)!r} holds no message, allowed is at least one')
 
     def span(self, topics: Collection[str]) -> Span:
@@ -107,62 +115,22 @@ class Recording:
         """
         waiting = set(first)
         start = self.span(topics).start
-        for message in self._merged() if waiting else ():
+        for message in self._all() if waiting else ():
             if message.topic in waiting:
                 waiting.remove(message.topic)
                 yield replace(message, time=start)
             if not waiting:
                 break
         gone = set(first) - waiting
-        for message in self._merged():
+        for message in self._all():
             if message.topic in gone:
                 gone.remove(message.topic)
             elif message.topic in topics:
                 yield message
 
-    def _scan(self, path: Path) -> _File:
-        """Take in what is in a file."""
-        start = count = 0
-        for topic, message in _read(path):
-            known = self.topics.setdefault(topic.name, topic)
-            if (topic.type, topic.type_hash) != (known.type, known.type_hash):
-                raise LogError(
-                    one_line(
-                        f'log {str(self.path)!r} has topic {topic.name} as {topic.type} '
-                        f'({topic.type_hash}) and as {known.type} ({known.type_hash}), '
-                        'allowed is one',
-                        600,
-                    )
-                )
-            time = message.time
-            span = self._spans.setdefault(topic.name, Span(time, time, 0))
-            span.start, span.end = min(span.start, time), max(span.end, time)
-            span.messages += 1
-            start = start if count else time
-            count += 1
-        return _File(path, start, count)
-
-    def _merged(self) -> Iterator[RecordedMessage]:
-        """Messages of all files by their times; a file is open from its first to its last."""
-        opened: dict[int, Iterator[RecordedMessage]] = {}
-        heap: list[tuple[int, int, RecordedMessage | None]] = [
-            (file.start, k, None) for k, file in enumerate(self._files)
-        ]
-        heapq.heapify(heap)
-        while heap:
-            _, k, message = heapq.heappop(heap)
-            if message is None:
-                opened[k] = _first(self._files[k])
-            else:
-                yield message
-            following = next(opened[k], None)
-            if following is not None:
-                heapq.heappush(heap, (following.time, k, following))
-
-
-def _first(file: _File) -> Iterator[RecordedMessage]:
-    """Those messages of a file that were there when it was looked through."""
-    return islice((message for _, message in _read(file.path)), file.messages)
+    def _all(self) -> Iterator[RecordedMessage]:
+        """Those messages that were there when the log was looked through."""
+        return islice((message for _, message in _read(self._file)), self._count)
 
 
 def _read(path: Path) -> Iterator[tuple[RecordedTopic, RecordedMessage]]:

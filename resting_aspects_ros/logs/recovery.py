@@ -24,10 +24,15 @@ from resting_aspects_ros.logs.bag_metadata import (
     read_information,
     write_metadata,
 )
-from resting_aspects_ros.logs.file_lock import lock_file
 from resting_aspects_ros.logs.log_file import LogFile
 from resting_aspects_ros.logs.log_reader import check_definition, one_file, written_hash
-from resting_aspects_ros.logs.mcap_file import ROSBAG2, finish_file, register_channel, start_file
+from resting_aspects_ros.logs.mcap_file import (
+    ROSBAG2,
+    finish_file,
+    lock_file,
+    register_channel,
+    start_file,
+)
 from resting_aspects_ros.logs.topics import Qos, qos_profiles
 
 # Of a channel that does not say what was offered: what rosbag2 takes for it.
@@ -174,7 +179,6 @@ class _Recovery:
     def _copy(self) -> None:
         """Write the file anew in the place of the old one; OSError if that cannot be."""
         path = self._file.path
-        state = _state(path)
         for left in path.parent.glob(f'{glob.escape(path.name)}.*.recovering'):
             left.unlink()  # of one that was killed
         new = path.with_name(f'{path.name}.{uuid.uuid4().hex}.recovering')
@@ -185,9 +189,6 @@ class _Recovery:
                 for name, values in self._note({**self._file.texts, **self._account.result()}):
                     writer.add_metadata(name, values)
                 finish_file(writer, stream, self._metadata)
-            # Where the file system has no locks.
-            if _state(path) != state:
-                raise LogError(f'{named("log", path)} was written meanwhile, it is left as it is')
             new.replace(path)
         finally:
             with suppress(OSError):
@@ -219,12 +220,6 @@ class _Recovery:
             writer.add_message(
                 channels[key], record.log_time, record.data, record.publish_time, record.sequence
             )
-
-
-def _state(path: Path) -> tuple[int, ...]:
-    """What tells a file from one that took its place, or was written to."""
-    found = path.stat()
-    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def _offered(channel: Channel) -> list[dict[str, Any]]:

@@ -18,8 +18,7 @@ from mcap.writer import Writer
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.logs.bag_metadata import BagMetadata, TopicCount, write_metadata
-from resting_aspects_ros.logs.file_lock import lock_file
-from resting_aspects_ros.logs.mcap_file import finish_file, register_channel, start_file
+from resting_aspects_ros.logs.mcap_file import finish_file, lock_file, register_channel, start_file
 from resting_aspects_ros.logs.schemas import Schema, load_schema
 from resting_aspects_ros.logs.topics import Topic, qos_profiles
 

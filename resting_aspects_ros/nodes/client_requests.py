@@ -18,9 +18,9 @@ from resting_aspects_ros.core.errors import (
 )
 from resting_aspects_ros.core.part import MAX_NAME, is_valid_name
 from resting_aspects_ros.core.pose_query import unit_orientation
-from resting_aspects_ros.drops.ceiling import most_drops
+from resting_aspects_ros.core.stopping import max_drops
 from resting_aspects_ros.drops.conditions import DropConditions
-from resting_aspects_ros.drops.run import DEFAULT_DROPS, check_drops, check_seed
+from resting_aspects_ros.drops.run import DEFAULT_DROPS, MOST_DROPS, check_drops, check_seed
 from resting_aspects_ros.nodes.convert import conditions_msg
 from resting_aspects_ros.nodes.interface import DROP_SIMULATOR, PARTS
 from resting_aspects_ros.nodes.pending_request import AnswerTimeoutError
@@ -138,7 +138,7 @@ def _asked_drops(drops: int | None, precision: float, *, only_known: bool) -> in
         drops = 0 if precision else 1 if only_known else DEFAULT_DROPS
     if type(drops) is not int or drops > 0:
         check_drops(drops)
-    drops = most_drops(drops, precision)
+    drops = max_drops(drops, precision, MOST_DROPS)
     check_drops(drops)
     return drops
 

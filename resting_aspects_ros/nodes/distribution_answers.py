@@ -13,9 +13,9 @@ from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.estimators.estimate import estimate
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.drops.ceiling import most_drops
+from resting_aspects_ros.core.stopping import max_drops
 from resting_aspects_ros.drops.conditions import DropConditions
-from resting_aspects_ros.drops.run import DEFAULT_SEED, RunDescription, check_drops
+from resting_aspects_ros.drops.run import DEFAULT_SEED, MOST_DROPS, RunDescription, check_drops
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.nodes.convert import conditions_msg
 from resting_aspects_ros.nodes.default_conditions import FollowedDefault
@@ -67,7 +67,7 @@ class DistributionAnswers:
         return estimate_msg(found, part, self._node.get_clock().now().to_msg(), self._frame)
 
     async def _find_or_drop(self, request: GetDistribution.Request) -> AspectDistribution:
-        drops = most_drops(request.drops, request.precision)
+        drops = max_drops(request.drops, request.precision, MOST_DROPS)
         check_drops(drops)
         seed = request.seed[0] if request.seed else None
         parts = await self._usable(request.part)

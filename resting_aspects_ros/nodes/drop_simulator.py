@@ -23,10 +23,10 @@ from resting_aspects_ros.core.distribution import count_poses, no_drops
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.drops.ceiling import most_drops
+from resting_aspects_ros.core.stopping import max_drops
 from resting_aspects_ros.drops.job import DropJob
 from resting_aspects_ros.drops.plan import plan_run
-from resting_aspects_ros.drops.run import RunDescription, check_run_id
+from resting_aspects_ros.drops.run import MOST_DROPS, RunDescription, check_run_id
 from resting_aspects_ros.drops.surfaces import Surfaces
 from resting_aspects_ros.drops.worker_pool import MAX_WORKERS, default_workers
 from resting_aspects_ros.nodes.callbacks import advertise
@@ -229,7 +229,7 @@ class DropSimulator(Node):
                 self._surfaces, goal.surface, goal.conditions, self._default.conditions
             ),
             seed=goal.seed,
-            drops=most_drops(goal.drops, goal.precision),
+            drops=max_drops(goal.drops, goal.precision, MOST_DROPS),
             first_drop=goal.first_drop,
             precision=goal.precision,
             run_id=goal.run_id or uuid.uuid4().hex[:12],

@@ -17,9 +17,9 @@ from resting_aspects_ros.core.file_names import printable
 from resting_aspects_ros.core.input_file import is_folder
 from resting_aspects_ros.drops.merge import merge_drops
 from resting_aspects_ros.drops.run import RunDescription
+from resting_aspects_ros.logs.bag_metadata import Outcome
 from resting_aspects_ros.logs.indexed_log import IndexedLog, NoIndexError
 from resting_aspects_ros.logs.log_reader import is_being_written, messages
-from resting_aspects_ros.logs.outcome import Outcome
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE
 from resting_aspects_ros.nodes.callbacks import guarded_task
 from resting_aspects_ros.nodes.convert import run_from, serialized_part, serialized_poses

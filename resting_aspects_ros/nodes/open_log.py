@@ -11,7 +11,7 @@ from resting_aspects_interfaces.msg import PartDescription, RecordedRun
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.drops.run import RunDescription
-from resting_aspects_ros.logs.outcome import OUTCOME, Outcome, recorded_outcome
+from resting_aspects_ros.logs.bag_metadata import OUTCOME, Outcome, recorded_outcome
 from resting_aspects_ros.logs.run_log import RunLog, run_folder_name
 from resting_aspects_ros.logs.topics import Topic
 from resting_aspects_ros.nodes.callbacks import advertise

@@ -16,6 +16,7 @@ import pytest
 import trimesh
 
 from resting_aspects_ros import cli
+from resting_aspects_ros.drops import worker_pool
 from resting_aspects_ros.signals import SIGNALS
 
 COMMAND = [sys.executable, '-m', 'resting_aspects_ros.cli']
@@ -31,7 +32,26 @@ def environment():
 
 
 @pytest.fixture(scope='session')
-def run_in(environment):
+def worker_pools():
+    """Worker processes by their number, which all commands in this process share.
+
+    They take longer to start than most tests need for their drops.
+    """
+    make, pools = worker_pool.ProcessWorkers, {}
+
+    def shared(count):
+        if count not in pools:
+            pools[count] = make(count)
+            pools[count].stop = lambda: None
+        return pools[count]
+
+    yield shared
+    for pool in pools.values():
+        make.stop(pool)
+
+
+@pytest.fixture(scope='session')
+def run_in(environment, worker_pools):
     """Call the command in this process, in a folder; returns what a process would."""
 
     def run(folder, *words, env=None):
@@ -42,6 +62,7 @@ def run_in(environment):
             _folder(folder),
             _handlers_restored(),
             mock.patch.dict(os.environ, env or environment, clear=True),
+            mock.patch.object(worker_pool, 'ProcessWorkers', worker_pools),
             contextlib.redirect_stdout(out),
             contextlib.redirect_stderr(err),
         ):
@@ -70,12 +91,15 @@ def _folder(folder):
 
 @contextlib.contextmanager
 def _handlers_restored():
+    """The command is the last thing that its process does: it leaves signals blocked."""
     before = {number: signal.getsignal(number) for number in SIGNALS}
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
         signal.set_wakeup_fd(-1)
 
 
@@ -199,18 +223,16 @@ def wait_for_poses(wait_until, tmp_path):
 
 
 @pytest.fixture
-def ended(session, wait_until, tmp_path):
-    """Wait until the command ends; check what it leaves, and give its document and its words."""
+def saved(tmp_path):
+    """Check what a command left that did not finish; gives its document and its words."""
 
-    def check(process, code):
-        printed, errors = process.communicate(timeout=DEADLINE)
-        assert process.returncode == code, errors
-        assert 'Traceback' not in errors
-        # One of multiprocessing's ends as it sees that the others have.
-        wait_until(lambda: session(process.pid) == {}, 5)
-        document = json.loads(printed)
+    def check(found, code):
+        assert found.returncode == code, found.stderr
+        assert 'Traceback' not in found.stderr
+        document = json.loads(found.stdout)
         assert document['complete'] is False
-        assert (tmp_path / 'o' / 'distribution.json').read_text(encoding='utf-8') == printed
+        in_file = (tmp_path / 'o' / 'distribution.json').read_text(encoding='utf-8')
+        assert in_file == found.stdout
         with (tmp_path / 'p.csv').open(newline='', encoding='utf-8') as file:
             rows = list(csv.reader(file))
         assert [row[0] for row in rows] == ['drop', *map(str, range(document['drops']))]
@@ -218,7 +240,19 @@ def ended(session, wait_until, tmp_path):
         assert sum(a['count'] for a in document['aspects']) + outside == document['drops']
         names = sorted(path.name for path in tmp_path.rglob('*'))
         assert names == ['distribution.json', 'distribution.png', 'o', 'p.csv', 'poses.csv']
-        return document, errors.splitlines()
+        return document, found.stderr.splitlines()
+
+    return check
+
+
+@pytest.fixture
+def ended(session, wait_until, saved):
+    """Wait until a process ends; check what it leaves, as ``saved``, and that nothing runs on."""
+
+    def check(process, code):
+        printed, errors = process.communicate(timeout=DEADLINE)
+        wait_until(lambda: session(process.pid) == {})
+        return saved(subprocess.CompletedProcess([], process.returncode, printed, errors), code)
 
     return check
 

@@ -226,7 +226,7 @@ def test_what_is_no_log_with_a_distribution(refused, write_log, tmp_path):
     with RunLog(tmp_path, 'junk') as log:
         log.write(TOPIC, b'\0\1\0\0' + b'\xff' * 40, 1)
     junk = refused('compare', 'junk', 'm.csv')
-    assert "log 'junk' holds a distribution that cannot be read: failed to deseri" in junk
+    assert "log 'junk' has a message that cannot be read: failed to deseri" in junk
     (tmp_path / 'folder').mkdir()
     assert "folder 'folder' is no log" in refused('compare', 'm.csv', 'folder')
     (tmp_path / 'x.mcap').write_text(BY_HAND, encoding='utf-8')

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.commands.convergence import check_convergence
+from resting_aspects_ros.commands.progress import DropProgress
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import Distribution, count_poses, no_drops
 from resting_aspects_ros.drops.engine import drop_chunk
@@ -67,18 +68,21 @@ def test_it_is_told_whether_chance_explains_the_shift(part, counts, words):
     assert max(map(len, lines)) <= 80
 
 
-def test_what_was_dropped_is_answered_when_the_check_is_broken_off(begin):
-    process = begin('drop', 'washer', '--drops', 2000, '--check-convergence', '--json')
-    for line in process.stderr:
-        if 'in finer steps' in line:
-            break
-    process.send_signal(signal.SIGINT)
-    answer, rest = process.communicate(timeout=60)
-    assert process.returncode == 130
-    document = json.loads(answer)
-    assert (document['drops'], document['complete']) == (2000, True)
+def test_what_was_dropped_is_answered_when_the_check_is_broken_off(run, monkeypatch):
+    update = DropProgress.update
+
+    def interrupt(shown, done):
+        update(shown, done)
+        if 'in finer steps' in shown._what:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(DropProgress, 'update', interrupt)
+    ended = run('drop', 'washer', '--drops', 200, '--check-convergence', '--json')
+    assert ended.returncode == 130
+    document = json.loads(ended.stdout)
+    assert (document['drops'], document['complete']) == (200, True)
     assert 'convergence' not in document
-    assert rest.splitlines()[-1] == 'interrupted before the convergence was checked'
+    assert ended.stderr.splitlines()[-1] == 'interrupted before the convergence was checked'
 
 
 def test_a_run_in_which_nothing_rests_is_answered_all_the_same(run, tmp_path):

@@ -126,6 +126,7 @@ def test_ctrl_c_in_the_middle(begin, nodes_of, left, read_until, tmp_path):
     assert no_tracebacks(tmp_path / 'o') == NODES
 
 
+@pytest.mark.slow
 def test_ctrl_c_as_it_starts(begin, nodes_of, left, tmp_path):
     process = begin('demo', '--out', 'o')
     assert process.stdout.readline().startswith('Starting ')
@@ -138,6 +139,7 @@ def test_ctrl_c_as_it_starts(begin, nodes_of, left, tmp_path):
     assert no_tracebacks(tmp_path / 'o') == NODES
 
 
+@pytest.mark.slow
 def test_ctrl_c_before_the_nodes_run_and_then_again_and_again(begin, processes_of, left):
     process = begin('demo')
     assert process.stdout.readline().startswith('Starting ')

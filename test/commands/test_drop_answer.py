@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from resting_aspects_ros.commands.poses_csv import POSES_HEADER
+from resting_aspects_ros.commands.outputs import POSES_HEADER
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import count_poses, no_drops
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus

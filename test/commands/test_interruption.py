@@ -1,4 +1,7 @@
-"""Ctrl-C, and workers that die: what was done is saved, and nothing is left running."""
+"""Ctrl-C, and workers that die: what was done is saved, and nothing is left running.
+
+Signals come in this process, at a known place, but for one test of each kind with real processes.
+"""
 
 import os
 import re
@@ -10,10 +13,10 @@ from contextlib import suppress
 import pytest
 import trimesh
 
+from resting_aspects_ros.commands import report_files
+from resting_aspects_ros.commands.progress import DropProgress
 from resting_aspects_ros.drops.campaign import MAX_DEATHS
 
-# Falls from far above need fine time steps: the first chunk takes a while.
-SLOW = ('drop', 'l_bracket', '--drops', 100_000, '--workers', 2, '--height', '3m')
 QUICK = ('drop', 'tetrahedron', '--drops', 200_000, '--workers', 2)
 OUTPUTS = ('--json', '--poses', 'p.csv', '--out', 'o')
 ENOUGH = 60.0  # s
@@ -38,10 +41,28 @@ def disc(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize('part', ['tetrahedron', 'disc'])
-def test_ctrl_c_in_the_middle(begin, ended, read_until, disc, part):
-    parts = ('--parts', disc) if part == 'disc' else ()
-    process = begin('drop', part, *parts, *QUICK[2:], *OUTPUTS)
+@pytest.fixture
+def at_update(monkeypatch):
+    """Call something whenever the progress is shown, with the number of drops done."""
+
+    def at_update(call):
+        update = DropProgress.update
+        monkeypatch.setattr(
+            DropProgress, 'update', lambda shown, done: [update(shown, done), call(done)]
+        )
+
+    return at_update
+
+
+def when_some_are_done(number):
+    return lambda done: done and signal.raise_signal(number)
+
+
+# -- signals -------------------------------------------------------------------------------------
+
+
+def test_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until, disc):
+    process = begin('drop', 'disc', '--parts', disc, *QUICK[2:], *OUTPUTS)
     read_until(process.stderr, some_done)
     # As the terminal does: to all processes.
     os.killpg(process.pid, signal.SIGINT)
@@ -51,15 +72,14 @@ def test_ctrl_c_in_the_middle(begin, ended, read_until, disc, part):
     assert lines[-1] == words
 
 
-@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
-def test_another_signal_to_the_command_alone(begin, ended, read_until, number):
-    process = begin(*QUICK, *OUTPUTS)
-    read_until(process.stderr, some_done)
-    process.send_signal(number)
-    document, _ = ended(process, 130)
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_every_signal_saves_what_was_done(run, saved, at_update, number):
+    at_update(when_some_are_done(number))
+    document, _ = saved(run(*QUICK, *OUTPUTS), 130)
     assert document['drops'] > 0
 
 
+@pytest.mark.slow
 def test_ctrl_c_again_and_again(begin, ended, read_until):
     process = begin(*QUICK, *OUTPUTS)
     read_until(process.stderr, some_done)
@@ -72,34 +92,35 @@ def test_ctrl_c_again_and_again(begin, ended, read_until):
     assert ended(process, 130)[0]['drops'] > 0
 
 
-def test_ctrl_c_while_the_page_is_drawn(begin, read_until, tmp_path):
-    process = begin('drop', 'l_bracket', '--drops', 20, '--report', '--out', 'o')
-    read_until(process.stdout, lambda line: line.startswith('Written: '))
-    os.killpg(process.pid, signal.SIGINT)
-    printed, errors = process.communicate(timeout=ENOUGH)
-    assert process.returncode == 130, errors
-    assert printed == ''  # no report is told
-    assert 'Traceback' not in errors
-    # Nothing half written, and what was done is saved.
+def test_ctrl_c_while_the_page_is_drawn(run, monkeypatch, tmp_path):
+    draw = report_files.report_files
+
+    def interrupted(report):
+        signal.raise_signal(signal.SIGINT)
+        yield from draw(report)
+
+    monkeypatch.setattr(report_files, 'report_files', interrupted)
+    found = run('drop', 'l_bracket', '--drops', 20, '--report', '--out', 'o')
+    assert (found.returncode, found.stderr.splitlines()[-1]) == (130, 'interrupted')
+    assert found.stdout.splitlines()[-1].startswith('Written: ')
+    # What was done is saved, and nothing is half written.
     written = {file.name for file in (tmp_path / 'o').iterdir()}
-    assert {'distribution.json', 'poses.csv'} <= written
-    assert 'report.html' not in written
+    assert written == {'distribution.json', 'poses.csv'}
 
 
-def test_ctrl_c_before_the_first_drop_is_done(begin, ended, read_until):
-    process = begin(*SLOW, *OUTPUTS)
-    line = read_until(process.stderr, lambda line: True)
-    assert line == 'l_bracket: 0 of 100000 drops\n'
-    os.killpg(process.pid, signal.SIGINT)
-    document, lines = ended(process, 130)
+def test_ctrl_c_before_the_first_drop_is_done(run, saved, at_update):
+    at_update(lambda done: signal.raise_signal(signal.SIGINT))
+    document, lines = saved(run(*QUICK, *OUTPUTS), 130)
     assert document['drops'] == 0
-    assert lines[-1] == 'interrupted after 0 of 100000 drops, which are in the answer'
+    assert lines[-1] == 'interrupted after 0 of 200000 drops, which are in the answer'
     for aspect in document['aspects']:
         assert (aspect['lower'], aspect['upper']) == (0, 1)
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_the_engine_is_loaded(begin, ended, wait_until):
-    process = begin(*SLOW, *OUTPUTS)
+    # Falls from far above need fine time steps: the first chunk takes a while.
+    process = begin('drop', 'l_bracket', *QUICK[2:], '--height', '3m', *OUTPUTS)
     maps = f'/proc/{process.pid}/maps'
     # Loaded long before the engine, and after signals are caught.
     wait_until(lambda: '_multiarray_umath' in open(maps, encoding='utf-8').read())  # noqa: PTH123, SIM115
@@ -107,29 +128,31 @@ def test_ctrl_c_while_the_engine_is_loaded(begin, ended, wait_until):
     assert ended(process, 130)[0]['drops'] == 0
 
 
-def test_without_files_nothing_is_written(begin, read_until, tmp_path):
-    process = begin(*QUICK)
-    read_until(process.stderr, some_done)
-    os.killpg(process.pid, signal.SIGINT)
-    printed, errors = process.communicate(timeout=ENOUGH)
-    done, asked = re.search(r'interrupted after (\d+) of (\d+)', errors).groups()
-    assert printed.splitlines()[1].strip() == f'{done} of {asked} drops on rubber_mat, seed 1'
+def test_without_files_nothing_is_written(run, at_update, tmp_path):
+    at_update(when_some_are_done(signal.SIGINT))
+    found = run(*QUICK)
+    done, asked = re.search(r'interrupted after (\d+) of (\d+)', found.stderr).groups()
+    title = found.stdout.splitlines()[1].strip()
+    assert title == f'{done} of {asked} drops on rubber_mat, seed 1'
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_terminal_that_closes_does_not_end_what_nohup_began(begin, ended, read_until):
-    process = begin(*QUICK, *OUTPUTS, preexec_fn=lambda: signal.signal(1, signal.SIG_IGN))
-    read_until(process.stderr, some_done)
-    process.send_signal(signal.SIGHUP)
-    read_until(process.stderr, some_done)
-    assert process.poll() is None
-    process.send_signal(signal.SIGINT)
-    ended(process, 130)
+def test_a_terminal_that_closes_does_not_end_what_nohup_began(run, saved, at_update):
+    at_update(lambda done: signal.raise_signal(signal.SIGINT if done > 400 else signal.SIGHUP))
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        document, _ = saved(run(*QUICK, *OUTPUTS), 130)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert document['drops'] > 400
+
+
+# -- workers that die ----------------------------------------------------------------------------
 
 
 def workers_of(process, session):
     processes = session(process.pid).items()
-    return [pid for pid, words in processes if 'drops.worker ' in ' '.join(words)]
+    return [pid for pid, words in processes if 'drops.worker_pool ' in ' '.join(words)]
 
 
 def test_large_job_with_a_precision_ends(begin, disc):
@@ -140,7 +163,9 @@ def test_large_job_with_a_precision_ends(begin, disc):
     assert printed.splitlines()[1].strip() == '1125 drops on rubber_mat, seed 1'
 
 
-@pytest.mark.parametrize(('part', 'drops'), [('tetrahedron', 1500), ('disc', 400)])
+@pytest.mark.parametrize(
+    ('part', 'drops'), [pytest.param('tetrahedron', 1500, marks=pytest.mark.slow), ('disc', 400)]
+)
 def test_killed_worker_costs_no_drop(
     begin, run, wait_for_poses, session, tmp_path, disc, part, drops
 ):
@@ -179,15 +204,9 @@ def test_workers_that_die_again_and_again(begin, ended, read_until, session):
     )
 
 
-def test_workers_end_with_a_command_that_is_killed(begin, read_until, session, wait_until):
-    process = begin(*QUICK)
-    read_until(process.stderr, some_done)
-    assert len(session(process.pid)) >= 3
-    process.kill()
-    wait_until(lambda: session(process.pid) == {}, 10)
-
-
-@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGQUIT])
+@pytest.mark.parametrize(
+    'number', [signal.SIGKILL, pytest.param(signal.SIGQUIT, marks=pytest.mark.slow)]
+)
 def test_unfinished_files_of_a_killed_command_are_removed(
     begin, run, wait_for_poses, session, wait_until, tmp_path, number
 ):

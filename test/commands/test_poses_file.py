@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from resting_aspects_ros.commands.poses_csv import POSES_HEADER
+from resting_aspects_ros.commands.outputs import POSES_HEADER
 from resting_aspects_ros.commands.poses_file import read_poses_file
 from resting_aspects_ros.core.errors import InvalidValueError
 

@@ -38,7 +38,7 @@ def test_a_worker_that_is_killed_in_the_middle_costs_no_drop(
     assert (printed, (tmp_path / 'p.csv').read_bytes()) == undisturbed
 
 
-@pytest.mark.parametrize('to', ['group', 'command'])
+@pytest.mark.parametrize('to', ['group', pytest.param('command', marks=pytest.mark.slow)])
 def test_ctrl_c_saves_what_was_done_and_leaves_the_cluster_as_it_was(
     cluster, begin, ended, read_until, wait_until, to
 ):
@@ -57,6 +57,7 @@ def test_ctrl_c_saves_what_was_done_and_leaves_the_cluster_as_it_was(
     assert len(cluster.scheduler.workers) == 2
 
 
+@pytest.mark.slow  # test/drops has it without the command
 def test_a_cluster_that_goes_away_ends_it_in_words(make_cluster, begin, ended, read_until):
     with make_cluster(1) as cluster:
         process = begin(*MANY, '--scheduler', cluster.scheduler_address, *OUTPUTS)

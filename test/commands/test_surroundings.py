@@ -71,7 +71,7 @@ def test_refused_memory_is_told_in_one_line(run, monkeypatch, error):
         except type(error) as cause:
             raise ValueError('something else failed for it') from cause
 
-    monkeypatch.setattr('resting_aspects_ros.core.aspects.find_aspects', refuse)
+    monkeypatch.setattr('resting_aspects_ros.commands.aspects.find_aspects', refuse)
     ended = run('aspects', 'tetrahedron')
     assert (ended.returncode, ended.stderr) == (1, 'error: there is not enough memory\n')
 

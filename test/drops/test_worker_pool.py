@@ -21,9 +21,9 @@ from resting_aspects_ros.drops.campaign import drop_chunks
 from resting_aspects_ros.drops.engine import drop_chunk
 from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.release import CHUNK
-from resting_aspects_ros.drops.worker import NICENESS
 from resting_aspects_ros.drops.worker_pool import (
     MAX_WORKERS,
+    NICENESS,
     ProcessWorkers,
     WorkerDiedError,
     default_workers,

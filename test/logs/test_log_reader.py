@@ -7,7 +7,7 @@ import struct
 import pytest
 
 from resting_aspects_ros.core.errors import LogError
-from resting_aspects_ros.logs.log_reader import is_log, last_message
+from resting_aspects_ros.logs.log_reader import is_log, messages
 from resting_aspects_ros.logs.run_log import RunLog
 from resting_aspects_ros.logs.topics import Qos, Topic
 
@@ -15,11 +15,14 @@ INTERFACES = 'resting_aspects_interfaces/msg'
 TYPE = f'{INTERFACES}/AspectDistribution'
 POSES = Topic('/resting_poses', f'{INTERFACES}/RestingPoses', Qos(2000))
 NUT = Topic('/aspect_distributions/nut', TYPE, Qos(1))
-CUBE = Topic('/aspect_distributions/cube', TYPE, Qos(1))
 
 
 def data(k):
     return bytes([k]) * 40
+
+
+def last_message(path, type_name):
+    return ([None, *messages(path, type_name)])[-1]
 
 
 @pytest.fixture
@@ -45,22 +48,6 @@ def test_the_last_of_a_type_in_file_and_folder(log):
         assert last_message(place, TYPE) == data(105)
         assert last_message(place, POSES.type) == data(5)
         assert last_message(place, f'{INTERFACES}/PartDescription') is None
-
-
-def test_of_several_topics_of_a_type_the_latest_counts(tmp_path):
-    with RunLog(tmp_path, 'run') as log:
-        log.write(NUT, data(1), 10)
-        log.write(CUBE, data(2), 20)
-        log.write(NUT, data(3), 20)
-    assert last_message(log.path, TYPE) == data(3)
-
-
-def test_of_several_files_in_a_folder_the_latest_counts(tmp_path):
-    for name, log_time in (('a', 30), ('b', 20)):
-        with RunLog(tmp_path / 'made', name) as log:
-            log.write(NUT, data(log_time), log_time)
-        log.path.rename(tmp_path / log.path.name)
-    assert last_message(tmp_path, TYPE) == data(30)
 
 
 def test_a_log_that_is_still_written_has_what_was_flushed(tmp_path):

@@ -139,22 +139,6 @@ def test_a_file_that_ends_in_zeros_as_after_a_loss_of_power(log, tmp_path):
     assert heard(Recording(cut)) == WRITTEN[:2]
 
 
-def test_files_of_a_folder_are_one_log_in_the_order_of_time(tmp_path):
-    """Whatever their names say: 10 comes before 2 there."""
-    times = {}
-    for number in range(12):
-        with RunLog(tmp_path / 'made', f'bag_{number}') as log:
-            # Each begins before the one before it ends.
-            for time in (100 * number, 100 * number + 150):
-                times[time] = len(times)
-                log.write(POSES, data(times[time]), time)
-        log.path.rename(tmp_path / log.path.name)
-    RunLog(tmp_path / 'made', 'empty').path.rename(tmp_path / 'empty.mcap')
-    found = heard(Recording(tmp_path))
-    assert found == [(POSES.name, time, times[time]) for time in sorted(times)]
-    assert [k for _, _, k in found[:5]] == [0, 2, 1, 4, 3]
-
-
 def write_foreign(path, channels, messages):
     """An MCAP file of another writer: (topic, encoding, schema, metadata), and (channel, time)."""
     with path.open('wb') as file:
@@ -310,19 +294,17 @@ def test_the_hash_is_that_of_the_log_and_not_of_what_is_installed(tmp_path, monk
 
 
 def test_memory_is_that_of_a_few_messages_however_long_the_log_is(tmp_path):
-    """200 messages of 100 kB that do not compress, in two files; the most is that of a few."""
+    """200 messages of 100 kB that do not compress; the most is that of a few."""
     size, count = 100_000, 200
     state = bytearray(importlib.import_module('random').Random(1).randbytes(size))
-    for name in ('a', 'b'):
-        with RunLog(tmp_path / 'made', name) as log:
-            for k in range(count // 2):
-                state[:8] = struct.pack('<Q', k)
-                log.write(POSES, bytes(state), k)
-                log.flush()
-        log.path.rename(tmp_path / log.path.name)
+    with RunLog(tmp_path, 'run') as log:
+        for k in range(count):
+            state[:8] = struct.pack('<Q', k)
+            log.write(POSES, bytes(state), k)
+            log.flush()
     tracemalloc.start()
     try:
-        found = sum(len(message.data) for message in Recording(tmp_path).messages([POSES.name]))
+        found = sum(len(message.data) for message in Recording(log.path).messages([POSES.name]))
         _, most = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

@@ -185,7 +185,7 @@ class Process:
         workers = 0
         for pid in self.group():
             with suppress(FileNotFoundError, ProcessLookupError):  # it may end at any time
-                if 'drops.worker ' in Path(f'/proc/{pid}/cmdline').read_text():
+                if 'drops.worker_pool ' in Path(f'/proc/{pid}/cmdline').read_text():
                     os.kill(pid, number)
                     workers += 1
         return workers

@@ -16,7 +16,7 @@ from resting_aspects_ros.core.errors import LogError, RestingAspectsError
 from resting_aspects_ros.drops.engine import drop_chunk
 from resting_aspects_ros.drops.plan import plan_run
 from resting_aspects_ros.drops.release import CHUNK
-from resting_aspects_ros.logs.outcome import OUTCOME, Outcome
+from resting_aspects_ros.logs.bag_metadata import OUTCOME, Outcome
 from resting_aspects_ros.logs.run_log import RunLog
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Qos, Topic
 from resting_aspects_ros.nodes.convert import part_msg, poses_msg, time_msg

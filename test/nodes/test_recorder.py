@@ -14,7 +14,7 @@ from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, 
 from rosbags.highlevel import AnyReader
 
 from resting_aspects_ros.config_files import parts_folder
-from resting_aspects_ros.logs.bag_metadata import custom_data
+from resting_aspects_ros.logs.bag_metadata import Outcome, recorded_outcome
 from resting_aspects_ros.nodes.convert import conditions_msg
 from resting_aspects_ros.nodes.interface import LATCHED, LEAST_BATCH
 
@@ -154,7 +154,7 @@ def test_runs_that_end_while_the_recorder_is_held_up_have_a_whole_log_each(suite
         messages = read(suite.log_of(drop.result.run_id))
         (batch,) = messages[f'{suite.namespace}/resting_poses']
         assert (batch.run.run_id, len(batch.poses)) == (drop.result.run_id, 40)
-        assert custom_data(suite.log_of(drop.result.run_id))['outcome.whole'] == 'true'
+        assert recorded_outcome(suite.log_of(drop.result.run_id)).whole
 
 
 def test_a_canceled_run_has_a_whole_log(suite):
@@ -262,8 +262,7 @@ def test_a_recorder_that_is_killed_and_started_again_has_all_of_the_run(
     assert not (broken_off / 'metadata.yaml').exists()
     batches = read(whole)[f'{suite.namespace}/resting_poses']
     assert sum(len(batch.poses) for batch in batches) == 2000
-    outcome = custom_data(whole)
-    assert (outcome['outcome.whole'], outcome['outcome.drops']) == ('true', '2000')
+    assert recorded_outcome(whole) == Outcome(2000, whole=True)
     assert second.end() == 0
     third = recorder()
     suite.client.wait(lambda: f'is in {whole} already' in third.said, 'word of it')
@@ -293,6 +292,5 @@ def test_a_recorder_that_is_stopped_in_the_middle_closes_a_log_that_can_be_read(
         assert len(batches) >= 1
         for one, other in zip(batches, of_the_run(), strict=False):
             assert plain(one) == plain(other)
-    outcome = custom_data(folder)
-    assert outcome['outcome.whole'] == 'false'
-    assert int(outcome['outcome.drops']) == sum(len(batch.poses) for batch in batches)
+    drops = sum(len(batch.poses) for batch in batches)
+    assert recorded_outcome(folder) == Outcome(drops, whole=False)

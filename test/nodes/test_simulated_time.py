@@ -5,7 +5,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 from resting_aspects_interfaces.msg import AspectDistribution, Status
 
-from resting_aspects_ros.logs.indexed_log import IndexedLog
+from resting_aspects_ros.logs.recording import Recording
 from resting_aspects_ros.nodes.interface import DIAGNOSTICS, LATCHED
 
 NODES = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
@@ -33,8 +33,8 @@ def test_nodes_work_where_simulated_time_stands_still(
     assert abs(run.started.sec - time.time()) < YEAR
     client.wait(lambda: heard and heard[-1].complete, 'distribution on its topic')
     client.wait(lambda: list(tmp_path.glob(f'*_{run.run_id}/metadata.yaml')), 'log')
-    with IndexedLog(next(tmp_path.glob('*'))) as log:
-        assert abs(log.span[0] / 1e9 - time.time()) < YEAR
+    log = Recording(next(tmp_path.glob('*')))
+    assert abs(log.span(log.topics).start / 1e9 - time.time()) < YEAR
     # Stamps of messages are ROS time, as everywhere.
     assert answer.distribution.header.stamp.sec == 0
 

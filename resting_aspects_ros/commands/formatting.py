@@ -1,11 +1,32 @@
-"""What a run was made of, as labels and values for people."""
+"""Conditions, times and warnings in words."""
 
+import functools
+import sys
 from collections.abc import Iterator
 from datetime import datetime, timezone
 
+from resting_aspects_ros.config_files import surfaces_file
+from resting_aspects_ros.core.errors import one_line
 from resting_aspects_ros.drops.conditions import QUANTITIES, DropConditions
+from resting_aspects_ros.drops.surfaces import Surfaces
 
 _NANOSECONDS = 1_000_000_000
+
+
+def warn(text: str) -> None:
+    """Print a warning on standard error."""
+    print(f'warning: {text}', file=sys.stderr)
+
+
+@functools.cache
+def shipped_surfaces() -> Surfaces:
+    """Return the surfaces of config/surfaces.yaml, which is read once."""
+    return Surfaces.read(surfaces_file())
+
+
+def surface_text(conditions: DropConditions) -> str:
+    """Return the surface, and what was changed of it; see Surfaces.text."""
+    return one_line(shipped_surfaces().text(conditions))
 
 
 def condition_facts(conditions: DropConditions) -> Iterator[tuple[str, str]]:
