@@ -1,6 +1,5 @@
 """Reading files that people hand in: regular files of a limited size, never a pipe or a device."""
 
-import os
 import stat
 from pathlib import Path
 
@@ -57,12 +56,18 @@ def read_input(
 
 def is_file(path: Path) -> bool:
     """Path.is_file, but False where that raises: for a link to a name that is too long."""
-    return os.path.isfile(path)  # noqa: PTH113
+    try:
+        return path.is_file()
+    except OSError:
+        return False
 
 
 def is_folder(path: Path) -> bool:
     """Path.is_dir, but False where that raises."""
-    return os.path.isdir(path)  # noqa: PTH112
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
 
 
 def named(what: str, path: str | Path) -> str:
