@@ -1,6 +1,7 @@
 """A JSON document of `drop` or `request` as the answer that it holds."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,7 @@ def document_answer(
         )
     part = _part(path, document, part_text, unit, parts, body)
     ordered = sorted(document.aspects, key=lambda each: each.id)
+    _check_aspects(path, ordered)
     aspects = AspectSet(given.part_sha256, tuple(map(_aspect, ordered)))
     if part is not None:
         found = find_aspects(part)
@@ -107,6 +109,24 @@ def _part(
         why = f'{part.name!r} is another part than it was when it was dropped'
     warn(f'no pictures: {why}. --part names the part')
     return None
+
+
+def _check_aspects(path: Path, aspects: Sequence[FullAspect]) -> None:
+    """Raise InvalidValueError for aspects that no page can show."""
+    ids = {each.id for each in aspects}
+    for each in aspects:
+        x, y = np.array(each.support, dtype=np.float64).reshape(-1, 2).T
+        with np.errstate(over='ignore', invalid='ignore'):
+            area = abs(float(x @ np.roll(y, 1) - y @ np.roll(x, 1)))
+        if each.sweep == 'POINT' and not 0 < area < math.inf:
+            raise InvalidValueError(
+                f'invalid support of aspect {each.id} in {str(path)!r}: expected a polygon'
+            )
+        if each.neighbour and each.neighbour not in ids:
+            raise InvalidValueError(
+                f'invalid neighbour {each.neighbour} of aspect {each.id} in {str(path)!r}: '
+                'expected an aspect'
+            )
 
 
 def _aspect(fields: FullAspect) -> Aspect:

@@ -185,6 +185,23 @@ def test_a_report_refuses_a_wrong_field(refused, original, tmp_path, field):
     assert field in refused('report', 'f.json')
 
 
+@pytest.mark.parametrize(
+    ('field', 'value'),
+    [
+        ('neighbour', 77),
+        ('support', []),
+        ('support', [[0, 0], [1, 0], [2, 0]]),
+        ('support', [[0, 0], [1e308, 0], [0, 1e308]]),
+    ],
+)
+def test_a_report_refuses_an_aspect_that_cannot_be_shown(
+    refused, original, tmp_path, field, value
+):
+    wrong = changed(original[1], ('aspects', 0, field), value)
+    (tmp_path / 'f.json').write_text(json.dumps(wrong), encoding='utf-8')
+    assert f'invalid {field} ' in refused('report', 'f.json')
+
+
 def test_only_a_regular_file_is_read(refused, tmp_path):
     os.mkfifo(tmp_path / 'pipe')
     (tmp_path / 'm.csv').write_text('aspect,count\n1,2\n', encoding='utf-8')
