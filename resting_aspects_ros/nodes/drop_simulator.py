@@ -21,6 +21,7 @@ from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import count_poses, no_drops
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.core.input_file import is_folder
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.stopping import max_drops
@@ -243,7 +244,7 @@ class DropSimulator(Node):
 
 
 def _folder(path: str | Path) -> Path:
-    if not Path(path).is_dir():
+    if not is_folder(Path(path)):
         raise InvalidValueError(f'parts_folder is {str(path)!r}, must be a folder that is there')
     return Path(path)
 

@@ -98,8 +98,9 @@ class FileWorker:
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         context = get_context('spawn')
         ours, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, self._memory), daemon=True)
-        self._process.start()
+        process = context.Process(target=_serve, args=(theirs, self._memory), daemon=True)
+        process.start()
+        self._process = process
         theirs.close()  # else the end of the process would not be noticed
         # The node may have stopped it meanwhile, when there was no process to end yet.
         if self._stopped or not ours.poll(START_TIMEOUT):

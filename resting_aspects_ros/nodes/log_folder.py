@@ -12,7 +12,12 @@ from resting_aspects_ros.core.file_names import is_printable
 
 def absolute_folder(path: str) -> Path:
     """The folder with its full name; InvalidValueError if that cannot be said in a message."""
-    folder = Path(path).absolute()
+    try:
+        folder = Path(path).absolute()
+    except FileNotFoundError:
+        raise InvalidValueError(
+            f'invalid log_folder {path!r}: expected a full name, as the working folder is gone'
+        ) from None
     if not is_printable(str(folder)):
         raise InvalidValueError(
             f'log_folder is {str(folder)!r}, allowed is a full name in UTF-8: ROS takes no other'

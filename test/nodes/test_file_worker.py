@@ -4,7 +4,9 @@ import operator
 import os
 import subprocess
 import sys
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 import rclpy
@@ -97,6 +99,15 @@ def test_a_process_that_was_killed_between_two_files_is_replaced(make_worker, ru
     assert run(worker, operator.add, 2, 3) == 5
     worker._process.kill()
     worker._process.join()
+    assert run(worker, operator.add, 2, 3) == 5
+
+
+def test_a_process_that_cannot_be_started_is_tried_again(make_worker, run, monkeypatch):
+    worker = make_worker()
+    with monkeypatch.context() as patch:
+        patch.setattr(SpawnProcess, 'start', Mock(side_effect=OSError))
+        with pytest.raises(FileLimitError):
+            run(worker, operator.add, 2, 3)
     assert run(worker, operator.add, 2, 3) == 5
 
 

@@ -1,11 +1,14 @@
 """What is said of a log that cannot be written to its end."""
 
 import resource
+from pathlib import Path
 
 import pytest
 
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
+from resting_aspects_ros.nodes.log_folder import absolute_folder
 from resting_aspects_ros.nodes.open_log import OpenLog
 
 TOPIC = Topic('/resting_poses', POSES_TYPE, Qos(10))
@@ -48,3 +51,12 @@ def failed(surfaces, tmp_path):
 )
 def test_the_problem_says_how_many_drops_are_recorded(failed, recorded, asked, said):
     assert failed(recorded, asked).problem().startswith(said)
+
+
+def test_a_working_folder_that_is_gone_is_named(tmp_path, monkeypatch):
+    (tmp_path / 'gone').mkdir()
+    monkeypatch.chdir(tmp_path / 'gone')
+    (tmp_path / 'gone').rmdir()
+    with pytest.raises(InvalidValueError, match='the working folder is gone'):
+        absolute_folder('logs')
+    assert absolute_folder('/logs') == Path('/logs')

@@ -174,11 +174,7 @@ def test_one_goal_too_many_is_told_that_the_simulator_is_busy(suite, diagnostics
         ('drop_simulator', ('workers', 2000), 'workers out of range. Min: 0, Max: 1024'),
         ('drop_simulator', ('workers', -1), 'workers out of range. Min: 0, Max: 1024'),
         ('drop_simulator', ('workers', 'many'), "'workers' to 'many'"),
-        (
-            'drop_simulator',
-            ('parts_folder', '/no/such/folder'),
-            "parts_folder is '/no/such/folder'",
-        ),
+        ('drop_simulator', ('parts_folder', 'x' * 300), "parts_folder is 'xxx"),
         ('drop_simulator', ('surfaces_file', '{broken}'), 'surfaces.yaml'),
         ('aspect_classifier', ('surfaces_file', '{broken}'), 'surfaces.yaml'),
         ('drop_recorder', ('log_folder', 5), "'log_folder' to '5'"),
