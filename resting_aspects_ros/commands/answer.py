@@ -12,7 +12,7 @@ from resting_aspects_ros.commands.convergence import Convergence
 from resting_aspects_ros.commands.formatting import surface_text
 from resting_aspects_ros.commands.outputs import whole_file
 from resting_aspects_ros.core.distribution import Distribution
-from resting_aspects_ros.core.history import Counts
+from resting_aspects_ros.core.intervals import Counts
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.report.document import distribution_document, to_json
@@ -60,7 +60,7 @@ class Answer:
     mesh_file : Path or None
         Where the part was read from, if a person named a file.
     history : ((m,) int, (m, k) int) or None
-        Numbers of drops, ascending, and counts of each aspect after so many; as core.history.
+        Numbers of drops, ascending, and counts of each aspect after so many.
     """
 
     distribution: Distribution

@@ -7,9 +7,9 @@ from resting_aspects_ros.commands.answer import make_console, show_table
 from resting_aspects_ros.commands.given_part import part_of
 from resting_aspects_ros.commands.options import add_output, add_part
 from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.report.aspect_table import aspect_table, symmetry_text
 from resting_aspects_ros.report.document import aspects_document, to_json
 from resting_aspects_ros.report.rounding import size_text
+from resting_aspects_ros.report.table import aspect_table, symmetry_text
 
 DESCRIPTION = """Show in which aspects a part can rest, which of them look alike because a
 rotation maps the part onto itself, from which share of all directions it

@@ -24,13 +24,14 @@ from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import down_in_part
-from resting_aspects_ros.report.agreement_table import (
+from resting_aspects_ros.report.cluster_report import (
+    agreement_fields,
     agreement_line,
     agreement_table,
+    cluster_document,
+    cluster_table,
     differences_table,
 )
-from resting_aspects_ros.report.cluster_document import agreement_fields, cluster_document
-from resting_aspects_ros.report.cluster_table import cluster_table
 from resting_aspects_ros.report.document import to_json
 
 # Without a part one pose has nothing that it could be compared with.

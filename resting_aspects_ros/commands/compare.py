@@ -18,8 +18,12 @@ from resting_aspects_ros.commands.options import add_output, parse_share
 from resting_aspects_ros.core.comparison import compare
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.intervals import check_confidence
-from resting_aspects_ros.report.comparison_document import comparison_document
-from resting_aspects_ros.report.comparison_table import Sides, comparison_table, measures_text
+from resting_aspects_ros.report.comparison_report import (
+    Sides,
+    comparison_document,
+    comparison_table,
+    measures_text,
+)
 from resting_aspects_ros.report.comparison_words import verdict
 from resting_aspects_ros.report.document import to_json
 

@@ -22,7 +22,7 @@ from resting_aspects_ros.core.aspect_set import Aspect, AspectSet, Sweep
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.distribution import METHOD, Distribution
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
-from resting_aspects_ros.core.history import Counts
+from resting_aspects_ros.core.intervals import Counts
 from resting_aspects_ros.core.part import Part
 
 

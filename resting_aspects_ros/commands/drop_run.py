@@ -17,7 +17,7 @@ from resting_aspects_ros.commands.formatting import warn
 from resting_aspects_ros.commands.given_part import mesh_file
 from resting_aspects_ros.commands.outputs import check_output, make_folder, poses_file
 from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.distribution import METHOD, Distribution, no_drops
+from resting_aspects_ros.core.distribution import METHOD, Distribution, history, no_drops
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.landscape import Landscape
 from resting_aspects_ros.core.stopping import max_drops
@@ -89,7 +89,7 @@ def drop_and_answer(
         counter.over,
         convergence,
         mesh_file(arguments.part),
-        counter.history.points(),
+        history(counter.distribution.aspects, counter.ids),
     )
     _write(answer, out, arguments)
     done = answer.distribution.drops

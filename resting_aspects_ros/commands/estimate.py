@@ -20,8 +20,12 @@ from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, R
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.drops.conditions import DropConditions
 from resting_aspects_ros.report.document import to_json
-from resting_aspects_ros.report.estimate_document import against_fields, estimate_document
-from resting_aspects_ros.report.estimate_table import estimate_table, legend
+from resting_aspects_ros.report.estimate_report import (
+    against_fields,
+    estimate_document,
+    estimate_table,
+    legend,
+)
 
 if TYPE_CHECKING:  # imported when there is something to compare with
     from resting_aspects_ros.commands.given_counts import GivenCounts

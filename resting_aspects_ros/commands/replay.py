@@ -5,7 +5,7 @@ from pathlib import Path
 
 from resting_aspects_ros.commands.options import add_ros_args, parse_quantity
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.file_names import is_printable
+from resting_aspects_ros.core.input_file import is_printable
 
 DESCRIPTION = """Publish the messages of a log on the topics of the suite, with the recorded
 QoS, bytes and pauses, so that a controller can be developed without drops.

@@ -13,13 +13,13 @@ from resting_aspects_ros.commands.outputs import check_output, make_folder, whol
 from resting_aspects_ros.core.comparison import Tally, compare
 from resting_aspects_ros.core.estimators.estimate import METHODS, estimate_each
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
-from resting_aspects_ros.core.file_names import printable
+from resting_aspects_ros.core.input_file import printable
 from resting_aspects_ros.core.intervals import Array
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.report.aspect_table import symmetry_text
 from resting_aspects_ros.report.comparison_words import Measured
 from resting_aspects_ros.report.page import ENDINGS, FIGURES, PAGE, Report, report_files
 from resting_aspects_ros.report.rounding import size_text
+from resting_aspects_ros.report.table import symmetry_text
 
 # Of the tables that are drawn for p values: the same question has the same answer.
 SEED = 1

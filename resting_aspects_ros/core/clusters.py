@@ -147,12 +147,17 @@ def _components(points: Array, reach: float) -> npt.NDArray[np.int64]:
     pairs = _neighbours(cubes)
     first = points[order[starts[:-1]]]
     near = np.linalg.norm(first[pairs[:, 0]] - first[pairs[:, 1]], axis=1) <= reach
-    joined = _Joined(len(cubes), pairs[near])
-    members = [order[start:end] for start, end in pairwise(starts)]
-    for a, b in pairs[joined.number[pairs[:, 0]] != joined.number[pairs[:, 1]]]:
-        if not joined.same(a, b) and _in_reach(points[members[a]], points[members[b]], reach):
-            joined.join(a, b)
-    return joined.numbers()[which]
+    number = _linked(len(cubes), pairs[near])
+    members = [points[order[start:end]] for start, end in pairwise(starts)]
+    doubtful = np.flatnonzero(number[pairs[:, 0]] != number[pairs[:, 1]])
+    near[doubtful] = [_in_reach(members[a], members[b], reach) for a, b in pairs[doubtful]]
+    return _linked(len(cubes), pairs[near])[which]
+
+
+def _linked(n: int, pairs: npt.NDArray[np.intp]) -> npt.NDArray[np.int64]:
+    """(n,) numbers of the components that pairs link."""
+    graph = coo_matrix((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), (n, n))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def _cubes(points: Array, side: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]:
@@ -188,29 +193,3 @@ def _in_reach(one: Array, other: Array, reach: float) -> bool:
 def _distance_to_box(points: Array, of: Array) -> Array:
     nearest = np.clip(points, of.min(axis=0), of.max(axis=0))
     return np.asarray(np.linalg.norm(points - nearest, axis=1))
-
-
-class _Joined:
-    """Things that are joined pair by pair: first many pairs at once, then single ones."""
-
-    def __init__(self, n: int, pairs: npt.NDArray[np.intp]) -> None:
-        graph = coo_matrix((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), (n, n))
-        count, number = connected_components(graph, directed=False)
-        self.number: npt.NDArray[np.int32] = number
-        self._parent = list(range(count))
-
-    def same(self, a: int, b: int) -> bool:
-        return self._root(self.number[a]) == self._root(self.number[b])
-
-    def join(self, a: int, b: int) -> None:
-        self._parent[self._root(self.number[a])] = self._root(self.number[b])
-
-    def numbers(self) -> npt.NDArray[np.int64]:
-        roots = np.array([self._root(k) for k in range(len(self._parent))], dtype=np.int64)
-        return np.asarray(roots[self.number])
-
-    def _root(self, k: int) -> int:
-        while self._parent[k] != k:
-            self._parent[k] = self._parent[self._parent[k]]
-            k = self._parent[k]
-        return k

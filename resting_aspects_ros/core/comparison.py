@@ -39,23 +39,12 @@ class Tally:
         return int(self.counts.sum()) + self.unclassified + self.unsettled + self.failed
 
 
-@dataclass(frozen=True)
-class Rest:
-    """What is in no aspect, each as its share of all drops."""
-
-    unclassified: float
-    unsettled: float
-    failed: float
-
-
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """Two distributions side by side.
 
     first, second : (k,) float
         Share of each aspect in all drops that are in one; both add up to 1.
-    first_rest, second_rest : Rest
-        The second is None where the second distribution is without drops.
     lower, upper : (k,) float
         Bounds of first - second of the true shares; all hold together with ``confidence``.
     p_value : float
@@ -67,8 +56,6 @@ class Comparison:
 
     first: Array
     second: Array
-    first_rest: Rest
-    second_rest: Rest | None
     lower: Array
     upper: Array
     confidence: float
@@ -134,7 +121,7 @@ def compare(
         bounds(other, other.sum(), SIMULTANEOUS, confidence),
     )
     p_value, p_by = p_of_two(one, other, generator)
-    return Comparison(a, b, _rest(first), _rest(second), lower, upper, confidence, p_value, p_by)
+    return Comparison(a, b, lower, upper, confidence, p_value, p_by)
 
 
 def compare_with_exact(
@@ -160,17 +147,8 @@ def compare_with_exact(
     _check_as_many('the estimate', len(exact), len(one))
     lower, upper = bounds(one, one.sum(), SIMULTANEOUS, confidence)
     p_value, p_by = p_of_one(one, exact, generator)
-    return Comparison(
-        one / one.sum(),
-        exact,
-        _rest(first),
-        None,
-        lower - exact,
-        upper - exact,
-        confidence,
-        p_value,
-        p_by,
-    )
+    share = one / one.sum()
+    return Comparison(share, exact, lower - exact, upper - exact, confidence, p_value, p_by)
 
 
 def square_and_add(
@@ -211,8 +189,3 @@ def _check_as_many(name: str, found: int, allowed: int) -> None:
         raise InvalidValueError(
             f'aspects of {name} are {found}, allowed is as many as the first has: {allowed}'
         )
-
-
-def _rest(given: Tally | Distribution) -> Rest:
-    drops = given.drops
-    return Rest(given.unclassified / drops, given.unsettled / drops, given.failed / drops)

@@ -75,6 +75,16 @@ def named(what: str, path: str | Path) -> str:
     return f'{what} {shown(str(path), MAX_PATH)}'
 
 
+def printable(name: str) -> str:
+    r"""A file's name, any bytes on Linux, as text for streams and messages: '\udcff' for 255."""
+    return name.encode('utf-8', 'backslashreplace').decode('utf-8')
+
+
+def is_printable(name: str) -> bool:
+    """Whether a file's name is UTF-8 as it is."""
+    return printable(name) == name
+
+
 def _kind(mode: int) -> str:
     kinds = {
         stat.S_IFDIR: 'a folder',

@@ -107,20 +107,6 @@ class Landscape:
         between = self._place[self._rest[hull.sides[edges]]]
         return Saddles(edges, heights[order] * self.radius, between)
 
-    @cached_property
-    def maxima(self) -> Indices:
-        """Corners of the hull on which the part balances on its head."""
-        hull = self.hull
-        top = np.ones(len(hull.points), dtype=bool)
-        top[hull.ends[hull.feet <= 0, 0]] = False
-        top[hull.ends[hull.feet >= 1, 1]] = False
-        return np.flatnonzero(top)
-
-    def support(self, directions: npt.ArrayLike) -> Array:
-        """(n,) heights of the centre of mass for directions (n, 3) of gravity, part frame, m."""
-        reach = np.asarray(directions, dtype=np.float64) @ self.hull.points.T
-        return np.asarray(reach.max(axis=1) * self.radius)
-
     def descend(self, directions: npt.ArrayLike) -> Indices:
         """(n,) minima, as places in ``minima``, to which a part rolls that is let go.
 

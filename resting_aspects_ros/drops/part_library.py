@@ -13,8 +13,7 @@ from resting_aspects_ros.core.errors import (
     UnknownPartError,
     shown,
 )
-from resting_aspects_ros.core.file_names import printable
-from resting_aspects_ros.core.input_file import is_file, named
+from resting_aspects_ros.core.input_file import is_file, named, printable
 from resting_aspects_ros.core.mesh_file import FORMATS
 from resting_aspects_ros.core.part import DEFAULT_UNIT, MAX_NAME, UNITS, Part, is_valid_name
 from resting_aspects_ros.core.part_loading import load_part

@@ -15,8 +15,7 @@ from mcap.records import Attachment, Channel, Message, Metadata
 from mcap.writer import Writer
 
 from resting_aspects_ros.core.errors import LogError
-from resting_aspects_ros.core.file_names import is_printable
-from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.core.input_file import is_printable, named
 from resting_aspects_ros.core.yaml_file import parse_yaml
 from resting_aspects_ros.logs.bag_metadata import (
     BagMetadata,

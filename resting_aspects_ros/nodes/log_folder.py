@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.file_names import is_printable
+from resting_aspects_ros.core.input_file import is_printable
 
 
 def absolute_folder(path: str) -> Path:

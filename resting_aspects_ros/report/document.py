@@ -61,7 +61,7 @@ def distribution_document(
         'confidence': distribution.confidence,
         'interval': distribution.interval,
         'aspects': [
-            aspect_fields(aspect, part) | _share(int(count), interval)
+            aspect_fields(aspect, part) | share_fields(int(count), interval)
             for aspect, count, interval in rows
         ],
         'classes': [
@@ -69,7 +69,7 @@ def distribution_document(
                 'symmetry_class': members[0].symmetry_class,
                 'multiplicity': len(members),
                 'aspects': [aspect.id for aspect in members],
-                **_share(int(count), interval),
+                **share_fields(int(count), interval),
             }
             for members, count, interval in class_rows
         ],
@@ -92,7 +92,7 @@ def aspects_document(part: Part, aspects: AspectSet) -> dict[str, object]:
         axis = aspects.symmetry.axis
         document['symmetry'] = aspects.symmetry.kind
         document['symmetry_order'] = aspects.symmetry.order
-        document['symmetry_axis'] = None if axis is None else _numbers(axis)
+        document['symmetry_axis'] = None if axis is None else numbers(axis)
     document['aspects'] = [aspect_fields(aspect, part) for aspect in aspects.aspects]
     return document
 
@@ -114,18 +114,19 @@ def aspect_fields(aspect: Aspect, part: Part | None) -> dict[str, object]:
         'rests_on': resting_on(part, aspect),
         'rolls': aspect.rolls,
         'sweep': aspect.sweep.name,
-        'axis': _numbers(aspect.axis),
-        'down_in_part': _numbers(aspect.down_in_part),
-        'orientation': _numbers(aspect.orientation),
+        'axis': numbers(aspect.axis),
+        'down_in_part': numbers(aspect.down_in_part),
+        'orientation': numbers(aspect.orientation),
         'com_height': float(aspect.com_height),
         'least_barrier': plain(float(aspect.least_barrier)),
         'neighbour': aspect.neighbour,
         'basin_share': float(aspect.basin_share),
-        'support': _numbers(aspect.support),
+        'support': numbers(aspect.support),
     }
 
 
-def _share(count: int, interval: Interval) -> dict[str, object]:
+def share_fields(count: int, interval: Interval) -> dict[str, object]:
+    """A count, its share of the drops, and the interval of that."""
     return {
         'count': count,
         'probability': interval.probability,
@@ -134,7 +135,8 @@ def _share(count: int, interval: Interval) -> dict[str, object]:
     }
 
 
-def _numbers(array: npt.NDArray[np.float64]) -> list[Any]:
+def numbers(array: npt.NDArray[np.float64]) -> list[Any]:
+    """The same as nested lists."""
     # Adding zero changes no number but -0.0, which would be read as a direction.
     values: list[Any] = (np.asarray(array, dtype=np.float64) + 0.0).tolist()
     return values

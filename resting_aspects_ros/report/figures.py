@@ -13,8 +13,7 @@ import numpy as np
 
 from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.estimators.estimate import METHODS
-from resting_aspects_ros.core.history import Counts
-from resting_aspects_ros.core.intervals import Array, Interval
+from resting_aspects_ros.core.intervals import Array, Counts, Interval
 from resting_aspects_ros.report.figure_style import (
     FAINT,
     PAPER,

@@ -11,8 +11,7 @@ import numpy as np
 
 from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.estimators.estimate import METHODS
-from resting_aspects_ros.core.history import Counts
-from resting_aspects_ros.core.intervals import Array
+from resting_aspects_ros.core.intervals import Array, Counts
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.report.colours import rgb
 from resting_aspects_ros.report.comparison_words import (

@@ -15,7 +15,7 @@ from resting_aspects_ros.report.rounding import (
     probability_text,
     share_text,
 )
-from resting_aspects_ros.report.rows import Row, ids_text, short_name
+from resting_aspects_ros.report.rows import Row, class_of, ids_text, short_name
 from resting_aspects_ros.report.table import down_text
 
 OUTSIDE = {
@@ -168,7 +168,6 @@ def _barrier(row: Row, classes: Sequence[tuple[Aspect, ...]]) -> str:
     aspect = row.aspects[0]
     if not aspect.neighbour:
         return 'none'
-    alike = aspect.neighbour in {each.id for each in row.aspects}
-    (members,) = (each for each in classes if aspect.neighbour in {a.id for a in each})
-    to = 'one that looks alike' if alike else ids_text(members)
+    members = class_of(aspect.neighbour, classes)
+    to = 'one that looks alike' if members == row.aspects else ids_text(members)
     return f'{1000 * aspect.least_barrier:.3g} mm, into {to}'

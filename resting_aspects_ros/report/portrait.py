@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import binary_dilation, uniform_filter
 
 from resting_aspects_ros.core.aspect_set import Aspect
 from resting_aspects_ros.core.part import Part
@@ -168,11 +169,14 @@ def _portrait(solid: LyingPart, colour: Array, scale: float, pixels: int, view: 
 
     shade = DARKEST + (1 - DARKEST) * (0.5 + 0.5 * solid.normals @ LIGHT) ** 1.5
     image = np.zeros((size, size, 4))
-    image[..., 3] = SHADOW * _blurred(shadow.astype(float))
+    soft = shadow.astype(float)
+    for _ in range(2):
+        soft = uniform_filter(soft, 2 * SOFT + 1, mode='constant')
+    image[..., 3] = SHADOW * soft
     part = seen.face != NOTHING
     image[part, :3] = shade[seen.face[part], None] * colour
     image[part, 3] = 1.0
-    edge = _thicker(edges(seen, solid.normals))
+    edge = binary_dilation(edges(seen, solid.normals))  # a pixel more to all four sides
     # A part that is a few pixels thin would be all edge.
     if np.count_nonzero(edge & part) < MOST_EDGE * np.count_nonzero(part):
         image[edge, :3] = EDGE_COLOUR
@@ -187,26 +191,3 @@ def reduced(image: npt.NDArray[np.floating[Any]], factor: int) -> Image:
     mean = image.reshape(size, factor, size, factor, 4).mean(axis=(1, 3))
     mean[..., :3] /= np.maximum(mean[..., 3:], 1e-9)
     return mean.astype(np.float32)
-
-
-def _thicker(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """The mask and its neighbours to all four sides."""
-    wide = mask.copy()
-    wide[1:] |= mask[:-1]
-    wide[:-1] |= mask[1:]
-    wide[:, 1:] |= mask[:, :-1]
-    wide[:, :-1] |= mask[:, 1:]
-    return wide
-
-
-def _blurred(image: Array) -> Array:
-    """Mean over a square of 2 SOFT + 1, twice."""
-    for _ in range(2):
-        for axis in (0, 1):
-            padded = np.pad(image, [(SOFT + 1, SOFT) if a == axis else (0, 0) for a in (0, 1)])
-            total = padded.cumsum(axis=axis)
-            width = 2 * SOFT + 1
-            ends = np.take(total, np.arange(width, total.shape[axis]), axis=axis)
-            starts = np.take(total, np.arange(total.shape[axis] - width), axis=axis)
-            image = (ends - starts) / width
-    return image

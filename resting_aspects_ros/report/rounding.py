@@ -55,7 +55,7 @@ def interval_text(interval: Interval) -> str:
 def points_text(deviation: float, lower: float, upper: float) -> str:
     """A difference of shares with its bounds, in percentage points: '+3.1 (-0.9 to +7.0)'."""
     decimals = decimals_of(Interval(deviation, lower, upper))
-    found, low, high = (_points(x, decimals) for x in (deviation, lower, upper))
+    found, low, high = (points(x, decimals) for x in (deviation, lower, upper))
     return f'{found} ({low} to {high})'
 
 
@@ -100,7 +100,8 @@ def _percent(share: float, decimals: int) -> str:
     return f'{100 * share:.{decimals}f}' if share else '0'
 
 
-def _points(share: float, decimals: int) -> str:
+def points(share: float, decimals: int) -> str:
+    """A difference of shares, in percentage points: '+3.1'."""
     # Adding zero makes no -0.0.
     return f'{round(100 * share, decimals) + 0.0:+.{decimals}f}'
 

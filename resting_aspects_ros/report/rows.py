@@ -1,5 +1,6 @@
 """What a picture or a page shows of a distribution, from top to bottom."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -75,6 +76,11 @@ def ids_text(aspects: tuple[Aspect, ...]) -> str:
         return f'{ids[0]}, {ids[1]}, ... {ids[-1]}'
     *first, last = map(str, ids)
     return f'{", ".join(first)} and {last}' if first else last
+
+
+def class_of(aspect_id: int, classes: Sequence[tuple[Aspect, ...]]) -> tuple[Aspect, ...]:
+    """Of symmetry classes the one that an aspect is in."""
+    return next(each for each in classes if aspect_id in {aspect.id for aspect in each})
 
 
 def short_name(row: Row) -> str:

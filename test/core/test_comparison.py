@@ -11,7 +11,6 @@ from scipy.stats import binomtest, chi2_contingency, chisquare
 
 from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.comparison import (
-    Rest,
     Tally,
     compare,
     compare_with_exact,
@@ -47,8 +46,6 @@ def test_a_comparison_by_hand():
     assert found.largest_aspect == 3
     assert found.largest_deviation == pytest.approx(-0.2)
     assert found.largest_bounds == (found.lower[2], found.upper[2])
-    assert found.first_rest == Rest(0.3, 0.15, 0.05)
-    assert found.second_rest == Rest(0.0, 0.2, 0.0)
     assert found.p_value == pytest.approx(
         chi2_contingency([[50, 30, 20], [80, 40, 80]], correction=False).pvalue
     )
@@ -64,8 +61,6 @@ def test_a_comparison_with_exact_probabilities_by_hand():
     np.testing.assert_array_equal(found.second, [0.125, 0.375, 0.375, 0.125])
     assert found.largest_aspect == 2
     assert found.largest_deviation == pytest.approx(138 / 329 - 0.375)
-    assert found.first_rest == Rest(3 / 333, 0.0, 1 / 333)
-    assert found.second_rest is None
     expected = 329 * found.second
     assert found.p_value == pytest.approx(chisquare([43, 138, 117, 31], expected).pvalue)
     for i, count in enumerate([43, 138, 117, 31]):

@@ -40,6 +40,13 @@ def rolled(corners, down, step, steps):
     return down
 
 
+def maxima(landscape):
+    """How many corners the part can balance on, its head."""
+    hull = landscape.hull
+    below = hull.ends[hull.feet <= 0, 0], hull.ends[hull.feet >= 1, 1]
+    return len(hull.points) - len(np.unique(np.concatenate(below)))
+
+
 @pytest.mark.parametrize(('name', 'arguments'), SHAPES)
 def test_minima_less_saddles_plus_maxima_is_two(solids, solid, name, arguments):
     # Morse: the Euler characteristic of the sphere of directions.
@@ -47,14 +54,14 @@ def test_minima_less_saddles_plus_maxima_is_two(solids, solid, name, arguments):
         mesh = solids.turned(getattr(solids, name)(*arguments), solids.a_turn(seed))
         landscape = Landscape(solid(mesh))
         saddles = len(landscape.saddles.edges)
-        assert len(landscape.minima) - saddles + len(landscape.maxima) == 2
+        assert len(landscape.minima) - saddles + maxima(landscape) == 2
 
 
-@pytest.mark.parametrize('seed', range(40))
+@pytest.mark.parametrize('seed', range(0, 40, 4))
 def test_random_hulls_have_two_more_extrema_than_saddles(solids, solid, seed):
     landscape = Landscape(solid(solids.irregular(seed, 10 + 3 * seed)))
     saddles = len(landscape.saddles.edges)
-    assert len(landscape.minima) - saddles + len(landscape.maxima) == 2
+    assert len(landscape.minima) - saddles + maxima(landscape) == 2
 
 
 @pytest.mark.parametrize(('name', 'arguments'), [SHAPES[0], *SHAPES[3:5], SHAPES[7], *SHAPES[-9:]])
@@ -88,7 +95,8 @@ def test_a_part_that_is_let_go_ends_in_a_minimum_that_is_no_higher(solids, solid
     assert found.min() >= 0
     assert found.max() < len(landscape.minima)
     slack = 1e-9 * landscape.radius  # rounding
-    assert (landscape.heights[found] <= landscape.support(down) + slack).all()
+    support = (down @ landscape.hull.points.T).max(axis=1) * landscape.radius
+    assert (landscape.heights[found] <= support + slack).all()
     again = landscape.descend(landscape.directions)
     np.testing.assert_array_equal(again, np.arange(len(landscape.minima)))
 
@@ -121,7 +129,7 @@ def test_minima_of_a_box_are_as_high_as_half_its_sides_and_saddles_as_half_their
     np.testing.assert_allclose(landscape.heights, np.repeat([5e-3, 10e-3, 15e-3], 2), rtol=1e-6)
     expected = np.repeat(np.hypot([5, 5, 10], [10, 15, 15]) * 1e-3, 4)
     np.testing.assert_allclose(landscape.saddles.heights, expected, rtol=1e-6)  # float32
-    assert len(landscape.maxima) == 8
+    assert maxima(landscape) == 8
     for (a, b), height in zip(landscape.saddles.between, landscape.saddles.heights, strict=True):
         # Pythagoras: the two facets beside it.
         assert np.hypot(*landscape.heights[[a, b]]) == pytest.approx(height, rel=1e-6)
@@ -136,11 +144,3 @@ def test_minima_and_saddles_of_a_prism_are_where_its_outline_says(solids, solid,
     np.testing.assert_allclose(landscape.heights, minima, rtol=1e-6)  # float32
     saddles = sorted([radius] * n + [np.hypot(apothem, height / 2)] * (2 * n))
     np.testing.assert_allclose(landscape.saddles.heights, saddles, rtol=1e-6)
-
-
-def test_the_support_height_is_that_of_the_furthest_corner(solids, solid):
-    part = solid(solids.blocks(2))
-    down = directions(5, 1000)
-    corners = part.hull_vertices - part.centre_of_mass
-    expected = [max(float(corner @ d) for corner in corners) for d in down]
-    np.testing.assert_allclose(Landscape(part).support(down), expected, rtol=1e-12)

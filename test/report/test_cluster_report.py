@@ -11,12 +11,12 @@ from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.clusters import Clusters, find_clusters
 from resting_aspects_ros.core.distribution import Distribution
-from resting_aspects_ros.report.agreement_table import (
+from resting_aspects_ros.report.cluster_report import (
     agreement_line,
     agreement_table,
+    cluster_table,
     differences_table,
 )
-from resting_aspects_ros.report.cluster_table import cluster_table
 
 MOST = 2_000_000  # drops of a run
 

@@ -1,5 +1,6 @@
-"""Two distributions side by side as a table in a terminal."""
+"""Two distributions side by side: a table in a terminal and a JSON document."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -8,10 +9,11 @@ import numpy.typing as npt
 from rich.table import Table
 
 from resting_aspects_ros.core.comparison import REST, Comparison, Tally
-from resting_aspects_ros.core.intervals import Interval, intervals
+from resting_aspects_ros.core.intervals import INTERVAL, Interval, intervals
 from resting_aspects_ros.core.pearson import TABLES
-from resting_aspects_ros.report.rounding import decimals_of, direction_text
-from resting_aspects_ros.report.table import NOTHING, plain_table
+from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers
+from resting_aspects_ros.report.rounding import decimals_of, direction_text, points
+from resting_aspects_ros.report.table import DOWN, NOTHING, plain_table
 
 # With more decimals, which a million drops allow, the table would not fit 80 columns.
 MOST_DECIMALS = 2
@@ -40,6 +42,12 @@ class Sides:
         """Both."""
         return self.a, self.b
 
+    def down_of(self, k: int) -> list[float] | None:
+        """Of the aspect at place ``k``; None if it is not known, or the part rolls."""
+        if self.down is None or np.isnan(self.down[k]).any():
+            return None
+        return numbers(self.down[k])
+
     def shares(self, confidence: float) -> list[list[Interval]]:
         """Of each, the share of each aspect in the drops that are in one."""
         return [
@@ -62,7 +70,17 @@ def comparison_table(comparison: Comparison, sides: Sides, title: str) -> Table:
     title : str
         Plain text, shown above.
     """
-    table = _empty_table(title, sides.what, comparison.confidence)
+    percent = f'{100 * comparison.confidence:.10g} %'
+    table = plain_table(
+        title,
+        sides.what,
+        DOWN,
+        'A\n(%)',
+        f'{percent}\ninterval of A',
+        'B\n(%)',
+        'A - B\n(%)',
+        f'{percent}\nall at once',
+    )
     rows = zip(*sides.shares(comparison.confidence), strict=True)
     for k, (a, b) in enumerate(rows):
         deviation, low, high = (
@@ -80,7 +98,7 @@ def comparison_table(comparison: Comparison, sides: Sides, title: str) -> Table:
         counts = [getattr(tally, name) for tally in sides.tallies]
         if any(counts):
             (share, interval), (other, _) = (
-                _share_texts(_of_all(count, tally, comparison.confidence))
+                _share_texts(intervals([count], tally.drops, confidence=comparison.confidence)[0])
                 for count, tally in zip(counts, sides.tallies, strict=True)
             )
             table.add_row('', name, share, interval, other)
@@ -94,12 +112,14 @@ def measures_text(comparison: Comparison, sides: Sides) -> str:
     _, bounds = _deviation_texts(
         Interval(comparison.largest_deviation, *comparison.largest_bounds)
     )
+    many = 'aspects' if sides.what == 'aspect' else 'classes'
+    p_value = f'{comparison.p_value:.2g}' if comparison.p_value >= 1e-4 else 'less than 0.0001'
     by = 'chi-square' if comparison.p_by == 'chi-square' else f'Monte Carlo, {TABLES} tables'
     rows = {
         'total variation': f'{100 * comparison.total_variation:.3g} %',
         'largest deviation': f'{deviation} % in {sides.what} {aspect} ({bounds} %)',
-        'mean absolute deviation': f'{100 * comparison.mean_deviation:.3g} % over {_many(sides)}',
-        'p value': f'{_p_text(comparison.p_value)} by {by}',
+        'mean absolute deviation': f'{100 * comparison.mean_deviation:.3g} % over {many}',
+        'p value': f'{p_value} by {by}',
         '': 'how often chance alone makes a difference like this one',
     }
     counted = (f'{tally.counts.sum()} of {tally.drops}' for tally in sides.tallies)
@@ -109,31 +129,10 @@ def measures_text(comparison: Comparison, sides: Sides) -> str:
     return '\n'.join(f'{name:<25}{text}' for name, text in rows.items())
 
 
-def _many(sides: Sides) -> str:
-    return 'aspects' if sides.what == 'aspect' else 'classes'
-
-
-def _empty_table(title: str, what: str, confidence: float) -> Table:
-    percent = f'{100 * confidence:.10g} %'
-    table = plain_table(title)
-    table.add_column(what, justify='right', no_wrap=True)
-    table.add_column('down in part', no_wrap=True)
-    table.add_column('A\n(%)', justify='right', no_wrap=True)
-    table.add_column(f'{percent}\ninterval of A', justify='right', no_wrap=True)
-    table.add_column('B\n(%)', justify='right', no_wrap=True)
-    table.add_column('A - B\n(%)', justify='right', no_wrap=True)
-    table.add_column(f'{percent}\nall at once', justify='right', no_wrap=True)
-    return table
-
-
 def _down_text(sides: Sides, k: int) -> str:
     if sides.down is None:
         return NOTHING
     return 'rolls' if np.isnan(sides.down[k]).any() else direction_text(sides.down[k])
-
-
-def _of_all(count: int, tally: Tally, confidence: float) -> Interval:
-    return intervals([count], tally.drops, confidence=confidence)[0]
 
 
 def _share_texts(interval: Interval) -> tuple[str, str]:
@@ -153,14 +152,55 @@ def _deviation_texts(interval: Interval) -> tuple[str, str]:
     """
     most = MOST_DECIMALS if max(-interval.lower, interval.upper) < 0.1 else MOST_DECIMALS - 1
     known = decimals_of(interval)
-    low, high = (_signed(x, min(known, most)) for x in (interval.lower, interval.upper))
-    return _signed(interval.probability, min(known + 1, most)), f'{low} to {high}'
+    low, high = (points(x, min(known, most)) for x in (interval.lower, interval.upper))
+    return points(interval.probability, min(known + 1, most)), f'{low} to {high}'
 
 
-def _signed(share: float, decimals: int) -> str:
-    # Adding zero makes no -0.0.
-    return f'{round(100 * share, decimals) + 0.0:+.{decimals}f}'
+def comparison_document(
+    comparison: Comparison, sides: Sides, said: Mapping[str, Mapping[str, object]]
+) -> dict[str, object]:
+    """The comparison as a JSON document; shares from 0 to 1, nothing rounded.
 
-
-def _p_text(p_value: float) -> str:
-    return f'{p_value:.2g}' if p_value >= 1e-4 else 'less than 0.0001'
+    said : under ``a`` and ``b`` what each is: file, part, drops, ...
+    """
+    shares = sides.shares(comparison.confidence)
+    lower, upper = comparison.largest_bounds
+    return {
+        'schema_version': SCHEMA_VERSION,
+        **{
+            name: {**said[name], **{outcome: getattr(tally, outcome) for outcome in REST}}
+            for name, tally in zip('ab', sides.tallies, strict=True)
+        },
+        'confidence': comparison.confidence,
+        'interval': INTERVAL,
+        'by': sides.what,
+        'aspects': [
+            {
+                'id': sides.ids[k],
+                'down_in_part': sides.down_of(k),
+                **{
+                    name: {
+                        'count': int(tally.counts[k]),
+                        'share': side[k].probability,
+                        'lower': side[k].lower,
+                        'upper': side[k].upper,
+                    }
+                    for name, tally, side in zip('ab', sides.tallies, shares, strict=True)
+                },
+                'deviation': float(comparison.deviation[k]),
+                'deviation_lower': float(comparison.lower[k]),
+                'deviation_upper': float(comparison.upper[k]),
+            }
+            for k in range(len(sides.ids))
+        ],
+        'total_variation': comparison.total_variation,
+        'largest_deviation': {
+            'aspect': sides.ids[comparison.largest_aspect - 1],
+            'deviation': comparison.largest_deviation,
+            'lower': lower,
+            'upper': upper,
+        },
+        'mean_deviation': comparison.mean_deviation,
+        'p_value': comparison.p_value,
+        'p_by': comparison.p_by,
+    }

@@ -9,8 +9,12 @@ from rich.console import Console
 from scipy.stats import binomtest, chi2_contingency
 
 from resting_aspects_ros.core.comparison import Tally, compare
-from resting_aspects_ros.report.comparison_document import comparison_document
-from resting_aspects_ros.report.comparison_table import Sides, comparison_table, measures_text
+from resting_aspects_ros.report.comparison_report import (
+    Sides,
+    comparison_document,
+    comparison_table,
+    measures_text,
+)
 from resting_aspects_ros.report.document import to_json
 
 # Shares .5 .3 .2 and .4 .2 .4, of the drops in an aspect.

@@ -1,0 +1,202 @@
+"""Clusters, and aspects beside them: tables in a terminal and a JSON document (angles in rad)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from rich.table import Table
+
+from resting_aspects_ros.core.agreement import Agreement, Differences
+from resting_aspects_ros.core.clusters import Clusters
+from resting_aspects_ros.core.distribution import CONFIDENCE, Distribution, Interval
+from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers, plain, share_fields
+from resting_aspects_ros.report.rounding import direction_text, interval_of, outside_aspects
+from resting_aspects_ros.report.table import DOWN, NOTHING, plain_table, shares
+
+# Poses that are listed; the document has them all.
+MOST_DIFFERENCES = 20
+# So near an aspect of a part with flat sides, nothing but that aspect can be meant.
+NEAR = np.radians(1.0)
+
+# Rows for single clusters; more are told in one.
+MOST_ROWS = 20
+# In place of a direction, of a cluster that has no mean one.
+RING = 'all round'
+
+Ids = npt.NDArray[np.int64]
+
+
+def cluster_intervals(distribution: Distribution, counts: np.ndarray) -> list[Interval]:
+    """The shares of clusters in all poses, each worked out once for each count that occurs."""
+    by_count = {int(n): interval_of(distribution, int(n)) for n in np.unique(counts)}
+    return [by_count[int(n)] for n in counts]
+
+
+def cluster_table(distribution: Distribution, clusters: Clusters, title: str) -> Table:
+    """A row for each of the largest clusters, then for the rest, then what did not settle.
+
+    The counts of the distribution are those of the clusters.
+    """
+    percent = f'{100 * CONFIDENCE:g} % interval'
+    table = plain_table(title, 'cluster', DOWN, 'spread\n(degrees)', 'share', percent, 'count')
+    drops = distribution.drops
+    shown = clusters.counts[:MOST_ROWS]
+    for k, interval in enumerate(cluster_intervals(distribution, shown)):
+        table.add_row(
+            str(k + 1),
+            RING if np.isnan(clusters.mean[k]).any() else direction_text(clusters.mean[k]),
+            NOTHING if np.isnan(clusters.spread[k]) else f'{np.degrees(clusters.spread[k]):.2f}',
+            *shares(interval, int(shown[k]), drops),
+        )
+    table.add_section()
+    more = len(clusters) - len(shown)
+    rest = [(f'{more} more', int(clusters.counts[MOST_ROWS:].sum()))] if more else []
+    for name, count in [*rest, *outside_aspects(distribution)]:
+        table.add_row('', name, '', *shares(interval_of(distribution, count), count, drops))
+    table.add_row('', 'poses in total', '', '', '', str(drops), style='bold')
+    return table
+
+
+def agreement_table(
+    distribution: Distribution, agreement: Agreement, clusters: Clusters, title: str
+) -> Table:
+    """A row for each aspect, beside the cluster with most of its poses, then what is in none."""
+    percent = f'{100 * CONFIDENCE:g} % interval'
+    table = plain_table(title, 'aspect', DOWN, 'share', percent, 'count', 'cluster:\nits count')
+    drops = distribution.drops
+    rows = zip(
+        distribution.aspects.aspects,
+        distribution.counts,
+        distribution.intervals(),
+        agreement.cluster_of,
+        strict=True,
+    )
+    for aspect, count, interval, cluster in rows:
+        table.add_row(
+            str(aspect.id),
+            direction_text(aspect.down_in_part),
+            *shares(interval, int(count), drops),
+            f'{cluster}: {clusters.counts[cluster - 1]}' if cluster else NOTHING,
+        )
+    table.add_section()
+    for name, count in outside_aspects(distribution):
+        table.add_row('', name, *shares(interval_of(distribution, count), count, drops), '')
+    table.add_row('', 'poses in total', '', '', str(drops), '', style='bold')
+    return table
+
+
+def agreement_line(agreement: Agreement, differences: Differences) -> str:
+    """On how many poses the two agree, and whether they do so wherever they must."""
+    settled = len(agreement.agree)
+    near = int(np.count_nonzero(differences.angle <= NEAR))
+    where = f'within {np.degrees(NEAR):g} degree of an aspect'
+    return (
+        f'Aspects and clusters agree on {settled - len(differences)} of {settled} settled poses, '
+        + (f'but not on {near} {where}.' if near else f'and on every one {where}.')
+    )
+
+
+def differences_table(
+    differences: Differences, clusters: Clusters, index: Ids, line: Ids
+) -> Table:
+    """The first poses on which the two differ.
+
+    index, line : (n,) int, of all poses that were compared: their indices and lines in the file.
+    """
+    shown = min(len(differences), MOST_DIFFERENCES)
+    of = '' if shown == len(differences) else f' of {len(differences)} (--json has all)'
+    table = plain_table(
+        f'They differ on {shown}{of}:',
+        'pose',
+        'line',
+        'nearest\naspect',
+        'angle to it\n(degrees)',
+        'in aspect',
+        'in cluster',
+        'its\ncount',
+    )
+    for k in range(shown):
+        pose, cluster = differences.pose[k], int(differences.cluster[k])
+        nearest = differences.nearest[k]
+        table.add_row(
+            str(index[pose]),
+            str(line[pose]),
+            str(nearest or NOTHING),
+            f'{np.degrees(differences.angle[k]):.2f}' if nearest else NOTHING,
+            str(differences.aspect[k] or 'none'),
+            str(cluster),
+            str(clusters.counts[cluster - 1]),
+        )
+    return table
+
+
+def cluster_document(
+    distribution: Distribution, clusters: Clusters, tolerance: float
+) -> dict[str, object]:
+    """What is known without the part.
+
+    The counts of the distribution are those of the clusters; ``down_in_part`` is the mean
+    direction, null where there is none; the tolerance in rad.
+    """
+    return {
+        'schema_version': SCHEMA_VERSION,
+        'tolerance': tolerance,
+        'drops': distribution.drops,
+        'unsettled': distribution.unsettled,
+        'failed': distribution.failed,
+        'confidence': distribution.confidence,
+        'interval': distribution.interval,
+        'clusters': [
+            {
+                'id': k + 1,
+                'down_in_part': None if np.isnan(mean).any() else numbers(mean),
+                'spread': plain(float(clusters.spread[k])),
+                **share_fields(int(clusters.counts[k]), interval),
+            }
+            for k, (mean, interval) in enumerate(
+                zip(clusters.mean, cluster_intervals(distribution, clusters.counts), strict=True)
+            )
+        ],
+    }
+
+
+def agreement_fields(
+    distribution: Distribution,
+    agreement: Agreement,
+    differences: Differences,
+    places: Sequence[Ids],
+) -> dict[str, object]:
+    """What the part adds: aspects beside their clusters, and where the two differ.
+
+    places : two of (n,) int, indices and lines of all poses that were compared, in their file.
+    """
+    index, line = places
+    rows = zip(
+        distribution.aspects.aspects, distribution.counts, distribution.intervals(), strict=True
+    )
+    return {
+        'unclassified': distribution.unclassified,
+        'agreed': int(agreement.agree.sum()),
+        'aspects': [
+            {
+                'id': aspect.id,
+                'down_in_part': numbers(aspect.down_in_part),
+                'com_height': float(aspect.com_height),
+                **share_fields(int(count), interval),
+                'cluster': int(agreement.cluster_of[k]),
+                'count_in_cluster': int(agreement.shared[k]),
+            }
+            for k, (aspect, count, interval) in enumerate(rows)
+        ],
+        'differing': [
+            {
+                'pose': int(index[pose]),
+                'line': int(line[pose]),
+                'nearest_aspect': int(differences.nearest[k]),
+                'angle': plain(float(differences.angle[k])),
+                'aspect': int(differences.aspect[k]),
+                'cluster': int(differences.cluster[k]),
+            }
+            for k, pose in enumerate(differences.pose)
+        ],
+    }

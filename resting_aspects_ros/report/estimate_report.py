@@ -1,0 +1,161 @@
+"""What methods predict for a part: a table in a terminal and a JSON document."""
+
+from collections.abc import Mapping, Sequence
+
+from rich.table import Table
+
+from resting_aspects_ros.core.aspect_set import Aspect
+from resting_aspects_ros.core.comparison import Comparison, Tally
+from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate
+from resting_aspects_ros.core.estimators.recommendation import Recommendation
+from resting_aspects_ros.core.intervals import CONFIDENCE, Array, intervals
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.resting_on import resting_on
+from resting_aspects_ros.report.document import SCHEMA_VERSION, share_fields
+from resting_aspects_ros.report.rounding import interval_text, share_text
+from resting_aspects_ros.report.rows import ids_text
+from resting_aspects_ros.report.table import NOTHING, RESTS_ON, plain_table
+
+# In two lines, so that all methods fit 80 columns; of one alone it is the name.
+_HEADINGS = {
+    'solid_angle': 'solid\nangle',
+    'stability': 'stab-\nility',
+    'energy_barrier': 'energy\nbarr.',
+    'quasi_static': 'quasi\nstatic',
+    'rolling': 'roll-\ning',
+}
+# Longer words on what a part rests on are continued in another line.
+_REST_WIDTH = 20
+
+
+def estimate_table(
+    part: Part,
+    rows: Sequence[tuple[Aspect, ...]],
+    shares: Mapping[str, Array | None],
+    title: str,
+    recommended: str = '',
+    against: Tally | None = None,
+    deviations: Mapping[str, Comparison] | None = None,
+) -> Table:
+    """A row for each aspect or class, a column for each method, in percent; cells are ASCII.
+
+    Of most parts it fits 80 columns. With drops to hold them against these come first, as shares
+    of the drops that are in an aspect, with their interval, and each method's deviations below.
+
+    Parameters
+    ----------
+    rows : sequence of tuples of Aspect
+        Aspects of which the shares are sums.
+    shares : mapping
+        (k,) of the rows, by the method's name; None where it is not defined.
+    title : str
+        Plain text, shown above.
+    recommended : str
+        The method that is marked; empty for none.
+    against : Tally, optional
+        Counts of the rows.
+    deviations : mapping
+        Of the drops from each method that is defined.
+    """
+    if against is None:
+        headings = [RESTS_ON]
+        first = [[resting_on(part, row[0])] for row in rows]
+    else:
+        headings = ['drops', '95 %\ninterval']
+        found = intervals(against.counts, int(against.counts.sum()))
+        first = [
+            [share_text(each.probability), interval_text(each).removesuffix(' %')]
+            for each in found
+        ]
+    for method in shares:
+        heading = method if len(shares) == 1 else _HEADINGS.get(method, method)
+        headings.append(heading + '*' * (method == recommended))
+    aspect = 'aspects' if any(len(row) > 1 for row in rows) else 'aspect'
+    table = plain_table(title, aspect, *headings, rest_width=_REST_WIDTH)
+    # A title is not broken because there is but one method.
+    table.min_width = min(80, max(map(len, title.splitlines())))
+    for k, cells in enumerate(first):
+        predicted = [NOTHING if p is None else share_text(float(p[k])) for p in shares.values()]
+        table.add_row(ids_text(rows[k]), *cells, *predicted)
+    if deviations:
+        table.add_section()
+        for name, text_of in (
+            ('mean dev.', lambda c: share_text(c.mean_deviation)),
+            ('largest', lambda c: share_text(abs(c.largest_deviation))),
+            ('p value', lambda c: '< 0.001' if c.p_value < 0.001 else f'{c.p_value:.2g}'),
+        ):
+            texts = [text_of(deviations[m]) if m in deviations else NOTHING for m in shares]
+            table.add_row('', '', name, *texts)
+    return table
+
+
+def legend(methods: Sequence[str], recommended: str) -> list[str]:
+    """A line for each method: its name as a flag takes it, and what it weighs aspects by."""
+    return [
+        f'{name + "*" * (name == recommended):<16}{METHODS[name].label}: {METHODS[name].meaning}'
+        for name in methods
+    ]
+
+
+def estimate_document(
+    part: Part,
+    estimates: Mapping[str, Estimate | None],
+    reasons: Mapping[str, str],
+    recommended: Recommendation | None = None,
+) -> dict[str, object]:
+    """Each method with its source, ``aspects`` and ``classes``: id and probability.
+
+    Of a method that is not defined for the part ``aspects`` is empty, and ``not_defined`` says
+    why; else that is null. ``recommended`` is the method to trust, null if there is none or the
+    conditions are not known, with the reason.
+    """
+    return {
+        'schema_version': SCHEMA_VERSION,
+        'part': part.name,
+        'mesh_sha256': part.mesh_sha256,
+        'part_sha256': part.part_sha256,
+        'recommended': None if recommended is None else recommended.method or None,
+        'reason': None if recommended is None else recommended.reason,
+        'methods': {
+            name: {
+                'source': METHODS[name].source,
+                'not_defined': reasons.get(name),
+                'aspects': [] if found is None else _rows(found.probabilities),
+                'classes': [] if found is None else _rows(found.of_classes()),
+            }
+            for name, found in estimates.items()
+        },
+    }
+
+
+def against_fields(
+    path: str, tally: Tally, deviations: Mapping[str, Comparison], *, by_class: bool
+) -> dict[str, object]:
+    """What the methods were held against, and how far off each is, by aspect or symmetry class.
+
+    Shares are of the drops that are in an aspect.
+    """
+    many, one = ('classes', 'class') if by_class else ('aspects', 'aspect')
+    found = intervals(tally.counts, int(tally.counts.sum()))
+    return {
+        'file': path,
+        'drops': tally.drops,
+        'confidence': CONFIDENCE,
+        many: [
+            {'id': k, **share_fields(int(count), each)}
+            for k, (count, each) in enumerate(zip(tally.counts, found, strict=True), start=1)
+        ],
+        'methods': {
+            name: {
+                'mean_deviation': each.mean_deviation,
+                'largest_deviation': abs(each.largest_deviation),
+                f'largest_{one}': each.largest_aspect,
+                'p_value': each.p_value,
+            }
+            for name, each in deviations.items()
+        },
+    }
+
+
+def _rows(probabilities: Array) -> list[dict[str, object]]:
+    return [{'id': k, 'probability': p} for k, p in enumerate(probabilities.tolist(), start=1)]
