@@ -88,10 +88,6 @@ class SurfaceMatch:
             strays |= ~self._tree.near(moved, SYMMETRY_TOLERANCE, self._skins)
         return strays
 
-    def telling(self, first: Flags) -> Indices:
-        """Return the order in which to look at the samples, if some tell more than others."""
-        return np.argsort(~first, kind='stable')
-
     def fits(self, rotations: Array, order: Indices, play: float = 0.0) -> Flags:
         """Tell which rotations, (k, 3, 3), map the surface onto itself, both ways.
 

@@ -92,7 +92,7 @@ def find_symmetry(part: Part, landmarks: Array) -> Symmetry:
         rotations = _from(match, half_turns(axes), ROUGH)
     elif alone.any():
         axis = axes[alone][0]
-        order = match.telling(match.strays(axis))
+        order = np.argsort(~match.strays(axis), kind='stable')  # those that tell most come first
         n = _cyclic_order(match, axis, order)
         if n > HIGHEST_ORDER:
             # Some sample strays at some angle, but no turn to speak of shows.

@@ -46,21 +46,15 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Line:
-    """A row of a table."""
-
-    name: str
-    simulated: str
-    measured: str
-    difference: str
-
-
-@dataclass(frozen=True)
 class ComparisonWords:
-    """A comparison as a reader sees it, in percent and percentage points."""
+    """A comparison as a reader sees it, in percent and percentage points.
+
+    rows : tuple of (str, str, str, str)
+        Name, simulated, measured, difference.
+    """
 
     verdict: str
-    rows: tuple[Line, ...]
+    rows: tuple[tuple[str, ...], ...]
     mean: str
     largest: str
     chance: str
@@ -72,7 +66,7 @@ def comparison_words(measured: Measured, rows: Sequence[Row]) -> ComparisonWords
     differences = difference_texts(found)
     (_, simulated), (_, counted) = measured.sides()
     lines = [
-        Line(row.name, probability_text(a), probability_text(b), difference)
+        (row.name, probability_text(a), probability_text(b), difference)
         for row, a, b, difference in zip(rows, simulated, counted, differences, strict=True)
     ]
     for name in REST:
@@ -80,8 +74,7 @@ def comparison_words(measured: Measured, rows: Sequence[Row]) -> ComparisonWords
         if any(counts):
             drops = measured.own.drops, measured.tally.drops
             shares = [intervals([c], n)[0] for c, n in zip(counts, drops, strict=True)]
-            own, other = map(probability_text, shares)
-            lines.append(Line(f'{name}, of all drops', own, other, ''))
+            lines.append((f'{name}, of all drops', *map(probability_text, shares), ''))
     largest = found.largest_aspect - 1
     return ComparisonWords(
         verdict(found, [row.name for row in rows]),

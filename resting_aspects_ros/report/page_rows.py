@@ -26,33 +26,17 @@ OUTSIDE = {
 
 
 @dataclass(frozen=True)
-class Bar:
-    """A bar and its whisker, as percentages of the width that there is."""
-
-    width: float
-    left: float
-    whisker: float
-
-
-@dataclass(frozen=True)
-class Member:
-    """One of the aspects of a row."""
-
-    id: int
-    down: str
-    count: int
-    probability: str
-    interval: str
-
-
-@dataclass(frozen=True)
 class RowText:
     """A row as a reader sees it; what does not apply is empty.
 
     oblique, above, small : str
         Pictures, as addresses that hold them.
+    bar : (float, float, float)
+        Length of the bar, and begin and length of its whisker, as percentages of the width.
     facts : tuple of (str, str, str)
         What is known of the aspect by its shape: label, value, explanation.
+    members : tuple of (id, down in part, count, probability, interval)
+        Each aspect by itself.
     """
 
     name: str
@@ -63,9 +47,9 @@ class RowText:
     seen: bool
     probability: str
     interval: str
-    bar: Bar
+    bar: tuple[float, float, float]
     facts: tuple[tuple[str, str, str], ...] = ()
-    members: tuple[Member, ...] = ()
+    members: tuple[tuple[int, str, int, str, str], ...] = ()
     oblique: str = ''
     above: str = ''
     small: str = ''
@@ -106,7 +90,7 @@ def row_texts(
             bar=_bar(row.interval, longest),
             facts=_facts(row, height, part, classes) if row.aspects else (),
             members=tuple(
-                Member(
+                (
                     aspect.id,
                     down_text(aspect),
                     int(of_aspects[aspect.id - 1][0]),
@@ -135,13 +119,12 @@ def _probability(row: Row, drops: int) -> str:
     return probability_text(row.interval) if row.count else 'never seen'
 
 
-def _bar(interval: Interval, longest: float) -> Bar:
-    scale = 100 / longest
-    return Bar(
-        round(interval.probability * scale, 2),
-        round(interval.lower * scale, 2),
-        round((interval.upper - interval.lower) * scale, 2),
+def _bar(interval: Interval, longest: float) -> tuple[float, float, float]:
+    whisker = interval.upper - interval.lower
+    fill, left, width = (
+        round(x * 100 / longest, 2) for x in (interval.probability, interval.lower, whisker)
     )
+    return fill, left, width
 
 
 def _facts(
