@@ -10,8 +10,9 @@ from resting_aspects_ros.commands.formatting import warn
 from resting_aspects_ros.config_files import parts_folder
 from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError, shown
 from resting_aspects_ros.core.mesh_file import FORMATS
-from resting_aspects_ros.core.part import DEFAULT_UNIT, UNITS, Part
+from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.part_loading import load_part
+from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
 from resting_aspects_ros.drops.part_library import PartLibrary, read_part_yaml
 
 

@@ -13,18 +13,6 @@ from resting_aspects_ros.core.intervals import CONFIDENCE, INTERVAL, Interval, i
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.stopping import stopping_confidence, stops
 
-__all__ = [
-    'CONFIDENCE',
-    'INTERVAL',
-    'METHOD',
-    'Distribution',
-    'Interval',
-    'aspect_ids',
-    'count_poses',
-    'history',
-    'no_drops',
-]
-
 METHOD = 'drops'
 # A history has the counts after so many drops first, and so often until there are ten times as
 # many: a run of any length has some ten of them for each digit of its length.

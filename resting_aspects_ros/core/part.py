@@ -15,18 +15,8 @@ from resting_aspects_ros.core.intrinsic_frame import (
     principal_frame,
     third_moments,
 )
-from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
 
 Array = npt.NDArray[np.float64]
-
-__all__ = [
-    'DEFAULT_UNIT',
-    'MAX_NAME',
-    'UNITS',
-    'Part',
-    'is_valid_name',
-    'valid_name',
-]
 
 MAX_NAME = 64
 

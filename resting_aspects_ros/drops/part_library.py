@@ -15,8 +15,9 @@ from resting_aspects_ros.core.errors import (
 )
 from resting_aspects_ros.core.input_file import is_file, named, printable
 from resting_aspects_ros.core.mesh_file import FORMATS
-from resting_aspects_ros.core.part import DEFAULT_UNIT, MAX_NAME, UNITS, Part, is_valid_name
+from resting_aspects_ros.core.part import MAX_NAME, Part, is_valid_name
 from resting_aspects_ros.core.part_loading import load_part
+from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
 from resting_aspects_ros.core.yaml_file import read_yaml
 
 # The keys of a part's YAML, and what each takes; the numbers are how many.

@@ -8,7 +8,8 @@ from rich.table import Table
 
 from resting_aspects_ros.core.agreement import Agreement, Differences
 from resting_aspects_ros.core.clusters import Clusters
-from resting_aspects_ros.core.distribution import CONFIDENCE, Distribution, Interval
+from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.intervals import CONFIDENCE, Interval
 from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers, plain, share_fields
 from resting_aspects_ros.report.rounding import direction_text, interval_of, outside_aspects
 from resting_aspects_ros.report.table import DOWN, NOTHING, plain_table, shares

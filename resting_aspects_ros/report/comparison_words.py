@@ -65,7 +65,7 @@ def comparison_words(measured: Measured, rows: Sequence[Row]) -> ComparisonWords
     found = measured.comparison
     differences = difference_texts(found)
     (_, simulated), (_, counted) = measured.sides()
-    lines = [
+    lines: list[tuple[str, ...]] = [
         (row.name, probability_text(a), probability_text(b), difference)
         for row, a, b, difference in zip(rows, simulated, counted, differences, strict=True)
     ]

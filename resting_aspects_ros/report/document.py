@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from resting_aspects_ros.core.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.core.aspects import ASPECT_NUMBERING
-from resting_aspects_ros.core.distribution import Distribution, Interval
+from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.intervals import Interval
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.resting_on import resting_on
 

@@ -6,7 +6,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.distribution import Distribution, Interval
+from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.intervals import Interval
 from resting_aspects_ros.core.part import Part
 
 

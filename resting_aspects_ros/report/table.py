@@ -6,7 +6,8 @@ from rich.table import Table
 from rich.text import Text
 
 from resting_aspects_ros.core.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.core.distribution import Distribution, Interval
+from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.intervals import Interval
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.resting_on import resting_on
 from resting_aspects_ros.core.symmetry import Symmetry

@@ -10,14 +10,9 @@ from scipy.stats import binom, norm
 
 from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.distribution import (
-    CONFIDENCE,
-    Distribution,
-    count_poses,
-    no_drops,
-)
+from resting_aspects_ros.core.distribution import Distribution, count_poses, no_drops
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.intervals import METHODS, intervals
+from resting_aspects_ros.core.intervals import CONFIDENCE, METHODS, intervals
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import random_orientations
 

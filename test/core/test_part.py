@@ -14,8 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.aspects import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError, PartError
-from resting_aspects_ros.core.part import UNITS, Part
+from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.part_loading import load_part, part_from_bytes
+from resting_aspects_ros.core.units import UNITS
 
 # STL holds float32: a coordinate is off by up to 6e-8 of itself, and a volume by three times it.
 FLOAT32 = 2e-7

@@ -10,7 +10,8 @@ from rich.console import Console
 
 from resting_aspects_ros.core.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.distribution import Distribution, Interval, no_drops
+from resting_aspects_ros.core.distribution import Distribution, no_drops
+from resting_aspects_ros.core.intervals import Interval
 from resting_aspects_ros.report.rounding import (
     direction_text,
     interval_of,
