@@ -155,7 +155,13 @@ def _groups(bodies: list[_Body], label: str) -> list[list[_Body]]:
             f'most {MAX_NEAR}; unite them in the program that the mesh is from'
         )
     if near:
-        _import_manifold(label)
+        try:
+            import manifold3d  # noqa: F401
+        except ImportError:
+            raise PartError(
+                f'{label} has several bodies that may overlap: manifold3d, which unites them, is '
+                'not installed (pip install manifold3d)'
+            ) from None
     piece = np.arange(len(bodies))
     for one, other in near:
         if piece[one] != piece[other]:
@@ -181,16 +187,6 @@ def _near(bodies: list[_Body]) -> Iterator[tuple[int, int]]:
         rest = slice(k + 1, end)
         meets = ((low[rest] <= high[k]) & (high[rest] >= low[k])).all(axis=1)
         yield from ((int(order[k]), int(order[k + 1 + m])) for m in np.flatnonzero(meets))
-
-
-def _import_manifold(label: str) -> None:
-    try:
-        import manifold3d  # noqa: F401
-    except ImportError:
-        raise PartError(
-            f'{label} has several bodies that may overlap: manifold3d, which unites them, is not '
-            'installed (pip install manifold3d)'
-        ) from None
 
 
 def _united(

@@ -1,16 +1,114 @@
-"""Finite groups of rotations, from a few of their elements."""
+"""Rotations that a solid may have: from its surface, from landmarks, and the groups they make."""
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
+# Second moments of the surface that differ by less, as a share, may be those of a symmetric
+# solid: a tessellation moves them by as much.
+ALIKE = 0.02
+# Triangles whose points are made at once, so that memory stays flat.
+AT_ONCE = 20_000
+# Landmarks are right to 1e-3; so far may angles between them differ, rad.
+LANDMARK_ANGLE = 5e-3
+# Cosine up to which two landmarks make a frame that their errors turn by little.
+FAR_FROM_COLLINEAR = 0.99
+# Directions on half a sphere: within 0.03 of any axis, and a half turn moves twice as much.
+DIRECTIONS = 4000
 # Rotations of a group that differ by less, rad, are one: more than the error of what is found on
 # a mesh, less than the steps of any polyhedron's group.
 SAME = 0.1
 # The largest group that is neither cyclic nor dihedral: the icosahedron's.
 LARGEST = 60
+
+
+def surface_frame(triangles: Array) -> tuple[Array, Flags]:
+    """Return axes (3, 3), a row each, and which of them no symmetry but a half turn can move.
+
+    Of three matrices that turn with the surface the one that tells most: two second moments,
+    weighted by 1 and by r^4, and the mean of r^2 times the position, times itself.
+    """
+    area, second, sixth, mean = 0.0, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    for first in range(0, len(triangles), AT_ONCE):
+        points, weights = _quadrature(triangles[first : first + AT_ONCE])
+        square = np.einsum('ij,ij->i', points, points)
+        area += float(weights.sum())
+        second += (weights[:, None] * points).T @ points
+        sixth += ((weights * square**2)[:, None] * points).T @ points
+        mean += (weights * square) @ points
+    moments = [second / area, sixth / area]
+    mean /= area
+    moments.append(np.outer(mean, mean) / max(float(np.linalg.norm(mean)), ALIKE**2))
+    size = float(np.trace(moments[0]))
+    best = np.eye(3), np.zeros(3, dtype=bool)
+    for moment in moments:
+        values, axes = np.linalg.eigh(moment / max(float(np.trace(moment)), size * ALIKE))
+        gaps = np.diff(values) > ALIKE
+        alone = np.array([gaps[0], gaps.all(), gaps[1]])
+        if not best[1].any() or alone.sum() > best[1].sum():
+            best = axes.T, alone
+    return best
+
+
+def _quadrature(triangles: Array) -> tuple[Array, Array]:
+    """Return points (n, 3) and weights (n,) that integrate degree 6 over triangles.
+
+    Gauss's points of a square, its one side drawn together to a corner, so that a surface has the
+    same moments however it is divided.
+    """
+    at, share = np.polynomial.legendre.leggauss(4)
+    u, v = (side.ravel() for side in np.meshgrid((at + 1) / 2, (at + 1) / 2))
+    weight = np.outer(share, share).ravel() * v
+    barycentric = np.stack([1 - v, v * (1 - u), v * u], axis=1)
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    weights = np.outer(area, weight).ravel()
+    points = np.einsum('qc,mcj->mqj', barycentric, triangles).reshape(-1, 3)
+    return points, weights
+
+
+def pair_rotations(landmarks: Array) -> Array:
+    """Return rotations (k, 3, 3) from one pair of landmarks to all with the same angle."""
+    cosines = np.clip(landmarks @ landmarks.T, -1, 1)
+    angles = np.arccos(cosines)
+    first, second = np.nonzero(np.abs(cosines) < FAR_FROM_COLLINEAR)
+    if not len(first):
+        return np.zeros((0, 3, 3))
+    of_pairs = angles[first, second]
+    ranked = np.sort(of_pairs)
+    alike = np.searchsorted(ranked, of_pairs + LANDMARK_ANGLE)
+    alike -= np.searchsorted(ranked, of_pairs - LANDMARK_ANGLE)
+    rare = np.abs(of_pairs - of_pairs[alike.argmin()]) <= LANDMARK_ANGLE
+    frames = _frames(landmarks[first[rare]], landmarks[second[rare]])
+    return np.asarray(frames @ frames[0].T)
+
+
+def _frames(first: Array, second: Array) -> Array:
+    """Return right-handed frames (k, 3, 3) of pairs of directions, columns, halfway first."""
+    x, z = first + second, np.cross(first, second)
+    x = x / np.linalg.norm(x, axis=1, keepdims=True)
+    z = z / np.linalg.norm(z, axis=1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=2)
+
+
+def everywhere() -> Array:
+    """Return rotations (k, 3, 3) of orders 2 to 5 about axes in all directions, half of them.
+
+    Directions on a Fibonacci spiral.
+    """
+    z = (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
+    azimuth = np.pi * (1 + np.sqrt(5)) * np.arange(DIRECTIONS)
+    ring = np.sqrt(1 - z**2)
+    axes = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), z], axis=1)
+    # In any order, so that the first few are spread.
+    axes = np.random.default_rng(22).permutation(axes)
+    angles = 2 * np.pi / np.array([2.0, 3.0, 4.0, 5.0])
+    return np.asarray(
+        Rotation.from_rotvec((angles[:, None] * axes[:, None]).reshape(-1, 3)).as_matrix()
+    )
 
 
 def turns(axis: Array, angles: Array) -> Array:

@@ -11,17 +11,18 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotation_candidates import everywhere, pair_rotations
 from resting_aspects_ros.core.rotation_group import (
     LARGEST,
     contains,
     dihedral,
+    everywhere,
     generated,
     half_turns,
+    pair_rotations,
+    surface_frame,
     turns,
 )
 from resting_aspects_ros.core.surface_match import SurfaceMatch
-from resting_aspects_ros.core.surface_moments import surface_frame
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
