@@ -52,16 +52,11 @@ def compare(ids: Ids, aspects: int, clusters: Clusters) -> Agreement:
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """The poses on which two classifiers differ, in their order.
+    """The poses on which two classifiers differ, in their order; each field is (m,).
 
-    pose : (m,) int
-        Which of the poses that were compared, from 0.
-    nearest : (m,) int
-        Id of the aspect that is nearest; 0 if the part has none.
-    angle : (m,) float
-        To it, rad; infinite without one.
-    aspect, cluster : (m,) int
-        What the two say; aspect 0 is none.
+    pose : int, which of the poses that were compared, from 0.
+    nearest, angle : the nearest aspect, 0 if the part has none, and the angle to it, rad.
+    aspect, cluster : int, what the two say; aspect 0 is none.
     """
 
     pose: Ids

@@ -73,9 +73,9 @@ def find_aspects(part: Part, landscape: Landscape | None = None) -> AspectSet:
 def _with_classes(aspects: AspectSet, symmetry: Symmetry, reach: float) -> AspectSet:
     """The aspects with their symmetry classes: those that a rotation maps onto each other."""
     group = np.arange(len(aspects))
+    down = np.array([aspect.down_in_part for aspect in aspects.aspects]).reshape(-1, 3)
     for rotation in symmetry.rotations:
-        for k, aspect in enumerate(aspects.aspects):
-            image = int(aspects.locate((rotation @ aspect.down_in_part)[None])[0][0]) - 1
+        for k, image in enumerate((aspects.locate(down @ rotation.T)[0] - 1).tolist()):
             group[group == max(group[k], group[image])] = min(group[k], group[image])
     if symmetry.axis is not None:
         # Any turn about the axis: those that stand to it alike, as the sides of a fine prism.

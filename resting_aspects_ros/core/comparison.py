@@ -105,11 +105,8 @@ def compare(
 ) -> Comparison:
     """Compare two sets of drops, neither of which is the truth.
 
-    Raises
-    ------
-    InvalidValueError
-        If they have not the same number of aspects, or one has no drop in any, or a count or the
-        confidence is not allowed.
+    Raises InvalidValueError if they have not the same number of aspects, or one has no drop in
+    any, or a count or the confidence is not allowed.
     """
     one, other = _counts('first', first), _counts('second', second)
     _check_as_many('the second distribution', len(other), len(one))
@@ -132,15 +129,7 @@ def compare_with_exact(
 ) -> Comparison:
     """Compare drops with probabilities that have no sampling error, as an estimator's.
 
-    Parameters
-    ----------
-    probabilities : (k,) float
-        Of each aspect, adding up to 1.
-
-    Raises
-    ------
-    InvalidValueError
-        As `compare`, and if these are no probabilities.
+    ``probabilities`` (k,) add up to 1. Raises InvalidValueError as `compare`, and if they do not.
     """
     one = _counts('first', first)
     exact = _probabilities(probabilities)

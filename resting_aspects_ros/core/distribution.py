@@ -67,15 +67,7 @@ class Distribution:
     def together(self, ids: Iterable[int]) -> Interval:
         """How probable it is to end in one of some aspects, with an interval of their sum.
 
-        Parameters
-        ----------
-        ids : iterable of int
-            Of the aspects; one that comes twice counts once.
-
-        Raises
-        ------
-        InvalidValueError
-            The part has no aspect of an id.
+        Raises InvalidValueError if the part has no aspect of an id.
         """
         most = len(self.counts)
         for k in set(ids):

@@ -73,16 +73,7 @@ def bounds(
     method : str
         One of METHODS.
     confidence : float
-        More than 0.5, less than 1.
-
-    Returns
-    -------
-    lower, upper : (..., k) float
-
-    Raises
-    ------
-    InvalidValueError
-        If the method, the confidence or a count is not allowed.
+        More than 0.5, less than 1; InvalidValueError for what is not allowed.
     """
     check_method(method)
     check_confidence(confidence)

@@ -36,15 +36,7 @@ class NearestAspect:
 def unit_orientation(xyzw: npt.ArrayLike) -> Array:
     """(4,) unit quaternion with w >= 0 of one that rounding left a little longer or shorter.
 
-    Parameters
-    ----------
-    xyzw : (4,) array_like
-        Its norm is within LENGTH_TOLERANCE of 1.
-
-    Raises
-    ------
-    InvalidValueError
-        It is not; so also for zero, and for numbers that are not finite.
+    Raises InvalidValueError for a norm that is not within LENGTH_TOLERANCE of 1.
     """
     numbers = np.asarray(xyzw, dtype=np.float64)
     with np.errstate(over='ignore', invalid='ignore'):  # what is as long as that is refused
@@ -59,13 +51,7 @@ def unit_orientation(xyzw: npt.ArrayLike) -> Array:
 
 
 def nearest_aspect(aspects: AspectSet, orientation: Array) -> NearestAspect | None:
-    """The nearest aspect, by the rule that counts drops; None if the part has no aspect.
-
-    Parameters
-    ----------
-    orientation : (4,) float
-        Unit quaternion xyzw, tray from part.
-    """
+    """The aspect nearest to a unit quaternion, by the rule that counts drops; None without any."""
     ids, angles = aspects.locate(down_in_part(orientation[None]))
     if not ids[0]:
         return None

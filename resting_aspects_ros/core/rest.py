@@ -54,13 +54,8 @@ class RestRule:
     def decided(self, down: Array, energy: Array) -> Indices:
         """(n,) minima to which parts roll whose aspect is decided; -1 while it is open.
 
-        Parameters
-        ----------
-        down : (n, 3) float
-            Unit vectors of gravity, part frame.
-        energy : (n,) float
-            Kinetic energy and height of the centre of mass above the surface, m g R. From
-            ``highest`` on nothing is decided.
+        Of the directions (n, 3) of gravity and the energies (n,), kinetic and of the height above
+        the surface, m g R; from ``highest`` on nothing is decided.
         """
         minima = self._landscape.descend(down)
         return np.where(energy < self.exits[minima], minima, -1)

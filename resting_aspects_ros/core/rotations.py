@@ -25,28 +25,15 @@ def xyzw_from_wxyz(wxyz: Array) -> Array:
 
 
 def canonical(xyzw: Array) -> Array:
-    """Of the two unit quaternions that are the same rotation, the one with w >= 0.
-
-    Parameters
-    ----------
-    xyzw : (n, 4) float
-        Quaternions of any length but zero.
-    """
+    """The same rotations (n, 4), given with any length but zero, as unit quaternions, w >= 0."""
     unit = xyzw / np.linalg.norm(xyzw, axis=-1, keepdims=True)
     return np.asarray(np.where(unit[..., 3:] < 0, -unit, unit))
 
 
 def composed(first: Array, second: Array) -> Array:
-    """(n, 4) unit quaternions of the rotation ``second`` followed by ``first``.
+    """(n, 4) unit quaternions of the unit rotation ``second`` (4,) followed by ``first`` (n, 4).
 
     Number by number as SciPy's Rotation does, bit for bit.
-
-    Parameters
-    ----------
-    first : (n, 4) float
-        Quaternions of any length but zero.
-    second : (4,) float
-        Unit quaternion.
     """
     a, b, c, w = _unit(first).T
     x, y, z, v = second
@@ -74,13 +61,7 @@ def random_orientations(generator: np.random.Generator, n: int) -> Array:
 
 
 def down_in_part(xyzw: Array) -> Array:
-    """(n, 3) unit vectors of gravity seen from the part: what is left of a pose without its yaw.
-
-    Parameters
-    ----------
-    xyzw : (n, 4) float
-        Unit quaternions, tray from part.
-    """
+    """(n, 3) unit vectors of gravity seen from the part: what is left of a pose without yaw."""
     # Gravity is -z in the tray; in the part it is minus the third row of the rotation matrix.
     x, y, z, w = np.moveaxis(np.asarray(xyzw, dtype=np.float64), -1, 0)
     row = (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y))

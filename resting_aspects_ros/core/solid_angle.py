@@ -9,12 +9,8 @@ from resting_aspects_ros.core.rotations import Array
 def triangle_angles(a: Array, b: Array, c: Array) -> Array:
     """(n,) solid angles of triangles seen from the origin, sr; negative where clockwise.
 
+    Corners (n, 3) of any distance but zero, counter-clockwise as seen from the origin's far side.
     Van Oosterom and Strackee 1983.
-
-    Parameters
-    ----------
-    a, b, c : (n, 3) float
-        Corners, of any distance but zero; counter-clockwise as seen from the origin's far side.
     """
     triple = (a * np.cross(b, c)).sum(axis=1)
     ra, rb, rc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
@@ -39,15 +35,7 @@ def facet_angles(body: Polyhedron) -> Array:
 
 
 def polygon_angle(polygon: Array, height: float) -> float:
-    """Solid angle of a polygon seen from above the origin of its plane, sr.
-
-    Parameters
-    ----------
-    polygon : (k, 2) float
-        Corners, counter-clockwise.
-    height : float
-        Of the point above the plane, in the unit of the polygon; more than 0.
-    """
+    """Solid angle of a polygon, (k, 2) counter-clockwise, from a height above its origin, sr."""
     # Seen from outside of a body whose bottom it is, it is clockwise.
     around = np.column_stack([polygon[::-1], np.full(len(polygon), -height)])
     foot = np.broadcast_to([0.0, 0.0, -height], around.shape)

@@ -36,12 +36,8 @@ LAST_LOOK = 0.8
 def looks(ceiling: int) -> list[int]:
     """The numbers of drops after which to look, ascending; the last is the ceiling.
 
-    From 250, each a quarter more than the one before, rounded up to a multiple of 125.
-
-    Raises
-    ------
-    InvalidValueError
-        If the ceiling is less than one drop.
+    From 250, each a quarter more than the one before, rounded up to a multiple of 125. Raises
+    InvalidValueError for a ceiling of less than one drop.
     """
     if ceiling < 1:
         raise InvalidValueError(f'ceiling is {ceiling} drops, allowed is 1 or more')
@@ -66,8 +62,7 @@ def check_precision(precision: float) -> None:
 def stopping_confidence(confidence: float = CONFIDENCE) -> float:
     """The confidence at which to look, and to give the intervals of a run that stopped by it.
 
-    They then cover the truth as often as intervals of ``confidence`` do in a fixed number of
-    drops. 0.96 for 0.95.
+    0.96 for 0.95.
     """
     check_confidence(confidence)
     return 1 - LAST_LOOK * (1 - confidence)
@@ -83,11 +78,6 @@ def drops_for(
     """The look, or the ceiling, by which a run stops whatever its counts are.
 
     Intervals are widest at a share of 1/2.
-
-    Parameters
-    ----------
-    aspects : int
-        Of the part; of no matter to intervals of each by itself.
     """
     for look in looks(ceiling):
         widest = [look // 2] + [0] * (aspects - 1)
@@ -127,19 +117,7 @@ def is_precise(
 ) -> bool:
     """Whether every aspect, seen or not, has an interval of half width ``precision`` or less.
 
-    The intervals are those at `stopping_confidence`; those at ``confidence`` are narrower.
-
-    Parameters
-    ----------
-    counts : (k,) int
-        Drops in each aspect of the part, zeros too.
-    drops : int
-        All drops, with those that are in no aspect.
-
-    Raises
-    ------
-    InvalidValueError
-        As `check_precision` and core.intervals.
+    The intervals are those at `stopping_confidence`; counts and drops are as `bounds` has them.
     """
     check_precision(precision)
     lower, upper = bounds(counts, drops, method, stopping_confidence(confidence))
@@ -156,10 +134,7 @@ def stops(
 ) -> bool:
     """Whether a run is over with these counts: at the ceiling, or at a look that is precise.
 
-    Parameters
-    ----------
-    precision : float
-        0: at the ceiling only.
+    With a precision of 0: at the ceiling only.
     """
     if drops >= ceiling:
         return True

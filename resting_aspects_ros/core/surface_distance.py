@@ -28,14 +28,10 @@ class TriangleTree:
     """
 
     def __init__(self, corners: Array, skins: Array) -> None:
-        """Build the tree.
+        """Build the tree of triangles (m, 3 corners, 3), m.
 
-        Parameters
-        ----------
-        corners : (m, 3 corners, 3) float64
-            Triangles, m.
-        skins : (m,) float64
-            By how much the true surface may be off each triangle, m: it counts as that thick.
+        skins : (m,) float64, by how much the true surface may be off each triangle, m: it counts
+        as that thick.
         """
         self._corners, self._skins = corners, skins
         depth = int(np.ceil(np.log2(len(corners))))
@@ -53,15 +49,9 @@ class TriangleTree:
             self._levels.insert(0, (low, high))
 
     def near(self, points: Array, reach: float, skins: Array) -> Flags:
-        """Tell which points are within reach of the surface.
+        """Tell which points (n, 3) are within reach of the surface, m.
 
-        Parameters
-        ----------
-        points : (n, 3) float64
-        reach : float
-            m; on top of the thicker of the triangle's skin and the point's own.
-        skins : (n,) float64
-            Of the points, m.
+        The reach is on top of the thicker of the triangle's skin and the point's own, (n,) m.
         """
         near = np.zeros(len(points), dtype=bool)
 
@@ -171,22 +161,9 @@ def _halved(groups: Indices, middles: Array) -> Indices:
 
 
 def cut(corners: Array, longest: float, most: int) -> tuple[Array, Indices]:
-    """Cut triangles across their longest edges until those are short.
+    """Cut triangles (m, 3, 3) across their longest edges until those are short, or too many.
 
-    Parameters
-    ----------
-    corners : (m, 3, 3) float64
-    longest : float
-        Edge that is not cut any more.
-    most : int
-        Pieces beyond which no more are cut.
-
-    Returns
-    -------
-    corners : (k, 3, 3) float64
-        Of the pieces.
-    whole : (k,) int64
-        The triangle that each piece is of.
+    Returns the corners of the pieces, (k, 3, 3), and the triangle that each is of, (k,).
     """
     whole = np.arange(len(corners))
     while len(corners) < most:

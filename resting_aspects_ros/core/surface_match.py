@@ -68,13 +68,10 @@ class SurfaceMatch:
         self.order = np.arange(len(points))
 
     def strays(self, axis: Array | None) -> Flags:
-        """Tell which samples leave the surface when it is turned about the axis.
+        """Tell which samples leave the surface when it is turned about the axis, a unit vector.
 
-        Parameters
-        ----------
-        axis : (3,) float64, optional
-            Unit vector; each sample is turned by some angles of its own, so that no order of
-            rotation hides between them. None: by some rotations of its own about any axis.
+        Each sample is turned by some angles of its own, so that no order of rotation hides between
+        them. Without an axis: by some rotations of its own about any axis.
         """
         generator = np.random.default_rng(20)  # any angles do; these are the same every time
         strays = np.zeros(len(self._points), dtype=bool)
@@ -91,12 +88,7 @@ class SurfaceMatch:
     def fits(self, rotations: Array, order: Indices, play: float = 0.0) -> Flags:
         """Tell which rotations, (k, 3, 3), map the surface onto itself, both ways.
 
-        Parameters
-        ----------
-        order : (n,) int64
-            Of the samples.
-        play : float
-            R, on top of SYMMETRY_TOLERANCE.
+        ``order`` is that of the samples; the play, R, is on top of SYMMETRY_TOLERANCE.
         """
         left = np.arange(len(rotations))
         bounds = [0, *(s for s in STAGES if s < len(order)), len(order)]

@@ -136,8 +136,7 @@ def _axial(match: SurfaceMatch, axis: Array) -> Symmetry:
 def _from(match: SurfaceMatch, candidates: Array, play: float) -> Array:
     """Return the group that those of the candidates generate that fit when they are polished.
 
-    play : float
-        By how much the candidates may miss before that, R.
+    Before that they may miss by the play, R.
     """
     generators: list[Array] = []
     group = tried = np.eye(3)[None]
@@ -181,11 +180,7 @@ def _has_order(match: SurfaceMatch, axis: Array, n: int, order: Indices) -> bool
 
 
 def _flip(match: SurfaceMatch, axis: Array, n: int, hints: Array, order: Indices) -> Array | None:
-    """Return a half turn about an axis across that fits, (3, 3), if there is one.
-
-    hints : (k, 3) float
-        Axes across, to begin with.
-    """
+    """Return a half turn about an axis across, of the hints first, that fits, if there is one."""
     across = _across(axis)
     count = max(STEPS, int(np.ceil(np.pi / n / STEP)))
     azimuths = np.pi / n * np.arange(count) / count

@@ -44,18 +44,11 @@ LABEL, BESIDE_BAR = 200, 190
 def distribution_figure(
     distribution: Distribution, part: Part | None, title: str, subtitle: str = ''
 ) -> 'Figure':
-    """A picture with a bar for each symmetry class, and the part as it lies in it.
+    """A picture with a bar for each symmetry class, and the part, if known, as it lies in it.
 
     Of more than 12 classes the 12 most probable are shown, by number, and the others as one bar.
-    What is in no aspect has a grey bar. Whiskers are the intervals.
-
-    Parameters
-    ----------
-    distribution : Distribution
-    part : Part or None
-        Its shape; None if that is not known: the picture has bars only.
-    title, subtitle : str
-        Plain text; the subtitle is the place for the conditions.
+    What is in no aspect has a grey bar. Whiskers are the intervals. The subtitle is the place for
+    the conditions.
     """
     rows = _rows(distribution)
     side = ROW if sum(bool(row.aspects) for row in rows) <= MANY else ROW_OF_MANY

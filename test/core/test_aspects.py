@@ -26,6 +26,7 @@ turns = st.integers(0, 2**32 - 1).map(
     lambda seed: Rotation.from_quat(np.random.default_rng(seed).standard_normal(4)).as_matrix()
 )
 some = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+few = settings(some, max_examples=settings.default.max_examples // 5)
 
 
 def turned(mesh, matrix, shift=(0, 0, 0)):
@@ -54,7 +55,7 @@ def icosahedron():
 
 
 @given(turns)
-@some
+@few
 def test_platonic_solids_have_one_aspect_for_each_face(solid, turn):
     tetrahedron = trimesh.Trimesh(
         [(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)],
@@ -72,7 +73,7 @@ def test_platonic_solids_have_one_aspect_for_each_face(solid, turn):
 
 
 @given(turns, st.sampled_from(FORMATS))
-@some
+@few
 def test_the_l_bracket_has_five_aspects_in_every_orientation_and_format(part, solid, turn, ending):
     aspects = find_aspects(solid(turned(mesh_of(part('l_bracket')), turn, (100, -50, 7)), ending))
     assert len(aspects) == 5
@@ -110,7 +111,7 @@ def test_aspects_alike_in_height_and_share_are_numbered_along_the_intrinsic_fram
 
 
 @given(turns)
-@some
+@few
 def test_ids_of_a_part_without_symmetry_turn_with_its_mesh(solid, turn):
     mesh = irregular()
     plain = find_aspects(solid(mesh))
@@ -238,19 +239,17 @@ def test_the_example_parts_have_the_aspects_that_their_shape_has(part):
 
 
 INVARIANT = [
-    ('prism', (16,)),
     ('prism', (6, 7.5, 6.5)),
     ('washer', (64,)),
-    ('icosphere', (0,)),
     ('icosphere', (2,)),
     ('filleted_box', ((10, 14, 20), 2, 4)),
-    ('rounded_prism', (6, 9, 1.5, 3)),
     ('half_round_bar', (32,)),
     ('d_shaft', (32, 8)),
     ('revolved', ([(10, 0), (0, 20)], 32)),
     ('ellipsoid', (14, 10, 7, 2)),
     ('binom3', ()),
     ('irregular', (4,)),
+    ('icosphere', (0,)),
     ('blocks', (5,)),
 ]
 
@@ -286,8 +285,10 @@ def test_turned_scaled_moved_and_written_otherwise_a_part_has_the_same_aspects(
     assert_same(find_aspects(solid(large.apply_scale(1 / 1000), unit='m')), plain, turn, 1000)
 
 
-@pytest.mark.parametrize('ending', FORMATS)
-@pytest.mark.parametrize(('name', 'arguments'), [*INVARIANT[:3], INVARIANT[5], *INVARIANT[-2:]])
+@pytest.mark.parametrize(
+    ('name', 'arguments', 'ending'),
+    [(*INVARIANT[k], ending) for k, ending in zip((0, 3, 9, 11), FORMATS, strict=True)],
+)
 def test_divided_and_in_every_format_a_part_has_the_same_aspects(
     solids, solid, name, arguments, ending
 ):
@@ -353,7 +354,9 @@ def revolved(profile, steps):
     return trimesh.convex.convex_hull(np.array(corners))
 
 
-@pytest.mark.parametrize(('steps', 'rings'), [(48, 8), (64, 10), (128, 20), (200, 20)])
+@pytest.mark.parametrize(
+    ('steps', 'rings'), [(48, 8), (64, 10), pytest.param(200, 20, marks=pytest.mark.slow)]
+)
 def test_a_lens_rests_on_its_two_sides_whatever_its_mesh(solid, steps, rings):
     # Slivers at the pole have the centre of mass over their rim but for less than the margin.
     slope = np.linspace(0, np.arcsin(10 / 60), rings + 1)
@@ -362,7 +365,7 @@ def test_a_lens_rests_on_its_two_sides_whatever_its_mesh(solid, steps, rings):
     assert len(find_aspects(solid(lens))) == 2
 
 
-@pytest.mark.parametrize('steps', range(4, 9))
+@pytest.mark.parametrize('steps', [4, 5, 8])
 def test_a_disc_with_rounded_edges_keeps_its_rim_whatever_the_mesh_of_the_rounding(solid, steps):
     # Diameter 20, height 6, radius 2: from the rim it rises by 0.005 R to fall over.
     a = np.linspace(0, np.pi / 2, steps + 1)

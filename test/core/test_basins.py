@@ -47,8 +47,8 @@ def test_a_coin_rests_on_its_side_with_h_over_its_diagonal(solids, solid, thickn
         ('extruded', ([(0, 0), (30, 0), (0, 8)], 12)),
         ('random_sphere', (100, (1, 1, 2))),
         ('half_round_bar', (16,)),
-        *[('irregular', (seed, 30)) for seed in range(4)],
-        *[('blocks', (seed,)) for seed in range(8)],
+        *[('irregular', (seed, 30)) for seed in range(2)],
+        *[('blocks', (seed,)) for seed in range(3)],
     ],
 )
 def test_shares_are_those_of_random_directions_that_descend(solids, solid, name, arguments):
@@ -64,15 +64,14 @@ def test_shares_are_those_of_random_directions_that_descend(solids, solid, name,
     ('name', 'arguments'),
     [
         ('filleted_box', ((10, 14, 20), 2, 6)),
-        ('random_sphere', (2000,)),
-        ('random_sphere', (2000, (1, 1, 2))),
-        ('random_sphere', (1000, (1.4, 1, 0.7))),
-        ('random_cylinder', (1500,)),
-        ('icosphere', (3,)),
-        ('uv_sphere', (32,)),
+        ('random_sphere', (500,)),
+        ('random_sphere', (500, (1, 1, 2))),
+        ('random_cylinder', (500,)),
+        ('icosphere', (2,)),
+        ('uv_sphere', (20,)),
         # Around their pole triangles are so narrow that some are one facet, up to noise.
         ('rounded_cylinder', (1, 20, 1, 64, 16)),
-        ('rounded_cylinder', (1, 20, 1, 128, 32)),
+        pytest.param('rounded_cylinder', (1, 20, 1, 128, 32), marks=pytest.mark.slow),
     ],
 )
 def test_shares_are_positive_and_add_up_to_one(solids, solid, name, arguments):

@@ -20,8 +20,8 @@ SHAPES = [
     ('binom3', ()),
     ('random_sphere', (300, (1, 1, 2))),
     ('random_cylinder', (300,)),
-    *[('irregular', (seed, 40)) for seed in range(4)],
-    *[('blocks', (seed,)) for seed in range(8)],
+    *[('irregular', (seed, 40)) for seed in range(2)],
+    *[('blocks', (seed,)) for seed in range(3)],
 ]
 
 
@@ -64,7 +64,7 @@ def test_random_hulls_have_two_more_extrema_than_saddles(solids, solid, seed):
     assert len(landscape.minima) - saddles + maxima(landscape) == 2
 
 
-@pytest.mark.parametrize(('name', 'arguments'), [SHAPES[0], *SHAPES[3:5], SHAPES[7], *SHAPES[-9:]])
+@pytest.mark.parametrize(('name', 'arguments'), [SHAPES[0], *SHAPES[3:5], SHAPES[7], *SHAPES[-3:]])
 def test_descent_leads_where_tiny_steps_lead(solids, solid, name, arguments):
     part = solid(getattr(solids, name)(*arguments))
     landscape = Landscape(part)

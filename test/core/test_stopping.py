@@ -175,7 +175,7 @@ DISTRIBUTIONS = {
     'twenty alike': [0.05] * 20,
     'twenty falling': [*np.geomspace(0.3, 0.004, 18) / 1.36, 0.001, 0.001],
 }
-RUNS = 1500
+RUNS = 500
 
 
 def stopped_runs(truth, precision, method):
