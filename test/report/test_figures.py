@@ -49,7 +49,7 @@ def check_words(figure):
 
 
 @WIDTHS
-@pytest.mark.parametrize('drops', [2, 20, 99, 150, 1000, 26_000, 50_000, 300_000, 2_000_000])
+@pytest.mark.parametrize('drops', [2, 150, 50_000, 2_000_000])
 def test_numbers_of_drops_below_an_axis(rows, width, drops):
     looks = np.array(sorted({min(n, drops) for n in (1, 10, 13, 100, 1000, 10_000, drops)}))
     bands = [[row.interval for row in rows]] * len(looks)
@@ -65,9 +65,7 @@ def test_numbers_of_drops_below_an_axis(rows, width, drops):
         ['-12.35 (-12.51 to -12.21)', '+0.12 (-0.02 to +0.15)', '0', '-0.015 (-0.021 to 0.000)'],
     ],
 )
-@pytest.mark.parametrize(
-    'name', ['a.csv', 'simulated', 'manual_count_of_the_night_shift_2025-01-31.csv']
-)
+@pytest.mark.parametrize('name', ['a.csv', 'manual_count_of_the_night_shift_2025-01-31.csv'])
 def test_two_sides_with_long_words(rows, width, differences, name):
     own = [row.interval for row in rows]
     words = f'{name}, 980 of 1000 drops are in an aspect'
@@ -83,7 +81,7 @@ def test_two_sides_with_long_words(rows, width, differences, name):
 
 
 @WIDTHS
-@pytest.mark.parametrize('methods', [1, 4, len(METHODS)])
+@pytest.mark.parametrize('methods', [1, len(METHODS)])
 def test_all_methods_are_named(rows, width, methods):
     estimates = {name: np.full(len(rows), 1 / len(rows)) for name in list(METHODS)[:methods]}
     boxes = check_words(estimates_figure(rows, estimates, width))

@@ -302,20 +302,6 @@ def decoded(element):
     return np.asarray(Image.open(io.BytesIO(data)))
 
 
-def test_from_above_a_part_is_as_large_as_its_outline(part, make_report, written):
-    report = make_report(part('box_10x20x30'))
-    page = Reader((written(report) / 'report.html').read_text(encoding='utf-8'))
-    images = page.all('img', alt='from above')
-    sides = [(30, 20), (30, 10), (20, 10)]  # lying on the largest face first
-    sizes = []
-    for each in images:
-        rows, columns = np.nonzero(decoded(each)[..., 3] > 240)
-        sizes.append((np.ptp(columns) + 1, np.ptp(rows) + 1))
-    scale = sizes[0][0] / 30
-    for size, side in zip(sizes, sides, strict=True):
-        assert size == pytest.approx(np.array(side) * scale, abs=3)
-
-
 def test_the_scene_has_the_part_lying_in_each_row(page, bracket):
     (script,) = page.all('script', id='scene')
     scene = json.loads(script['text'])
@@ -362,14 +348,13 @@ def test_many_aspects(many_sided, make_report, written):
 
 
 def test_one_aspect_and_no_drops(solid, make_report, written):
-    ball = make_report(solid(trimesh.creation.icosphere(subdivisions=4, radius=10)))
+    ball = make_report(solid(trimesh.creation.icosphere(subdivisions=2, radius=10)))
     assert len(ball.distribution.aspects) == 1
-    page = Reader((written(ball) / 'report.html').read_text(encoding='utf-8'))
-    assert words(page.all('h3')[0]) == 'aspect 1'
     none = Report('ball', '', ball.distribution.__class__(
         ball.distribution.aspects, np.zeros(1, dtype=np.int64), 0, 0, 0
     ), ball.part)  # fmt: skip
     page = Reader((written(none) / 'report.html').read_text(encoding='utf-8'))
+    assert words(page.all('h3')[0]) == 'aspect 1'
     assert any('no drops' in words(each) for each in page.all('li'))
 
 
