@@ -13,8 +13,7 @@ from resting_aspects_interfaces.msg import AspectDistribution
 from resting_aspects_ros.core.aspects import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.core.distribution import Distribution, count_poses
 from resting_aspects_ros.core.errors import LogError, RestingAspectsError
-from resting_aspects_ros.core.file_names import printable
-from resting_aspects_ros.core.input_file import is_folder
+from resting_aspects_ros.core.input_file import is_folder, printable
 from resting_aspects_ros.drops.merge import merge_drops
 from resting_aspects_ros.drops.run import RunDescription
 from resting_aspects_ros.logs.bag_metadata import Outcome
