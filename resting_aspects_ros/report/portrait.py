@@ -172,7 +172,7 @@ def _portrait(solid: LyingPart, colour: Array, scale: float, pixels: int, view: 
     soft = shadow.astype(float)
     for _ in range(2):
         soft = uniform_filter(soft, 2 * SOFT + 1, mode='constant')
-    image[..., 3] = SHADOW * soft
+    image[..., 3] = SHADOW * soft.round(9)  # without what rounding leaves of nothing
     part = seen.face != NOTHING
     image[part, :3] = shade[seen.face[part], None] * colour
     image[part, 3] = 1.0
