@@ -83,9 +83,8 @@ def test_both_agree_on_every_dropped_pose_within_a_degree_of_a_facet(part, surfa
 def test_both_agree_on_every_tilted_pose_within_a_degree_of_a_facet_among_strays(part, name):
     shape = part(name)
     generator = np.random.default_rng(5)
-    flat = np.array([a.orientation for a in find_aspects(shape).aspects])[
-        generator.integers(0, len(find_aspects(shape)), 500)
-    ]
+    shown = np.array([a.orientation for a in find_aspects(shape).aspects])
+    flat = shown[generator.integers(0, len(shown), 500)]
     tilt = generator.standard_normal((500, 3)) * [1, 1, 0]
     tilt *= np.radians(generator.uniform(0, 0.999, (500, 1))) / np.linalg.norm(
         tilt, axis=1, keepdims=True

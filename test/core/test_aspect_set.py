@@ -25,27 +25,28 @@ def classified(aspects, down):
     return aspects.classify(np.array([orientation_with_down(d) for d in down]))
 
 
+TILTS = [(0, True), (2.9, True), (-2.9, True), (3.2, False)]
+
+
 @pytest.mark.parametrize('n', [16, 64])
-@pytest.mark.parametrize(('tilt', 'inside'), [(0, True), (2.9, True), (-2.9, True), (3.2, False)])
-def test_a_cylinder_on_its_side_is_in_its_ring_however_it_is_rolled(
-    solids, solid, n, tilt, inside
-):
+def test_a_cylinder_on_its_side_is_in_its_ring_however_it_is_rolled(solids, solid, n):
     turn = solids.a_turn(n)
     aspects = find_aspects(solid(solids.turned(solids.prism(n), turn)))
     (ring,) = (a for a in aspects.aspects if a.rolls)
     assert ring.sweep is Sweep.RING
     assert abs(ring.axis @ turn[:, 2]) == pytest.approx(1, abs=1e-6)  # float32
-    down = around(np.arange(0, 360, 0.7), tilt) @ turn.T
-    assert (classified(aspects, down) == (ring.id if inside else 0)).all()
+    for tilt, inside in TILTS:
+        down = around(np.arange(0, 360, 0.7), tilt) @ turn.T
+        assert (classified(aspects, down) == (ring.id if inside else 0)).all()
 
 
-@pytest.mark.parametrize(('tilt', 'inside'), [(0, True), (2.9, True), (-2.9, True), (3.2, False)])
-def test_a_cone_on_its_side_is_in_its_ring_however_it_is_rolled(solids, solid, tilt, inside):
+def test_a_cone_on_its_side_is_in_its_ring_however_it_is_rolled(solids, solid):
     aspects = find_aspects(solid(solids.revolved([(10, 0), (0, 20)], 64)))
     (ring,) = (a for a in aspects.aspects if a.rolls)
     rise = np.degrees(np.arctan2(10, 20))
-    down = around(np.arange(0, 360, 0.7), rise + tilt)
-    assert (classified(aspects, down) == (ring.id if inside else 0)).all()
+    for tilt, inside in TILTS:
+        down = around(np.arange(0, 360, 0.7), rise + tilt)
+        assert (classified(aspects, down) == (ring.id if inside else 0)).all()
 
 
 def test_an_arc_ends_where_the_curved_side_does(solids, solid):

@@ -133,7 +133,11 @@ BODIES = {
 }
 
 
-@pytest.mark.parametrize('turn', [np.eye(4), TURNED], ids=['straight', 'turned'])
+@pytest.mark.parametrize(
+    'turn',
+    [TURNED, pytest.param(np.eye(4), marks=pytest.mark.slow)],
+    ids=['turned', 'straight'],
+)
 @pytest.mark.parametrize('name', BODIES)
 def test_words_for_a_body_however_its_file_is_turned(solid, name, turn):
     mesh, expected = BODIES[name]
