@@ -155,7 +155,7 @@ def test_an_unknown_aspect_is_an_error_and_its_rate_is_nan(suite, feed, rates, p
 
 
 def test_a_part_that_nobody_dropped_yet(suite, feed, wait, rates):
-    feeder = feed(suite.namespace, 'hex_nut', [1], QUICK)
+    feeder = feed(suite.namespace, 'hex_nut', [1])
     (line,) = wait(lambda: warnings(feeder), 'warning')
     assert line.endswith('nobody has dropped hex_nut yet: resting_aspects request hex_nut')
     assert rates == []
@@ -232,7 +232,7 @@ def test_a_run_that_was_canceled_before_its_first_drop_says_nothing(
     topic = f'{ASPECT_DISTRIBUTIONS}/tetrahedron'
     classifier = client.node.create_publisher(AspectDistribution, topic, LATCHED)
     classifier.publish(AspectDistribution(run=found.run, aspects=found.aspects, complete=True))
-    feeder = feed(namespace, 'tetrahedron', [3], QUICK)
+    feeder = feed(namespace, 'tetrahedron', [3])
     # It comes when the feeder has found the topic, with what is latched there.
     client.wait(lambda: warnings(feeder), 'warning')
     assert 'nobody has dropped tetrahedron yet' in feeder.said

@@ -114,9 +114,9 @@ def test_workers_that_die_again_and_again_end_the_goal_in_words(suite):
 def test_suites_in_two_namespaces_do_not_mix(suite, fresh_suite):
     other = fresh_suite()
     here, there = suite.client.poses(), other.client.poses()
-    run_id = other.client.ask('tetrahedron', 6, seed=[55]).distribution.run.run_id
+    run_id = other.client.ask('tetrahedron', 6, seed=[5501]).distribution.run.run_id
     other.client.wait(lambda: there and there[-1].last, 'batches there')
-    answer = suite.client.ask('tetrahedron', 6, seed=[55], only_known=True)
+    answer = suite.client.ask('tetrahedron', 6, seed=[5501], only_known=True)
     assert answer.status.code == Status.NOT_AVAILABLE
     # What is dropped here now comes after anything that could have come from there.
     mine = suite.client.drop('tetrahedron', 1, seed=56).result.run_id
