@@ -201,9 +201,12 @@ def _checked_obj(data: bytes, label: str) -> bytes:
 
 def _checked_ply(data: bytes, label: str) -> bytes:
     """Refuse a broken ASCII PLY, which trimesh reads as far as it goes."""
-    header, end, body = data.partition(b'end_header')
-    if not header.startswith(b'ply') or not end:
+    end = re.search(rb'^end_header', data, re.MULTILINE)
+    if not data.startswith(b'ply') or not end:
         raise PartError(f"{label} is not a PLY: it has no header from 'ply' to 'end_header'")
+    header, body = data[: end.start()], data[end.end() :]
+    # trimesh takes any line with these words for the end.
+    header = re.sub(rb'^(comment|obj_info)[^\n]*\n', b'', header, flags=re.MULTILINE)
     header = header.decode('ascii', errors='replace').encode('ascii', errors='replace')
     # trimesh would make a path of edges, for minutes if they are long. It ignores unknown names.
     header = re.sub(rb'^element[ \t]+edge', b'element unused', header, flags=re.MULTILINE)
@@ -221,7 +224,7 @@ def _checked_ply(data: bytes, label: str) -> bytes:
                 f'{label} is a broken PLY: it has {_shown(broken)} among its rows, '
                 'where only finite numbers are allowed'
             )
-    return header + end + body
+    return header + end[0] + body
 
 
 def _shown(match: re.Match[bytes]) -> str:

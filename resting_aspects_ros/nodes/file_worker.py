@@ -72,6 +72,9 @@ class FileWorker:
         try:
             connection = self._ready()
             connection.send((function, given))
+            if not connection.poll(START_TIMEOUT):  # until its module is imported
+                raise EOFError
+            connection.recv()
             if not connection.poll(self._seconds):
                 raise FileLimitError(f'it takes longer than {self._seconds:g} s to read')
             outcome = connection.recv()
@@ -128,6 +131,7 @@ def _serve(connection: Connection, memory: int) -> None:
             function, given = connection.recv()
         except EOFError:
             return
+        connection.send(None)
         _limit_memory(memory)
         try:
             outcome: Any = function(*given)

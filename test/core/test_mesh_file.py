@@ -108,6 +108,7 @@ WHOLE = {
         ),
         'ply',
     ),
+    'PLY with a comment on its end': ply('ascii', TRIANGLES, b'comment no end_header yet\n'),
     'PLY with a texture': ply('ascii', TRIANGLES, b'comment TextureFile /dev/zero\n'),
 }
 
