@@ -135,6 +135,8 @@ def test_a_simulator_that_is_killed_and_started_again_ends_no_other_node(suite, 
     heard = suite.client.poses()
     asked = suite.client.asking('tetrahedron', 3000, seed=[43])
     suite.client.wait(lambda: any(batch.run.seed == 43 for batch in heard), 'first batch')
+    run_id = next(batch.run.run_id for batch in heard if batch.run.seed == 43)
+    suite.client.wait(lambda: list(suite.logs.glob(f'*_{run_id}')), 'recorded batch')
     suite.processes['drop_simulator'].end(signal.SIGKILL)
     suite.start_again('drop_simulator')
     suite.client.wait(asked.done, 'answer in words')
@@ -146,6 +148,5 @@ def test_a_simulator_that_is_killed_and_started_again_ends_no_other_node(suite, 
     again = suite.client.ask('tetrahedron', 500, seed=[43])
     assert again.status.code == Status.OK
     assert again.distribution.drops == sum(counts(again.distribution)) == 500
-    run_id = next(batch.run.run_id for batch in heard if batch.run.seed == 43)
     suite.log_of(run_id)
     assert suite.alive
