@@ -72,7 +72,7 @@ def test_without_a_terminal_only_the_node_speaks_and_ctrl_c_ends_it(begin, log, 
     assert ': 5 messages; latched topics stay available until Ctrl-C' in end
     assert process.poll() is None
     process.send_signal(signal.SIGINT)
-    printed, rest = process.communicate(timeout=20)
+    printed, rest = process.communicate(timeout=60)
     assert (process.returncode, printed, rest) == (0, '', '')
     assert [line for line in heard if not SAID.fullmatch(line.strip())] == []
     assert len(heard) == 2  # what it replays, and that it has
@@ -95,7 +95,7 @@ def test_a_terminal_gets_a_bar_with_the_position(begin, log, wait_until):
     os.close(theirs)
     wait_until(lambda: b'replayed in' in shown)
     process.send_signal(signal.SIGTERM)
-    printed, _ = process.communicate(timeout=20)
+    printed, _ = process.communicate(timeout=60)
     reader.join()
     os.close(ours)
     assert (process.returncode, printed) == (0, '')

@@ -127,6 +127,7 @@ def log(part, surfaces, tmp_path_factory, run_in):
     return folder, log
 
 
+@pytest.mark.slow
 def test_a_report_of_a_log_is_that_of_its_drops(log, run_in):
     folder, log = log
     asked = ('drop', 'l_bracket', '--drops', 1000, '--seed', 1, '--report', '--out', 'here')

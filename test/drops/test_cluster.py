@@ -138,6 +138,7 @@ def refused():
 A_SCHEDULER = 'the address of a Dask scheduler'
 
 
+@pytest.mark.slow
 def test_an_address_where_nobody_answers_is_refused(make_cluster, refused):
     with socket.create_server(('127.0.0.1', 0)) as silent:
         address = f'127.0.0.1:{silent.getsockname()[1]}'

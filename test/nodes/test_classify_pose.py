@@ -297,6 +297,7 @@ def test_an_unknown_part_lists_those_that_are_known(classify, name):
     assert math.isnan(found.angle)
 
 
+@pytest.mark.slow
 def test_the_part_is_the_one_that_is_offered_now_or_was_last(
     fresh_suite, asker, part, tmp_path_factory
 ):

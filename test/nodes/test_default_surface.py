@@ -58,6 +58,7 @@ def test_the_default_is_published_whole(suite, simulator, surfaces):
     assert heard[-1].friction == surfaces.get('thrown').friction
 
 
+@pytest.mark.slow
 def test_the_default_is_known_as_long_as_its_simulator_was_heard(fresh_suite):
     quick = {'aspect_classifier': {'drop_requests.STARTING': 1.0, 'known_parts.QUIET': 1.0}}
     suite = fresh_suite(quick, workers=1, surface='steel')

@@ -161,6 +161,7 @@ def test_a_part_that_nobody_dropped_yet(suite, feed, wait, rates):
     assert rates == []
 
 
+@pytest.mark.slow
 def test_a_classifier_that_is_started_again_is_heard_again(suite, feed, rates):
     feeder = feed(suite.namespace, 'tetrahedron', [1, 3])
     few = suite.client.ask('tetrahedron', 1600, seed=[11]).distribution

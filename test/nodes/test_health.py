@@ -65,6 +65,7 @@ def test_a_run_that_is_broken_off_is_told_until_another_is_whole(suite, told, be
         told.wait(node, lambda level, *_: level == DiagnosticStatus.OK, f'{node} is well')
 
 
+@pytest.mark.slow
 def test_a_replayer_is_a_source_too(
     suite, told, start, batches, write_log, tmp_path_factory, wait
 ):
@@ -80,6 +81,7 @@ def test_a_replayer_is_a_source_too(
 
 
 # Last: for 20 s a node that was killed is taken for present by ROS.
+@pytest.mark.slow
 def test_a_simulator_that_is_killed_is_missed(suite, told, begin):
     begin()
     suite.processes['drop_simulator'].end(signal.SIGKILL)
@@ -95,7 +97,12 @@ def test_a_simulator_that_is_killed_is_missed(suite, told, begin):
 @pytest.mark.parametrize(
     ('node', 'level', 'words'),
     [
-        ('drop_simulator', DiagnosticStatus.ERROR, 'use another namespace or ROS_DOMAIN_ID'),
+        pytest.param(
+            'drop_simulator',
+            DiagnosticStatus.ERROR,
+            'use another namespace or ROS_DOMAIN_ID',
+            marks=pytest.mark.slow,
+        ),
         ('drop_recorder', DiagnosticStatus.WARN, 'each writes a log of every run'),
     ],
 )

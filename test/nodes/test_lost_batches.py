@@ -211,7 +211,7 @@ def test_drops_that_are_lost_for_good_fail_the_request_in_words(simulator, clien
     assert_whole(answer.distribution, simulator)
 
 
-@pytest.mark.parametrize('restarted', [False, True])
+@pytest.mark.parametrize('restarted', [pytest.param(False, marks=pytest.mark.slow), True])
 def test_the_first_drops_of_a_run_whose_simulator_died_are_known(
     simulator, client, connect, start, namespace, classifier, tmp_path, restarted
 ):

@@ -110,6 +110,7 @@ def test_workers_do_not_outlive_a_simulator_that_is_killed(start, connect, names
     wait(lambda: simulator.group() == [], 'end of its workers')
 
 
+@pytest.mark.slow
 def test_nodes_that_wait_use_next_to_no_processor_time(suite):
     """Idle, and while a request waits for a simulator that is held up.
 

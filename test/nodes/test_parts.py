@@ -149,6 +149,7 @@ def test_meshes_that_are_not_offered_are_told_while_they_are_there(suite, folder
     told.wait('drop_simulator', lambda level, *_: level == DiagnosticStatus.OK, 'none')
 
 
+@pytest.mark.slow
 def test_a_part_that_is_asked_for_while_parts_come_in_is_waited_for(fresh_suite):
     suite = fresh_suite({'aspect_classifier': {'topic_watch.PERIOD': 1.5}}, workers=1)
     suite.processes['aspect_classifier'].end()

@@ -170,7 +170,7 @@ def test_a_canceled_run_has_a_whole_log(suite):
 MAIN = 'from resting_aspects_ros.cli import main; raise SystemExit(main())'
 
 
-@pytest.mark.parametrize('canceled', [False, True])
+@pytest.mark.parametrize('canceled', [pytest.param(False, marks=pytest.mark.slow), True])
 def test_drop_makes_the_drops_of_a_log_again(suite, surfaces, run_script, tmp_path, canceled):
     """Of a run to a precision under conditions of its own, which a cancel ends before it."""
     conditions = surfaces.get('steel').changed(height=0.07, friction=0.31, spin=2.0)

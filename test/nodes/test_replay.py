@@ -257,6 +257,7 @@ def test_other_topics_are_replayed_in_the_namespace_of_the_suite(
     assert not client.node.count_publishers('/far/note')
 
 
+@pytest.mark.slow
 def test_a_simulator_beside_it_is_told_once(
     start, connect, namespace, replay, log, diagnostics_of
 ):

@@ -187,6 +187,7 @@ RUNS = [
 ANSWERS = {31: 'b_same', 32: 'newer', 33: 'long', 34: 'first', 35: 'last', None: 'last'}
 
 
+@pytest.mark.slow
 def test_which_of_several_runs_is_the_answer_is_the_same_before_and_after_a_restart(
     part, surfaces, start, connect, namespace, tmp_path
 ):

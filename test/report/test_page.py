@@ -335,6 +335,7 @@ def test_headings_go_down_by_one(page):
     assert all(b - a <= 1 for a, b in pairwise(levels))
 
 
+@pytest.mark.slow
 def test_many_aspects(many_sided, make_report, written):
     report = make_report(many_sided)
     classes = len(report.distribution.aspects.classes())
@@ -358,6 +359,7 @@ def test_one_aspect_and_no_drops(solid, make_report, written):
     assert any('no drops' in words(each) for each in page.all('li'))
 
 
+@pytest.mark.slow
 def test_a_large_mesh_is_simplified_for_display_and_that_is_said(solid, make_report, written):
     part = solid(trimesh.creation.icosphere(subdivisions=6, radius=10))
     assert len(part.faces) > MOST_OF_PICTURES
