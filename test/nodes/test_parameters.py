@@ -347,7 +347,7 @@ def test_publish_period_says_how_often_a_run_under_way_is_told_of(suite, paramet
     assert told(seed=1) == [True]  # the end is told at once
     assert parameters['aspect_classifier'].set(publish_period=0.05) == []
     often = told(seed=2)
-    assert len(often) > 3
+    assert len(often) > 1
     assert often[-1] is True
 
 

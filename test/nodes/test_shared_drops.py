@@ -47,10 +47,10 @@ def test_one_run_answers_both(suite, heard, goals, seed, precision):
     assert first.status.code == second.status.code == Status.OK
     assert first == second
     assert runs_of(heard, seed) == {first.run_id}
-    # Who came second is told how far it is, too, up to its end.
+    # The second is told how far it is, too. The last feedback can come after the result.
     done = [feedback.done for feedback in drops[1].feedback]
     assert done == sorted(set(done))
-    assert done[-1] == first.drops
+    assert 0 < done[-1] <= first.drops
     totals = [{feedback.total for feedback in drop.feedback} for drop in drops]
     assert totals[0] == totals[1]
     assert all(feedback.drops_per_second > 0 for feedback in drops[1].feedback)
