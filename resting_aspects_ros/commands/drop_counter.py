@@ -11,7 +11,7 @@ from resting_aspects_ros.commands.formatting import warn
 from resting_aspects_ros.commands.outputs import write_poses
 from resting_aspects_ros.commands.progress import DropProgress
 from resting_aspects_ros.core.distribution import Distribution, aspect_ids, count_poses, no_drops
-from resting_aspects_ros.core.intervals import Counts
+from resting_aspects_ros.core.history import History
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.drops.campaign import Workers, drop_chunks
 from resting_aspects_ros.drops.job import DropJob
@@ -41,7 +41,7 @@ class DropCounter:
         self.precision = precision
         self.ranges = ranges or [(run.first_drop, run.end)]
         self.tables: list[TextIO] = []
-        self.ids: list[Counts] = []  # of the aspects of the drops
+        self.history = History(distribution.aspects)
 
     @property
     def over(self) -> bool:
@@ -70,10 +70,10 @@ class DropCounter:
     def _count(self, poses: RestingPoses) -> None:
         aspects = self.distribution.aspects
         ids = aspect_ids(aspects, poses)
+        self.history.add(ids)
+        self.distribution += count_poses(aspects, poses, ids)
         for table in self.tables:
             write_poses(table, poses, ids)
-        self.ids.append(ids)
-        self.distribution += count_poses(aspects, poses, ids)
 
 
 def check_in_finer_steps(

@@ -15,9 +15,14 @@ from resting_aspects_ros.commands.drop_counter import DropCounter, check_in_fine
 from resting_aspects_ros.commands.drop_request import DropRequest
 from resting_aspects_ros.commands.formatting import warn
 from resting_aspects_ros.commands.given_part import mesh_file
-from resting_aspects_ros.commands.outputs import check_output, make_folder, poses_file
+from resting_aspects_ros.commands.outputs import (
+    OutputError,
+    check_output,
+    make_folder,
+    poses_file,
+)
 from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.distribution import METHOD, Distribution, history, no_drops
+from resting_aspects_ros.core.distribution import METHOD, Distribution, no_drops
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.landscape import Landscape
 from resting_aspects_ros.core.stopping import max_drops
@@ -66,21 +71,24 @@ def drop_and_answer(
     )
     request.check_engine(run)
     flag, out = _folder(arguments, part.name)
-    failure: EngineError | None = None
+    failure: EngineError | OutputError | None = None
     convergence: Convergence | None = None
     checked = not arguments.check_convergence
     counter = DropCounter(empty, run, stop_at, request.ranges)
-    with ExitStack() as stack:
-        for option, path in _poses_paths(arguments.poses, flag, out):
-            counter.tables.append(stack.enter_context(poses_file(option, path)))
-        for warning in part.warnings:
-            warn(warning)
-        try:
-            counter.drop(part.name, job, workers, stop)
-            if arguments.check_convergence and not stop.asked:
-                checked, convergence = check_in_finer_steps(job, workers, counter, stop)
-        except EngineError as error:
-            failure = error
+    try:
+        with ExitStack() as stack:
+            for option, path in _poses_paths(arguments.poses, flag, out):
+                counter.tables.append(stack.enter_context(poses_file(option, path)))
+            for warning in part.warnings:
+                warn(warning)
+            try:
+                counter.drop(part.name, job, workers, stop)
+                if arguments.check_convergence and not stop.asked:
+                    checked, convergence = check_in_finer_steps(job, workers, counter, stop)
+            except EngineError as error:
+                failure = error  # the file of poses has those that were made
+    except OutputError as error:
+        failure = error
     answer = Answer(
         counter.distribution,
         run,
@@ -89,12 +97,13 @@ def drop_and_answer(
         counter.over,
         convergence,
         mesh_file(arguments.part),
-        history(counter.distribution.aspects, counter.ids),
+        counter.history.points(),
     )
     _write(answer, out, arguments)
     done = answer.distribution.drops
     if failure is not None:
-        raise EngineError(f'{failure}, after {done} of {run.drops} drops, which are in the answer')
+        words = f'{failure}, after {done} of {run.drops} drops, which are in the answer'
+        raise type(failure)(words)
     if not answer.complete:
         words = f'interrupted after {done} of {run.drops} drops, which are in the answer'
         print(words, file=sys.stderr)

@@ -13,10 +13,10 @@ from resting_aspects_ros.core.distribution import (
     Distribution,
     aspect_ids,
     count_poses,
-    history,
     no_drops,
 )
 from resting_aspects_ros.core.errors import InvalidValueError, LogError, one_line
+from resting_aspects_ros.core.history import History
 from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
@@ -204,13 +204,13 @@ def logged_answer(log: Path) -> Answer:
         raise InvalidValueError(f'{named("log", log)} does not describe its part')
     logged.warn_if_unfinished()
     counted = no_drops(find_aspects(part), by_precision=run.precision > 0)
-    ids = []
+    history = History(counted.aspects)
     for poses in _poses(logged.pieces, run):
-        ids.append(aspect_ids(counted.aspects, poses))
-        counted += count_poses(counted.aspects, poses, ids[-1])
+        ids = aspect_ids(counted.aspects, poses)
+        history.add(ids)
+        counted += count_poses(counted.aspects, poses, ids)
     whole = logged.outcome.whole and logged.finished
-    so_far = history(counted.aspects, ids)
-    return Answer(counted, run, part, METHOD, whole, history=so_far)
+    return Answer(counted, run, part, METHOD, whole, history=history.points())
 
 
 def _poses(pieces: list[Piece], run: RunDescription) -> Iterator[RestingPoses]:

@@ -14,12 +14,6 @@ from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.stopping import stopping_confidence, stops
 
 METHOD = 'drops'
-# A history has the counts after so many drops first, and so often until there are ten times as
-# many: a run of any length has some ten of them for each digit of its length.
-FIRST_LOOK = 10
-LOOKS_PER_DECADE = 10
-
-Counts = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,28 +133,3 @@ def count_poses(
         failed=int((poses.status == RestStatus.FAILED).sum()),
         energy_growth=float(poses.energy_growth.max(initial=0.0)),
     )
-
-
-def history(aspects: AspectSet, pieces: Iterable[Counts]) -> tuple[Counts, Counts]:
-    """How the shares of a run came to be: counts after growing numbers of drops.
-
-    Parameters
-    ----------
-    pieces : iterable of (n,) int
-        The aspect of each drop, as aspect_ids has them, in the order of the drops.
-
-    Returns
-    -------
-    drops : (m,) int
-        Ascending; the last is n.
-    counts : (m, k) int
-        By aspect, after so many drops.
-    """
-    ids = np.concatenate([np.zeros(0, dtype=np.int64), *pieces])
-    decades = np.log10(max(len(ids), FIRST_LOOK) / FIRST_LOOK)
-    looks = np.round(10 ** np.arange(0, decades, 1 / LOOKS_PER_DECADE) * FIRST_LOOK)
-    looks = looks[looks < len(ids)].astype(np.int64)
-    drops = np.append(looks, len(ids)) if len(ids) else looks
-    between = np.split(ids, looks)[: len(drops)]
-    counts = [np.bincount(some, minlength=len(aspects) + 1)[1:] for some in between]
-    return drops, np.cumsum(np.reshape(counts, (len(drops), len(aspects))), axis=0, dtype=np.int64)

@@ -1,5 +1,6 @@
 """Flags that cannot be meant: exit code 2, and a line that says what is allowed."""
 
+import json
 import os
 
 import pytest
@@ -90,11 +91,12 @@ def test_a_folder_in_place_of_a_file_in_out(refused, tmp_path):
     assert os.path.join('o', 'distribution.png') in line  # noqa: PTH118
 
 
-def test_a_full_disk_is_a_line_and_no_success(run):
-    ended = run('drop', 'tetrahedron', '--drops', 1, '--poses', '/dev/full')
+def test_a_full_disk_is_a_line_and_loses_no_answer(run):
+    ended = run('drop', 'tetrahedron', '--drops', 3, '--poses', '/dev/full', '--json')
     assert ended.returncode == 1
-    assert ended.stdout == ''
+    assert json.loads(ended.stdout)['drops'] == 3
     assert ended.stderr.splitlines()[-1] == (
-        "error: '/dev/full' cannot be written: No space left on device"
+        "error: '/dev/full' cannot be written: No space left on device, after 3 of 3 drops, which "
+        'are in the answer'
     )
     assert 'Traceback' not in ended.stderr

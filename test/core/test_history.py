@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.distribution import FIRST_LOOK, aspect_ids, count_poses, history
+from resting_aspects_ros.core.distribution import aspect_ids, count_poses
+from resting_aspects_ros.core.history import FIRST_LOOK, History
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import random_orientations
 
@@ -34,9 +35,11 @@ def poses(aspects):
 
 @given(cuts=st.lists(st.integers(0, 3000), max_size=12), end=st.integers(1, 3000))
 def test_counts_are_those_of_the_first_drops(aspects, poses, cuts, end):
+    history = History(aspects)
     bounds = sorted({0, end, *(cut for cut in cuts if cut < end)})
-    ids = [aspect_ids(aspects, poses.between(*ends)) for ends in pairwise(bounds)]
-    drops, counts = history(aspects, ids)
+    for first, last in pairwise(bounds):
+        history.add(aspect_ids(aspects, poses.between(first, last)))
+    drops, counts = history.points()
     assert drops[-1] == end
     assert (np.diff(drops) > 0).all()
     for n, row in zip(drops, counts, strict=True):
@@ -44,13 +47,15 @@ def test_counts_are_those_of_the_first_drops(aspects, poses, cuts, end):
 
 
 def test_ten_looks_for_each_digit(aspects, poses):
-    drops, counts = history(aspects, [aspect_ids(aspects, poses)])
+    history = History(aspects)
+    history.add(aspect_ids(aspects, poses))
+    drops, counts = history.points()
     assert drops[:3].tolist() == [10, 13, 16]
     assert set(drops.tolist()) >= {FIRST_LOOK, 100, 1000, 3000}
     assert len(drops) == len(counts) == 26
 
 
 def test_without_drops_there_are_no_points(aspects):
-    drops, counts = history(aspects, [])
+    drops, counts = History(aspects).points()
     assert drops.shape == (0,)
     assert counts.shape == (0, 5)
