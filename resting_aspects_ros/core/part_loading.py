@@ -153,15 +153,15 @@ def _part(
         )
     vertices, faces = read_triangles(data, mesh_format, label)
     check_size(vertices, unit or DEFAULT_UNIT, label)
-    coarse = coarse_text(vertices, faces, unit or DEFAULT_UNIT)
     try:
         surface, body = one_solid(
             closed_surface(vertices, faces), chosen, unit or DEFAULT_UNIT, label
         )
         part = _solid_part(label, surface, unit, body, given, (name, data, mesh_format))
     except PartError as error:
+        coarse = coarse_text(vertices, faces, unit or DEFAULT_UNIT)
         raise PartError(f'{error}; {coarse}' if coarse else str(error)) from None
-    if coarse:
+    if coarse := coarse_text(surface.vertices, surface.faces, unit or DEFAULT_UNIT):
         part = replace(part, warnings=(*part.warnings, f'{label}: {coarse}'))
     return part
 

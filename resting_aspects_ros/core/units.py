@@ -101,7 +101,8 @@ def coarse_text(vertices: Array, faces: npt.NDArray[np.int64], unit: str) -> str
     areas = np.cross(b - a, c - a) / 2
     volume = abs(float(np.einsum('ij,ij->', a, areas))) / 3
     change = float(np.abs(areas).sum(axis=0) @ steps) / 2
-    if change <= FINE_VOLUME * volume:
+    size = float(np.ptp(vertices, axis=0).max())
+    if change <= FINE_VOLUME * volume and (volume or steps.max() < FINE_VOLUME * size):
         return None
     millimetres = 1e3 * UNITS[unit]
     share = f'{100 * change / volume:.2g} %' if change < volume else '100 % or more'

@@ -99,7 +99,8 @@ def test_the_demo_drops_a_part_over_ros_and_shows_it(begin, nodes_of, left, tmp_
     with Image.open(tmp_path / 'o' / 'distribution.png') as image:
         image.load()
     for line in errors.splitlines():
-        assert re.fullmatch(r'l_bracket: \d+ of 1000 drops(  \d+ drops/s)?', line)
+        waits = line.startswith('[WARN]') and 'yet, waiting up to' in line  # on a busy machine
+        assert waits or re.fullmatch(r'l_bracket: \d+ of 1000 drops(  \d+ drops/s)?', line)
     assert errors.splitlines()[-1].startswith('l_bracket: 1000 of 1000 drops')
     assert no_tracebacks(tmp_path / 'o') == NODES
 

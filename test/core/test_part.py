@@ -470,7 +470,7 @@ def test_a_part_far_from_the_origin_is_right_or_told_to_be_coarse(seed, exponent
         return
     told = [warning for warning in part.warnings if 'are stored in steps of' in warning]
     assert told or part.volume * 1e9 == pytest.approx(volume, rel=1.1e-4)
-    assert len(part.warnings) == len(told)
+    assert told or not part.warnings
 
 
 def test_corners_that_differ_by_rounding_far_from_the_origin_are_welded():

@@ -67,7 +67,9 @@ def test_the_default_is_known_as_long_as_its_simulator_was_heard(fresh_suite):
     # A classifier that comes later hears it before it answers for a part.
     suite.processes['aspect_classifier'].end()
     suite.start_again('aspect_classifier')
-    assert suite.client.ask(drops=2).distribution.run == first.run
+    suite.client.wait(
+        lambda: suite.client.ask(drops=2).distribution.run == first.run, 'the same answer'
+    )
     suite.processes['drop_simulator'].end()
     assert (
         suite.client.ask(drops=2, only_known=True, surface='steel').distribution.run == first.run
