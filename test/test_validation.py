@@ -62,6 +62,7 @@ def test_measured_faces_are_aspects_of_the_bodies():
     assert [a.rolls for a in find_aspects(side.part).aspects if side.hits(a.down_in_part[None])]
 
 
+@pytest.mark.slow
 def test_the_tables_say_what_the_drops_say(part, monkeypatch):
     workers = ProcessWorkers(1)
     try:

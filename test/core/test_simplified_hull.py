@@ -122,6 +122,7 @@ def test_flat_sides_stay_whole(solids, solid, whole):
             assert kept.issuperset(map(tuple, flat.tolist()))
 
 
+@pytest.mark.slow
 def test_a_cylinder_of_1700_sides_has_the_aspects_of_one_of_256(solids, solid):
     parts = [solid(cylinder(n)) for n in (1700, 256)]
     assert len(parts[0].hull_vertices) < 2 * 1700
@@ -171,6 +172,7 @@ def test_what_is_left_out_is_said_with_its_numbers(solids, solid, whole):
     assert share == pytest.approx(part.hull_error / part.hull_radius, rel=0.5)  # one
 
 
+@pytest.mark.slow
 def test_neither_order_in_the_file_nor_scale_matters(solids):
     mesh = solids.random_sphere(4000)
     mesh.vertices = mesh.vertices.astype(np.float32)

@@ -395,6 +395,7 @@ def test_the_vertices_of_round_faces_need_no_symmetry_of_their_own(solid, make, 
     assert found(find_symmetry(solid(make()), NO_LANDMARKS)) == expected
 
 
+@pytest.mark.slow
 def test_a_hundred_thousand_triangles_are_as_good_as_a_few(solid):
     mesh = FINITE['gear'][0]()
     for _ in range(4):

@@ -156,6 +156,7 @@ def test_the_address_of_a_worker_is_refused(cluster, refused):
     assert refused(address, A_SCHEDULER) == 'this is a worker'
 
 
+@pytest.mark.slow
 def test_a_scheduler_without_workers_is_refused(make_cluster, refused):
     with make_cluster(0) as cluster:
         reason = refused(cluster.scheduler_address, 'one that has workers')

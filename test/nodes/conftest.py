@@ -84,7 +84,7 @@ FORKSERVER.set_forkserver_preload(
 )
 # What a forked process does first; the process in which a node reads files is forked, too.
 FORKED = """
-import multiprocessing, os, sys
+import faulthandler, multiprocessing, os, sys
 from multiprocessing import forkserver
 from resting_aspects_ros.nodes import file_worker
 
@@ -96,6 +96,7 @@ file = os.open(output, os.O_WRONLY | os.O_APPEND)
 os.dup2(file, 1)
 os.dup2(file, 2)
 sys.stdout.reconfigure(line_buffering=True)
+faulthandler.enable(file=2)
 forkserver._forkserver.ensure_running = lambda: None
 file_worker.get_context = lambda _: multiprocessing.get_context('forkserver')
 """

@@ -115,6 +115,7 @@ def test_a_run_under_other_conditions_is_told_once(suite, feed, rates):
     )
 
 
+@pytest.mark.slow
 def test_a_part_whose_mesh_is_replaced_is_told_once(suite, feed, rates, folder):
     feeder = feed(suite.namespace, BOX, [1, 6])
     before = suite.client.ask(BOX, 50).distribution

@@ -27,6 +27,7 @@ def suite(fresh_suite, folder):
     return fresh_suite({'drop_simulator': {'part_offers.SCAN_PERIOD': 0.2}}, parts_folder=folder)
 
 
+@pytest.mark.slow
 def test_ten_clients_ask_at_once_for_five_parts(suite, connect, counts):
     clients = [connect(suite.namespace) for _ in range(10)]
     asked = [client.asking(PARTS[k % 5], 150, seed=[1]) for k, client in enumerate(clients)]

@@ -42,6 +42,7 @@ def begin(suite, told, seeds=itertools.count(1)):  # noqa: B008 - one for all te
     return begin
 
 
+@pytest.mark.slow
 def test_a_run_that_is_broken_off_is_told_until_another_is_whole(suite, told, begin):
     run_id = begin()
     assert suite.processes['drop_simulator'].end(signal.SIGTERM) == 0

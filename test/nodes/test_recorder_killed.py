@@ -74,7 +74,7 @@ def batches_in(log, topic):
         return [bytes(data) for *_, data in reader.messages(connections)] if connections else []
 
 
-@pytest.mark.parametrize('kills', [3, pytest.param(20, marks=pytest.mark.slow)])
+@pytest.mark.parametrize('kills', [2, pytest.param(20, marks=pytest.mark.slow)])
 def test_a_recorder_killed_at_random_moments_loses_nothing_it_told(
     kills, connect, start_recorder, namespace, batches, wait, tmp_path
 ):

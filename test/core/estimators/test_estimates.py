@@ -203,6 +203,7 @@ def test_what_is_not_defined_for_a_curved_side(solids, shape):
         np.testing.assert_allclose(predicted(egg, method), 0.5, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_half_ball_and_a_half_round_bar_rest_on_all_of_their_curved_side(solids, shape):
     height = 3 / 8  # of the centre of mass, of the radius
     ball = estimate(shape(solids.revolved([(0, 0), *solids.quarter(10.0, 32)], 96)), 'solid_angle')
