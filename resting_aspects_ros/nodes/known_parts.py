@@ -57,6 +57,7 @@ class KnownParts:
         self._versions: dict[str, tuple[Part, AspectSet]] = {}
         self._unusable: dict[str, tuple[str, str]] = {}  # by name: part_sha256, why
         self._last_news = time.monotonic()
+        self._simulator_was_there = False
 
     async def describe(self, name: str, data: bytes) -> None:
         """Read a serialised description of a part, unless a newer one comes meanwhile."""
@@ -122,7 +123,11 @@ class KnownParts:
         PartError if the part is offered and cannot be used.
         """
         while True:
-            parts = self._parts if simulator_is_there() else self._last
+            there = simulator_is_there()
+            if there and not self._simulator_was_there:
+                self._last_news = time.monotonic()  # its parts are still to be discovered
+            self._simulator_was_there = there
+            parts = self._parts if there else self._last
             if name in self._unusable:
                 raise PartError(self._unusable[name][1])
             reading = name in self._newest or time.monotonic() - self._last_news < QUIET
