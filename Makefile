@@ -88,12 +88,11 @@ ONE_AT_A_TIME = flock Makefile $(MAKE) --silent --no-print-directory
 
 # Install what a lock file names. Not with `uv pip sync`, which also removes the modules of the ROS
 # wheels: they carry a second description of themselves, under a name that no lock file has.
-# While packages are installed, .requirements is missing: see tools/make_venv. Compiled now, they
-# are imported twice as fast from the first time on, also where PYTHONDONTWRITEBYTECODE is set.
+# While packages are installed, .requirements is missing: see tools/make_venv.
 define install
 	@echo "set-up: installing $(1)"
 	@rm -f $(VENV)/.requirements
-	@$(UV) install --no-deps --compile-bytecode --requirement $(1)
+	@$(UV) install --no-deps --requirement $(1)
 	@touch $(VENV)/.requirements
 endef
 
