@@ -11,7 +11,7 @@ JAVASCRIPT = test/js/node_modules/.package-lock.json
 VERSIONS = 3.10 3.11 3.12
 
 # An installed ROS that is sourced, or another virtual environment, must not leak into this one.
-unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PATH PKG_CONFIG_PATH AMENT_PREFIX_PATH \
+unexport PYTHONDONTWRITEBYTECODE PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PATH PKG_CONFIG_PATH AMENT_PREFIX_PATH \
          CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .NOTPARALLEL:
@@ -92,7 +92,7 @@ ONE_AT_A_TIME = flock Makefile $(MAKE) --silent --no-print-directory
 define install
 	@echo "set-up: installing $(1)"
 	@rm -f $(VENV)/.requirements
-	@$(UV) install --no-deps --requirement $(1)
+	@$(UV) install --no-deps --compile-bytecode --requirement $(1)
 	@touch $(VENV)/.requirements
 endef
 

@@ -256,7 +256,7 @@ def test_busy_processes_end_with_the_tests_beside_which_they_run(folder, end):
         ['make', 'test-under-load'], cwd=folder.path, stdin=subprocess.PIPE, start_new_session=True
     )
     runs = folder.path / 'runs'
-    wait_for(runs.exists)
+    wait_for(lambda: runs.exists() and runs.read_text())
     assert busy() == 6 + 1  # and their parent
     if end == 'Ctrl-C':
         os.killpg(make.pid, signal.SIGINT)
