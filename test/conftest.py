@@ -49,7 +49,8 @@ def domain(tmp_path_factory):
     """Give each test worker a ROS domain that no other program on this machine uses."""
     with domain_coordinator.domain_id() as domain, pytest.MonkeyPatch.context() as patch:
         patch.setenv('ROS_DOMAIN_ID', str(domain))
-        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')  # as far as dds.xml lets it
+        patch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(ROOT / 'test' / 'dds.xml'))
         patch.setenv('ROS_LOG_DIR', str(tmp_path_factory.mktemp('ros')))
         yield
 

@@ -35,11 +35,6 @@ def log(tmp_path, part, surfaces):
     return 'log'
 
 
-@pytest.fixture(autouse=True)
-def alone(environment, monkeypatch):
-    monkeypatch.setitem(environment, 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-
-
 ROS = ('--ros-args', '-r', f'__ns:=/replay_{os.getpid()}')
 
 

@@ -29,10 +29,7 @@ def test_wrong_input_is_refused_without_a_suite(refused, words, says):
         assert word in line
 
 
-def test_a_running_suite_answers_in_every_form(
-    begin, run, read_until, wait_until, environment, monkeypatch, tmp_path
-):
-    monkeypatch.setitem(environment, 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+def test_a_running_suite_answers_in_every_form(begin, run, read_until, wait_until, tmp_path):
     ros = ('--ros-args', '-r', f'__ns:=/request_{os.getpid()}')
     nodes = begin('nodes', *ros, '-p', 'log_folder:=logs')
 
@@ -97,8 +94,7 @@ def test_ctrl_c_before_anything_was_heard_of_a_run(begin, wait_until):
 
 
 @pytest.mark.slow
-def test_without_a_surface_it_is_that_of_the_simulator(begin, run, environment, monkeypatch):
-    monkeypatch.setitem(environment, 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+def test_without_a_surface_it_is_that_of_the_simulator(begin, run):
     ros = ('--ros-args', '-r', f'__ns:=/request_surface_{os.getpid()}')
     begin('nodes', *ros, '-p', 'log_folder:=logs', '-p', 'surface:=steel')
 
@@ -114,10 +110,7 @@ def test_without_a_surface_it_is_that_of_the_simulator(begin, run, environment, 
 
 
 @pytest.mark.slow
-def test_a_condition_alone_needs_a_simulator_that_says_of_which_surface(
-    run, environment, monkeypatch
-):
-    monkeypatch.setitem(environment, 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+def test_a_condition_alone_needs_a_simulator_that_says_of_which_surface(run):
     ros = ('--ros-args', '-r', f'__ns:=/request_nobody_{os.getpid()}')
     ended = run('request', 'tetrahedron', '--friction', '0.4', *ros)
     assert (ended.returncode, ended.stdout) == (1, '')
