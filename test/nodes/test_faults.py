@@ -48,7 +48,7 @@ def recorded():
 
 def test_who_starts_late_has_all_of_the_run(suite, start, recorded, tmp_path, counts):
     """A recorder and a classifier, started in the middle of a run, and others after it."""
-    drops = 4 * LEAST_BATCH + 50
+    drops = 20 * LEAST_BATCH + 50
     heard = suite.client.poses()
     asked = suite.client.asking('tetrahedron', drops, seed=[41])
     suite.client.wait(lambda: any(batch.run.seed == 41 for batch in heard), 'first batch')

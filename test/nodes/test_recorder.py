@@ -244,12 +244,12 @@ def test_a_recorder_that_is_killed_and_started_again_has_all_of_the_run(
         return sorted(tmp_path.glob(f'*{run_id}*'))
 
     first = recorder()
-    drop = suite.client.dropping('tetrahedron', 2000, seed=10)
+    drop = suite.client.dropping('tetrahedron', 5000, seed=10)
     suite.client.wait(lambda: any(b.run.seed == 10 for b in heard['resting_poses']), 'batch')
-    run_id = next(b.run.run_id for b in heard['resting_poses'] if b.run.seed == 10)
-    suite.client.wait(logs, 'log')
     simulator = suite.processes['drop_simulator']
     assert simulator.send_to_workers(signal.SIGSTOP)
+    run_id = next(b.run.run_id for b in heard['resting_poses'] if b.run.seed == 10)
+    suite.client.wait(logs, 'log')
     first.end(signal.SIGKILL)
     assert not drop.done
     second = recorder()
@@ -261,8 +261,8 @@ def test_a_recorder_that_is_killed_and_started_again_has_all_of_the_run(
     assert whole.name == f'{broken_off.name}_2'
     assert not (broken_off / 'metadata.yaml').exists()
     batches = read(whole)[f'{suite.namespace}/resting_poses']
-    assert sum(len(batch.poses) for batch in batches) == 2000
-    assert recorded_outcome(whole) == Outcome(2000, whole=True)
+    assert sum(len(batch.poses) for batch in batches) == 5000
+    assert recorded_outcome(whole) == Outcome(5000, whole=True)
     assert second.end() == 0
     third = recorder()
     suite.client.wait(lambda: f'is in {whole} already' in third.said, 'word of it')
