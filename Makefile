@@ -44,7 +44,7 @@ test-pythons:  ## run tests with each Python of 3.10, 3.11 and 3.12 that is inst
 	    $(MAKE) --no-print-directory PYTHON=python$$version VENV=.venv-$$version dev; \
 	    echo "Python $$version:"; \
 	    .venv-$$version/bin/python -m pytest $(DISTRIBUTE) --quiet -m 'not slow' test/core \
-	        test/drops test/commands test/nodes/test_get_distribution.py; \
+	        test/simulation test/cli test/nodes/test_get_distribution.py; \
 	done
 
 test-under-load: dev  ## run the tests twice while six busy processes run beside them

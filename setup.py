@@ -40,12 +40,12 @@ setup(
     zip_safe=True,
     entry_points={
         'console_scripts': [
-            f'resting_aspects = {NAME}.cli:main',
-            f'drop_simulator = {NAME}.nodes.drop_simulator:main',
-            f'aspect_classifier = {NAME}.nodes.aspect_classifier:main',
-            f'drop_recorder = {NAME}.nodes.drop_recorder:main',
-            f'feeder_example = {NAME}.nodes.feeder_example:main',
-            f'log_replayer = {NAME}.nodes.log_replayer:main',
+            f'resting_aspects = {NAME}.cli.main:main',
+            f'drop_simulator = {NAME}.nodes.drop_simulator.node:main',
+            f'aspect_classifier = {NAME}.nodes.aspect_classifier.node:main',
+            f'drop_recorder = {NAME}.nodes.drop_recorder.node:main',
+            f'feeder_example = {NAME}.examples.feeder:main',
+            f'log_replayer = {NAME}.nodes.log_replayer.node:main',
         ],
     },
 )

@@ -13,8 +13,8 @@ import pytest
 
 from resting_aspects_ros.core.part_loading import part_from_bytes
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.drops.part_library import PartLibrary
-from resting_aspects_ros.drops.surfaces import Surfaces
+from resting_aspects_ros.simulation.part_library import PartLibrary
+from resting_aspects_ros.simulation.surfaces import Surfaces
 
 ROOT = Path(__file__).resolve().parents[1]
 

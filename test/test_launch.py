@@ -13,15 +13,17 @@ from typing import NamedTuple
 import pytest
 import rclpy
 
-from resting_aspects_ros.nodes import aspect_classifier, drop_recorder, drop_simulator
-from resting_aspects_ros.nodes.interface import FRAME
-from resting_aspects_ros.nodes.parameters import declare
+from resting_aspects_ros.nodes.aspect_classifier import node as aspect_classifier
+from resting_aspects_ros.nodes.drop_recorder import node as drop_recorder
+from resting_aspects_ros.nodes.drop_simulator import node as drop_simulator
+from resting_aspects_ros.ros.interface import FRAME
+from resting_aspects_ros.ros.parameters import declare
 
 ROOT = Path(__file__).resolve().parent.parent
 FILE = ROOT / 'launch' / 'resting_aspects.launch.py'
 DEFAULTS = ROOT / 'config' / 'resting_aspects.yaml'
 PARAMETERS = {
-    module.__name__.rsplit('.', 1)[-1]: module.PARAMETERS
+    module.__name__.split('.')[-2]: module.PARAMETERS
     for module in (drop_simulator, aspect_classifier, drop_recorder)
 }
 ARGUMENTS = [

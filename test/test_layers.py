@@ -107,14 +107,14 @@ def test_all_layers_were_read():
     [
         ('core/part.py', 'from resting_aspects_ros.drops import engine'),
         ('core/part.py', 'from ..drops.engine import CHUNK'),
-        ('core/part.py', 'from resting_aspects_ros.config_files import anything'),
+        ('core/part.py', 'from resting_aspects_ros.simulation.config_files import anything'),
         ('core/part.py', 'def late():\n    import time'),
         ('core/part.py', 'from datetime import datetime'),
         ('core/part.py', 'import os.path'),
         ('core/part.py', 'import yaml'),
         ('core/part.py', 'import manifold3d'),
         ('core/part.py', 'import numpy as np\nnp.random.seed(0)'),
-        ('drops/run.py', 'from resting_aspects_ros.logs.run_log import RunLog'),
+        ('drops/run.py', 'from resting_aspects_ros.logs.run_writer import RunLog'),
         ('drops/run.py', 'from resting_aspects_ros import report'),
         ('drops/run.py', 'import pybullet'),
         ('drops/campaign.py', 'def late():\n    from distributed import Client'),
@@ -147,8 +147,8 @@ def test_a_breach_is_found(file, line):
         ('drops/cluster.py', 'from distributed import Client'),
         ('logs/run_log.py', 'from mcap.writer import Writer'),
         ('nodes/convert.py', 'from resting_aspects_interfaces.msg import Aspect'),
-        ('cli.py', 'from resting_aspects_ros.nodes.client import ask'),
-        ('client.py', 'from resting_aspects_ros.nodes.client import RestingAspectsClient'),
+        ('cli.py', 'from resting_aspects_ros.client.client import ask'),
+        ('client.py', 'from resting_aspects_ros.client.client import RestingAspectsClient'),
     ],
 )
 def test_what_is_allowed_is_not_a_breach(file, line):

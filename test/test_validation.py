@@ -7,10 +7,10 @@ from dropper import Dropper
 from measured import cases
 from sensitivity import fit
 
-from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.comparison import compare
-from resting_aspects_ros.drops.plan import make_job
-from resting_aspects_ros.drops.worker_pool import ProcessWorkers
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.statistics.comparison import compare
+from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.process_workers import ProcessWorkers
 
 
 @pytest.fixture(scope='module')

@@ -10,12 +10,18 @@ from dropper import ROOT, SEED
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.rotations import Array, down_in_part
-from resting_aspects_ros.drops.conditions import HeightOf
-from resting_aspects_ros.drops.job import DropJob
-from resting_aspects_ros.drops.part_library import PartLibrary
-from resting_aspects_ros.drops.plan import make_job
-from resting_aspects_ros.drops.release import CHUNK, Release, depth_of, part_from_body, releases
-from resting_aspects_ros.drops.settling import (
+from resting_aspects_ros.simulation.conditions import HeightOf
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.initial_state import (
+    CHUNK,
+    Release,
+    depth_of,
+    part_from_body,
+    releases,
+)
+from resting_aspects_ros.simulation.part_library import PartLibrary
+from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.settling import (
     LOOK,
     REST_MOTION,
     REST_WINDOW,
@@ -23,7 +29,7 @@ from resting_aspects_ros.drops.settling import (
     Settling,
     States,
 )
-from resting_aspects_ros.drops.surfaces import Surfaces
+from resting_aspects_ros.simulation.surfaces import Surfaces
 
 EXAMPLE = 'l_bracket'
 

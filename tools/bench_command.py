@@ -14,7 +14,7 @@ from bench_report import Section, Table
 from dropper import ROOT
 from rich.progress import track
 
-from resting_aspects_ros.drops.run import DEFAULT_DROPS
+from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS
 
 REPEATS = 3
 # Memory is compared between these numbers of drops.

@@ -12,9 +12,9 @@ from bench_case import Trial, drop_until_decided, drop_until_still, steps_in
 from scipy.spatial import ConvexHull
 
 from resting_aspects_ros.core.rotations import Array, rotate, wxyz_from_xyzw, xyzw_from_wxyz
-from resting_aspects_ros.drops.engine import OVERLAP_TIME
-from resting_aspects_ros.drops.job import DropJob
-from resting_aspects_ros.drops.settling import LOOK, REST_MOTION, TIME_LIMIT, States
+from resting_aspects_ros.simulation.bullet_engine import OVERLAP_TIME
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.settling import LOOK, REST_MOTION, TIME_LIMIT, States
 
 # As pip names them; Blender has a package for each of its versions for one version of Python, this
 # one for 3.11.

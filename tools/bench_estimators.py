@@ -8,11 +8,11 @@ from bench_report import Section, Table
 from dropper import ROOT
 from rich.progress import track
 
-from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.estimators.estimate import METHODS, estimate
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.drops.part_library import PartLibrary
+from resting_aspects_ros.simulation.part_library import PartLibrary
 
 PART = 'l_bracket'
 MIDDLE = 200

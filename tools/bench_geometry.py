@@ -9,14 +9,14 @@ import trimesh
 from bench_report import Section, Table
 from rich.progress import track
 
-from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.clusters import DEFAULT_TOLERANCE_DEGREES, cluster_directions
-from resting_aspects_ros.core.distribution import no_drops
-from resting_aspects_ros.core.joining import join_minima
-from resting_aspects_ros.core.landscape import Landscape
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.clusters import DEFAULT_TOLERANCE_DEGREES, cluster_directions
+from resting_aspects_ros.core.aspects.joining import join_minima
+from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.part_loading import part_from_bytes
 from resting_aspects_ros.core.rotations import Array, down_in_part, random_orientations
+from resting_aspects_ros.core.statistics.distribution import no_drops
 from resting_aspects_ros.report.page import PAGE, Report, report_files
 
 REPEATS = 3

@@ -44,7 +44,7 @@ def _log_of_a_run(folder: Path) -> Path:
 def _seconds_to_read(logs: Path) -> float:
     words = ['--ros-args', '-r', f'__ns:=/bench_{os.getpid()}', '-p', f'log_folder:={logs}']
     classifier = subprocess.Popen(
-        [sys.executable, '-m', 'resting_aspects_ros.nodes.aspect_classifier', *words],
+        [sys.executable, '-m', 'resting_aspects_ros.nodes.aspect_classifier.node', *words],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

@@ -19,10 +19,10 @@ from bench_case import (
 )
 
 from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.drops import engine
-from resting_aspects_ros.drops.job import DropJob
-from resting_aspects_ros.drops.release import CHUNK
-from resting_aspects_ros.drops.settling import REST_MOTION, REST_WINDOW, TIME_LIMIT, States
+from resting_aspects_ros.simulation import bullet_engine
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.settling import REST_MOTION, REST_WINDOW, TIME_LIMIT, States
 
 # Of all imports the last, when the engine has silenced its greeting.
 import pybullet  # isort:skip
@@ -38,11 +38,11 @@ class PlainBody:
         pybullet.setPhysicsEngineParameter(
             fixedTimeStep=step,
             numSubSteps=0,
-            numSolverIterations=engine.MOST_SOLVER_ITERATIONS,
-            solverResidualThreshold=engine.SOLVER_RESIDUAL,
-            restitutionVelocityThreshold=engine.RESTITUTION_THRESHOLD,
-            erp=step / engine.OVERLAP_TIME,
-            contactERP=step / engine.OVERLAP_TIME,
+            numSolverIterations=bullet_engine.MOST_SOLVER_ITERATIONS,
+            solverResidualThreshold=bullet_engine.SOLVER_RESIDUAL,
+            restitutionVelocityThreshold=bullet_engine.RESTITUTION_THRESHOLD,
+            erp=step / bullet_engine.OVERLAP_TIME,
+            contactERP=step / bullet_engine.OVERLAP_TIME,
             physicsClientId=client,
         )
         plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)

@@ -8,12 +8,12 @@ from bench_report import Section, Table
 from bench_suite import simulated
 from rich.progress import track
 
-from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.distribution import count_poses, no_drops
+from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.drops.campaign import submit_drops
-from resting_aspects_ros.drops.release import CHUNK
-from resting_aspects_ros.drops.worker_pool import ProcessWorkers
+from resting_aspects_ros.core.statistics.distribution import count_poses, no_drops
+from resting_aspects_ros.simulation.chunks import submit_drops
+from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.process_workers import ProcessWorkers
 
 CORNERS = (8, 20, 50, 100, 200, 500, 1000, 2000)
 EGG_CHUNKS = 2  # for each worker

@@ -9,11 +9,11 @@ from bench_case import Trial
 
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import down_in_part
-from resting_aspects_ros.drops.campaign import submit_drops
-from resting_aspects_ros.drops.job import DropJob
-from resting_aspects_ros.drops.release import CHUNK, releases
-from resting_aspects_ros.drops.settling import REST_WINDOW
-from resting_aspects_ros.drops.worker_pool import ProcessWorkers
+from resting_aspects_ros.simulation.chunks import submit_drops
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.initial_state import CHUNK, releases
+from resting_aspects_ros.simulation.process_workers import ProcessWorkers
+from resting_aspects_ros.simulation.settling import REST_WINDOW
 
 # Chunks for each worker.
 _WARM_UP = 10

@@ -24,12 +24,12 @@ from bench_suite import begun_workers, suite
 from rich.console import Console
 from rich.progress import track
 
-from resting_aspects_ros.core.aspect_set import AspectSet
-from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.drops.job import DropJob
-from resting_aspects_ros.drops.release import CHUNK
-from resting_aspects_ros.drops.settling import REST_MOTION, REST_WINDOW
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.settling import REST_MOTION, REST_WINDOW
 
 # Each way has its turn in each round, so that what else the machine does meets all of them.
 ROUNDS = 3

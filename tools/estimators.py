@@ -12,12 +12,12 @@ from measured import Case, cases
 from rich.console import Console
 from rich.progress import track
 
-from resting_aspects_ros.core.comparison import Comparison, compare_with_exact
 from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate, estimate
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.drops.plan import ENGINE, ENGINE_VERSION, make_job
-from resting_aspects_ros.drops.worker_pool import ProcessWorkers, default_workers
+from resting_aspects_ros.core.statistics.comparison import Comparison, compare_with_exact
+from resting_aspects_ros.simulation.plan import ENGINE, ENGINE_VERSION, make_job
+from resting_aspects_ros.simulation.process_workers import ProcessWorkers, default_workers
 
 RESULT = ROOT / 'docs' / 'estimators.md'
 # Of each part on each surface: a standard error of 0.006 for a share of 0.25.

@@ -14,8 +14,8 @@ from rich.console import Console
 from validate_engine import decision, time_step
 from validate_world import world
 
-from resting_aspects_ros.drops.plan import ENGINE, ENGINE_VERSION
-from resting_aspects_ros.drops.worker_pool import ProcessWorkers, default_workers
+from resting_aspects_ros.simulation.plan import ENGINE, ENGINE_VERSION
+from resting_aspects_ros.simulation.process_workers import ProcessWorkers, default_workers
 
 RESULT = ROOT / 'docs' / 'validation.md'
 SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {

@@ -6,10 +6,10 @@ import numpy as np
 from dropper import SEED, Dropper
 from rich.progress import track
 
-from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.comparison import Comparison, compare
+from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
-from resting_aspects_ros.drops.plan import make_job
+from resting_aspects_ros.core.statistics.comparison import Comparison, compare
+from resting_aspects_ros.simulation.plan import make_job
 
 # Standard error of the difference of two shares of 0.3: 0.003.
 STEP_DROPS = 50_000

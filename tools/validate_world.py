@@ -9,11 +9,11 @@ from measured import Case, cases
 from rich.progress import track
 from sensitivity import fit
 
-from resting_aspects_ros.core.intervals import intervals
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.rotations import down_in_part
-from resting_aspects_ros.drops.conditions import DropConditions
-from resting_aspects_ros.drops.plan import make_job
+from resting_aspects_ros.core.statistics.intervals import intervals
+from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.plan import make_job
 
 # Of each case; and, of each, for each of the steps up and down of a value.
 CASE_DROPS = 6000

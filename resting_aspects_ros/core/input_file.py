@@ -3,12 +3,7 @@
 import stat
 from pathlib import Path
 
-from resting_aspects_ros.core.errors import (
-    InvalidValueError,
-    RestingAspectsError,
-    one_line,
-    shown,
-)
+from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, one_line, shown
 
 # Paths are shown whole as far as a person can read them.
 MAX_PATH = 300

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.hull import outward_hull
-from resting_aspects_ros.core.intrinsic_frame import (
+from resting_aspects_ros.core.geometry.hull import outward_hull
+from resting_aspects_ros.core.geometry.intrinsic_frame import (
     intrinsic_signs,
     principal_frame,
     third_moments,

@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from resting_aspects_ros.core.bodies import one_solid
-from resting_aspects_ros.core.closed_surface import Surface, closed_surface
 from resting_aspects_ros.core.errors import InvalidValueError, PartError, shown
-from resting_aspects_ros.core.hull import convex_hull
+from resting_aspects_ros.core.geometry.bodies import one_solid
+from resting_aspects_ros.core.geometry.closed_surface import Surface, closed_surface
+from resting_aspects_ros.core.geometry.hull import convex_hull
+from resting_aspects_ros.core.geometry.mass_properties import Given, mass_properties
+from resting_aspects_ros.core.geometry.mesh_file import FORMATS, read_triangles
+from resting_aspects_ros.core.geometry.simplified_hull import simplified
 from resting_aspects_ros.core.input_file import named, read_input
-from resting_aspects_ros.core.mass_properties import Given, mass_properties
-from resting_aspects_ros.core.mesh_file import FORMATS, read_triangles
 from resting_aspects_ros.core.part import MAX_NAME, Part, is_valid_name, valid_name
-from resting_aspects_ros.core.simplified_hull import simplified
 from resting_aspects_ros.core.units import (
     DEFAULT_UNIT,
     UNITS,

@@ -5,14 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.aspect_set import POSE_ANGLE, Aspect, AspectSet
+from resting_aspects_ros.core.aspects.aspect_set import POSE_ANGLE, Aspect, AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.rotations import (
-    LENGTH_TOLERANCE,
-    Array,
-    canonical,
-    down_in_part,
-)
+from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE, Array, canonical, down_in_part
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from typing import Any
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.core.yaml_file import read_yaml
-from resting_aspects_ros.logs.topics import yaml_text
+from resting_aspects_ros.logs.topic_metadata import yaml_text
 
 _VERSION = 9
 _ROS_DISTRO = 'jazzy'

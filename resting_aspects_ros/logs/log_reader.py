@@ -1,126 +1,250 @@
-"""Read a log, whole or broken off: messages as the bytes that were on the wire."""
+"""An MCAP file, open for reading: its records in their order, and its index.
 
-from collections.abc import Collection, Iterator
+Every batch is flushed, so a crash cuts a file at its end: what is whole before that counts.
+Anything else that is not as a writer left it is damage. A damaged file is refused: nothing here
+looks for what may still be readable in it, as `mcap recover` does.
+"""
+
+import os
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, TypeVar
 
-from mcap.records import Channel, Message
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    DataEnd,
+    Footer,
+    McapRecord,
+    Message,
+    Metadata,
+    Schema,
+)
+from mcap.summary import Summary
 
-from resting_aspects_ros.core.errors import LogError, NoLogError, shown
-from resting_aspects_ros.core.input_file import is_file, is_folder, named
-from resting_aspects_ros.logs.log_file import ALLOWED, LogFile
-from resting_aspects_ros.logs.mcap_file import MAGIC
-from resting_aspects_ros.logs.schemas import load_schema
+from resting_aspects_ros.core.errors import LogError, NoLogError, one_line
+from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.logs.mcap_format import FOOTER_SIZE, MAGIC, is_locked
+from resting_aspects_ros.logs.record_format import (
+    HEAD,
+    MAX_RECORD,
+    DamageError,
+    chunk_records,
+    is_complete,
+    parse_record,
+    parse_summary,
+)
 
-_SUFFIX = '.mcap'
-_BEGINS = MAGIC[:5]
-
-
-def is_log(path: Path) -> bool:
-    """Whether it is meant to be a log: a folder, or an MCAP file by its name or first bytes."""
-    if is_folder(path) or path.suffix == _SUFFIX:
-        return True
-    if not is_file(path):
-        return False  # nothing, or a pipe, of which what is read is gone
-    try:
-        with path.open('rb') as file:
-            return file.read(len(_BEGINS)) == _BEGINS
-    except OSError:
-        return False
+Self = TypeVar('Self', bound='LogFile')  # typing.Self is newer than Python 3.10
+ALLOWED = 'allowed is the folder of a run, or an .mcap file'
+# A loss of power leaves a file with zeros at its end, more than any record ends in.
+_ZEROS = 16
 
 
-def messages(path: Path, type_name: str) -> Iterator[bytes]:
-    """Read all messages of a type, in CDR, in their order.
-
-    The index at the end of a file is not needed: of a log that was broken off, or is still being
-    written, what is whole in it counts.
+class LogFile:
+    """An MCAP file, open for reading as it is now, whole or broken off; to be used with `with`.
 
     path : Path
-        The folder of a run, or its MCAP file.
-    type_name : str
-        `resting_aspects_interfaces/msg/AspectDistribution`.
 
-    Raises LogError if it is no log, cannot be read, is damaged, or was written with another
-    definition of the type than the installed one.
+    Raises NoLogError if it cannot be opened or is no MCAP file.
+
+    being_written : bool
+        A process is writing it.
+    finished : bool
+        It ends as a closed file does.
+    messages : int
+        How many ``records`` has read.
+    schemas, channels : dict
+        Those that were read, by their ids in the file.
+    texts : dict
+        The records of free text that were read, by name.
     """
-    with LogFile(one_file(path)) as file:
-        for _, message in typed_messages(file, [type_name]):
-            yield message.data
 
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.messages = 0
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self.texts: dict[str, dict[str, str]] = {}
+        try:
+            if path.exists() and not path.is_file():
+                raise NoLogError(f'{named("log", path)} is neither a file nor a folder')
+            self.stream: BinaryIO = path.open('rb')
+        except OSError as error:
+            words = f'{named("log", path)} cannot be read: {error.strerror}'
+            raise NoLogError(f'{words}, {ALLOWED}') from None
+        try:
+            with self._checked():
+                self.being_written = is_locked(self.stream)
+                self._size = self.stream.seek(0, os.SEEK_END)
+                begins = self._at(0, len(MAGIC))
+                ends = self._at(max(0, self._size - len(MAGIC)), len(MAGIC))
+            if not MAGIC.startswith(begins):
+                words = f'{named("log", path)} is damaged, or no MCAP file: it begins with'
+                raise NoLogError(f'{words} {begins!r}, {ALLOWED}')
+            self.finished = ends == MAGIC and self._size > len(MAGIC)
+        except BaseException:
+            self.stream.close()
+            raise
 
-def typed_messages(file: LogFile, types: Collection[str]) -> Iterator[tuple[str, Message]]:
-    """Read all messages of some types in a file, each with its type; raises as messages."""
-    checked: set[int] = set()
-    for record in file.records():
-        if not isinstance(record, Message):
-            continue
-        type_name = file.type_of(record.channel_id)
-        if type_name in types:
-            if record.channel_id not in checked:
-                channel = file.channels[record.channel_id]
-                check_definition(file.path, type_name, written_hash(channel))
-                checked.add(record.channel_id)
-            yield type_name, record
+    def __enter__(self: Self) -> Self:  # noqa: PYI019
+        return self
 
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.stream.close()
 
-def one_file(path: Path) -> Path:
-    """Return the MCAP file of a log; NoLogError for a folder with none, LogError with several."""
-    if not is_folder(path):
-        return path
-    found = list(filter(is_file, path.glob(f'*{_SUFFIX}')))
-    if len(found) > 1:
-        raise LogError(f'{named("folder", path)} has {len(found)} {_SUFFIX} files, allowed is one')
-    if not found:
-        words = f'{named("folder", path)} is no log: no {_SUFFIX} file is in it'
-        if logs := len({file.parent for file in path.glob(f'*/*{_SUFFIX}')}):
-            words += f', but in {logs} folders in it'
-        raise NoLogError(f'{words}, {ALLOWED}')
-    return found[0]
+    def type_of(self, channel_id: int) -> str:
+        """Return the type of the messages of a known channel; empty if the file does not say."""
+        schema = self.schemas.get(self.channels[channel_id].schema_id)
+        return '' if schema is None else schema.name
 
+    def records(self) -> Iterator[Message | Metadata | Attachment]:
+        """Read the messages, metadata and attachments, in their order, up to where it is cut.
 
-def is_being_written(path: Path) -> bool:
-    """Whether a process is writing a log now; LogError if it cannot be read."""
-    with LogFile(one_file(path)) as file:
-        return file.being_written
+        The schemas and channels of messages are in ``schemas`` and ``channels``. Raises LogError
+        if the file cannot be read or is damaged, which may show at its end only.
+        """
+        with self._checked():
+            yield from self._records()
 
+    def summary(self) -> Summary | None:
+        """Read the index at the end; None if there is none. LogError if it is damaged."""
+        if not self.finished:
+            return None
+        with self._checked():
+            return self._summary()
 
-def unfinished(path: Path) -> str:
-    """Return what it means that a log has no end, in a line for a person; empty if it has one.
+    def metadata_at(self, start: int) -> Metadata:
+        """Read the record of free text at an offset, in bytes; LogError if there is none."""
+        with self._checked():
+            record = self._record(start)
+            if not isinstance(record, Metadata):
+                raise DamageError(f'no metadata at byte {start}')
+            return record
 
-    Raises LogError if it cannot be read.
-    """
-    with LogFile(one_file(path)) as file:
-        return state_text(path, being_written=file.being_written, finished=file.finished)
+    def messages_at(self, start: int) -> list[Message]:
+        """Read the messages of the chunk at an offset, in bytes; LogError if there is none."""
+        with self._checked():
+            chunk = self._record(start)
+            if not isinstance(chunk, Chunk):
+                raise DamageError(f'no chunk at byte {start}')
+            records = list(chunk_records(chunk))
+            for record in records:
+                self._note(record)
+            return [record for record in records if isinstance(record, Message)]
 
+    @contextmanager
+    def _checked(self) -> Iterator[None]:
+        """Make one LogError of whatever reading or parsing raises."""
+        try:
+            yield
+        except LogError:
+            raise
+        except OSError as error:
+            raise LogError(f'{named("log", self.path)} cannot be read: {error.strerror}') from None
+        except Exception as error:
+            found = str(error) if isinstance(error, DamageError) else repr(error)
+            raise LogError(
+                f'{named("log", self.path)} is damaged: found {one_line(found)}; "mcap recover", '
+                'of the MCAP command line tool, copies what is still readable'
+            ) from error
 
-def state_text(path: Path, *, being_written: bool, finished: bool) -> str:
-    """Return the warning for a log that is used in this state; empty if it is closed."""
-    if being_written:
-        return f'{named("log", path)} is being written: what it holds by now is used'
-    if finished:
-        return ''
-    return (
-        f'{named("log", path)} was broken off: what it holds is used '
-        '("resting_aspects recover" closes it)'
-    )
+    def _records(self) -> Iterator[Message | Metadata | Attachment]:
+        crc, in_data, start = zlib.crc32(MAGIC), True, len(MAGIC)
+        while start <= self._size and (raw := self._frame(start)):
+            end = start + len(raw)
+            try:
+                record = parse_record(raw[0], raw[HEAD:])
+                content = chunk_records(record) if isinstance(record, Chunk) else [record]
+            except Exception:
+                if not self.finished and self._ends_in_zeros(end - 1):
+                    return  # as after a loss of power
+                raise
+            if isinstance(record, Footer):
+                self._check_footer(record, end)
+                return
+            if isinstance(record, DataEnd):
+                in_data = False
+                if record.data_section_crc not in (0, crc):
+                    raise DamageError('data with a wrong checksum')
+            for each in content:
+                self._note(each)
+                if isinstance(each, Message | Metadata | Attachment) and in_data:
+                    self.messages += isinstance(each, Message)
+                    yield each
+            crc, start = zlib.crc32(raw, crc), end
 
+    def _summary(self) -> Summary | None:
+        end = self._size - len(MAGIC) - FOOTER_SIZE
+        footer = self._record(end)
+        if not isinstance(footer, Footer):
+            raise DamageError('no footer')
+        self._check_footer(footer, self._size - len(MAGIC))
+        start = footer.summary_start
+        found = parse_summary(self._at(start, end - start) if start else b'')
+        for each in (*found.schemas.values(), *found.channels.values()):
+            self._note(each)
+        return found if is_complete(found) else None
 
-def check_definition(path: Path, type_name: str, type_hash: str | None) -> None:
-    """Raise LogError if a type is not installed, or the log was written with another definition.
+    def _record(self, start: int) -> McapRecord:
+        """Read the record at an offset."""
+        raw = self._frame(start)
+        return parse_record(raw[0], raw[HEAD:])
 
-    CDR does not say what is in it: read with another definition it would be nonsense.
+    def _frame(self, start: int) -> bytes:
+        """Read the bytes of a record at an offset; none if the file was cut within it."""
+        if not len(MAGIC) <= start <= self._size:
+            raise DamageError(f'a record at byte {start} of {self._size}')
+        head = self._at(start, HEAD)
+        length = int.from_bytes(head[1:], 'little')
+        if len(head) == HEAD and length <= self._size - start - HEAD:
+            if length > MAX_RECORD:
+                raise DamageError(f'a record of {length} bytes: expected at most {MAX_RECORD}')
+            return self._at(start, HEAD + length)
+        if self.finished:
+            raise DamageError(f'a record at byte {start} that does not end within the file')
+        return b''
 
-    type_hash : str
-        That of the log's definition; None if it does not say.
-    """
-    installed = load_schema(type_name).type_hash
-    if type_hash not in (None, installed):
-        raise LogError(
-            f'{named("log", path)} was recorded by another version of resting_aspects_ros, whose '
-            f'{type_name} has the type hash {shown(type_hash)}: expected that of the installed '
-            f'version, {installed!r}'
-        )
+    def _note(self, record: McapRecord) -> None:
+        """Keep texts and what describes messages, and check that each is described."""
+        if isinstance(record, Message):
+            if record.channel_id not in self.channels:
+                raise DamageError(f'a message of the unknown channel {record.channel_id}')
+        elif isinstance(record, Metadata):
+            self.texts[record.name] = record.metadata
+        elif isinstance(record, Schema):
+            self.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            if record.schema_id and record.schema_id not in self.schemas:
+                raise DamageError(f'a channel of the unknown schema {record.schema_id}')
+            self.channels[record.id] = record
 
+    def _check_footer(self, footer: Footer, end: int) -> None:
+        """Raise DamageError if the file does not end there, or the summary is damaged."""
+        if not MAGIC.startswith(self._at(end, len(MAGIC) + 1)):
+            raise DamageError('more data after the footer')
+        start = footer.summary_start
+        if start and not len(MAGIC) <= start <= end - FOOTER_SIZE <= start + MAX_RECORD:
+            raise DamageError(f'a summary at byte {start} of {self._size}')
+        # With the footer up to the checksum.
+        if start and footer.summary_crc not in (0, zlib.crc32(self._at(start, end - 4 - start))):
+            raise DamageError('a summary with a wrong checksum')
 
-def written_hash(channel: Channel) -> str | None:
-    """Return the hash of the definition with which a channel was written, if the log says it."""
-    return channel.metadata.get('topic_type_hash') or None
+    def _ends_in_zeros(self, start: int) -> bool:
+        """Whether only zeros follow from an offset on, more than a record ends in."""
+        start = min(start, max(0, self._size - _ZEROS))
+        return not self._at(start, self._size).strip(b'\0')
+
+    def _at(self, start: int, length: int) -> bytes:
+        """Read so many bytes, or as many as there were when the file was opened."""
+        self.stream.seek(start)
+        return self.stream.read(max(0, min(length, self._size - start)))

@@ -23,16 +23,16 @@ from resting_aspects_ros.logs.bag_metadata import (
     read_information,
     write_metadata,
 )
-from resting_aspects_ros.logs.log_file import LogFile
-from resting_aspects_ros.logs.log_reader import check_definition, one_file, written_hash
-from resting_aspects_ros.logs.mcap_file import (
+from resting_aspects_ros.logs.log_reader import LogFile
+from resting_aspects_ros.logs.mcap_format import (
     ROSBAG2,
     finish_file,
     lock_file,
     register_channel,
     start_file,
 )
-from resting_aspects_ros.logs.topics import Qos, qos_profiles
+from resting_aspects_ros.logs.stream_reader import check_definition, one_file, written_hash
+from resting_aspects_ros.logs.topic_metadata import Qos, qos_profiles
 
 # Of a channel that does not say what was offered: what rosbag2 takes for it.
 _DEFAULT_QOS = Qos(10)

@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 from rich.table import Table
 
-from resting_aspects_ros.core.agreement import Agreement, Differences
-from resting_aspects_ros.core.clusters import Clusters
-from resting_aspects_ros.core.distribution import Distribution
-from resting_aspects_ros.core.intervals import CONFIDENCE, Interval
+from resting_aspects_ros.core.aspects.clusters import Clusters
+from resting_aspects_ros.core.statistics.agreement import Agreement, Differences
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Interval
 from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers, plain, share_fields
 from resting_aspects_ros.report.rounding import direction_text, interval_of, outside_aspects
 from resting_aspects_ros.report.table import DOWN, NOTHING, plain_table, shares

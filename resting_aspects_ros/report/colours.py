@@ -1,6 +1,6 @@
 """One colour for each aspect, the same in every picture; aspects that look alike share one."""
 
-from resting_aspects_ros.core.aspect_set import Aspect
+from resting_aspects_ros.core.aspects.aspect_set import Aspect
 
 # The first seven are Okabe and Ito's (2008). Any two, and the grey, differ by more than 10 in
 # CIELAB also to people who see no red or no green.

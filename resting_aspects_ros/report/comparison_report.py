@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from rich.table import Table
 
-from resting_aspects_ros.core.comparison import REST, Comparison, Tally
-from resting_aspects_ros.core.intervals import INTERVAL, Interval, intervals
-from resting_aspects_ros.core.pearson import TABLES
+from resting_aspects_ros.core.statistics.comparison import REST, Comparison, Tally
+from resting_aspects_ros.core.statistics.intervals import INTERVAL, Interval, intervals
+from resting_aspects_ros.core.statistics.pearson import TABLES
 from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers
 from resting_aspects_ros.report.rounding import decimals_of, direction_text, points
 from resting_aspects_ros.report.table import DOWN, NOTHING, plain_table

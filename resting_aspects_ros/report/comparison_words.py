@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from resting_aspects_ros.core.comparison import REST, Comparison, Tally
-from resting_aspects_ros.core.intervals import Interval, intervals
+from resting_aspects_ros.core.statistics.comparison import REST, Comparison, Tally
+from resting_aspects_ros.core.statistics.intervals import Interval, intervals
 from resting_aspects_ros.report.rounding import (
     chance_text,
     decimals_of,

@@ -4,13 +4,13 @@ from collections.abc import Mapping, Sequence
 
 from rich.table import Table
 
-from resting_aspects_ros.core.aspect_set import Aspect
-from resting_aspects_ros.core.comparison import Comparison, Tally
+from resting_aspects_ros.core.aspects.aspect_set import Aspect
+from resting_aspects_ros.core.aspects.support import resting_on
 from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate
 from resting_aspects_ros.core.estimators.recommendation import Recommendation
-from resting_aspects_ros.core.intervals import CONFIDENCE, Array, intervals
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.resting_on import resting_on
+from resting_aspects_ros.core.statistics.comparison import Comparison, Tally
+from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Array, intervals
 from resting_aspects_ros.report.document import SCHEMA_VERSION, share_fields
 from resting_aspects_ros.report.rounding import interval_text, share_text
 from resting_aspects_ros.report.rows import ids_text

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.estimators.estimate import METHODS
-from resting_aspects_ros.core.intervals import Array, Counts, Interval
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.core.statistics.intervals import Array, Counts, Interval
 from resting_aspects_ros.report.figure_style import (
     FAINT,
     PAPER,

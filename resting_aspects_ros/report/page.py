@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.estimators.estimate import METHODS
-from resting_aspects_ros.core.intervals import Array, Counts
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.core.statistics.intervals import Array, Counts
 from resting_aspects_ros.report.colours import rgb
 from resting_aspects_ros.report.comparison_words import (
     Measured,

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from resting_aspects_ros.core.aspect_set import Aspect
-from resting_aspects_ros.core.distribution import Distribution
-from resting_aspects_ros.core.intervals import Interval
+from resting_aspects_ros.core.aspects.aspect_set import Aspect
+from resting_aspects_ros.core.aspects.support import resting_on
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.resting_on import resting_on
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.report.rounding import (
     interval_text,
     millimetre_texts,

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resting_aspects_ros.core.distribution import Distribution
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.colours import GREY, rgb
 from resting_aspects_ros.report.figure_style import (
     FAINT,

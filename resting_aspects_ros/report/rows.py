@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from resting_aspects_ros.core.aspect_set import Aspect
-from resting_aspects_ros.core.distribution import Distribution
-from resting_aspects_ros.core.intervals import Interval
+from resting_aspects_ros.core.aspects.aspect_set import Aspect
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.report.colours import GREY, aspect_colour
 from resting_aspects_ros.report.rounding import interval_of, outside_aspects
 

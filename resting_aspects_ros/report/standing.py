@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from resting_aspects_ros.core.aspect_set import Aspect
+from resting_aspects_ros.core.aspects.aspect_set import Aspect
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array, down_in_part, rotate
 from resting_aspects_ros.report.coarse_mesh import Indices, coarse_faces

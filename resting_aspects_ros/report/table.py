@@ -5,12 +5,12 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from resting_aspects_ros.core.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.core.distribution import Distribution
-from resting_aspects_ros.core.intervals import Interval
+from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.core.aspects.support import resting_on
+from resting_aspects_ros.core.aspects.symmetry import Symmetry
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.resting_on import resting_on
-from resting_aspects_ros.core.symmetry import Symmetry
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.report.rounding import (
     decimals_of,
     direction_text,

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError, PartError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.part_loading import load_part, part_from_bytes

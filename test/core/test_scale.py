@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.landscape import Landscape
-from resting_aspects_ros.core.simplified_hull import MOST_CORNERS
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.landscape import Landscape
+from resting_aspects_ros.core.geometry.simplified_hull import MOST_CORNERS
 
 SIZES = [0.5, 1990.0]  # mm, of the longest side; compared with 40 mm
 

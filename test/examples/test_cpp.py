@@ -17,12 +17,8 @@ from resting_aspects_interfaces.msg import Aspect, AspectDistribution
 from resting_aspects_interfaces.srv import GetDistribution
 from scipy.stats import binomtest
 
-from resting_aspects_ros.nodes.feeder_example import PARAMETERS
-from resting_aspects_ros.nodes.interface import (
-    ASPECT_DISTRIBUTIONS,
-    GET_DISTRIBUTION,
-    SERVICES,
-)
+from resting_aspects_ros.examples.feeder import PARAMETERS
+from resting_aspects_ros.ros.interface import ASPECT_DISTRIBUTIONS, GET_DISTRIBUTION, SERVICES
 
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'cpp'
 SOURCE = (EXAMPLE / 'src' / 'pickable_share.cpp').read_text(encoding='utf-8')

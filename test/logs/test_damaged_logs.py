@@ -18,14 +18,14 @@ from rosbags.rosbag2 import Reader
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.logs import recovery
-from resting_aspects_ros.logs.indexed_log import IndexedLog, NoIndexError
-from resting_aspects_ros.logs.log_file import LogFile
-from resting_aspects_ros.logs.log_reader import messages
+from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
+from resting_aspects_ros.logs.log_reader import LogFile
+from resting_aspects_ros.logs.playback_reader import Recording
 from resting_aspects_ros.logs.record_format import MAX_RECORD
-from resting_aspects_ros.logs.recording import Recording
 from resting_aspects_ros.logs.recovery import Account, recover_log
-from resting_aspects_ros.logs.run_log import RunLog
-from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
+from resting_aspects_ros.logs.run_writer import RunLog
+from resting_aspects_ros.logs.stream_reader import messages
+from resting_aspects_ros.logs.topic_metadata import PART_TYPE, POSES_TYPE, Qos, Topic
 
 POSES = Topic('/resting_poses', POSES_TYPE, Qos(2000))
 PART = Topic('/parts/nut', PART_TYPE, Qos(1))

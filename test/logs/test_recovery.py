@@ -13,8 +13,8 @@ from rosbags.rosbag2 import Reader
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.logs.recovery import Account, recover_log
-from resting_aspects_ros.logs.run_log import RunLog
-from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
+from resting_aspects_ros.logs.run_writer import RunLog
+from resting_aspects_ros.logs.topic_metadata import PART_TYPE, POSES_TYPE, Qos, Topic
 
 POSES = Topic('/cell/resting_poses', POSES_TYPE, Qos(2000, durability='transient_local'))
 PART = Topic('/cell/parts/nut', PART_TYPE, Qos(1, durability='transient_local'))

@@ -35,15 +35,12 @@ from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import RestingPoses
 from resting_aspects_interfaces.srv import GetDistribution, ListParts
 
+from resting_aspects_ros.client import pending_request
 from resting_aspects_ros.core.poses import RestingPoses as Poses
-from resting_aspects_ros.drops.engine import drop_chunk
-from resting_aspects_ros.drops.plan import plan_run
-from resting_aspects_ros.drops.release import CHUNK
-from resting_aspects_ros.logs.run_log import RunLog
-from resting_aspects_ros.logs.topics import Qos, Topic
-from resting_aspects_ros.nodes import pending_request
-from resting_aspects_ros.nodes.convert import conditions_msg, part_msg, poses_msg, time_msg
-from resting_aspects_ros.nodes.interface import (
+from resting_aspects_ros.logs.run_writer import RunLog
+from resting_aspects_ros.logs.topic_metadata import Qos, Topic
+from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_msg, time_msg
+from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,
     DIAGNOSTICS,
     LEAST_BATCH,
@@ -51,6 +48,9 @@ from resting_aspects_ros.nodes.interface import (
     RESTING_POSES,
     SERVICES,
 )
+from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.plan import plan_run
 
 SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 # Every wait ends with an error after this; free cores need a fraction of it, s.
@@ -80,7 +80,10 @@ def wait():
 # An interpreter that has imported the nodes is forked for each process: the imports take 2 s.
 FORKSERVER = multiprocessing.get_context('forkserver')
 FORKSERVER.set_forkserver_preload(
-    [f'resting_aspects_ros.nodes.{node}' for node in (*SUITE, 'log_replayer', 'feeder_example')]
+    [
+        *(f'resting_aspects_ros.nodes.{node}.node' for node in (*SUITE, 'log_replayer')),
+        'resting_aspects_ros.examples.feeder',
+    ]
 )
 # What a forked process does first; the process in which a node reads files is forked, too.
 FORKED = """
@@ -100,6 +103,11 @@ faulthandler.enable(file=2)
 forkserver._forkserver.ensure_running = lambda: None
 file_worker.get_context = lambda _: multiprocessing.get_context('forkserver')
 """
+
+
+def program_of(node):
+    """The module of a node's program."""
+    return 'examples.feeder' if node == 'feeder_example' else f'nodes.{node}.node'
 
 
 class ForkedNode:
@@ -186,7 +194,7 @@ class Process:
         workers = 0
         for pid in self.group():
             with suppress(FileNotFoundError, ProcessLookupError):  # it may end at any time
-                if 'drops.worker_pool ' in Path(f'/proc/{pid}/cmdline').read_text():
+                if 'simulation.process_workers ' in Path(f'/proc/{pid}/cmdline').read_text():
                     os.kill(pid, number)
                     workers += 1
         return workers
@@ -230,16 +238,16 @@ class Processes:
     def node(self, node, namespace, parameters=(), constants=(), ready='ready', words=()):
         """Start a node, wait until it is ready, and give its process.
 
-        ``constants`` are set before: {'run_tracker.GRACE': 1.0}.
+        ``constants`` are set before: {'nodes.run_tracking.tracker.GRACE': 1.0}.
         """
         words = [node, '--ros-args', '-r', f'__ns:={namespace}', *map(str, words)]
         for name, value in dict(parameters).items():
             words += ['-p', f'{name}:={value}']
-        lines = [f'sys.argv = {words!r}', f'import resting_aspects_ros.nodes.{node} as node']
+        lines = [f'sys.argv = {words!r}', f'import resting_aspects_ros.{program_of(node)} as node']
         for name, value in dict(constants).items():
             module, _, constant = name.rpartition('.')
             lines += [
-                f'import resting_aspects_ros.nodes.{module} as changed',
+                f'import resting_aspects_ros.{module} as changed',
                 f'assert hasattr(changed, {constant!r})',
                 f'changed.{constant} = {value!r}',
             ]

@@ -6,10 +6,10 @@ import shutil
 import pytest
 from resting_aspects_interfaces.msg import PartDescription, Status
 
-from resting_aspects_ros.config_files import parts_folder
-from resting_aspects_ros.nodes.convert import part_msg
-from resting_aspects_ros.nodes.interface import DROP_SIMULATOR, LATCHED
-from resting_aspects_ros.nodes.presence import announce
+from resting_aspects_ros.ros.conversions import part_msg
+from resting_aspects_ros.ros.interface import DROP_SIMULATOR, LATCHED
+from resting_aspects_ros.ros.liveliness import announce
+from resting_aspects_ros.simulation.config_files import parts_folder
 
 SHEETS = {
     'stamped': 'mass: !!timestamp abc',
@@ -42,7 +42,9 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope='module')
 def suite(fresh_suite, folder):
     return fresh_suite(
-        {'drop_simulator': {'part_offers.SCAN_PERIOD': 0.2}}, parts_folder=folder, workers=1
+        {'drop_simulator': {'nodes.drop_simulator.part_publisher.SCAN_PERIOD': 0.2}},
+        parts_folder=folder,
+        workers=1,
     )
 
 

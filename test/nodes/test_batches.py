@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.nodes.workers import Batches
+from resting_aspects_ros.nodes.drop_simulator.async_workers import Batches
 
 
 def drops(first, end):

@@ -7,8 +7,8 @@ from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import Int32
 
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.nodes import callbacks
-from resting_aspects_ros.nodes.interface import ALL_LATCHED
+from resting_aspects_ros.ros import callbacks
+from resting_aspects_ros.ros.interface import ALL_LATCHED
 
 
 @pytest.fixture

@@ -10,22 +10,22 @@ from resting_aspects_interfaces.msg import Status
 from resting_aspects_interfaces.srv import ClassifyPose
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.config_files import parts_folder
-from resting_aspects_ros.core.aspect_set import AspectSet
-from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError
 from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.drops.run import RunDescription
-from resting_aspects_ros.nodes.convert import poses_from
-from resting_aspects_ros.nodes.known_parts import asked_part
-from resting_aspects_ros.nodes.pose_answers import answer_pose
-from resting_aspects_ros.nodes.requests import NotAvailableError, answering
-from resting_aspects_ros.nodes.run_accounts import (
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.nodes.aspect_classifier.classify_pose import answer_pose
+from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
     KnownDistributions,
     RunAccount,
     newest_distribution,
 )
+from resting_aspects_ros.nodes.aspect_classifier.parts import asked_part
+from resting_aspects_ros.ros.conversions import poses_from
+from resting_aspects_ros.ros.status import NotAvailableError, answering
+from resting_aspects_ros.simulation.config_files import parts_folder
+from resting_aspects_ros.simulation.run_description import RunDescription
 
 BOX = 'box_10x20x30'
 
@@ -303,7 +303,7 @@ def test_the_part_is_the_one_that_is_offered_now_or_was_last(
 ):
     folder = tmp_path_factory.mktemp('parts')
     shutil.copy(parts_folder() / f'{BOX}.stl', folder / 'thing.stl')
-    constants = {'drop_simulator': {'part_offers.SCAN_PERIOD': 0.2}}
+    constants = {'drop_simulator': {'nodes.drop_simulator.part_publisher.SCAN_PERIOD': 0.2}}
     suite = fresh_suite(constants, parts_folder=folder, workers=1)
     classify = asker(suite)
     before = suite.client.ask('thing', 20).distribution

@@ -24,14 +24,14 @@ from resting_aspects_ros.client import (
     RestingAspectsClient,
     RestingAspectsError,
     UnknownPartError,
+    pending_request,
     probability_of,
 )
-from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.client import client as nodes_client
+from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.estimators.estimate import estimate
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
-from resting_aspects_ros.nodes import client as nodes_client
-from resting_aspects_ros.nodes import pending_request
-from resting_aspects_ros.nodes.convert import run_from
+from resting_aspects_ros.ros.conversions import run_from
 
 DEADLINE = 60.0
 

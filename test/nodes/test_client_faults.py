@@ -4,8 +4,12 @@ import signal
 
 import pytest
 
-from resting_aspects_ros.client import AnswerTimeoutError, NotAvailableError, RestingAspectsClient
-from resting_aspects_ros.nodes import pending_request
+from resting_aspects_ros.client import (
+    AnswerTimeoutError,
+    NotAvailableError,
+    RestingAspectsClient,
+    pending_request,
+)
 
 
 @pytest.fixture(scope='module')

@@ -8,8 +8,8 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray
 
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.nodes.distribution_outputs import MOST_SHOWN, CurrentPoses
-from resting_aspects_ros.nodes.interface import CURRENT_POSES, LATCHED, LEAST_BATCH
+from resting_aspects_ros.nodes.aspect_classifier.publishers import MOST_SHOWN, CurrentPoses
+from resting_aspects_ros.ros.interface import CURRENT_POSES, LATCHED, LEAST_BATCH
 
 
 def numbers(pose):

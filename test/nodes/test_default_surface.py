@@ -3,8 +3,8 @@
 import pytest
 from resting_aspects_interfaces.msg import DropConditions, Status
 
-from resting_aspects_ros.config_files import surfaces_file
-from resting_aspects_ros.nodes.interface import DEFAULT_CONDITIONS, LATCHED
+from resting_aspects_ros.ros.interface import DEFAULT_CONDITIONS, LATCHED
+from resting_aspects_ros.simulation.config_files import surfaces_file
 
 
 @pytest.fixture
@@ -60,7 +60,12 @@ def test_the_default_is_published_whole(suite, simulator, surfaces):
 
 @pytest.mark.slow
 def test_the_default_is_known_as_long_as_its_simulator_was_heard(fresh_suite):
-    quick = {'aspect_classifier': {'drop_requests.STARTING': 1.0, 'known_parts.QUIET': 1.0}}
+    quick = {
+        'aspect_classifier': {
+            'nodes.aspect_classifier.drop_part_requests.STARTING': 1.0,
+            'nodes.aspect_classifier.parts.QUIET': 1.0,
+        }
+    }
     suite = fresh_suite(quick, workers=1, surface='steel')
     first = suite.client.ask(drops=2).distribution
     assert first.run.conditions.surface == 'steel'

@@ -8,8 +8,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from resting_aspects_interfaces.msg import PartDescription, RecordedRun, RestingPoses, Status
 
-from resting_aspects_ros.nodes.convert import part_msg
-from resting_aspects_ros.nodes.interface import (
+from resting_aspects_ros.ros.conversions import part_msg
+from resting_aspects_ros.ros.interface import (
     ALL_LATCHED,
     LATCHED,
     LEAST_BATCH,

@@ -11,15 +11,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from resting_aspects_interfaces.msg import Status
 from resting_aspects_interfaces.srv import ListParts
 
-from resting_aspects_ros.nodes import (
-    aspect_classifier,
-    drop_recorder,
-    drop_simulator,
-    feeder_example,
-    interface,
-    log_replayer,
-)
-from resting_aspects_ros.nodes.parameters import Parameter
+from resting_aspects_ros.examples import feeder
+from resting_aspects_ros.nodes.aspect_classifier import node as aspect_classifier
+from resting_aspects_ros.nodes.drop_recorder import node as drop_recorder
+from resting_aspects_ros.nodes.drop_simulator import node as drop_simulator
+from resting_aspects_ros.nodes.log_replayer import node as log_replayer
+from resting_aspects_ros.ros import interface
+from resting_aspects_ros.ros.parameters import Parameter
 
 DOC = (Path(__file__).resolve().parents[2] / 'docs' / 'ros.md').read_text(encoding='utf-8')
 LOG = 'out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50'
@@ -181,10 +179,10 @@ def test_a_node_starts_with_such_parameters(line, run_command, wait, namespace):
 
 
 @pytest.mark.parametrize(
-    'node', [drop_simulator, aspect_classifier, drop_recorder, feeder_example, log_replayer]
+    'node', [drop_simulator, aspect_classifier, drop_recorder, feeder, log_replayer]
 )
 def test_parameters_are_listed(node):
-    name = node.__name__.rsplit('.', 1)[-1]
+    name = 'feeder_example' if node is feeder else node.__name__.split('.')[-2]
     section = DOC.split(f'\n| `{name}` | `')[1]
     rows = re.match(r'(?:.*\n)(?:\| \| .*\n)*', f'| `{section}')[0]
     listed = re.findall(r'\| `(\w+)` (\*?) ?\|', rows)
@@ -215,11 +213,11 @@ def test_the_interface_is_listed():
         interface.RESUME.replace('~', 'log_replayer'),
         interface.CURRENT_POSES,
         interface.DEFAULT_CONDITIONS,
-        feeder_example.EXPECTED_PICK_RATE,
+        feeder.EXPECTED_PICK_RATE,
     ]
     said = dict(rows)
     assert {name for name, qos in said.items() if 'latched' in qos} == {
-        *TOPICS, feeder_example.EXPECTED_PICK_RATE
+        *TOPICS, feeder.EXPECTED_PICK_RATE
     }  # fmt: skip
 
 

@@ -8,11 +8,11 @@ import pytest
 from resting_aspects_interfaces.msg import RestingPose, Status
 
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.drops.engine import drop_chunk
-from resting_aspects_ros.drops.plan import plan_run
-from resting_aspects_ros.drops.release import CHUNK
-from resting_aspects_ros.nodes.convert import nanoseconds, poses_from
-from resting_aspects_ros.nodes.interface import FRAME, LEAST_BATCH, POSES_DEPTH, batch_size
+from resting_aspects_ros.ros.conversions import nanoseconds, poses_from
+from resting_aspects_ros.ros.interface import FRAME, LEAST_BATCH, POSES_DEPTH, batch_size
+from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.plan import plan_run
 
 DROPS = 2 * LEAST_BATCH + 30
 

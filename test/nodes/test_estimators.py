@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.estimators.estimate import METHODS, estimate
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 

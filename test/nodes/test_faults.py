@@ -6,20 +6,20 @@ import pytest
 from resting_aspects_interfaces.msg import Status
 from rosbags.highlevel import AnyReader
 
-from resting_aspects_ros.nodes.interface import LEAST_BATCH
+from resting_aspects_ros.ros.interface import LEAST_BATCH
 
 # Shorter than for people, with what is tested left as it is.
 QUICK = {
     'aspect_classifier': {
-        'run_tracker.CHECK_PERIOD': 0.2,
-        'drop_goals.ASK_PERIOD': 1.0,
-        'drop_requests.STARTING': 1.0,
-        'drop_requests.DISCOVERY': 1.0,
+        'nodes.run_tracking.tracker.CHECK_PERIOD': 0.2,
+        'ros.drop_part_client.ASK_PERIOD': 1.0,
+        'nodes.aspect_classifier.drop_part_requests.STARTING': 1.0,
+        'nodes.aspect_classifier.drop_part_requests.DISCOVERY': 1.0,
     },
     'drop_recorder': {
-        'run_tracker.CHECK_PERIOD': 0.2,
-        'drop_goals.ASK_PERIOD': 1.0,
-        'open_log.END_TIMEOUT': 2.0,
+        'nodes.run_tracking.tracker.CHECK_PERIOD': 0.2,
+        'ros.drop_part_client.ASK_PERIOD': 1.0,
+        'nodes.drop_recorder.run_recorder.END_TIMEOUT': 2.0,
     },
 }
 

@@ -11,12 +11,12 @@ from resting_aspects_interfaces.msg import AspectDistribution
 from scipy.stats import binomtest
 from std_msgs.msg import Float64MultiArray
 
-from resting_aspects_ros.config_files import parts_folder
-from resting_aspects_ros.nodes import feeder_example
-from resting_aspects_ros.nodes.interface import ASPECT_DISTRIBUTIONS, LATCHED
+from resting_aspects_ros.examples import feeder
+from resting_aspects_ros.ros.interface import ASPECT_DISTRIBUTIONS, LATCHED
+from resting_aspects_ros.simulation.config_files import parts_folder
 
 BOX = 'box_10x20x30'
-QUICK = {'feeder_example.PATIENCE': 2.0}
+QUICK = {'examples.feeder.PATIENCE': 2.0}
 
 
 @pytest.fixture(scope='module')
@@ -29,7 +29,10 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def suite(fresh_suite, folder):
-    return fresh_suite({'drop_simulator': {'part_offers.SCAN_PERIOD': 0.2}}, parts_folder=folder)
+    return fresh_suite(
+        {'drop_simulator': {'nodes.drop_simulator.part_publisher.SCAN_PERIOD': 0.2}},
+        parts_folder=folder,
+    )
 
 
 @pytest.fixture
@@ -203,7 +206,7 @@ def test_what_says_less_than_what_is_known_of_the_same_is_not_used(
 
 
 def test_who_copies_it_needs_public_names_only():
-    source = Path(feeder_example.__file__).read_text(encoding='utf-8')
+    source = Path(feeder.__file__).read_text(encoding='utf-8')
     modules = re.findall(r'^\s*(?:from|import) (resting_aspects_ros[\w.]*)', source, re.MULTILINE)
     assert set(modules) == {'resting_aspects_ros.client'}
 

@@ -14,8 +14,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from resting_aspects_ros.core.errors import UnknownPartError
-from resting_aspects_ros.nodes.file_worker import FileLimitError, FileWorker
-from resting_aspects_ros.nodes.part_offers import load
+from resting_aspects_ros.nodes.drop_simulator.part_publisher import load
+from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
 
 MEGABYTE = 1024**2
 

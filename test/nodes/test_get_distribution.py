@@ -3,7 +3,7 @@
 import pytest
 from resting_aspects_interfaces.msg import DropConditions, Status
 
-from resting_aspects_ros.nodes.convert import conditions_msg, run_from
+from resting_aspects_ros.ros.conversions import conditions_msg, run_from
 
 
 @pytest.fixture(scope='module')

@@ -8,7 +8,7 @@ import sys
 import pytest
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.config_files import parts_folder
+from resting_aspects_ros.simulation.config_files import parts_folder
 
 PARTS = ('tetrahedron', 'box_10x20x30', 'l_bracket', 'hex_nut', 'washer')
 
@@ -24,7 +24,10 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def suite(fresh_suite, folder):
-    return fresh_suite({'drop_simulator': {'part_offers.SCAN_PERIOD': 0.2}}, parts_folder=folder)
+    return fresh_suite(
+        {'drop_simulator': {'nodes.drop_simulator.part_publisher.SCAN_PERIOD': 0.2}},
+        parts_folder=folder,
+    )
 
 
 @pytest.mark.slow

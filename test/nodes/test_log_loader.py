@@ -8,20 +8,26 @@ from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import Status
 from resting_aspects_interfaces.srv import ClassifyPose, ListParts
 
-from resting_aspects_ros.cli import main
+from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.client import AnswerTimeoutError, RestingAspectsClient
-from resting_aspects_ros.core.aspects import ASPECT_NUMBERING, find_aspects
-from resting_aspects_ros.core.distribution import count_poses
+from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.core.errors import LogError, RestingAspectsError
-from resting_aspects_ros.drops.engine import drop_chunk
-from resting_aspects_ros.drops.plan import plan_run
-from resting_aspects_ros.drops.release import CHUNK
+from resting_aspects_ros.core.statistics.distribution import count_poses
 from resting_aspects_ros.logs.bag_metadata import OUTCOME, Outcome
-from resting_aspects_ros.logs.run_log import RunLog
-from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Qos, Topic
-from resting_aspects_ros.nodes.convert import part_msg, poses_msg, time_msg
-from resting_aspects_ros.nodes.distribution_messages import distribution_msg
-from resting_aspects_ros.nodes.log_loader import logs_in, read_log
+from resting_aspects_ros.logs.run_writer import RunLog
+from resting_aspects_ros.logs.topic_metadata import (
+    DISTRIBUTION_TYPE,
+    PART_TYPE,
+    POSES_TYPE,
+    Qos,
+    Topic,
+)
+from resting_aspects_ros.nodes.aspect_classifier.log_loader import logs_in, read_log
+from resting_aspects_ros.ros.conversions import part_msg, poses_msg, time_msg
+from resting_aspects_ros.ros.distribution_conversions import distribution_msg
+from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.plan import plan_run
 
 SEED = 5
 
@@ -191,7 +197,7 @@ def test_of_too_many_logs_the_newest_are_read(write, start, connect, namespace, 
     log = write()
     for k in range(4):
         shutil.copytree(log, tmp_path / f'tetrahedron_20300101T{k:06}Z_{k}')
-    limit = {'log_loader.MAX_LOGS': 2}
+    limit = {'nodes.aspect_classifier.log_loader.MAX_LOGS': 2}
     classifier = start('aspect_classifier', namespace, {'log_folder': tmp_path}, limit)
     assert f'3 logs in {tmp_path} not read: ' in classifier.said
     assert '2 of 5 logs of earlier runs' in classifier.said
@@ -206,7 +212,10 @@ class Code(str):
 def test_until_the_logs_are_read_nothing_is_answered(start, connect, namespace, tmp_path):
     """A folder that hangs, as a disk of the network can."""
     os.mkfifo(tmp_path / 'pipe')
-    hang = {'log_loader.logs_in': Code("__import__('io').open"), 'log_loader.MAX_SECONDS': 0.0}
+    hang = {
+        'log_loader.logs_in': Code("__import__('io').open"),
+        'nodes.aspect_classifier.log_loader.MAX_SECONDS': 0.0,
+    }
     logs = {'log_folder': tmp_path / 'pipe'}
     classifier = start('aspect_classifier', namespace, logs, hang, ready='')
     client = connect(namespace)

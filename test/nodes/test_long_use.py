@@ -10,7 +10,7 @@ from geometry_msgs.msg import Quaternion
 from resting_aspects_interfaces.msg import Status
 from resting_aspects_interfaces.srv import ClassifyPose
 
-from resting_aspects_ros.nodes.interface import SERVICES
+from resting_aspects_ros.ros.interface import SERVICES
 
 PARTS = ('tetrahedron', 'box_10x20x30', 'l_bracket', 'hex_nut', 'washer')
 # How long mixed requests go on: 30 minutes by hand, 2 with all other tests.

@@ -16,17 +16,21 @@ from resting_aspects_interfaces.msg import (
     Status,
 )
 
-from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.distribution import count_poses
-from resting_aspects_ros.drops.engine import drop_chunk
-from resting_aspects_ros.drops.plan import plan_run
-from resting_aspects_ros.nodes.convert import conditions_msg, part_msg, poses_msg, time_msg
-from resting_aspects_ros.nodes.interface import DROP_SIMULATOR, LATCHED, POSES
-from resting_aspects_ros.nodes.presence import announce
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.statistics.distribution import count_poses
+from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_msg, time_msg
+from resting_aspects_ros.ros.interface import DROP_SIMULATOR, LATCHED, POSES
+from resting_aspects_ros.ros.liveliness import announce
+from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.plan import plan_run
 
 DROPS = 40
-QUICK = {'run_tracker.CHECK_PERIOD': 0.2, 'run_tracker.GRACE': 0.5, 'open_log.END_TIMEOUT': 2.0}
-QUIET = {'known_parts.QUIET': 1.0}
+QUICK = {
+    'nodes.run_tracking.tracker.CHECK_PERIOD': 0.2,
+    'nodes.run_tracking.tracker.GRACE': 0.5,
+    'nodes.drop_recorder.run_recorder.END_TIMEOUT': 2.0,
+}
+QUIET = {'nodes.aspect_classifier.parts.QUIET': 1.0}
 
 
 class FakeSimulator:

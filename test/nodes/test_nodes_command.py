@@ -8,9 +8,9 @@ import sys
 import pytest
 from resting_aspects_interfaces.msg import RecordedRun
 
-from resting_aspects_ros.cli import main
-from resting_aspects_ros.drops.release import CHUNK
-from resting_aspects_ros.nodes.interface import ALL_LATCHED, RECORDED_RUNS
+from resting_aspects_ros.cli.main import main
+from resting_aspects_ros.ros.interface import ALL_LATCHED, RECORDED_RUNS
+from resting_aspects_ros.simulation.initial_state import CHUNK
 
 COMMAND = [sys.executable, '-m', 'resting_aspects_ros.cli']
 

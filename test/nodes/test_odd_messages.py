@@ -14,11 +14,11 @@ from resting_aspects_interfaces.msg import (
 )
 from std_msgs.msg import Float64MultiArray
 
-from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.distribution import count_poses
-from resting_aspects_ros.nodes.convert import part_msg, poses_from, run_from, time_msg
-from resting_aspects_ros.nodes.distribution_messages import distribution_msg
-from resting_aspects_ros.nodes.interface import ALL_LATCHED, LATCHED, LEAST_BATCH, POSES
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.statistics.distribution import count_poses
+from resting_aspects_ros.ros.conversions import part_msg, poses_from, run_from, time_msg
+from resting_aspects_ros.ros.distribution_conversions import distribution_msg
+from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, LEAST_BATCH, POSES
 
 # What is changed in a batch, and to what.
 ODD_BATCHES = [

@@ -2,7 +2,6 @@
 
 import importlib
 import math
-import pkgutil
 import shutil
 
 import pytest
@@ -10,11 +9,11 @@ import yaml
 from rcl_interfaces.msg import ParameterType
 from resting_aspects_interfaces.msg import AspectDistribution
 
-from resting_aspects_ros import nodes
-from resting_aspects_ros.config_files import config_folder, parts_folder, surfaces_file
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.nodes.interface import ALL_LATCHED
-from resting_aspects_ros.nodes.parameters import Parameter
+from resting_aspects_ros.examples import feeder
+from resting_aspects_ros.ros.interface import ALL_LATCHED
+from resting_aspects_ros.ros.parameters import Parameter
+from resting_aspects_ros.simulation.config_files import config_folder, parts_folder, surfaces_file
 
 FILE = config_folder() / 'resting_aspects.yaml'
 TYPES = {
@@ -26,6 +25,9 @@ TYPES = {
 EVERY_NODE_HAS = {'use_sim_time', 'start_type_description_service'}
 
 
+SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
+
+
 def as_parameter(declared):
     """The example declares its own with what ROS has: name, default, description."""
     return declared if isinstance(declared, Parameter) else Parameter(*declared)
@@ -34,17 +36,13 @@ def as_parameter(declared):
 def declarations():
     """The declared parameters of each node of the suite, by its name."""
     found = {}
-    for module in pkgutil.iter_modules(nodes.__path__):
-        parameters = getattr(
-            importlib.import_module(f'{nodes.__name__}.{module.name}'), 'PARAMETERS', None
-        )
-        if parameters is not None:
-            found[module.name] = {each.name: each for each in map(as_parameter, parameters)}
-    return found
+    for node in (*SUITE, 'log_replayer'):
+        found[node] = importlib.import_module(f'resting_aspects_ros.nodes.{node}.node').PARAMETERS
+    found['feeder_example'] = map(as_parameter, feeder.PARAMETERS)
+    return {node: {each.name: each for each in declared} for node, declared in found.items()}
 
 
 DECLARED = declarations()
-SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 DECLARED_IN_SUITE = [(node, parameter) for node in SUITE for parameter in DECLARED[node].values()]
 
 

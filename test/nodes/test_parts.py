@@ -6,10 +6,10 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from resting_aspects_interfaces.msg import PartDescription, Status
 
-from resting_aspects_ros.config_files import parts_folder
-from resting_aspects_ros.drops.part_library import PartLibrary
-from resting_aspects_ros.nodes.convert import part_from
-from resting_aspects_ros.nodes.interface import LATCHED
+from resting_aspects_ros.ros.conversions import part_from
+from resting_aspects_ros.ros.interface import LATCHED
+from resting_aspects_ros.simulation.config_files import parts_folder
+from resting_aspects_ros.simulation.part_library import PartLibrary
 
 
 @pytest.fixture(scope='module')
@@ -23,7 +23,9 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope='module')
 def suite(fresh_suite, folder):
     return fresh_suite(
-        {'drop_simulator': {'part_offers.SCAN_PERIOD': 0.2}}, parts_folder=folder, workers=1
+        {'drop_simulator': {'nodes.drop_simulator.part_publisher.SCAN_PERIOD': 0.2}},
+        parts_folder=folder,
+        workers=1,
     )
 
 
@@ -151,7 +153,7 @@ def test_meshes_that_are_not_offered_are_told_while_they_are_there(suite, folder
 
 @pytest.mark.slow
 def test_a_part_that_is_asked_for_while_parts_come_in_is_waited_for(fresh_suite):
-    suite = fresh_suite({'aspect_classifier': {'topic_watch.PERIOD': 1.5}}, workers=1)
+    suite = fresh_suite({'aspect_classifier': {'ros.topic_discovery.PERIOD': 1.5}}, workers=1)
     suite.processes['aspect_classifier'].end()
     suite.start_again('aspect_classifier')
     # It does not look for parts before 1.5 s have passed.

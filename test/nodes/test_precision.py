@@ -3,8 +3,8 @@
 import pytest
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.core.stopping import is_precise, looks
-from resting_aspects_ros.drops.run import MOST_DROPS
+from resting_aspects_ros.core.statistics.stopping import is_precise, looks
+from resting_aspects_ros.simulation.run_description import MOST_DROPS
 
 PRECISION = 0.05
 

@@ -13,10 +13,10 @@ from mcap.reader import make_reader
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, Status
 from rosbags.highlevel import AnyReader
 
-from resting_aspects_ros.config_files import parts_folder
 from resting_aspects_ros.logs.bag_metadata import Outcome, recorded_outcome
-from resting_aspects_ros.nodes.convert import conditions_msg
-from resting_aspects_ros.nodes.interface import LATCHED, LEAST_BATCH
+from resting_aspects_ros.ros.conversions import conditions_msg
+from resting_aspects_ros.ros.interface import LATCHED, LEAST_BATCH
+from resting_aspects_ros.simulation.config_files import parts_folder
 
 DROPS = 2 * LEAST_BATCH + 20
 
@@ -49,7 +49,7 @@ def plain(message):
 @pytest.fixture(scope='module')
 def suite(fresh_suite):
     # One whose last distribution was replaced before it was read is closed after this.
-    return fresh_suite({'drop_recorder': {'open_log.END_TIMEOUT': 2.0}})
+    return fresh_suite({'drop_recorder': {'nodes.drop_recorder.run_recorder.END_TIMEOUT': 2.0}})
 
 
 @pytest.fixture(scope='module')
@@ -207,7 +207,9 @@ def test_a_folder_whose_full_name_ros_does_not_take_is_refused(run_command, wait
     folder = tmp_path / '\udcff'  # no UTF-8
     folder.mkdir()
     start = f'import os; os.chdir({os.fsencode(folder)!r})\n'
-    start += 'from resting_aspects_ros.nodes.drop_recorder import main; raise SystemExit(main())'
+    start += (
+        'from resting_aspects_ros.nodes.drop_recorder.node import main; raise SystemExit(main())'
+    )
     recorder = run_command(sys.executable, '-c', start)
     wait(lambda: not recorder.running, 'its end')
     assert recorder.end() == 2

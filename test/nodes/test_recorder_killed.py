@@ -15,7 +15,7 @@ from resting_aspects_interfaces.msg import RestingPoses
 from rosbags.highlevel import AnyReader
 
 from resting_aspects_ros.logs.recovery import recover_log
-from resting_aspects_ros.nodes.interface import LEAST_BATCH, POSES, RESTING_POSES
+from resting_aspects_ros.ros.interface import LEAST_BATCH, POSES, RESTING_POSES
 
 BATCHES = 200
 # Kills come when so many batches at most are told of: long before the recorder is through.

@@ -8,9 +8,9 @@ import sys
 import pytest
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.config_files import parts_folder
-from resting_aspects_ros.nodes.convert import conditions_msg
-from resting_aspects_ros.nodes.drop_simulator import MAX_GOALS
+from resting_aspects_ros.nodes.drop_simulator.node import MAX_GOALS
+from resting_aspects_ros.ros.conversions import conditions_msg
+from resting_aspects_ros.simulation.config_files import parts_folder
 
 NAMES = ('OK', 'INVALID', 'UNKNOWN_PART', 'NOT_AVAILABLE', 'BUSY', 'CANCELED', 'FAILED')
 KINDS = {getattr(Status, name): name for name in NAMES}
@@ -23,7 +23,9 @@ def suite(fresh_suite, tmp_path_factory):
     shutil.copy(parts_folder() / 'tetrahedron.stl', folder)
     whole = (folder / 'tetrahedron.stl').read_bytes()
     (folder / 'cut_short.stl').write_bytes(whole[:-20])
-    return fresh_suite({'aspect_classifier': {'known_parts.QUIET': 1.0}}, parts_folder=folder)
+    return fresh_suite(
+        {'aspect_classifier': {'nodes.aspect_classifier.parts.QUIET': 1.0}}, parts_folder=folder
+    )
 
 
 @pytest.fixture(params=['get_distribution', 'drop_part'])
@@ -196,7 +198,7 @@ def test_a_node_that_cannot_start_says_why_in_one_line(
 
 
 def test_arguments_that_ros_does_not_understand_are_an_error_in_one_line(run_command, traceback):
-    module = 'resting_aspects_ros.nodes.drop_recorder'
+    module = 'resting_aspects_ros.nodes.drop_recorder.node'
     process = run_command(sys.executable, '-m', module, '--ros-args', '-p', 'nonsense')
     assert process.end(number=0) == 2
     assert 'error: ' in process.said

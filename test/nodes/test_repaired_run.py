@@ -6,7 +6,7 @@ import signal
 import pytest
 from resting_aspects_interfaces.msg import RecordedRun, Status
 
-from resting_aspects_ros.nodes.interface import ALL_LATCHED, RECORDED_RUNS
+from resting_aspects_ros.ros.interface import ALL_LATCHED, RECORDED_RUNS
 
 DROPS = 1500
 

@@ -4,11 +4,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from resting_aspects_ros.logs.recording import Recording
-from resting_aspects_ros.logs.run_log import RunLog
-from resting_aspects_ros.logs.topics import Qos, Topic
-from resting_aspects_ros.nodes.replay import ACK_PERIOD, ACK_TIMEOUT, PAUSE_BEFORE, Replay
-from resting_aspects_ros.nodes.replay_topics import replayed_topics
+from resting_aspects_ros.logs.playback_reader import Recording
+from resting_aspects_ros.logs.run_writer import RunLog
+from resting_aspects_ros.logs.topic_metadata import Qos, Topic
+from resting_aspects_ros.nodes.log_replayer.player import (
+    ACK_PERIOD,
+    ACK_TIMEOUT,
+    PAUSE_BEFORE,
+    Replay,
+)
+from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
 
 SECOND = 10**9
 # Batches of the log, its first message is the part, and the time between two messages.

@@ -9,11 +9,11 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from resting_aspects_interfaces.msg import PartDescription, RestingPoses
 
 from resting_aspects_ros.core.errors import LogError
-from resting_aspects_ros.logs.recording import Recording
-from resting_aspects_ros.logs.schemas import load_schema
-from resting_aspects_ros.logs.topics import Qos, qos_profiles, yaml_text
-from resting_aspects_ros.nodes.interface import LATCHED, POSES
-from resting_aspects_ros.nodes.replay_topics import replayed_topics
+from resting_aspects_ros.logs.message_definitions import load_schema
+from resting_aspects_ros.logs.playback_reader import Recording
+from resting_aspects_ros.logs.topic_metadata import Qos, qos_profiles, yaml_text
+from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
+from resting_aspects_ros.ros.interface import LATCHED, POSES
 
 INTERFACES = 'resting_aspects_interfaces/msg'
 KINDS = {
@@ -148,7 +148,7 @@ def test_a_type_that_is_not_installed_is_refused_in_words(recording):
 
 def test_a_type_without_a_python_class_is_refused_in_words(recording, tmp_path, monkeypatch):
     """Its definition is there, as in a workspace of C++ alone."""
-    known = importlib.import_module('resting_aspects_ros.logs.schemas')
+    known = importlib.import_module('resting_aspects_ros.logs.message_definitions')
     folder = tmp_path / 'prefix' / 'share' / 'only_cpp' / 'msg'
     folder.mkdir(parents=True)
     (folder / 'Thing.msg').write_text('int32 a\n')

@@ -11,13 +11,13 @@ from resting_aspects_interfaces.msg import (
     Status,
 )
 
-from resting_aspects_ros.cli import main
-from resting_aspects_ros.config_files import parts_folder
-from resting_aspects_ros.drops.engine import drop_chunk
-from resting_aspects_ros.drops.plan import plan_run
-from resting_aspects_ros.nodes import pending_request
-from resting_aspects_ros.nodes.convert import part_msg, poses_msg, time_msg
-from resting_aspects_ros.nodes.interface import LATCHED, POSES, RESTING_POSES
+from resting_aspects_ros.cli.main import main
+from resting_aspects_ros.client import pending_request
+from resting_aspects_ros.ros.conversions import part_msg, poses_msg, time_msg
+from resting_aspects_ros.ros.interface import LATCHED, POSES, RESTING_POSES
+from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.config_files import parts_folder
+from resting_aspects_ros.simulation.plan import plan_run
 
 SEED = 5
 
@@ -34,8 +34,11 @@ def folder(tmp_path_factory):
 def suite(fresh_suite, folder):
     return fresh_suite(
         {
-            'drop_simulator': {'part_offers.SCAN_PERIOD': 0.2},
-            'aspect_classifier': {'drop_requests.STARTING': 1.0, 'known_parts.QUIET': 1.0},
+            'drop_simulator': {'nodes.drop_simulator.part_publisher.SCAN_PERIOD': 0.2},
+            'aspect_classifier': {
+                'nodes.aspect_classifier.drop_part_requests.STARTING': 1.0,
+                'nodes.aspect_classifier.parts.QUIET': 1.0,
+            },
         },
         parts_folder=folder,
         workers=1,

@@ -9,7 +9,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from resting_aspects_interfaces.msg import RestingPoses
 
-from resting_aspects_ros.nodes import interface
+from resting_aspects_ros.ros import interface
 
 FILE = Path(__file__).resolve().parents[2] / 'config' / 'rosbag2_qos.yaml'
 # What rosbag2 subscribes with by default, but for what it adapts to the publisher.

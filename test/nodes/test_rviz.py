@@ -7,7 +7,7 @@ import yaml
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
-from resting_aspects_ros.nodes.interface import FRAME, LATCHED, MARKERS
+from resting_aspects_ros.ros.interface import FRAME, LATCHED, MARKERS
 
 FILE = Path(__file__).resolve().parents[2] / 'rviz' / 'resting_aspects.rviz'
 # The types that these displays of rviz_default_plugins subscribe to.

@@ -4,8 +4,8 @@ import pytest
 from resting_aspects_interfaces.msg import RestingPoses
 
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.nodes.interface import POSES, RESTING_POSES
-from resting_aspects_ros.nodes.log_folder import FolderLock
+from resting_aspects_ros.nodes.drop_recorder.log_folder import FolderLock
+from resting_aspects_ros.ros.interface import POSES, RESTING_POSES
 
 
 def test_a_second_recorder_is_refused_and_another_namespace_is_not(

@@ -5,7 +5,7 @@ import signal
 import pytest
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.nodes.drop_simulator import MAX_GOALS
+from resting_aspects_ros.nodes.drop_simulator.node import MAX_GOALS
 
 DROPS = 1000
 MANY = 200_000  # until it is canceled

@@ -5,8 +5,8 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 from resting_aspects_interfaces.msg import AspectDistribution, Status
 
-from resting_aspects_ros.logs.recording import Recording
-from resting_aspects_ros.nodes.interface import DIAGNOSTICS, LATCHED
+from resting_aspects_ros.logs.playback_reader import Recording
+from resting_aspects_ros.ros.interface import DIAGNOSTICS, LATCHED
 
 NODES = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 YEAR = 365 * 86_400

@@ -7,9 +7,9 @@ import pytest
 import trimesh
 from scipy.spatial import HalfspaceIntersection
 
-from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.comparison import Tally, compare
-from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.statistics.comparison import Tally, compare
+from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.comparison_words import Measured
 from resting_aspects_ros.report.page import Report, report_files
 

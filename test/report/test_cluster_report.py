@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from resting_aspects_ros.core.agreement import compare, find_differences
-from resting_aspects_ros.core.aspect_set import AspectSet
-from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.clusters import Clusters, find_clusters
-from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects.clusters import Clusters, find_clusters
+from resting_aspects_ros.core.statistics.agreement import compare, find_differences
+from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.cluster_report import (
     agreement_line,
     agreement_table,

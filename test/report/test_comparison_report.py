@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 from scipy.stats import binomtest, chi2_contingency
 
-from resting_aspects_ros.core.comparison import Tally, compare
+from resting_aspects_ros.core.statistics.comparison import Tally, compare
 from resting_aspects_ros.report.comparison_report import (
     Sides,
     comparison_document,

@@ -7,8 +7,8 @@ from enum import IntEnum
 import numpy as np
 import pytest
 
-from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.distribution import Distribution, no_drops
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.statistics.distribution import Distribution, no_drops
 from resting_aspects_ros.report.document import distribution_document, to_json
 
 

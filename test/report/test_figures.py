@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.core.estimators.estimate import METHODS
-from resting_aspects_ros.core.intervals import Interval
+from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.report.figures import (
     comparison_figure,
     convergence_figure,

@@ -16,14 +16,7 @@ from PIL import Image
 from resting_aspects_ros.core.rotations import rotate
 from resting_aspects_ros.report.colours import aspect_colour
 from resting_aspects_ros.report.figures import bands
-from resting_aspects_ros.report.page import (
-    ENDINGS,
-    FIGURES,
-    MOST_PICTURED,
-    PIXELS,
-    SMALL,
-    Report,
-)
+from resting_aspects_ros.report.page import ENDINGS, FIGURES, MOST_PICTURED, PIXELS, SMALL, Report
 from resting_aspects_ros.report.rounding import chance_text, points_text
 from resting_aspects_ros.report.standing import MOST_OF_PICTURES
 

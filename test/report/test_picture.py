@@ -10,19 +10,13 @@ import pytest
 import trimesh
 from PIL import Image
 
-from resting_aspects_ros.core.aspect_set import AspectSet
-from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.distribution import Distribution, no_drops
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.rotations import down_in_part, rotate
+from resting_aspects_ros.core.statistics.distribution import Distribution, no_drops
 from resting_aspects_ros.report.colours import COLOURS, GREY
 from resting_aspects_ros.report.figure_style import png_bytes
-from resting_aspects_ros.report.picture import (
-    MARGIN,
-    MOST_SHOWN,
-    ROW,
-    _rows,
-    distribution_figure,
-)
+from resting_aspects_ros.report.picture import MARGIN, MOST_SHOWN, ROW, _rows, distribution_figure
 from resting_aspects_ros.report.portrait import FROM_ABOVE, OBLIQUE, lay, portraits
 
 PIXELS = 160

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from resting_aspects_ros.core.intervals import Interval
+from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.report.pie import MOST_PICTURES, OUT, SIDE, pie_figure, spread
 from resting_aspects_ros.report.rows import Row
 

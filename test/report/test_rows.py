@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.colours import COLOURS, GREY, aspect_colour
 from resting_aspects_ros.report.rows import class_rows, ids_text, outside_rows, short_name
 

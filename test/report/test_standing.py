@@ -9,14 +9,8 @@ import trimesh
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.report.standing import (
-    MOST_TRIANGLES,
-    PITCH,
-    ROW,
-    sent_faces,
-    stand,
-)
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.report.standing import MOST_TRIANGLES, PITCH, ROW, sent_faces, stand
 
 EXAMPLES = ('l_bracket', 'hex_nut', 'washer', 'tetrahedron', 'cylinder_d20_h20')
 

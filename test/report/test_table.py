@@ -8,10 +8,10 @@ import pytest
 import trimesh
 from rich.console import Console
 
-from resting_aspects_ros.core.aspect_set import AspectSet
-from resting_aspects_ros.core.aspects import find_aspects
-from resting_aspects_ros.core.distribution import Distribution, no_drops
-from resting_aspects_ros.core.intervals import Interval
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.statistics.distribution import Distribution, no_drops
+from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.report.rounding import (
     direction_text,
     interval_of,

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from resting_aspects_ros.core.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
+from resting_aspects_ros.core.geometry.solid_angle import polygon_angle
 from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.core.solid_angle import polygon_angle
 
 
 @dataclass(frozen=True)

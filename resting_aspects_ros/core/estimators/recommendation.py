@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from resting_aspects_ros.core.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 
 # Heights of release, hull radii, between which csa deviates least from drops: halfway, on a
 # logarithmic scale, between the heights at which that was found and not.

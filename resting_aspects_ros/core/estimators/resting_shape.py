@@ -6,15 +6,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull
 
-from resting_aspects_ros.core.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.core.aspects import facets_at, find_aspects
+from resting_aspects_ros.core.aspects.aspect import facets_at, find_aspects
+from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.core.aspects.joining import is_curved
+from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.joining import is_curved
-from resting_aspects_ros.core.landscape import Landscape
+from resting_aspects_ros.core.geometry.polyhedron import Indices
+from resting_aspects_ros.core.geometry.solid_angle import facet_angles
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.polyhedron import Indices
 from resting_aspects_ros.core.rotations import Array, rotate
-from resting_aspects_ros.core.solid_angle import facet_angles
 
 # Where a curved side meets facets that are narrower or wider than its own by more than this it
 # ends: at a fillet, or at a flat side that it runs into.

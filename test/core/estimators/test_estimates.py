@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.estimators.estimate import METHODS, estimate
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape

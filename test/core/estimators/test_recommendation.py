@@ -2,7 +2,7 @@
 
 import pytest
 
-from resting_aspects_ros.core.aspects import find_aspects
+from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.estimators.recommendation import recommend
 
 

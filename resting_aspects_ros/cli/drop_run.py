@@ -1,0 +1,174 @@
+"""Make the drops that `resting_aspects drop` is asked for, count them, and save the answer."""
+
+import argparse
+import signal
+import sys
+import time
+import uuid
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+from resting_aspects_ros.cli.convergence import Convergence
+from resting_aspects_ros.cli.drop_counter import DropCounter, check_in_finer_steps
+from resting_aspects_ros.cli.drop_request import DropRequest
+from resting_aspects_ros.cli.formatting import warn
+from resting_aspects_ros.cli.inputs.part_argument import mesh_file
+from resting_aspects_ros.cli.output_files import OutputError, check_output, make_folder, poses_file
+from resting_aspects_ros.cli.run_result import Answer
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.landscape import Landscape
+from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution, no_drops
+from resting_aspects_ros.core.statistics.stopping import max_drops
+from resting_aspects_ros.simulation.chunks import Workers
+from resting_aspects_ros.simulation.interruption import Interruption, catch
+from resting_aspects_ros.simulation.plan import plan_run
+from resting_aspects_ros.simulation.run_description import MOST_DROPS
+
+INTERRUPTED = 130
+DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
+
+
+def drop_and_answer(
+    arguments: argparse.Namespace,
+    request: DropRequest,
+    workers: Workers,
+    confidence: float,
+    stop: Interruption,
+) -> int:
+    """Drop, count and show; returns the exit code.
+
+    Raises RestingAspectsError: before the first drop for wrong input, and after what was done is
+    saved, if not all could be done.
+    """
+    part, stop_at = request.part, request.stop_at
+    landscape = Landscape(part)
+    empty = no_drops(
+        find_aspects(part, landscape),
+        interval=arguments.interval,
+        confidence=confidence,
+        by_precision=request.precision > 0,
+    )
+    drops = max_drops(
+        request.drops, stop_at, MOST_DROPS, len(empty.aspects), empty.interval, confidence
+    )
+    job, run = plan_run(
+        part,
+        request.conditions,
+        seed=request.seed,
+        drops=drops,
+        first_drop=request.first_drop,
+        precision=request.precision,
+        run_id=uuid.uuid4().hex[:12],
+        started=time.time_ns(),
+        landscape=landscape,
+    )
+    request.check_engine(run)
+    flag, out = _folder(arguments, part.name)
+    failure: EngineError | OutputError | None = None
+    convergence: Convergence | None = None
+    checked = not arguments.check_convergence
+    counter = DropCounter(empty, run, stop_at, request.ranges)
+    try:
+        with ExitStack() as stack:
+            for option, path in _poses_paths(arguments.poses, flag, out):
+                counter.tables.append(stack.enter_context(poses_file(option, path)))
+            for warning in part.warnings:
+                warn(warning)
+            try:
+                counter.drop(part.name, job, workers, stop)
+                if arguments.check_convergence and not stop.asked:
+                    checked, convergence = check_in_finer_steps(job, workers, counter, stop)
+            except EngineError as error:
+                failure = error  # the file of poses has those that were made
+    except OutputError as error:
+        failure = error
+    answer = Answer(
+        counter.distribution,
+        run,
+        part,
+        METHOD,
+        counter.over,
+        convergence,
+        mesh_file(arguments.part),
+        counter.history.points(),
+    )
+    _write(answer, out, arguments)
+    done = answer.distribution.drops
+    if failure is not None:
+        words = f'{failure}, after {done} of {run.drops} drops, which are in the answer'
+        raise type(failure)(words)
+    if not answer.complete:
+        words = f'interrupted after {done} of {run.drops} drops, which are in the answer'
+        print(words, file=sys.stderr)
+        return INTERRUPTED
+    _warn_if_not_precise(answer.distribution, stop_at)
+    if not checked:
+        print('interrupted before the convergence was checked', file=sys.stderr)
+    return 0 if checked else INTERRUPTED
+
+
+def _write(answer: Answer, out: Path | None, arguments: argparse.Namespace) -> None:
+    """Save and print the answer, whatever of it fails; the page, which takes longest, at last."""
+    files = [DOCUMENT, POSES] if arguments.report else [DOCUMENT, PICTURE, POSES]
+    lines = ['Add --report for pictures of the aspects.']
+    try:
+        if out is not None:
+            lines = [f'Written: {", ".join(str(out / name) for name in files)}']
+            answer.save_json(out / DOCUMENT)
+            if not arguments.report:
+                answer.save_picture(out / PICTURE)
+    finally:
+        answer.print(as_json=arguments.json, each=arguments.each)
+    if arguments.report and out is not None:
+        # All else is saved: nobody has to wait for the page.
+        catch(signal.default_int_handler)
+        _print(lines, arguments)
+        from resting_aspects_ros.cli.report_files import write_report
+
+        lines = [f'Report: {write_report(answer, out)}']
+    _print(lines, arguments)
+
+
+def _print(lines: list[str], arguments: argparse.Namespace) -> None:
+    if not arguments.json:
+        print(*lines, sep='\n', flush=True)
+
+
+def _folder(arguments: argparse.Namespace, part: str) -> tuple[str, Path | None]:
+    """Where the answer goes, if it is to be saved, and which flag says so.
+
+    Raises InvalidValueError if it cannot be written there.
+    """
+    flag, out = '--out', arguments.out
+    if arguments.report:
+        # It takes a while to import, which drops without a report do not need.
+        from resting_aspects_ros.cli.report_files import check_report, default_folder
+
+        if out is None:
+            flag, out = '--report', default_folder(part)
+        check_report(flag, out)
+    return flag, out
+
+
+def _warn_if_not_precise(distribution: Distribution, precision: float) -> None:
+    """Warn if all drops that were allowed were made, and that was not enough."""
+    half = max((each.upper - each.lower) / 2 for each in distribution.intervals())
+    if 0 < precision < half:
+        warn(
+            f'precision {precision:g} was not reached in {distribution.drops} drops, the most '
+            f'that were asked for: the widest interval is +-{half:.2g}'
+        )
+
+
+def _poses_paths(poses: Path | None, flag: str, out: Path | None) -> Iterator[tuple[str, Path]]:
+    """Where the poses go, checked, like what goes beside them, which ``flag`` asks for."""
+    check_output('--poses', poses)
+    if out is not None:
+        make_folder(flag, out)
+        for name in (DOCUMENT, PICTURE, POSES):
+            check_output(flag, out / name)
+        yield flag, out / POSES
+    if poses is not None and not (out is not None and poses.resolve() == (out / POSES).resolve()):
+        yield '--poses', poses

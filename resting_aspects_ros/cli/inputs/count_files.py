@@ -1,0 +1,125 @@
+"""Read counts over aspects from a log, a JSON document or a CSV.
+
+A CSV, as a person keeps it who drops a part by hand, has a line for each aspect; or for each
+symmetry class, as aspects that are alike look the same.
+"""
+
+import io
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from resting_aspects_ros.cli.inputs.counts import MOST_COUNTED, GivenCounts, check_counts
+from resting_aspects_ros.cli.inputs.csv_table import CsvTable, open_text
+from resting_aspects_ros.core.errors import InvalidValueError, LogError, shown
+from resting_aspects_ros.core.statistics.comparison import REST, Tally
+from resting_aspects_ros.logs.stream_reader import is_log
+from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE
+
+MAX_BYTES = 1 << 26
+ASPECT, CLASS, COUNT = 'aspect', 'class', 'count'
+ALLOWED = (
+    'a log (the folder of a run, or its .mcap file), a JSON document of drop or request, or a CSV '
+    'with columns aspect (or class) and count'
+)
+
+
+def read_counts(path: Path) -> GivenCounts:
+    """What is in a file of any of these kinds; raises InvalidValueError."""
+    if is_log(path):
+        given = _read_log(path)
+    else:
+        with open_text(path, 'counts file', MAX_BYTES) as file:
+            text = file.read()
+            if path.suffix == '.json' or text.lstrip().startswith('{'):
+                # Only this needs the library that checks documents.
+                from resting_aspects_ros.cli.inputs.result_json import counts_of, read_document
+
+                given = counts_of(path, read_document(path, text))
+            else:
+                given = _read_csv(path, io.StringIO(text, newline=''))
+    check_counts(given)
+    return given
+
+
+def _read_log(path: Path) -> GivenCounts:
+    """The last distribution in a log."""
+    # A second to import, which other files do not need.
+    from resting_aspects_ros.run_logs.contents import read_logged_run
+
+    try:
+        logged = read_logged_run(path)
+        counted = logged.counted
+    except LogError as error:
+        raise InvalidValueError(str(error)) from None
+    if counted is None:
+        raise InvalidValueError(
+            f'log {str(path)!r} holds no distribution, allowed is one with a message of type '
+            f'{DISTRIBUTION_TYPE}'
+        )
+    logged.warn_if_unfinished()
+    distribution, run, complete = counted
+    aspects = distribution.aspects.aspects
+    return GivenCounts(
+        path,
+        tuple(aspect.id for aspect in aspects),
+        Tally(
+            distribution.counts,
+            distribution.unclassified,
+            distribution.unsettled,
+            distribution.failed,
+        ),
+        np.array([np.full(3, np.nan) if a.rolls else a.down_in_part for a in aspects]),
+        run.part,
+        run.part_sha256,
+        run,
+        complete,
+        tuple(aspect.symmetry_class for aspect in aspects),
+    )
+
+
+def _read_csv(path: Path, lines: Iterable[str]) -> GivenCounts:
+    """Read the columns ``aspect`` or ``class``, and ``count``, wherever they are."""
+    table = CsvTable(path, lines)
+    names = [name.lower() for name in table.header]
+    by_class = CLASS in names and ASPECT not in names
+    what = CLASS if by_class else ASPECT
+    if [names.count(column) for column in (what, COUNT)] != [1, 1]:
+        names_shown = shown(', '.join(table.header))
+        raise InvalidValueError(
+            f'{table.where} should name the columns and is {names_shown}, allowed are one aspect '
+            f'or class and one count, in columns parted by , or ;. A file may be {ALLOWED}'
+        )
+    aspect, count = names.index(what), names.index(COUNT)
+    found: dict[int | str, int] = {}
+    for line, row in table.rows():
+        key = _key(row[aspect])
+        if key is None:
+            allowed = (
+                f'the number of {"a class" if by_class else "an aspect"} or {", ".join(REST)}'
+            )
+            raise table.wrong(line, row, aspect, allowed)
+        if key in found:
+            raise table.wrong(line, row, aspect, f'each {what} once')
+        number = _whole(row[count])
+        if number is None:
+            allowed = f'a whole number from 0 to {MOST_COUNTED}'
+            raise table.wrong(line, row, count, allowed)
+        found[key] = number
+    rest = [found.pop(name, 0) for name in REST]
+    ids = sorted(key for key in found if isinstance(key, int))
+    tally = Tally(np.array([found[k] for k in ids], dtype=np.int64), *rest)
+    return GivenCounts(path, tuple(ids), tally, by_class=by_class)
+
+
+def _key(text: str) -> int | str | None:
+    word = text.strip().lower()
+    return word if word in REST else _whole(word) or None
+
+
+def _whole(text: str) -> int | None:
+    """A whole number that is not too large to be meant."""
+    digits = text.strip()
+    plain = digits.isascii() and digits.isdecimal() and len(digits) <= len(str(MOST_COUNTED))
+    return int(digits) if plain and int(digits) <= MOST_COUNTED else None

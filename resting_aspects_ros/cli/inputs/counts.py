@@ -1,0 +1,149 @@
+"""Counts over aspects that a person gives, in whatever file."""
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.cli.formatting import surface_text
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
+from resting_aspects_ros.core.statistics.comparison import Tally
+from resting_aspects_ros.simulation.run_description import RunDescription
+
+# More than a run can have; numpy draws tables of less than 1e9.
+MOST_COUNTED = 100_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class GivenCounts:
+    """Where drops ended, and all that the file says of them.
+
+    ids : tuple of int
+        Of the aspects, ascending; as many as `tally` has counts. If ``by_class``, the numbers of
+        symmetry classes.
+    down : (k, 3) float
+        Unit vectors of gravity, part frame; NaN where the part rolls. None if the file does not
+        say.
+    part, part_sha256 : str
+        Empty if the file does not say.
+    run : RunDescription
+        None if the file does not say.
+    classes : tuple of int
+        The symmetry class of each aspect; None if the file does not say.
+    complete : bool
+        False if more drops were asked for than are counted.
+    """
+
+    path: Path
+    ids: tuple[int, ...]
+    tally: Tally
+    down: npt.NDArray[np.float64] | None = None
+    part: str = ''
+    part_sha256: str = ''
+    run: RunDescription | None = None
+    complete: bool = True
+    classes: tuple[int, ...] | None = None
+    by_class: bool = False
+
+    @property
+    def drops(self) -> int:
+        """All that were counted."""
+        return self.tally.drops
+
+    @property
+    def title(self) -> str:
+        """File, part, drops, surface and seed, as far as they are known."""
+        words = [one_line(str(self.path)), *([self.part] if self.part else [])]
+        if self.run is None:
+            return ', '.join([*words, f'{self.drops} drops'])
+        surface = surface_text(self.run.conditions)
+        return ', '.join([*words, f'{self.drops} drops on {surface}', f'seed {self.run.seed}'])
+
+
+def counted_by_class(given: GivenCounts) -> GivenCounts:
+    """The same drops counted by symmetry class; each class shows the first of its aspects.
+
+    Raises InvalidValueError if the file does not say which aspects are alike.
+    """
+    if given.by_class:
+        return given
+    if given.classes is None:
+        raise InvalidValueError(
+            f'{str(given.path)!r} counts by aspect and does not say which of them are alike, '
+            'allowed is a log or a JSON document, or a CSV with the column class'
+        )
+    numbers, first, which = np.unique(given.classes, return_index=True, return_inverse=True)
+    of_class = np.bincount(which, weights=given.tally.counts).astype(np.int64)
+    return dataclasses.replace(
+        given,
+        ids=tuple(numbers.tolist()),
+        tally=dataclasses.replace(given.tally, counts=of_class),
+        down=None if given.down is None else given.down[first],
+        classes=None,
+        by_class=True,
+    )
+
+
+def check_counts(given: GivenCounts) -> None:
+    """Raises InvalidValueError if there is nothing, or too much, to compare."""
+    if not given.tally.counts.any():
+        raise InvalidValueError(
+            f'{str(given.path)!r} has {given.drops} drops, none of them in an aspect, allowed are '
+            '1 or more'
+        )
+    if given.drops > MOST_COUNTED:
+        raise InvalidValueError(
+            f'{str(given.path)!r} has {given.drops} drops, allowed are up to {MOST_COUNTED}'
+        )
+
+
+def check_same_part(one: tuple[str, str, str], other: tuple[str, str, str]) -> None:
+    """Raises InvalidValueError if two results are known to be of different parts.
+
+    Parameters
+    ----------
+    one, other : (str, str, str)
+        What a message calls the result, the name of its part, and its part_sha256; the latter two
+        are empty if they are not known.
+    """
+    (result, name, digest), (second, other_name, other_digest) = one, other
+    if not digest or not other_digest or digest == other_digest:
+        return
+    names = f'{result} is of {shown(name)}, {second} of {shown(other_name)}'
+    if name == other_name:
+        names += (
+            ', but the mesh, the unit, the mass or the inertia is another '
+            f'(part_sha256 {digest[:8]} and {other_digest[:8]})'
+        )
+    raise InvalidValueError(f'these are different parts: {names}')
+
+
+def check_against(given: GivenCounts, part: str, part_sha256: str, aspects: AspectSet) -> None:
+    """Raises InvalidValueError if counts given with --against are not of the aspects of a part."""
+    path = str(given.path)
+    check_same_part(
+        (f'--against {path!r}', given.part, given.part_sha256), ('the result', part, part_sha256)
+    )
+    if given.by_class:
+        what, many = 'a class', 'classes'
+        ids = tuple(sorted({aspect.symmetry_class for aspect in aspects.aspects}))
+    else:
+        what, many = 'an aspect', 'aspects'
+        ids = tuple(aspect.id for aspect in aspects.aspects)
+    if given.ids != ids:
+        raise InvalidValueError(
+            f'--against is {path!r} with the {many} {list(given.ids)}, allowed are those of '
+            f'{part}: {list(ids)} ({what} that was never seen has count 0)'
+        )
+
+
+def counted_by_class_of(given: GivenCounts, aspects: AspectSet) -> Tally:
+    """The drops by symmetry class of the aspects; of counts that check_against let pass."""
+    if given.by_class:
+        return given.tally
+    classes = [aspect.symmetry_class for aspect in aspects.aspects]
+    counts = np.bincount(classes, weights=given.tally.counts)[1:].astype(np.int64)
+    return dataclasses.replace(given.tally, counts=counts)

@@ -1,0 +1,99 @@
+"""The part that is meant by what a person typed."""
+
+import argparse
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from resting_aspects_ros.cli.formatting import warn
+from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError, shown
+from resting_aspects_ros.core.geometry.mesh_file import FORMATS
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.part_loading import load_part
+from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
+from resting_aspects_ros.simulation.config_files import parts_folder
+from resting_aspects_ros.simulation.part_library import PartLibrary, read_part_yaml
+
+
+def part_of(arguments: argparse.Namespace) -> Part:
+    """Return the part that the flags of add_part mean, and print its warnings."""
+    part = given_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+    for warning in part.warnings:
+        warn(warning)
+    return part
+
+
+def given_part(text: str, unit: str | None, folder: Path | None, body: int | None = None) -> Part:
+    """Return the part of a mesh file, with the YAML beside it, or a named part of a folder.
+
+    Raises RestingAspectsError.
+    """
+    if mesh := mesh_file(text):
+        return load_part(mesh, **_sheet(mesh.parent / f'{mesh.stem}.yaml', unit, body))
+    if unit is not None:
+        raise InvalidValueError(
+            f'--unit is {shown(unit)}, allowed only with a mesh file: {shown(text)} is the name '
+            f'of a part, whose unit is that of its YAML, else {DEFAULT_UNIT}'
+        )
+    if body is not None:
+        raise InvalidValueError(
+            f'--body is {shown(body)}, allowed only with a mesh file: {shown(text)} is the name '
+            'of a part, whose body is that of its YAML'
+        )
+    if folder is not None and not folder.is_dir():
+        raise InvalidValueError(f'--parts is {shown(str(folder))}, allowed is a folder of meshes')
+    try:
+        return PartLibrary(folder or parts_folder()).load(text)
+    except UnknownPartError:
+        if folder is None and (here := _mesh_here(text)):
+            raise UnknownPartError(
+                f'part {shown(text)} is not known: of the file in this folder the whole name is '
+                f'needed, {here!r}'
+            ) from None
+        raise
+
+
+def mesh_file(text: str | None) -> Path | None:
+    """The file, if a part is given as one and not by its name."""
+    if text and (os.sep in text or Path(text).suffix or text in ('.', '..')):
+        return Path(text)
+    return None
+
+
+def _mesh_here(stem: str) -> str:
+    """Name of a mesh in the working folder; empty if there is none."""
+    with suppress(OSError):
+        for file in sorted(Path().iterdir()):
+            ending = file.suffix.lower().removeprefix('.')
+            if file.stem == stem and ending in FORMATS and file.is_file():
+                return file.name
+    return ''
+
+
+def _sheet(sheet: Path, unit: str | None, body: int | None) -> dict[str, Any]:
+    """Return what the part's YAML says, with the unit and the body."""
+    values = read_part_yaml(sheet) if sheet.exists() else {}
+    if body is not None:
+        if values.get('body') not in (None, body):
+            raise InvalidValueError(
+                f'--body is {shown(body)}, allowed is {values["body"]}, the body in '
+                f'{shown(str(sheet))}'
+            )
+        values['body'] = body
+    if unit is None:
+        return values
+    if unit not in UNITS:
+        raise InvalidValueError(f'--unit is {shown(unit)}, allowed are {", ".join(UNITS)}')
+    written = values.get('unit')
+    if written not in (None, unit):
+        raise InvalidValueError(
+            f'--unit is {unit!r}, allowed is {written!r}, the unit in {str(sheet)!r}'
+        )
+    # Its numbers were read in the default unit.
+    if written is None and 'centre_of_mass' in values and unit != DEFAULT_UNIT:
+        raise InvalidValueError(
+            f'--unit is {unit!r}, but {str(sheet)!r} gives a centre_of_mass without a unit: '
+            f'write "unit: {unit}" into it'
+        )
+    return {**values, 'unit': unit}

@@ -1,0 +1,152 @@
+"""A file of resting poses: the orientations that a CSV of any make has.
+
+It needs a line of names with those of the quaternion's four numbers, in any order and among any
+other columns. A `status` column, as `resting_aspects drop` writes it, is heeded.
+"""
+
+import re
+from array import array
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.cli.inputs.csv_table import CsvTable, open_text
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.poses import RestStatus
+from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE, canonical
+
+ALLOWED_NAMES = (
+    'qx, qy, qz, qw (or q_x, quat_x, orientation.x, ...) or x, y, z, w, in any order, in columns '
+    'parted by , or ;'
+)
+_QUATERNION = re.compile(r'(?:pose)?(?:orientation|rotation|rot|quaternion|quat|q)+([xyzw])')
+_AXES = 'xyzw'
+# Of the largest run there are 300 MB.
+MAX_BYTES = 1 << 29
+
+
+@dataclass(frozen=True, eq=False)
+class PosesFile:
+    """The settled poses in a file.
+
+    orientation : (n, 4) float
+        Unit quaternions xyzw, tray from part, w >= 0.
+    index : (n,) int
+        Of each among all poses in the file, from 0.
+    line : (n,) int
+        Its line in the file, from 1.
+    unsettled, failed : int
+        Poses that are not among them, by their status.
+    """
+
+    orientation: npt.NDArray[np.float64]
+    index: npt.NDArray[np.int64]
+    line: npt.NDArray[np.int64]
+    unsettled: int
+    failed: int
+
+    @property
+    def drops(self) -> int:
+        """How many poses the file has, settled or not."""
+        return len(self.index) + self.unsettled + self.failed
+
+
+def read_poses_file(path: Path, at_least: int) -> PosesFile:
+    """Read a CSV.
+
+    Parameters
+    ----------
+    path : Path
+    at_least : int
+        Settled poses that are needed.
+
+    Raises
+    ------
+    InvalidValueError
+        With file, line, column, value and what is allowed.
+    """
+    numbers, index, lines = array('d'), array('q'), array('q')
+    count = dict.fromkeys(RestStatus, 0)
+    with open_text(path, 'pose file', MAX_BYTES) as file:
+        table = CsvTable(path, file)
+        columns = _quaternion_columns(table.where, table.header)
+        names = [name.lower() for name in table.header]
+        status_column = names.index('status') if 'status' in names else None
+        for line, row in table.rows():
+            status = _status(table, line, row, status_column)
+            if status is RestStatus.SETTLED:  # no others need to have an orientation
+                index.append(sum(count.values()))
+                lines.append(line)
+                numbers.extend(_number(table, line, row, k) for k in columns)
+            count[status] += 1
+    if len(index) < at_least:
+        settled = ' settled' if sum(count.values()) > len(index) else ''
+        raise InvalidValueError(
+            f'{str(path)!r} has {len(index)}{settled} poses, allowed are {at_least} or more'
+        )
+    xyzw = np.frombuffer(numbers, dtype=np.float64).reshape(-1, 4)
+    with np.errstate(over='ignore'):  # what is as long as that is refused
+        length = np.linalg.norm(xyzw, axis=1)
+    wrong = np.flatnonzero(~(np.abs(length - 1) <= LENGTH_TOLERANCE))
+    if len(wrong):
+        k = int(wrong[0])
+        raise InvalidValueError(
+            f'{str(path)!r} line {lines[k]}, columns '
+            f'{", ".join(table.header[column] for column in columns)} are '
+            f'{", ".join(f"{number:.6g}" for number in xyzw[k])}: a quaternion of length '
+            f'{length[k]:.6g}, allowed is 1 within {LENGTH_TOLERANCE:g}'
+        )
+    return PosesFile(
+        canonical(xyzw),
+        np.frombuffer(index, dtype=np.int64),
+        np.frombuffer(lines, dtype=np.int64),
+        unsettled=count[RestStatus.UNSETTLED],
+        failed=count[RestStatus.FAILED],
+    )
+
+
+def _status(table: CsvTable, line: int, row: Sequence[str], column: int | None) -> RestStatus:
+    if column is None:
+        return RestStatus.SETTLED
+    try:
+        return RestStatus[row[column].strip().upper()]
+    except KeyError:
+        names = ', '.join(status.name for status in RestStatus)
+        raise table.wrong(line, row, column, names) from None
+
+
+def _number(table: CsvTable, line: int, row: Sequence[str], column: int) -> float:
+    try:
+        number = float(row[column])
+    except ValueError:
+        number = np.nan
+    if not np.isfinite(number):
+        raise table.wrong(line, row, column, 'a finite number, such as -0.5')
+    return number
+
+
+def _quaternion_columns(where: str, header: Sequence[str]) -> list[int]:
+    """The columns of x, y, z and w.
+
+    Bare x, y and z are positions where there are better names for the quaternion.
+    """
+    bare = [re.sub(r'\[.*?\]|\W|_', '', name.lower()) for name in header]
+    matches = [_QUATERNION.fullmatch(name) for name in bare]
+    better = [match[1] if match else '' for match in matches]
+    names = better if any(better) else bare
+    missing = [axis for axis in _AXES if axis not in names]
+    twice = [axis for axis in _AXES if names.count(axis) > 1]
+    if missing or twice:
+        problem = (
+            f'no column is {" or ".join(missing)} of the quaternion'
+            if missing
+            else f'several columns are {" and ".join(twice)} of the quaternion'
+        )
+        raise InvalidValueError(
+            f'{where} should name the columns and is {shown(", ".join(header))}: {problem}, '
+            f'allowed are {ALLOWED_NAMES}'
+        )
+    return [names.index(axis) for axis in _AXES]

@@ -1,0 +1,226 @@
+"""The JSON document of a distribution, as `drop`, `request` and `classify` print it, read back.
+
+The models are the schema. pydantic checks them; what is used of it is the same in 1.10, which
+Ubuntu 24.04 has, and in 2.
+"""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+from pydantic import (
+    BaseModel,
+    StrictBool,
+    StrictFloat,
+    StrictInt,
+    StrictStr,
+    ValidationError,
+    conint,
+    create_model,
+)
+
+from resting_aspects_ros.cli.convergence import Convergence
+from resting_aspects_ros.cli.inputs.counts import MOST_COUNTED, GivenCounts
+from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
+from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
+from resting_aspects_ros.core.input_file import MAX_PATH
+from resting_aspects_ros.core.part import is_valid_name
+from resting_aspects_ros.core.statistics.comparison import REST, Tally
+from resting_aspects_ros.core.statistics.distribution import METHOD
+from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
+from resting_aspects_ros.simulation.run_description import MOST_SEED, RunDescription
+
+if TYPE_CHECKING:
+    Id: TypeAlias = int
+    Count: TypeAlias = int
+    Seed: TypeAlias = int
+    Numbering: TypeAlias = int
+else:
+    Id = conint(strict=True, ge=1, le=MOST_COUNTED)
+    Count = conint(strict=True, ge=0, le=MOST_COUNTED)
+    Seed = conint(strict=True, ge=0, le=MOST_SEED)
+    Numbering = Literal[ASPECT_NUMBERING]
+Number: TypeAlias = StrictFloat | StrictInt
+Pair: TypeAlias = tuple[Number, Number]
+Vector: TypeAlias = tuple[Number, Number, Number]
+_conditions: dict[str, Any] = dict.fromkeys(QUANTITIES, (Number, ...))
+_conditions |= {'height_of': (Literal['LOWEST_POINT', 'CENTRE_OF_MASS'], ...)}
+# Bounds are checked by DropConditions.
+Conditions: Any = create_model('Conditions', **_conditions, surface=(StrictStr, ...))
+
+
+class CountedAspect(BaseModel):
+    """An aspect with what a comparison needs of it."""
+
+    id: Id
+    count: Count
+    down_in_part: Vector
+    rolls: StrictBool = False
+    symmetry_class: Id | None = None
+
+
+class FullAspect(CountedAspect):
+    """An aspect with what a page needs of it."""
+
+    symmetry_class: Id
+    multiplicity: Id
+    sweep: Literal['POINT', 'ARC', 'RING', 'DOME', 'SPHERE']
+    axis: Vector
+    orientation: tuple[Number, Number, Number, Number]
+    com_height: Number
+    least_barrier: Number | None
+    neighbour: Count
+    basin_share: Number
+    support: list[Pair]
+
+
+class CountsDocument(BaseModel):
+    """Counts over aspects, as `classify` prints them."""
+
+    schema_version: Literal[1]
+    part: StrictStr
+    part_sha256: StrictStr
+    complete: StrictBool = True
+    drops: Count
+    unclassified: Count
+    unsettled: Count
+    failed: Count
+    aspects: Sequence[CountedAspect]
+
+
+class HistoryRow(BaseModel):
+    """Counts over aspects after the first drops of a run."""
+
+    drops: Count
+    counts: list[Count]
+
+
+class RunDocument(CountsDocument):
+    """The distribution of a run, as `drop` and `request` print it."""
+
+    run_id: StrictStr
+    conditions: Conditions
+    seed: Seed
+    first_drop: Seed
+    drops_asked: Seed
+    precision: Number
+    engine: StrictStr
+    engine_version: StrictStr
+    suite_version: StrictStr
+    time_step: Number
+    started: Seed
+    aspects: Sequence[FullAspect]
+    interval: Literal['wilson', 'simultaneous']
+    confidence: Number
+    energy_growth: Number
+    aspect_numbering: Numbering
+    mesh_file: StrictStr | None = None
+    body: StrictInt | None = None
+    unit: StrictStr | None = None
+    history: list[HistoryRow] = []
+    convergence: Convergence | None = None
+
+    def description(self) -> RunDescription:
+        """The run; raises InvalidValueError for conditions that are not allowed."""
+        conditions = dict(self.conditions)
+        conditions['height_of'] = HeightOf[conditions['height_of']]
+        values: dict[str, Any] = {
+            each.name: getattr(self, each.name) for each in fields(RunDescription)
+        }
+        values |= {'conditions': DropConditions(**conditions), 'drops': self.drops_asked}
+        return RunDescription(**values)
+
+
+def read_document(path: Path, text: str) -> CountsDocument:
+    """Return the checked document; raises InvalidValueError, which names file and field."""
+    try:
+        document = json.loads(text, parse_constant=_finite, parse_float=_finite, parse_int=_whole)
+    except (ValueError, RecursionError) as error:
+        raise InvalidValueError(f'{_file(path)} is not JSON: {one_line(str(error))}') from None
+    if not isinstance(document, dict):
+        raise _wrong(path, 'document', document, 'a JSON object')
+    method = document.get('method', METHOD)
+    if 'runs' in document or method != METHOD:
+        kind = 'several runs, by merge' if 'runs' in document else f'method {shown(method)}'
+        raise InvalidValueError(
+            f'{_file(path)} is of {kind}: expected a JSON document of one run of drops'
+        )
+    try:
+        model = RunDocument if 'run_id' in document else CountsDocument
+        return model(**document)
+    except ValidationError as error:
+        raise _refusal(path, document, error.errors()[0]) from None
+
+
+def counts_of(path: Path, document: CountsDocument) -> GivenCounts:
+    """Return the counts in a document; raises InvalidValueError for what contradicts itself."""
+    if document.part and not is_valid_name(document.part):
+        raise _wrong(path, 'part', document.part, 'a name of lower case letters, digits and _')
+    aspects = sorted(document.aspects, key=lambda each: each.id)
+    ids = tuple(aspect.id for aspect in aspects)
+    if len(set(ids)) < len(ids):
+        raise _wrong(path, 'ids', ids, 'each aspect once')
+    counts = np.array([aspect.count for aspect in aspects], dtype=np.int64)
+    down = [[math.nan] * 3 if aspect.rolls else aspect.down_in_part for aspect in aspects]
+    classes = [aspect.symmetry_class for aspect in aspects]
+    try:
+        run = document.description() if isinstance(document, RunDocument) else None
+    except InvalidValueError as error:
+        raise InvalidValueError(f'invalid conditions in {_file(path)}: {error}') from None
+    given = GivenCounts(
+        path,
+        ids,
+        Tally(counts, *(getattr(document, name) for name in REST)),
+        np.array(down, dtype=np.float64).reshape(-1, 3),
+        document.part,
+        document.part_sha256,
+        run,
+        document.complete,
+        tuple(each for each in classes if each is not None) if None not in classes else None,
+    )
+    if document.drops != given.drops:
+        raise _wrong(path, 'drops', document.drops, f'{given.drops}, the sum of all counts')
+    return given
+
+
+def _finite(text: str) -> float:
+    if math.isfinite(number := float(text)):
+        return number
+    raise ValueError(f'{text} is not a finite number')
+
+
+def _whole(text: str) -> int:
+    _finite(text)  # it may be used as a float
+    return int(text)
+
+
+def _refusal(path: Path, document: Any, error: Any) -> InvalidValueError:
+    """The first complaint of pydantic, with the value, which version 1 does not give."""
+    name, value = '', document
+    for step in error['loc']:
+        place = f'[{step}]' if isinstance(step, int) else f'.{step}'
+        try:
+            value = value[step]
+        except (KeyError, IndexError, TypeError):
+            if 'missing' in error['type']:
+                return InvalidValueError(f'{_file(path)} has no {(name + place).lstrip(".")}')
+            break  # a branch of a union
+        name += place
+    expected = error['msg']
+    for start in ('Input should be ', 'ensure this value is ', 'value is not '):
+        expected = expected.removeprefix(start)
+    return _wrong(path, name.lstrip('.'), value, expected)
+
+
+def _wrong(path: Path, name: str, value: object, expected: str) -> InvalidValueError:
+    return InvalidValueError(
+        f'invalid {name} {shown(value)} in {_file(path)}: expected {expected}'
+    )
+
+
+def _file(path: Path) -> str:
+    return shown(str(path), MAX_PATH)

@@ -1,0 +1,233 @@
+"""The command `resting_aspects`.
+
+Exit codes: 0 done; 2 wrong input, nothing was done; 1 something failed on the way (workers died
+again and again, a node died, the disk is full, no suite answers); 130 interrupted. After 1 and 130
+what was done is saved. An error is one line on standard error.
+"""
+
+import argparse
+import errno
+import os
+import re
+import resource
+import signal
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from importlib import import_module
+from io import TextIOWrapper
+from pathlib import Path
+from typing import Any, NoReturn
+
+from resting_aspects_ros import __version__
+from resting_aspects_ros.core.errors import (
+    InvalidValueError,
+    NoLogError,
+    PartError,
+    RestingAspectsError,
+    UnknownPartError,
+    one_line,
+    shown,
+)
+from resting_aspects_ros.core.input_file import MAX_PATH
+from resting_aspects_ros.simulation.interruption import SIGNALS, catch
+
+MAX_LINE = 2000
+MIN_MEMORY = 512 << 20  # bytes
+# What a dynamic linker, a library in C and Python say when a thread or memory is refused.
+_NO_MEMORY = re.compile(
+    'failed to map segment|annot allocate|nable to allocate|can.t start new thread|bad_alloc'
+)
+_WRITE_ERRORS = {errno.EBADF, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
+DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+# The help of each subcommand. Only the module of the requested one is imported.
+COMMANDS = {
+    'drop': 'drop a part and show how it comes to rest',
+    'report': 'make a page with pictures and charts of a result',
+    'estimate': 'predict the distribution from the shape, without a drop',
+    'aspects': 'show the aspects of a part, without a drop',
+    'classify': 'sort resting poses from a file into aspects',
+    'compare': 'compare two distributions, or one with a count by hand',
+    'request': 'ask the running ROS nodes for a distribution',
+    'nodes': 'run all ROS nodes in one process',
+    'demo': 'drop l_bracket 1000 times over ROS and show the result',
+    'info': 'show what is in a log',
+    'replay': 'publish a log again, on the same topics',
+    'merge': 'count the drops of several logs together',
+    'recover': 'close logs that a crash broke off',
+}
+
+DESCRIPTION = """How a part comes to rest when it is dropped, and how probable each way is.
+Start with: resting_aspects drop l_bracket"""
+EPILOG = """exit codes:
+  0    done
+  1    something failed on the way; what was done is saved
+  2    wrong input: one line says what, and what is allowed
+  130  interrupted; what was done is saved
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """One line for wrong input, not the whole usage; flags in full, so that more can come."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options, allow_abbrev=False)
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(WRONG_INPUT, f'error: {_line(message)} (see {self.prog} --help)\n')
+
+
+def make_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
+    """Return a parser of all subcommands, with the flags of the one that `argv` requests."""
+    parser = _Parser(
+        prog='resting_aspects',
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
+    subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
+    requested = next((word for word in argv if not word.startswith('-')), '')
+    for command, text in COMMANDS.items():
+        if command == requested:
+            _check_memory()
+            module = import_module(f'resting_aspects_ros.cli.verbs.{command}')
+            subparser = subparsers.add_parser(
+                command,
+                description=module.DESCRIPTION,
+                epilog=module.EXAMPLES,
+                formatter_class=argparse.RawDescriptionHelpFormatter,
+            )
+            module.add_arguments(subparser)
+            subparser.set_defaults(run=module.run)
+        else:
+            subparsers.add_parser(command, help=text)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    _open_closed_streams()
+    if isinstance(sys.stdout, TextIOWrapper):
+        # A file name can be no text of the terminal's encoding, and is in many a line.
+        sys.stdout.reconfigure(errors='backslashreplace')
+    words = _joined(sys.argv[1:] if argv is None else argv)
+    try:
+        # Stopped by a service manager or a closed terminal: the same orderly end as Ctrl-C.
+        catch(signal.default_int_handler)
+        try:
+            arguments = make_parser(words).parse_args(words)
+            code = int(arguments.run(arguments))
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        # Who read it has seen enough.
+        _discard_output()
+        return FAILED
+    except KeyboardInterrupt as interrupt:
+        # From here on another one is held back: the interpreter gives up its handlers as it ends,
+        # and the exit code would be the signal's.
+        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+        # Not held back from the threads that libraries have begun.
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+        return _end(INTERRUPTED, str(interrupt) or 'interrupted')
+    except Exception as error:  # noqa: BLE001 what is not known is raised again
+        return _end(*_outcome(error))
+    return code
+
+
+def _check_memory() -> None:
+    """Raise RestingAspectsError where OpenBLAS, with less memory, ends or loops on its import."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < MIN_MEMORY:
+        raise RestingAspectsError(
+            f'memory is limited to {limit >> 20} MiB (ulimit -v): expected at least '
+            f'{MIN_MEMORY >> 20} MiB'
+        )
+
+
+def _open_closed_streams() -> None:
+    """Open the null device in place of closed standard streams.
+
+    Otherwise the next file that is opened takes the place of the stream. Standard output is opened
+    for reading, so that writing the answer fails as it does for any other program.
+    """
+    for number, name in enumerate(('stdin', 'stdout', 'stderr')):
+        if getattr(sys, name) is None:
+            null = os.open(os.devnull, os.O_WRONLY if name == 'stderr' else os.O_RDONLY)
+            os.dup2(null, number)
+            os.set_inheritable(number, True)
+            mode = 'r' if name == 'stdin' else 'w'
+            setattr(sys, name, open(number, mode, encoding='utf-8', closefd=False))  # noqa: SIM115
+
+
+def _discard_output() -> None:
+    """The interpreter must not try again, as it ends, to write the rest of the answer."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _outcome(error: Exception) -> tuple[int, str]:
+    """Exit code and message; raises an error again that nobody expected."""
+    if _is_of_memory(error):
+        return FAILED, 'error: there is not enough memory'
+    if isinstance(error, PartError | UnknownPartError | InvalidValueError | NoLogError):
+        return WRONG_INPUT, f'error: {error}'
+    if isinstance(error, RestingAspectsError):
+        return FAILED, f'error: {error}'
+    if isinstance(error, OSError):
+        return FAILED, f'error: {_place(error)}{error.strerror or error}'
+    raise error
+
+
+def _is_of_memory(error: BaseException | None) -> bool:
+    """Whether an error, or one that it follows from, says that memory was refused."""
+    while error is not None:
+        refused = isinstance(error, OSError) and error.errno == errno.ENOMEM
+        if isinstance(error, MemoryError) or refused or _NO_MEMORY.search(str(error)):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _place(error: OSError) -> str:
+    """What could not be read or written."""
+    if error.filename:
+        return f'{error.filename!r}: '
+    if error.errno in _WRITE_ERRORS:  # of all other files the path is named
+        _discard_output()
+        return 'standard output: '
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return 'the working folder: '
+    return ''
+
+
+def _joined(argv: Sequence[str]) -> list[str]:
+    """A flag and its negative value as one word: argparse takes -3mm for another flag."""
+    joined: list[str] = []
+    for k, word in enumerate(argv):
+        if word in ('--', '--ros-args'):
+            return [*joined, *argv[k:]]
+        if joined and re.fullmatch('--[a-z-]+', joined[-1]) and re.match(r'-\.?\d', word):
+            joined[-1] += f'={word}'
+        else:
+            joined.append(word)
+    return joined
+
+
+def _end(code: int, message: str) -> int:
+    with suppress(OSError):  # a terminal that is closed
+        print(_line(message), file=sys.stderr)
+    return code
+
+
+def _line(message: str) -> str:
+    """One line without control characters, and short whatever was given."""
+    message = re.sub(rf'\S{{{MAX_PATH + 1},}}', lambda word: shown(word[0])[1:-1], message)
+    return one_line(message, MAX_LINE)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,200 @@
+"""Options that several subcommands share, and numbers with a unit as a person types them."""
+
+import argparse
+import re
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
+from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, check_drops
+from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE, Surfaces
+
+# Factors to SI, by the unit that a quantity has inside.
+_FACTORS: dict[str, dict[str, float]] = {
+    'm': {'m': 1.0, 'um': 1e-6, 'mm': 1e-3, 'cm': 1e-2, 'in': 0.0254, 'ft': 0.3048},
+    'm/s': {'m/s': 1.0, 'mm/s': 1e-3, 'cm/s': 1e-2},
+    'm/s2': {'m/s2': 1.0, 'm/s^2': 1.0, 'mm/s2': 1e-3, 'mm/s^2': 1e-3},
+    'rad/s': {'rad/s': 1.0, 'deg/s': 0.017453292519943295, 'rpm': 0.10471975511965977},
+    '': {},
+}
+MAX_DIGITS = 20
+_NUMBER = re.compile(r'\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*')
+
+
+def add_part(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
+    """The part, by name or as a file; see given_part."""
+    parser.add_argument(
+        'part',
+        metavar='PART_OR_MESH',
+        nargs=None if needed else '?',
+        help='name of a part, or a mesh file',
+    )
+    add_part_place(parser)
+
+
+def add_part_place(parser: argparse.ArgumentParser) -> None:
+    """--unit, --body and --parts, which say more of a part."""
+    parser.add_argument(
+        '--unit',
+        metavar='UNIT',
+        help='of the mesh file: um, mm, cm, m, in or ft (that of its YAML, else mm)',
+    )
+    parser.add_argument(
+        '--body',
+        metavar='N',
+        type=whole,
+        help='which body of a mesh file, if it has several that do not touch: 1 is the largest',
+    )
+    parser.add_argument(
+        '--parts', metavar='DIR', type=Path, help='folder of named parts (the examples)'
+    )
+
+
+def add_output(parser: argparse.ArgumentParser, *, each: bool = True) -> None:
+    """--json, and --each for a table of aspects."""
+    if each:
+        parser.add_argument(
+            '--each',
+            action='store_true',
+            help='show a row for each aspect, also for those that a rotation of the part maps '
+            'onto each other',
+        )
+    parser.add_argument('--json', action='store_true', help='print one JSON document instead')
+
+
+def add_conditions(parser: argparse.ArgumentParser, default: str = DEFAULT_SURFACE) -> None:
+    """--surface and one flag for each condition, from the conditions' own declaration."""
+    group = parser.add_argument_group(
+        'conditions of the drops',
+        'Those of the surface, unless changed one by one. Lengths, speeds, gravity and\n'
+        'spin may have a unit, such as 60mm, 2.4in, 300mm/s or 20rpm.',
+    )
+    group.add_argument(
+        '--surface',
+        metavar='NAME',
+        default='',
+        help=f'named conditions: rubber_mat, steel or thrown ({default})',
+    )
+    for name, quantity in QUANTITIES.items():
+        group.add_argument(
+            _flag(name),
+            metavar=quantity.unit.upper() or 'X',
+            help=f'{quantity.text}: {quantity.allowed()}',
+        )
+    group.add_argument(
+        '--height-of',
+        type=str.upper,
+        choices=[h.name for h in HeightOf],
+        help='what the height is of, when the part is released',
+    )
+
+
+def conditions_of(arguments: argparse.Namespace, surfaces: Surfaces) -> DropConditions:
+    """The conditions that the flags ask for; raises InvalidValueError."""
+    return surfaces.get(arguments.surface).changed(**changes_of(arguments))
+
+
+def changes_of(arguments: argparse.Namespace) -> dict[str, object]:
+    """The conditions that are changed one by one."""
+    changes: dict[str, object] = {
+        name: parse_quantity(_flag(name), text, quantity.unit)
+        for name, quantity in QUANTITIES.items()
+        if (text := getattr(arguments, name)) is not None
+    }
+    if arguments.height_of is not None:
+        changes['height_of'] = HeightOf[arguments.height_of]
+    return changes
+
+
+def add_ros_args(parser: argparse.ArgumentParser) -> None:
+    """--ros-args, as any node has it."""
+    parser.add_argument(
+        '--ros-args',
+        nargs=argparse.REMAINDER,
+        default=[],
+        help='all that follows is for ROS: -r __ns:=/cell_1 for a namespace, -p name:=value for a '
+        'parameter of a node',
+    )
+
+
+def add_run(parser: argparse.ArgumentParser, default_seed: str) -> None:
+    """--drops, --precision and --seed, None if it is not given; see drops_of."""
+    parser.add_argument(
+        '--drops',
+        metavar='N',
+        type=whole,
+        help=f'how many ({DEFAULT_DROPS}); 385 give intervals of about +-0.05, 10000 of +-0.01. '
+        'With --precision the most that are made (as many as it takes)',
+    )
+    parser.add_argument(
+        '--precision',
+        metavar='P',
+        help='stop as soon as every interval is at most +-P wide, such as 0.01 or 1%%: those of '
+        'aspects that were never seen, too',
+    )
+    parser.add_argument(
+        '--seed',
+        metavar='S',
+        type=whole,
+        help=f'the same seed gives the same drops ({default_seed})',
+    )
+
+
+def drops_of(arguments: argparse.Namespace) -> tuple[int, float]:
+    """How many drops are asked for, and to which precision; 0 is not given."""
+    if arguments.precision is None:
+        return DEFAULT_DROPS if arguments.drops is None else arguments.drops, 0.0
+    # It takes a while to import, which --help does not need.
+    from resting_aspects_ros.core.statistics.stopping import check_precision
+
+    precision = parse_share('--precision', arguments.precision)
+    check_precision(precision)
+    if arguments.drops is not None:
+        check_drops(arguments.drops)
+    return arguments.drops or 0, precision
+
+
+def _flag(name: str) -> str:
+    return '--' + name.replace('_', '-')
+
+
+def parse_quantity(name: str, text: str, unit: str) -> float:
+    """``60mm`` as 0.06, if the unit inside is m. A bare number is in the unit inside.
+
+    Raises InvalidValueError, with the units that are allowed.
+    """
+    match = _NUMBER.fullmatch(text)
+    factors = _FACTORS[unit]
+    if match is None or (match[2] and match[2] not in factors):
+        allowed = (
+            f'a number, in {unit} or with one of {", ".join(factors)}' if unit else 'a number'
+        )
+        raise InvalidValueError(f'{name} is {shown(text)}, allowed is {allowed}')
+    return float(match[1]) * factors.get(match[2], 1.0)
+
+
+def parse_share(name: str, text: str) -> float:
+    """``0.02`` or ``2%`` as 0.02; raises InvalidValueError."""
+    match = _NUMBER.fullmatch(text)
+    if match is None or match[2] not in ('', '%'):
+        raise InvalidValueError(
+            f'invalid {name} {shown(text)}: expected a number, such as 0.02 or 2%'
+        )
+    return float(match[1]) / (100 if match[2] else 1)
+
+
+def whole(text: str) -> int:
+    """``1000``, ``10_000`` or ``1e4`` as an integer, as the type of an option."""
+    try:
+        return int(text)
+    except ValueError:
+        pass
+    try:
+        number = Decimal(text)
+    except InvalidOperation:
+        number = Decimal('NaN')
+    # Not a number, infinite, with a fraction, or of more digits than any option takes.
+    if not number.is_finite() or number.adjusted() > MAX_DIGITS or number != int(number):
+        raise argparse.ArgumentTypeError(f'{shown(text)} is not an integer, such as 1000 or 1e4')
+    return int(number)

@@ -1,0 +1,102 @@
+"""How far long work is, on standard error: a bar on a terminal, else a line a second."""
+
+import sys
+import time
+from types import TracebackType
+from typing import TYPE_CHECKING, TypeVar
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.nodes.log_replayer.player import Position
+
+Self = TypeVar('Self', bound='_Shown')  # typing.Self is newer than Python 3.10
+LINE_PERIOD = 1.0
+
+
+class _Shown:
+    """A bar on standard error, None where that is no terminal; use it with `with`."""
+
+    def __init__(self, what: str, total: float, *columns: ProgressColumn) -> None:
+        self._bar: Progress | None = None
+        if sys.stderr.isatty():
+            text = TextColumn('{task.fields[text]}', markup=False)
+            title = TextColumn('{task.description}', markup=False)
+            console = Console(stderr=True)
+            self._bar = Progress(title, BarColumn(), *columns, text, console=console)
+            self._task = self._bar.add_task(what, total=total, text='')
+
+    def __enter__(self: Self) -> Self:  # noqa: PYI019
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+
+class DropProgress(_Shown):
+    """Shows drops done and drops per second.
+
+    done : how many drops are done
+    """
+
+    def __init__(self, what: str, total: int) -> None:
+        super().__init__(what, total, MofNCompleteColumn())
+        self.done = 0
+        self._what = what
+        self._total = total
+        self._begun = self._shown = time.monotonic()
+        self._waited = False
+        self._line = ''  # the last that was printed
+
+    def update(self, done: int) -> None:
+        """Update the number of drops that are done."""
+        self.done = done
+        self._waited = True
+        now = time.monotonic()
+        seconds = max(now - self._begun, 1e-9)
+        rate = f'{done / seconds:.0f} drops/s' if done else ''
+        if self._bar is not None:
+            if 0 < done < self._total:
+                rate += f', {seconds * (self._total - done) / done:.0f} s left'
+            self._bar.update(self._task, completed=done, total=self._total, text=rate)
+            self._bar.start()
+        elif now - self._shown >= LINE_PERIOD or done == self._total:
+            line = f'{self._what}: {done} of {self._total} drops'
+            if line != self._line:  # the rate alone is no news
+                print(f'{line}  {rate}'.rstrip(), file=sys.stderr)
+                self._line, self._shown = line, now
+
+    def end(self, done: int) -> None:
+        """No more drops come: those that are done are all. Nothing, if none were waited for."""
+        if self._waited:
+            self._total = done
+            self.update(done)
+
+
+class ReplayProgress(_Shown):
+    """Shows the position of a replay, on a terminal only."""
+
+    def __init__(self) -> None:
+        super().__init__('', 1.0)
+
+    def update(self, position: 'Position') -> None:
+        """Update the position; the bar is shown from the first time on, up to the end."""
+        if self._bar is None:
+            return
+        self._bar.update(
+            self._task,
+            description='paused' if position.paused else 'replay',
+            completed=1.0 if position.over else position.seconds / (position.length or 1.0),
+            text=str(position),
+        )
+        self._bar.start()
+        if position.over:
+            self._bar.stop()
+            self._bar = None

@@ -1,0 +1,124 @@
+"""`resting_aspects info`: what is in a log."""
+
+import argparse
+import dataclasses
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from resting_aspects_ros.cli.formatting import condition_facts, surface_text, when_text
+from resting_aspects_ros.cli.options import add_output
+from resting_aspects_ros.cli.run_result import print_table
+from resting_aspects_ros.core.errors import one_line
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
+from resting_aspects_ros.report.document import (
+    SCHEMA_VERSION,
+    distribution_document,
+    plain,
+    to_json,
+)
+from resting_aspects_ros.run_logs.contents import LoggedRun, read_logged_run, rest_of_run
+from resting_aspects_ros.simulation.run_description import RunDescription
+
+DESCRIPTION = """Part, conditions, seed, versions, number of poses, and the distribution
+that a log holds, closed or broken off."""
+EXAMPLES = """examples:
+  resting_aspects info out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
+  resting_aspects info run_0.mcap --json
+"""
+
+# A log's own texts are shown without control characters, and no longer than this.
+_WIDEST = 1000
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('log', metavar='LOG', type=Path, help='folder of a run, or an .mcap file')
+    add_output(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read a log and show what is in it; returns the exit code. Raises LogError."""
+    found = read_logged_run(arguments.log)
+    if arguments.json:
+        sys.stdout.write(to_json(_document(found)))
+        return 0
+    for label, text in _lines(found):
+        print(f'{label:12}{one_line(text, _WIDEST)}')
+    if found.counted is not None:
+        distribution, _, complete = found.counted
+        print()
+        of = '' if complete else ', counted before the run was over'
+        title = f'Distribution of {distribution.drops} drops{of}'
+        print_table(distribution, title, _part(found, distribution), each=arguments.each)
+    return 0
+
+
+def _lines(found: LoggedRun) -> Iterator[tuple[str, str]]:
+    yield 'log', f'{found.path}, {found.path.stat().st_size / 1e6:.3g} MB'
+    yield '', f'{_state(found)}, {found.messages} messages'
+    run = found.run
+    if run is None:
+        yield 'drops', 'none'
+        return
+    part = found.part
+    yield 'part', f'{run.part}, sha256 {run.part_sha256}'
+    if part is not None:
+        yield '', f'{part.mesh_format} in {part.unit}, {len(part.faces)} triangles'
+    else:
+        yield '', 'not described in this log'
+    yield 'conditions', surface_text(run.conditions)
+    yield from (('', f'{name} {value}') for name, value in condition_facts(run.conditions))
+    yield 'seed', str(run.seed)
+    yield 'drops', _drops(run, found)
+    yield 'made', f'{when_text(run.started)} with {run.engine} {run.engine_version}'
+    yield '', f'time step {run.time_step:.3g} s, resting_aspects_ros {run.suite_version}'
+    yield 'run id', run.run_id
+
+
+def _state(found: LoggedRun) -> str:
+    if found.being_written:
+        return 'being written'
+    if not found.finished:
+        return 'broken off ("resting_aspects recover" closes it, so that all can read it)'
+    return 'closed'
+
+
+def _drops(run: RunDescription, found: LoggedRun) -> str:
+    words = f'{found.outcome.drops} of {run.drops}'
+    if run.first_drop:
+        words += f', from drop {run.first_drop} on'
+    if run.precision:
+        words += f', to a precision of {run.precision:g}'
+    return words + (rest_of_run(run, found.outcome) if found.finished else '')
+
+
+def _document(found: LoggedRun) -> dict[str, object]:
+    run, part = found.run, found.part
+    log = {
+        'path': str(found.path),
+        'messages': found.messages,
+        'finished': found.finished,
+        'being_written': found.being_written,
+        'whole': found.outcome.whole,
+        'poses': found.outcome.drops,
+    }
+    fields: dict[str, object] = {}
+    if run is not None:
+        fields = {name: plain(value) for name, value in dataclasses.asdict(run).items()}
+    if part is not None:
+        fields['mesh_sha256'] = part.mesh_sha256
+    if run is not None:
+        fields['drops_asked'] = run.drops
+    if found.counted is None:
+        return {'schema_version': SCHEMA_VERSION, **fields, 'log': log}
+    distribution, _, complete = found.counted
+    fields |= {'method': METHOD, 'complete': complete, 'log': log}
+    return distribution_document(distribution, fields, _part(found, distribution))
+
+
+def _part(found: LoggedRun, distribution: Distribution) -> Part | None:
+    """Return the part of the distribution, if the log describes it."""
+    part = found.part
+    return part if part and part.part_sha256 == distribution.aspects.part_sha256 else None

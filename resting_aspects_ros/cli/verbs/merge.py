@@ -1,0 +1,101 @@
+"""`resting_aspects merge`: the drops of several logs as one distribution, each drop once."""
+
+import argparse
+import dataclasses
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from resting_aspects_ros.cli.formatting import surface_text
+from resting_aspects_ros.cli.options import add_output
+from resting_aspects_ros.cli.run_result import print_table
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.distribution import (
+    METHOD,
+    Distribution,
+    count_poses,
+    no_drops,
+)
+from resting_aspects_ros.report.document import distribution_document, to_json
+from resting_aspects_ros.run_logs.contents import LoggedRun, read_logged_run
+from resting_aspects_ros.simulation.merge_runs import MergedDrops, merge_drops
+
+DESCRIPTION = """The distribution over all drops in logs of one part under the same
+conditions. A drop that is in several of them, by its seed and its index,
+counts once."""
+EXAMPLES = """examples:
+  resting_aspects merge out/logs/l_bracket_*
+  resting_aspects merge monday.mcap tuesday.mcap --any-engine --json
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        'logs', metavar='LOG', type=Path, nargs='+', help='folder of a run, or an .mcap file'
+    )
+    parser.add_argument(
+        '--any-engine',
+        action='store_true',
+        help='also of different engines, versions of them, or time steps',
+    )
+    add_output(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read, merge, count and show; returns the exit code.
+
+    Raises RestingAspectsError for logs that cannot be read, or do not belong together.
+    """
+    logs = arguments.logs
+    found = [read_logged_run(log, keep_poses=True) for log in logs]
+    pieces = (piece for each in found for piece in each.pieces)
+    merged = merge_drops(pieces, any_engine=arguments.any_engine)
+    if not merged:
+        raise InvalidValueError(f'no drops are in {_named(logs)}, allowed are logs of runs')
+    run = merged[0].run
+    part = _part(found, run.part_sha256)
+    if part is None:
+        raise InvalidValueError(
+            f'{_named(logs)} do not describe their part: allowed are logs that the recorder '
+            'closed, at least one'
+        )
+    for each in found:
+        each.warn_if_unfinished()
+    distribution = _counted(part, merged)
+    if arguments.json:
+        fields = {
+            **dataclasses.asdict(run),
+            'mesh_sha256': part.mesh_sha256,
+            'method': METHOD,
+            'runs': [list(each.run_ids) for each in merged],
+            'seeds': [each.run.seed for each in merged],
+        }
+        sys.stdout.write(to_json(distribution_document(distribution, fields, part)))
+        return 0
+    surface = surface_text(run.conditions)
+    runs = len({run_id for each in merged for run_id in each.run_ids})
+    words = f'{runs} run{"s" if runs > 1 else ""}'
+    title = f'{part.name}, {distribution.drops} drops of {words} on {surface}'
+    print_table(distribution, title, part, each=arguments.each)
+    return 0
+
+
+def _part(found: Sequence[LoggedRun], part_sha256: str) -> Part | None:
+    """Return the part as one of the logs describes it."""
+    parts = (each.part for each in found)
+    return next((part for part in parts if part and part.part_sha256 == part_sha256), None)
+
+
+def _counted(part: Part, merged: Sequence[MergedDrops]) -> Distribution:
+    total = no_drops(find_aspects(part))
+    for each in merged:
+        for poses in each.poses:
+            total += count_poses(total.aspects, poses)
+    return total
+
+
+def _named(logs: Sequence[Path]) -> str:
+    return ', '.join(repr(str(log)) for log in logs)

@@ -1,0 +1,30 @@
+"""`resting_aspects nodes`: the whole suite in one process."""
+
+import argparse
+
+from resting_aspects_ros.cli.options import add_ros_args
+
+DESCRIPTION = """Run drop_simulator, aspect_classifier and drop_recorder in one process,
+until Ctrl-C. Each is a program of its own, too, whose --help lists its
+parameters."""
+EXAMPLES = """examples:
+  resting_aspects nodes
+  resting_aspects nodes --ros-args -p parts_folder:=my_parts
+  resting_aspects nodes --ros-args -p log_folder:=logs -r __ns:=/cell_1
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_ros_args(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Spin until told to stop."""
+    from resting_aspects_ros.nodes.aspect_classifier.node import AspectClassifier
+    from resting_aspects_ros.nodes.drop_recorder.node import DropRecorder
+    from resting_aspects_ros.nodes.drop_simulator.node import DropSimulator
+    from resting_aspects_ros.ros.spin import spin_nodes
+
+    ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
+    return spin_nodes([DropSimulator, AspectClassifier, DropRecorder], ros_args)

@@ -1,0 +1,72 @@
+"""`resting_aspects recover`: close logs that were broken off."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.logs.bag_metadata import OUTCOME
+from resting_aspects_ros.logs.recovery import Account, recover_log
+from resting_aspects_ros.run_logs.contents import TYPES, LoggedRun, rest_of_run
+
+DESCRIPTION = """Rebuild index, summary and metadata.yaml of logs whose recorder was killed.
+Every message that is in the file in full is kept, and a classifier that is
+started uses the drops. Logs that are closed, or are being written, stay as they
+are. A file that is damaged before its end is refused: "mcap recover", of the
+MCAP command line tool, copies what is readable in it."""
+EXAMPLES = """examples:
+  resting_aspects recover out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
+  resting_aspects recover out/logs/*
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        'logs', metavar='LOG', type=Path, nargs='+', help='folder of a run, or an .mcap file'
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Recover one after the other, and print what was found; returns the exit code.
+
+    One that cannot be recovered does not hold up the others. Raises RestingAspectsError at the
+    end.
+    """
+    failed = []
+    for log in arguments.logs:
+        try:
+            print(f'{log}: {_recover(log)}', flush=True)
+        except RestingAspectsError as error:
+            failed.append(error)
+    for earlier in failed[:-1]:
+        print(f'error: {earlier}', file=sys.stderr)
+    if failed:
+        raise failed[-1]
+    return 0
+
+
+def _recover(log: Path) -> str:
+    """Recover a log; returns what was done."""
+    logged = LoggedRun(log)
+    account = Account(TYPES, logged.take, lambda: _notes(logged))
+    recovered = recover_log(log, account)
+    if recovered.being_written:
+        return 'is being written, left as it is'
+    words = _drops(logged) if not account.error else f'its drops were not counted: {account.error}'
+    if recovered.closed:
+        return f'is closed already, {recovered.messages} messages, {words}'
+    return f'{recovered.messages} messages recovered, {words}'
+
+
+def _notes(logged: LoggedRun) -> dict[str, dict[str, str]]:
+    return {} if logged.run is None else {OUTCOME: logged.outcome.record()}
+
+
+def _drops(logged: LoggedRun) -> str:
+    """Return how many of its drops a log has."""
+    if logged.run is None:
+        return 'no drops'
+    outcome = logged.outcome
+    words = f'{outcome.drops} of {logged.run.drops} drops of {logged.run.part}'
+    return words + rest_of_run(logged.run, outcome)

@@ -1,0 +1,63 @@
+"""`resting_aspects replay`: playback of a log on the topics of the suite."""
+
+import argparse
+from pathlib import Path
+
+from resting_aspects_ros.cli.options import add_ros_args, parse_quantity
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.input_file import is_printable
+
+DESCRIPTION = """Publish the messages of a log on the topics of the suite, with the recorded
+QoS, bytes and pauses, so that a controller can be developed without drops.
+Names are relative to the namespace of the command, not to the recorded one. It
+keeps running after the last message so that late subscribers receive the
+latched topics: part, poses and last distribution. The services
+log_replayer/pause and log_replayer/resume pause and resume it."""
+EXAMPLES = """examples:
+  resting_aspects replay out/logs/l_bracket_20250131T235959Z_4f1c
+  resting_aspects replay run.mcap --rate 10 --ros-args -r __ns:=/cell_1
+  resting_aspects replay run.mcap --as-fast-as-possible
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        'log', metavar='LOG', type=Path, help='folder of a run, or an .mcap file, closed or not'
+    )
+    pace = parser.add_mutually_exclusive_group()
+    pace.add_argument(
+        '--rate', metavar='R', help='playback speed relative to the recording: 0.001 to 1000 (1)'
+    )
+    pace.add_argument(
+        '--as-fast-as-possible',
+        action='store_true',
+        help='publish as fast as subscribers acknowledge. A subscriber with the offered depth '
+        '(2000 for resting_poses) loses nothing of a run',
+    )
+    parser.add_argument(
+        '--loop',
+        action='store_true',
+        help='start again one second after the end. The runs keep their ids: aspect_classifier '
+        'and drop_recorder count no drop twice',
+    )
+    add_ros_args(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Spin until told to stop."""
+    if not is_printable(str(arguments.log)):
+        raise InvalidValueError(
+            f'log is {str(arguments.log)!r}, allowed is a name in UTF-8: ROS takes no other'
+        )
+    given: dict[str, object] = {'log': str(arguments.log)}
+    if arguments.rate is not None:
+        given['rate'] = parse_quantity('--rate', arguments.rate, '')
+    given |= {name: True for name in ('as_fast_as_possible', 'loop') if getattr(arguments, name)}
+    from resting_aspects_ros.cli.progress import ReplayProgress
+    from resting_aspects_ros.nodes.log_replayer.node import LogReplayer
+    from resting_aspects_ros.ros.spin import spin_nodes
+
+    ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
+    with ReplayProgress() as progress:
+        return spin_nodes([lambda: LogReplayer(given, progress.update)], ros_args)

@@ -1,0 +1,87 @@
+"""`resting_aspects report`: a result as a page to look at."""
+
+import argparse
+from pathlib import Path
+
+from resting_aspects_ros.cli.inputs.count_files import read_counts
+from resting_aspects_ros.cli.inputs.counts import check_against
+from resting_aspects_ros.cli.inputs.result_document import document_answer
+from resting_aspects_ros.cli.options import add_part_place
+from resting_aspects_ros.cli.report_files import check_report, default_folder, write_report
+from resting_aspects_ros.cli.run_result import Answer
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.logs.stream_reader import is_log
+
+DESCRIPTION = """Write report.html, one file that needs no network, with the part in 3D, a
+picture and the probability of each aspect, charts, and all conditions; and
+the figures as PNG and SVG."""
+EXAMPLES = """examples:
+  resting_aspects report out/nut/distribution.json
+  resting_aspects report out/logs/l_bracket_20250131T120000Z_4f1c --out report
+  resting_aspects report result/distribution.json --against counted_by_hand.csv
+  resting_aspects report request.json --part my_part.stl --unit in
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        'result',
+        metavar='LOG_OR_JSON',
+        type=Path,
+        help='a log (the folder of a run, or its .mcap file), or a JSON document of drop or '
+        'request',
+    )
+    parser.add_argument(
+        '--against',
+        metavar='COUNTS',
+        type=Path,
+        help='show it beside counts by hand (a CSV with aspect or class, and count), a log or a '
+        'JSON document',
+    )
+    parser.add_argument(
+        '--out', metavar='DIR', type=Path, help='folder of the files (out/ and the part)'
+    )
+    parser.add_argument(
+        '--part',
+        metavar='PART_OR_MESH',
+        help='the part of a JSON document (the mesh that it names, else the part of its name)',
+    )
+    add_part_place(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read and write; returns the exit code. Raises RestingAspectsError for wrong input."""
+    answer = _answer(arguments)
+    against = None
+    if arguments.against is not None:
+        against = read_counts(arguments.against)
+        aspects = answer.distribution.aspects
+        if not answer.distribution.counts.any():
+            raise InvalidValueError(
+                f'{str(arguments.result)!r} has no drop in an aspect, allowed with --against are '
+                '1 or more'
+            )
+        check_against(against, answer.run.part, answer.run.part_sha256, aspects)
+    folder = arguments.out or default_folder(answer.run.part)
+    check_report('--out', folder)
+    print(f'Report: {write_report(answer, folder, against)}')
+    return 0
+
+
+def _answer(arguments: argparse.Namespace) -> Answer:
+    path: Path = arguments.result
+    if not is_log(path):
+        return document_answer(
+            path, arguments.part, arguments.unit, arguments.parts, arguments.body
+        )
+    for name in ('part', 'unit', 'body', 'parts'):
+        if (given := getattr(arguments, name)) is not None:
+            raise InvalidValueError(
+                f'--{name} is {str(given)!r}, allowed only with a JSON document: a log holds its '
+                'part'
+            )
+    # It imports ROS, which a document does not need.
+    from resting_aspects_ros.run_logs.contents import logged_answer
+
+    return logged_answer(path)

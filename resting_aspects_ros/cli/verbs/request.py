@@ -1,0 +1,166 @@
+"""`resting_aspects request`: ask a running suite for a distribution, as a ROS client."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from resting_aspects_ros.cli.formatting import shipped_surfaces, warn
+from resting_aspects_ros.cli.options import (
+    add_conditions,
+    add_output,
+    add_ros_args,
+    add_run,
+    changes_of,
+    conditions_of,
+    drops_of,
+)
+from resting_aspects_ros.cli.output_files import check_output
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.simulation.conditions import QUANTITIES
+from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, MOST_DROPS
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.cli.progress import DropProgress
+    from resting_aspects_ros.cli.run_result import Answer
+    from resting_aspects_ros.client.client import RestingAspectsClient
+    from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.simulation.interruption import Interruption
+
+DESCRIPTION = """Call get_distribution of the running nodes: a known distribution is
+answered at once, otherwise the part is dropped first."""
+EXAMPLES = """examples:
+  resting_aspects nodes                      (in another terminal)
+  resting_aspects request l_bracket --drops 2000
+  resting_aspects request hex_nut --only-known --json
+  resting_aspects request hex_nut --method rolling
+  resting_aspects request hex_nut --ros-args -r __ns:=/cell_1
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('part', metavar='PART', help='name of a part that the simulator knows')
+    add_run(parser, f'any known run will do, and a new one gets {DEFAULT_SEED}')
+    parser.add_argument(
+        '--method',
+        metavar='NAME',
+        default='drops',
+        help='drops, or an analytic method of `estimate`, which knows no conditions (drops)',
+    )
+    parser.add_argument(
+        '--only-known',
+        action='store_true',
+        help='do not drop; without --drops and --precision whatever is known will do',
+    )
+    add_output(parser)
+    parser.add_argument('--picture', metavar='FILE.png', type=Path, help='write a picture')
+    add_conditions(parser, "the simulator's default")
+    add_ros_args(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Do it; raises RestingAspectsError for what the suite refuses."""
+    with Interruption() as stop:
+        if arguments.method != 'drops':
+            _check_alone(arguments)
+        check_output('--picture', arguments.picture)
+        if arguments.method != 'drops':
+            return _estimate(arguments, stop)
+        # Also without a surface: wrong values are refused before a suite is looked for.
+        conditions = conditions_of(arguments, shipped_surfaces())
+        drops, precision = drops_of(arguments)
+        # A second to import, which --help does not need.
+        from resting_aspects_ros.cli.progress import DropProgress
+        from resting_aspects_ros.client.client import RestingAspectsClient
+        from resting_aspects_ros.core.statistics.stopping import max_drops
+
+        progress = DropProgress(arguments.part, max_drops(drops, precision, MOST_DROPS))
+        with RestingAspectsClient(
+            ros_args=arguments.ros_args, warn=warn, check=stop.check
+        ) as client:
+            changes = changes_of(arguments)
+            if changes and not arguments.surface:
+                conditions = client.default_conditions().changed(**changes)
+            try:
+                with progress:
+                    message = client.get_distribution(
+                        arguments.part,
+                        drops=arguments.drops,
+                        precision=precision,
+                        conditions=conditions if changes or arguments.surface else None,
+                        seed=arguments.seed,
+                        only_known=arguments.only_known,
+                        progress=progress.update,
+                    )
+                    progress.end(message.drops)
+            except KeyboardInterrupt:
+                raise KeyboardInterrupt(_interrupted(progress)) from None
+            answer = answer_from(message, _part(client, arguments.part))
+        if arguments.picture is not None:
+            answer.save_picture(arguments.picture)
+        answer.print(as_json=arguments.json, each=arguments.each)
+    return 0
+
+
+def _check_alone(arguments: argparse.Namespace) -> None:
+    """Raises InvalidValueError for what an estimator, which knows the part alone, ignores."""
+    of_drops = ('drops', 'precision', 'seed', 'surface', *QUANTITIES, 'height_of', 'picture')
+    for name in of_drops:
+        if (given := getattr(arguments, name)) not in (None, ''):
+            flag = f'--{name.replace("_", "-")}'
+            raise InvalidValueError(
+                f'{flag} is {shown(str(given))}, allowed only with --method drops'
+            )
+
+
+def _part(client: 'RestingAspectsClient', name: str) -> 'Part | None':
+    """As it is offered; what is known of it is answered also if it is not."""
+    from resting_aspects_ros.client import NotAvailableError, UnknownPartError
+
+    try:
+        if all(part.name != name for part in client.list_parts()):
+            raise UnknownPartError(f'no drop_simulator offers {name}')
+        return client.get_part(name)
+    except (NotAvailableError, UnknownPartError) as error:
+        warn(f'no picture of the part, and not what it rests on: {error}')
+        return None
+
+
+def _interrupted(progress: 'DropProgress') -> str:
+    """Return what to say after Ctrl-C, with which the request's run is canceled."""
+    if not progress.done:
+        return 'interrupted'
+    return (
+        f'interrupted after {progress.done} drops; they are kept, and the run ends unless another '
+        'client has asked for the same drops'
+    )
+
+
+def _estimate(arguments: argparse.Namespace, stop: Interruption) -> int:
+    """Ask for what an analytic method predicts, and show it."""
+    from resting_aspects_ros.cli.verbs.estimate import show_estimates
+    from resting_aspects_ros.client.client import RestingAspectsClient
+    from resting_aspects_ros.ros.distribution_conversions import estimate_from
+
+    with RestingAspectsClient(ros_args=arguments.ros_args, check=stop.check) as client:
+        found = estimate_from(client.get_distribution(arguments.part, method=arguments.method))
+        part = client.get_part(arguments.part)
+    show_estimates(
+        part,
+        found.aspects,
+        {found.method: found},
+        {},
+        each=arguments.each,
+        as_json=arguments.json,
+    )
+    return 0
+
+
+def answer_from(message: Any, part: 'Part | None') -> 'Answer':
+    """The answer in an AspectDistribution."""
+    from resting_aspects_ros.cli.run_result import Answer
+    from resting_aspects_ros.ros.conversions import run_from
+    from resting_aspects_ros.ros.distribution_conversions import distribution_from
+
+    distribution, run = distribution_from(message), run_from(message.run)
+    return Answer(distribution, run, part, message.method, message.complete)

@@ -1,0 +1,162 @@
+"""How a part that is let go rolls: steepest descent of the support height over directions.
+
+A direction d is that of gravity seen from the part. The part touches the surface with the corner p
+that reaches furthest down, and the support height is s(d) = max p . d. While one corner touches,
+the part pivots about it: d moves away from p along a great circle. When a second corner touches,
+it rolls on over the edge between them, if the foot of the perpendicular from the centre of mass is
+inside the edge, or pivots on about the second corner; so on, until the centre of mass is over the
+inside of a facet (Baktash, Sharp, Zhou, Crane, Jacobson, SIGGRAPH 2025).
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from resting_aspects_ros.core.geometry.polyhedron import Indices, Polyhedron
+from resting_aspects_ros.core.rotations import Array
+
+# A part can rest on a facet if its centre of mass is inside by more than this, R. Less is
+# indistinguishable from the noise of float32 coordinates, and any breath tips the part over.
+STABLE_MARGIN = 1e-4
+# Numbers that are worked on at once, so that memory stays flat.
+_AT_ONCE = 4_000_000
+
+
+class Descent:
+    """The descent on one polyhedron.
+
+    onto : (f,) int
+        For each facet the one to which a part rolls on from it; itself if it is stable.
+    rest : (f,) int
+        For each facet the stable one to which a part rolls that is let go on it.
+    """
+
+    def __init__(self, body: Polyhedron) -> None:
+        self._body = body
+        self._radii = np.linalg.norm(body.points, axis=1)
+        around = body.edges_of_points
+        self._width = max(map(len, around))
+        self._edges = np.full((len(around), self._width), -1)
+        for point, edges in enumerate(around):
+            self._edges[point, : len(edges)] = edges
+        self.onto = self._without_circles(self._onto())
+        self.rest = self._settle()
+
+    def facets_from(self, directions: Array) -> Indices:
+        """(n,) stable facets to which a part rolls from directions (n, 3), unit vectors."""
+        found = np.empty(len(directions), dtype=np.int64)
+        for chunk in _slices(len(directions), len(self._body.points)):
+            # Not as a matrix product: its rounding depends on how many rows it has.
+            x, y, z = directions[chunk].T[:, :, None]
+            px, py, pz = self._body.points.T
+            found[chunk] = (x * px + y * py + z * pz).argmax(axis=1)
+        for chunk in _slices(len(directions), 9 * self._width):
+            found[chunk] = self.rest[self._first_facets(directions[chunk], found[chunk])]
+        return found
+
+    def _first_facets(self, directions: Array, corner: Indices) -> Indices:
+        """The facet that each first comes to lie on, pivoting from a corner."""
+        body = self._body
+        found = np.empty(len(directions), dtype=np.int64)
+        left = np.arange(len(directions))
+        d = directions
+        while len(left):
+            edge, d = self._next_edge(d, corner)
+            second = body.ends[edge, 1] == corner
+            other = np.where(second, body.ends[edge, 0], body.ends[edge, 1])
+            foot = np.where(second, 1 - body.feet[edge], body.feet[edge])
+            over = foot < 1
+            found[left[over]] = self._over_edge(edge[over], d[over])
+            left, d, corner = left[~over], d[~over], other[~over]
+        return found
+
+    def _next_edge(self, d: Array, corner: Indices) -> tuple[Indices, Array]:
+        """The edge over which each rolls next, and the direction in which it does."""
+        p = self._body.points[corner]
+        away = (p * d).sum(axis=1, keepdims=True) * d - p
+        length = np.linalg.norm(away, axis=1, keepdims=True)
+        # On top of the corner every way is down: any will do.
+        least = np.eye(3)[np.abs(d).argmin(axis=1)]
+        along = np.cross(d, least)
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        away = np.where(length > 1e-12, away / np.maximum(length, 1e-300), along)
+        edges = self._edges[corner]
+        ends = self._body.ends[edges]
+        other = np.where(ends[..., 1] == corner[:, None], ends[..., 0], ends[..., 1])
+        gap = p[:, None, :] - self._body.points[other]
+        now = np.maximum((gap * d[:, None, :]).sum(axis=2), 0.0)
+        rate = (gap * away[:, None, :]).sum(axis=2)
+        angle = np.arctan2(now, -rate)
+        angle[edges < 0] = np.inf
+        first = angle.argmin(axis=1)
+        rows = np.arange(len(d))
+        turn = angle[rows, first][:, None]
+        moved = np.cos(turn) * d + np.sin(turn) * away
+        return edges[rows, first], moved / np.linalg.norm(moved, axis=1, keepdims=True)
+
+    def _over_edge(self, edge: Indices, d: Array) -> Indices:
+        """The facet to which each rolls over an edge: away from where it balances on it."""
+        body = self._body
+        a, b = np.moveaxis(body.points[body.ends[edge]], 1, 0)
+        top = a + body.feet[edge][:, None] * (b - a)
+        turn = np.cross(top, b - a)
+        lean = (d * turn).sum(axis=1)
+        first, second = body.sides[edge].T
+        towards = ((body.normals[second] - body.normals[first]) * turn).sum(axis=1)
+        return np.asarray(np.where((lean > 0) == (towards > 0), second, first))
+
+    def _settle(self) -> Indices:
+        """Follow the facets on which the part cannot stay."""
+        onto = self.onto
+        while (onto[onto] != onto).any():
+            onto = onto[onto]
+        return onto
+
+    def _onto(self) -> Indices:
+        """For each facet the one that follows; itself if it is stable."""
+        body = self._body
+        onto = np.arange(len(body.normals))
+        pivots: list[tuple[int, int]] = []
+        for facet, edges in enumerate(body.edges_of_facets):
+            which = (body.sides[edges, 1] == facet).astype(int)
+            margin = body.margins[edges, which]
+            if margin.min() > STABLE_MARGIN:
+                continue
+            ends = body.points[body.ends[edges]]
+            at = np.clip(body.feet[edges], 0.0, 1.0)[:, None]
+            nearest = ends[:, 0] + at * (ends[:, 1] - ends[:, 0])
+            distance = np.linalg.norm(nearest - body.heights[facet] * body.normals[facet], axis=1)
+            distance[margin > STABLE_MARGIN] = np.inf
+            k = int(distance.argmin())
+            edge = edges[k]
+            if 0.0 < at[k, 0] < 1.0:
+                onto[facet] = body.sides[edge, 1 - which[k]]
+            else:
+                pivots.append((facet, int(body.ends[edge, int(at[k, 0])])))
+        if pivots:
+            facets, corners = np.array(pivots).T
+            onto[facets] = self._first_facets(body.normals[facets], corners)
+        return onto
+
+    def _without_circles(self, onto: Indices) -> Indices:
+        """Facets within noise of each other can hand a part round: the lowest of them keeps it."""
+        seen = np.full(len(onto), -1)  # from which facet each was reached first
+        for start in range(len(onto)):
+            facet = start
+            while seen[facet] < 0:
+                seen[facet] = start
+                facet = int(onto[facet])
+            if seen[facet] != start:
+                continue
+            circle = [facet]
+            while onto[circle[-1]] != facet:
+                circle.append(int(onto[circle[-1]]))
+            lowest = min(circle, key=lambda k: float(self._body.heights[k]))
+            onto[lowest] = lowest
+        return onto
+
+
+def _slices(count: int, width: int) -> Iterator[slice]:
+    """Of rows of so many numbers, as many as are worked on at once."""
+    step = max(1, _AT_ONCE // width)
+    return (slice(first, first + step) for first in range(0, count, step))

@@ -1,0 +1,225 @@
+"""One solid from the bodies of a mesh: those that touch each other are united, one is chosen.
+
+CAD programs export an assembly, or a screw as a head and a shank, as several closed shells. Where
+they overlap, the volume integrals would count twice; where they do not touch, they cannot be one
+rigid part.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.core.errors import InvalidValueError, PartError, shown
+from resting_aspects_ros.core.geometry.closed_surface import Surface, closed_surface, edge_pieces
+from resting_aspects_ros.core.geometry.mass_properties import solid_integrals
+from resting_aspects_ros.core.units import box_text
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+# Bodies with a gap up to this share of the mesh's size touch: the noise of float32 far from the
+# origin, and less than any gap that is meant.
+TOUCH = 1e-5
+# A union that changes the volume by less is of bodies that touch and do not overlap.
+SAME_VOLUME = 1e-6
+# A shell with less volume, as a share of the cube of its size, is a sheet folded onto itself.
+SHEET = 1e-9
+MAX_BODIES = 10_000
+MAX_NEAR = 2_000  # pairs of bodies whose boxes touch; each pair is compared triangle by triangle
+MAX_LISTED = 5
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Body:
+    """A shell that faces outward, with its cavities; lengths are shares of the mesh's size."""
+
+    number: int
+    corners: Array  # (m, 3, 3) of its triangles
+
+    @cached_property
+    def volume(self) -> float:
+        return float(np.linalg.det(self.corners).sum() / 6)
+
+    @cached_property
+    def low(self) -> Array:
+        return np.asarray(self.corners.min(axis=(0, 1)))
+
+    @cached_property
+    def high(self) -> Array:
+        return np.asarray(self.corners.max(axis=(0, 1)))
+
+    @cached_property
+    def solid(self) -> Any:
+        """The body as manifold3d has it."""
+        import manifold3d
+
+        points, faces = np.unique(self.corners.reshape(-1, 3), axis=0, return_inverse=True)
+        faces = faces.reshape(-1, 3).astype(np.uint64)
+        return manifold3d.Manifold(manifold3d.Mesh64(points, faces))
+
+
+def one_solid(surface: Surface, chosen: int | None, unit: str, label: str) -> tuple[Surface, int]:
+    """Return the surface of one solid, and the number of the body that was chosen, 0 if none was.
+
+    Bodies that touch are one; they are united if they overlap. Bodies are numbered from 1 on,
+    the largest first.
+
+    Parameters
+    ----------
+    surface : Surface
+        Returned as it is if it has a defect.
+    chosen : int, optional
+        Needed if there are bodies that do not touch each other.
+    unit : str
+        Of the coordinates, for errors.
+
+    Raises
+    ------
+    PartError
+        There are several bodies and none is chosen, they cannot be united, or there are too many.
+    InvalidValueError
+        There is no body of that number.
+    """
+    if surface.defect:
+        if chosen is not None:
+            raise PartError(f'{label} {surface.defect}: no body of it can be chosen')
+        return surface, 0
+    middle = (surface.vertices.min(axis=0) + surface.vertices.max(axis=0)) / 2
+    # A power of two, so that scaling loses no digit.
+    size = 2.0 ** np.ceil(np.log2(np.ptp(surface.vertices, axis=0).max()))
+    corners = ((surface.vertices - middle) / size)[surface.faces]
+    bodies = _solids(corners, surface.body)
+    groups = _groups(bodies, label) if len(bodies) > 1 else [bodies]
+    if chosen is not None and (type(chosen) is not int or not 1 <= chosen <= len(groups)):
+        raise InvalidValueError(
+            f'invalid body {shown(chosen)} of {label}: expected 1 to {len(groups)}'
+        )
+    if len(groups) > 1 and chosen is None:
+        raise PartError(
+            f'{label} has {len(groups)} bodies that do not touch each other '
+            f'({_list(groups, size, unit)}): choose one with --body N, or with "body: N" in the '
+            'YAML file beside the mesh'
+        )
+    group = groups[(chosen or 1) - 1]
+    if group:
+        surface = _cut(surface, np.isin(surface.body, [body.number for body in group]))
+    if len(group) > 1:
+        surface = _united(surface, group, middle, size, label)
+    return surface, chosen if chosen is not None and len(groups) > 1 else 0
+
+
+def _solids(corners: Array, number: Indices) -> list[_Body]:
+    """The bodies, without sheets of no volume."""
+    order = np.argsort(number, kind='stable')
+    starts = np.r_[0, np.flatnonzero(np.diff(number[order])) + 1]
+    found = [_Body(int(number[rows[0]]), corners[rows]) for rows in np.split(order, starts[1:])]
+    return [body for body in found if body.volume > SHEET * (body.high - body.low).max() ** 3]
+
+
+def _cut(surface: Surface, kept: npt.NDArray[np.bool_]) -> Surface:
+    """The surface of some of the triangles."""
+    if kept.all():
+        return surface
+    used, faces = np.unique(surface.faces[kept], return_inverse=True)
+    return Surface(
+        surface.vertices[used],
+        faces.reshape(-1, 3),
+        None,
+        surface.warnings,
+        surface.body[kept],
+    )
+
+
+def _list(groups: list[list[_Body]], size: float, unit: str) -> str:
+    sides = [
+        np.max([body.high for body in group], axis=0)
+        - np.min([body.low for body in group], axis=0)
+        for group in groups[:MAX_LISTED]
+    ]
+    texts = [f'{k}: {box_text(size * each, unit)}' for k, each in enumerate(sides, 1)]
+    return ', '.join(texts) + (', ...' if len(groups) > MAX_LISTED else '')
+
+
+def _groups(bodies: list[_Body], label: str) -> list[list[_Body]]:
+    """The bodies that hang together by contact, the largest group first."""
+    if len(bodies) > MAX_BODIES:
+        raise PartError(f'{label} has {len(bodies)} bodies: expected at most {MAX_BODIES}')
+    near = list(_near(bodies))
+    if len(near) > MAX_NEAR:
+        raise PartError(
+            f'{label} has {len(bodies)} bodies, of which {len(near)} pairs may touch: expected at '
+            f'most {MAX_NEAR}; unite them in the program that the mesh is from'
+        )
+    if near:
+        try:
+            import manifold3d  # noqa: F401
+        except ImportError:
+            raise PartError(
+                f'{label} has several bodies that may overlap: manifold3d, which unites them, is '
+                'not installed (pip install manifold3d)'
+            ) from None
+    piece = np.arange(len(bodies))
+    for one, other in near:
+        if piece[one] != piece[other]:
+            gap = bodies[one].solid.min_gap(bodies[other].solid, 2 * TOUCH)
+            if gap <= TOUCH:
+                piece[piece == piece[other]] = piece[one]
+    groups = [[bodies[k] for k in np.flatnonzero(piece == p)] for p in np.unique(piece)]
+    volumes = [sum(body.volume for body in group) for group in groups]
+    largest = max(volumes)
+    places = [np.min([body.low for body in group], axis=0).round(6).tolist() for group in groups]
+    order = [(-round(v / largest, 6), place) for v, place in zip(volumes, places, strict=True)]
+    return [groups[k] for k in sorted(range(len(groups)), key=order.__getitem__)]
+
+
+def _near(bodies: list[_Body]) -> Iterator[tuple[int, int]]:
+    """Pairs of bodies whose boxes touch."""
+    low = np.array([body.low for body in bodies]) - TOUCH
+    high = np.array([body.high for body in bodies]) + TOUCH
+    order = np.argsort(low[:, 0], kind='stable')
+    low, high = low[order], high[order]
+    ends = np.searchsorted(low[:, 0], high[:, 0], side='right')
+    for k, end in enumerate(ends.tolist()):
+        rest = slice(k + 1, end)
+        meets = ((low[rest] <= high[k]) & (high[rest] >= low[k])).all(axis=1)
+        yield from ((int(order[k]), int(order[k + 1 + m])) for m in np.flatnonzero(meets))
+
+
+def _united(
+    surface: Surface, group: list[_Body], middle: Array, size: float, label: str
+) -> Surface:
+    """The union of bodies that touch; the surface as it is if they do not overlap."""
+    import manifold3d
+
+    volume = sum(body.volume for body in group)
+    union = manifold3d.Manifold.batch_boolean(
+        [body.solid for body in group], manifold3d.OpType.Add
+    )
+    change = union.volume() / volume - 1
+    if union.status() == manifold3d.Error.NoError and abs(change) <= SAME_VOLUME:
+        if not edge_pieces(surface.faces).any():
+            return surface
+        warning = f'the mesh is of {len(group)} bodies that touch, which are one rigid part'
+        return dataclasses.replace(surface, warnings=(*surface.warnings, warning))
+    largest = max(body.volume for body in group)
+    mesh = union.to_mesh64()
+    points = np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3] * size + middle
+    found = None
+    if largest / volume - 1 - SAME_VOLUME <= change <= 0:
+        found = closed_surface(points, np.asarray(mesh.tri_verts).astype(np.int64))
+        off = solid_integrals(found.vertices, found.faces).volume / (union.volume() * size**3) - 1
+    if found is None or found.defect or abs(off) > SAME_VOLUME:
+        raise PartError(
+            f'{label} has {len(group)} bodies that overlap and cannot be united '
+            f'({union.status().name}): unite them in the program that the mesh is from'
+        )
+    warning = (
+        f'the mesh is of {len(group)} bodies that overlap; they were united, which changed the '
+        f'volume by {100 * change:.2g} %. A body inside another one is a cavity only if it faces '
+        'inward'
+    )
+    return dataclasses.replace(found, warnings=(*surface.warnings, warning))

@@ -1,0 +1,116 @@
+"""Where the mesh of a part touches the surface in an aspect, as connected pieces."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from resting_aspects_ros.core.aspects.aspect_set import Aspect
+from resting_aspects_ros.core.geometry.polyhedron import COPLANAR, Indices
+from resting_aspects_ros.core.geometry.tessellation import CURVED_STEP
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.rotations import Array, rotate
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPiece:
+    """A connected piece of the mesh that touches the surface.
+
+    points : (n, 3) float
+        Its vertices from the centre of mass, m, part axes.
+    outline : (n, 2) float
+        The same on the surface, tray axes.
+    area : float
+        Of its triangles on the surface, m^2; 0 of an edge or a corner.
+    holes : int
+        Between these triangles.
+    beside, sizes : (k, 3) and (k,) float
+        Unit normals and areas, m^2, of the triangles that join it at its edges, or its corner.
+    """
+
+    points: Array
+    outline: Array
+    area: float
+    holes: int
+    beside: Array
+    sizes: Array
+
+
+def contact_pieces(part: Part, aspect: Aspect) -> list[ContactPiece]:
+    """Return the pieces of the mesh that touch the surface in a pose that shows the aspect."""
+    down = aspect.down_in_part
+    height = part.vertices @ -down
+    near = height - height.min() <= _tolerance(part, aspect)
+    faces = part.faces[near[part.faces].any(axis=1)]
+    vertices, faces = np.unique(faces, return_inverse=True)
+    faces = faces.reshape(-1, 3)
+    near = near[vertices]
+    points = part.vertices[vertices] - part.centre_of_mass
+    normals = np.cross(
+        points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]]
+    )
+    double = np.linalg.norm(normals, axis=1)
+    normals /= np.maximum(double, np.finfo(float).tiny)[:, None]
+    touching = near[faces]
+    flat = touching.all(axis=1) & (normals @ down > np.cos(CURVED_STEP))
+    label = _labels(faces, touching, len(vertices))
+    of_face = label[faces[np.arange(len(faces)), touching.argmax(axis=1)]]
+    outline = rotate(aspect.orientation, points)[:, :2]
+    found = []
+    used = np.flatnonzero(near)
+    for group, here in zip(_grouped(label[used]), _grouped(of_face), strict=True):
+        own = used[group]
+        on_surface = here[flat[here]]
+        joined = touching[here].sum(axis=1) >= min(len(own), 2)
+        beside = here[~flat[here] & joined & (double[here] > 0)]
+        found.append(
+            ContactPiece(
+                points[own],
+                outline[own],
+                float(double[on_surface].sum() / 2),
+                _holes(faces[on_surface]),
+                normals[beside],
+                double[beside] / 2,
+            )
+        )
+    return found
+
+
+def _grouped(labels: Indices) -> list[Indices]:
+    """The places of equal labels, in the order of the labels."""
+    order = np.argsort(labels, kind='stable')
+    return np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
+
+
+def _tolerance(part: Part, aspect: Aspect) -> float:
+    """How far above the surface the mesh still touches it, m.
+
+    The corners of the aspect's support do, also where noise or a simplified hull lifts them.
+    """
+    corners = rotate(aspect.orientation, part.hull_vertices - part.centre_of_mass)
+    height = corners[:, 2] - corners[:, 2].min()
+    least = 2 * COPLANAR * part.hull_radius
+    below = [
+        height[np.abs(corners[:, :2] - corner).max(axis=1) <= least].min(initial=np.inf)
+        for corner in aspect.support
+    ]
+    lifted = max((rise for rise in below if rise < np.inf), default=0.0)
+    return max(least, part.hull_error) + float(lifted)
+
+
+def _labels(faces: Indices, touching: npt.NDArray[np.bool_], count: int) -> Indices:
+    """(count,) number of the connected piece of each vertex, over edges that touch."""
+    pairs = [
+        faces[touching[:, a] & touching[:, b]][:, (a, b)] for a, b in ((0, 1), (1, 2), (2, 0))
+    ]
+    a, b = np.concatenate(pairs).T
+    graph = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1])
+
+
+def _holes(faces: Indices) -> int:
+    """How many holes the triangles leave, of a connected piece: by Euler's formula."""
+    edges = np.sort(faces[:, ((0, 1), (1, 2), (2, 0))].reshape(-1, 2), axis=1)
+    return 1 - len(np.unique(faces)) + len(np.unique(edges, axis=0)) - len(faces)

@@ -1,0 +1,203 @@
+"""Mass properties of a part: those of its solid, of one density, or given ones."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import ConvexHull
+
+from resting_aspects_ros.core.errors import InvalidValueError, PartError
+from resting_aspects_ros.core.geometry import mass_values
+
+Array = npt.NDArray[np.float64]
+Faces = npt.NDArray[np.int64]
+
+DEFAULT_DENSITY = 1000.0  # kg/m^3; the mass has no influence on aspects
+
+# A closed surface with less volume than this share of its box is a sheet folded onto itself; a
+# foil of 10 um in a box of 1 m has more.
+NO_VOLUME = 1e-9
+
+# Of the greatest trace of the inertia; less would be a mass within 1e-6 R of one point, where a
+# mesh cannot have details.
+CONCENTRATED = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """What somebody says about a part's mass; None is unsaid. SI units, part frame, unchecked."""
+
+    density: Any = None
+    mass: Any = None
+    centre_of_mass: Any = None
+    inertia: Any = None
+
+
+@dataclass(frozen=True, eq=False)
+class MassProperties:
+    """Of a part, SI units; the inertia is about the centre of mass, along the part frame."""
+
+    mass: float
+    centre_of_mass: Array
+    inertia: Array
+    volume: float  # nan if the mesh encloses no solid
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """Volume (m^3), centroid (3,) (m) and inertia (3, 3) at density 1 about the centroid (m^5)."""
+
+    volume: float
+    centroid: Array
+    inertia: Array
+
+
+def mass_properties(
+    label: str,
+    vertices: Array,
+    faces: Faces,
+    hull_vertices: Array,
+    defect: str | None,
+    given: Given,
+) -> tuple[MassProperties, str | None]:
+    """Return the mass properties of a part, and why its mesh is no solid, None if it is.
+
+    Raises
+    ------
+    InvalidValueError
+        A given value is not allowed.
+    PartError
+        The mesh encloses no solid, and not all of mass, centre_of_mass and inertia are given.
+    """
+    if given.density is not None and given.mass is not None:
+        raise InvalidValueError(
+            f'{label} has both a density ({given.density!r}) and a mass '
+            f'({given.mass!r}): one of them is allowed'
+        )
+    of = f'of {label}'
+    density = (
+        None
+        if given.density is None
+        else mass_values.number(given.density, f'the density {of}, kg/m^3,')
+    )
+    mass = None if given.mass is None else mass_values.number(given.mass, f'the mass {of}, kg,')
+    centre = (
+        None
+        if given.centre_of_mass is None
+        else mass_values.point(given.centre_of_mass, f'the centre of mass {of}, m,')
+    )
+    inertia = (
+        None
+        if given.inertia is None
+        else mass_values.inertia_matrix(given.inertia, f'the inertia {of}')
+    )
+
+    solid = None if defect else solid_integrals(vertices, faces)
+    if solid:
+        defect = _flaw(solid, vertices, hull_vertices)
+        solid = None if defect else solid
+    if solid:
+        mass = (density or DEFAULT_DENSITY) * solid.volume if mass is None else mass
+        centre = solid.centroid if centre is None else centre
+        inertia = solid.inertia * (mass / solid.volume) if inertia is None else inertia
+    if mass is None or centre is None or inertia is None:
+        raise PartError(
+            f'{label} {defect}; either repair the mesh, or give mass, centre_of_mass '
+            'and inertia, all three, in the YAML file beside it'
+        )
+    if given.centre_of_mass is not None:
+        _check_inside(centre, hull_vertices, f'the centre of mass {of}')
+    if given.inertia is not None:
+        _check_possible(inertia, mass, hull_vertices - centre, f'the inertia {of}')
+    volume = solid.volume if solid else float('nan')
+    # Adding 0 makes -0 to 0, which a hash would tell apart.
+    return MassProperties(float(mass), centre + 0.0, inertia + 0.0, volume), defect
+
+
+def solid_integrals(vertices: Array, faces: Faces) -> Solid:
+    """Return the volume integrals of the solid inside a closed, outward surface.
+
+    The mesh is moved to the middle of its box and scaled to about 1 first (by a power of two,
+    which is exact), so that a part far from the origin, or a tiny one, loses no digits.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float64
+        m, part frame.
+    faces : (m, 3) int64
+    """
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    scale = 2.0 ** np.ceil(np.log2(np.ptp(vertices, axis=0).max()))
+    with np.errstate(all='ignore'):
+        volume, x, y, z, xx, yy, zz, xy, yz, zx = _integrals(((vertices - middle) / scale)[faces])
+        cx, cy, cz = centroid = np.array([x, y, z]) / volume
+        inertia = np.empty((3, 3))
+        inertia[0, 0] = yy + zz - volume * (cy**2 + cz**2)
+        inertia[1, 1] = xx + zz - volume * (cx**2 + cz**2)
+        inertia[2, 2] = xx + yy - volume * (cx**2 + cy**2)
+        inertia[0, 1] = inertia[1, 0] = -(xy - volume * (cx * cy))
+        inertia[1, 2] = inertia[2, 1] = -(yz - volume * (cy * cz))
+        inertia[0, 2] = inertia[2, 0] = -(zx - volume * (cx * cz))
+    return Solid(float(volume * scale**3), centroid * scale + middle, inertia * scale**5)
+
+
+def _integrals(triangles: Array) -> Array:
+    """Return the integrals (10,) of 1, x, y, z, xx, yy, zz, xy, yz, zx over the solid inside.
+
+    After Eberly, Polyhedral Mass Properties (2002), in the order of operations of trimesh, whose
+    import takes longer than all of the other imports of the core.
+    """
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    normals = np.cross(b - a, c - b)
+    f1 = a + b + c
+    f2 = a**2 + b**2 + a * b + c * f1
+    f3 = a**3 + a**2 * b + a * b**2 + b**3 + c * f2
+    g = [f2 + (corner + f1) * corner for corner in (a, b, c)]
+    products = np.zeros((10, len(triangles)))
+    products[0] = normals[:, 0] * f1[:, 0]
+    products[1:4] = (normals * f2).T
+    products[4:7] = (normals * f3).T
+    for i in range(3):
+        k = (i + 1) % 3
+        products[7 + i] = normals[:, i] * (
+            a[:, k] * g[0][:, i] + b[:, k] * g[1][:, i] + c[:, k] * g[2][:, i]
+        )
+    return np.asarray(products.sum(axis=1) / [6, 24, 24, 24, 60, 60, 60, 120, 120, 120])
+
+
+def _flaw(solid: Solid, vertices: Array, hull_vertices: Array) -> str | None:
+    """Say why no solid has these mass properties, as those of a mesh that intersects itself."""
+    if not solid.volume > NO_VOLUME * float(np.ptp(vertices, axis=0).max()) ** 3:
+        return 'encloses no volume'
+    try:
+        _check_inside(solid.centroid, hull_vertices, 'its centre of mass')
+        inertia = mass_values.inertia_matrix(solid.inertia, 'its inertia (density 1)')
+        arms = hull_vertices - solid.centroid
+        _check_possible(inertia, solid.volume, arms, 'its inertia (density 1)')
+    except InvalidValueError as error:
+        return f'intersects itself, so that no solid has its mass properties ({error})'
+    return None
+
+
+def _check_inside(centre: Array, hull_vertices: Array, what: str) -> None:
+    middle, size = hull_vertices.mean(axis=0), np.ptp(hull_vertices, axis=0).max()
+    planes = ConvexHull((hull_vertices - middle) / size).equations
+    if (planes[:, :3] @ (centre - middle) / size + planes[:, 3]).max() > 1e-9:
+        low, high = hull_vertices.min(axis=0), hull_vertices.max(axis=0)
+        raise InvalidValueError(
+            f'{what} is {centre.tolist()} m: it must lie inside the convex '
+            f'hull, whose box is {low.tolist()} to {high.tolist()} m'
+        )
+
+
+def _check_possible(inertia: Array, mass: float, arms: Array, what: str) -> None:
+    """Catch wrong units: no mass is further away than R, and the trace is twice its mean r^2."""
+    greatest = 2 * mass * (arms**2).sum(axis=1).max()
+    least = CONCENTRATED * greatest
+    if not least <= np.trace(inertia) <= greatest * (1 + mass_values.ROUNDING):
+        raise InvalidValueError(
+            f'{what} is {inertia.tolist()} kg m^2: its trace is '
+            f'{np.trace(inertia):.4g}, and for {mass:.4g} kg in this hull it '
+            f'is between {least:.4g} and {greatest:.4g}; is it in kg m^2?'
+        )

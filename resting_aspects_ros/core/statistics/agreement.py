@@ -1,0 +1,76 @@
+"""Two classifiers of the same poses held against each other: by aspects, and by clusters."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects.clusters import Clusters
+
+Array = npt.NDArray[np.float64]
+Ids = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """Which poses the two say the same of.
+
+    An aspect and a cluster go together if each has more poses of the other than of any else. A
+    pose is agreed on if it is in an aspect and in the cluster that goes with it; so one that is
+    in no aspect never is, since every pose is in some cluster.
+
+    aspect : (n,) int
+        Id of each pose's aspect; 0 for none.
+    cluster : (n,) int
+        Label of each pose's cluster.
+    cluster_of : (a,) int
+        For each aspect, by id from 1, the cluster with most of its poses; 0 if it has no pose.
+    shared : (a,) int
+        How many poses of each aspect are in that cluster.
+    agree : (n,) bool
+    """
+
+    aspect: Ids
+    cluster: Ids
+    cluster_of: Ids
+    shared: Ids
+    agree: npt.NDArray[np.bool_]
+
+
+def compare(ids: Ids, aspects: int, clusters: Clusters) -> Agreement:
+    """Hold (n,) ids of the poses' aspects, of which there are ``aspects``, against clusters."""
+    shape = (aspects + 1, len(clusters) + 1)
+    cells = np.bincount(ids * shape[1] + clusters.labels, minlength=shape[0] * shape[1])
+    table = cells.reshape(shape)
+    table[0] = 0  # in no aspect
+    cluster_of = table.argmax(axis=1)  # the larger cluster and the lower id, if there are two
+    aspect_of = table.argmax(axis=0)
+    agree = (ids > 0) & (cluster_of[ids] == clusters.labels) & (aspect_of[clusters.labels] == ids)
+    return Agreement(ids, clusters.labels, cluster_of[1:], table.max(axis=1)[1:], agree)
+
+
+@dataclass(frozen=True, eq=False)
+class Differences:
+    """The poses on which two classifiers differ, in their order; each field is (m,).
+
+    pose : int, which of the poses that were compared, from 0.
+    nearest, angle : the nearest aspect, 0 if the part has none, and the angle to it, rad.
+    aspect, cluster : int, what the two say; aspect 0 is none.
+    """
+
+    pose: Ids
+    nearest: Ids
+    angle: Array
+    aspect: Ids
+    cluster: Ids
+
+    def __len__(self) -> int:
+        return len(self.pose)
+
+
+def find_differences(agreement: Agreement, aspects: AspectSet, down: Array) -> Differences:
+    """The poses that are not agreed on, of those with the down directions (n, 3)."""
+    pose = np.flatnonzero(~agreement.agree)
+    nearest, angle = aspects.locate(down[pose])
+    return Differences(pose, nearest, angle, agreement.aspect[pose], agreement.cluster[pose])

@@ -1,0 +1,66 @@
+"""What a closed log says, found by the index at its end: the rest of the file is not read."""
+
+from pathlib import Path
+
+from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.logs.log_reader import LogFile
+from resting_aspects_ros.logs.stream_reader import check_definition, one_file, written_hash
+
+
+class NoIndexError(LogError):
+    """The log was broken off, is being written, or comes from a writer of no index."""
+
+
+class IndexedLog(LogFile):
+    """A closed log, open for reading; use it with `with`.
+
+    log : Path
+        The folder of a run, or its MCAP file.
+
+    Raises LogError if it is no log or damaged, NoIndexError if it has no index.
+    """
+
+    def __init__(self, log: Path) -> None:
+        super().__init__(one_file(log))
+        try:
+            summary = self.summary()
+            if summary is None or summary.statistics is None:
+                raise NoIndexError(
+                    f'{named("log", self.path)} has no index: it was broken off, or is being '
+                    'written ("resting_aspects recover" closes it)'
+                )
+        except BaseException:
+            self.stream.close()
+            raise
+        self._index = summary
+        self.message_count: int = summary.statistics.message_count
+
+    def notes(self) -> dict[str, dict[str, str]]:
+        """Return the records of free text, by name."""
+        found = [self.metadata_at(each.offset) for each in self._index.metadata_indexes]
+        return {each.name: each.metadata for each in found}
+
+    def first(self, type_name: str) -> bytes | None:
+        """Return the first message of a type in the file, in CDR; None if there is none."""
+        return self._message(type_name, last=False)
+
+    def last(self, type_name: str) -> bytes | None:
+        """Return the last message of a type in the file, in CDR; None if there is none."""
+        return self._message(type_name, last=True)
+
+    def _message(self, type_name: str, *, last: bool) -> bytes | None:
+        wanted = {k for k in self.channels if self.type_of(k) == type_name}
+        for k in wanted:
+            check_definition(self.path, type_name, written_hash(self.channels[k]))
+        chunks = [
+            each.chunk_start_offset
+            for each in self._index.chunk_indexes
+            # A writer may leave the index of messages out.
+            if not each.message_index_offsets or wanted & each.message_index_offsets.keys()
+        ]
+        for start in sorted(chunks, reverse=last):
+            found = [each.data for each in self.messages_at(start) if each.channel_id in wanted]
+            if found:
+                return bytes(found[-1] if last else found[0])
+        return None

@@ -1,0 +1,157 @@
+"""A log to be played again: its topics, its span, and its messages in their order, with times."""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+
+from mcap.records import Channel, Message
+
+from resting_aspects_ros.core.errors import LogError, one_line
+from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.logs.log_reader import LogFile
+from resting_aspects_ros.logs.stream_reader import one_file, written_hash
+from resting_aspects_ros.logs.topic_metadata import Qos, recorded_qos
+
+
+@dataclass(frozen=True)
+class RecordedTopic:
+    """A topic as a log describes it, which may come from any writer.
+
+    encoding : str
+        Of its messages: `cdr` in a log of ROS 2.
+    qos : Qos
+        None if the log does not say.
+    type_hash : str
+        None if the log does not say.
+    """
+
+    name: str
+    type: str
+    encoding: str
+    qos: Qos | None
+    type_hash: str | None
+
+
+@dataclass(frozen=True)
+class RecordedMessage:
+    """A message as it was on the wire.
+
+    topic : str
+        Its name in the log.
+    time : int
+        When it was logged, ns since 1970.
+    """
+
+    topic: str
+    time: int
+    data: bytes
+
+
+@dataclass
+class Span:
+    """How many messages there are, and the times of the first and of the last, ns since 1970."""
+
+    start: int
+    end: int
+    messages: int
+
+
+class Recording:
+    """What is whole in a log now: it is read once to find out, and again for the messages.
+
+    No index is needed, so a log that was broken off, or is still being written, will do. No more
+    than a chunk is in memory at a time.
+
+    path : Path
+        The folder of a run, or an MCAP file.
+
+    Raises LogError if it is no log, cannot be read, is damaged before its end, or has no message.
+
+    topics : dict
+        Those with a message, by name.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.topics: dict[str, RecordedTopic] = {}
+        self._spans: dict[str, Span] = {}
+        self._file = one_file(path)
+        self._count = 0
+        for topic, message in _read(self._file):
+            known = self.topics.setdefault(topic.name, topic)
+            if (topic.type, topic.type_hash) != (known.type, known.type_hash):
+                raise LogError(
+                    one_line(
+                        f'log {str(path)!r} has topic {topic.name} as {topic.type} '
+                        f'({topic.type_hash}) and as {known.type} ({known.type_hash}), '
+                        'allowed is one',
+                        600,
+                    )
+                )
+            span = self._spans.setdefault(topic.name, Span(message.time, message.time, 0))
+            span.end = message.time
+            span.messages += 1
+            self._count += 1
+        if not self._count:
+            raise LogError(f'log {str(path)!r} holds no message, allowed is at least one')
+
+    def span(self, topics: Collection[str]) -> Span:
+        """That of the messages of some topics, at least one."""
+        spans = [self._spans[name] for name in topics]
+        return Span(
+            min(span.start for span in spans),
+            max(span.end for span in spans),
+            sum(span.messages for span in spans),
+        )
+
+    def messages(
+        self, topics: Collection[str], first: Collection[str] = ()
+    ) -> Iterator[RecordedMessage]:
+        """Messages of some topics in the order of their times, which never run backwards.
+
+        first : names of topics
+            The first message of each comes before all others, at the time of the first of them.
+        """
+        waiting = set(first)
+        start = self.span(topics).start
+        for message in self._all() if waiting else ():
+            if message.topic in waiting:
+                waiting.remove(message.topic)
+                yield replace(message, time=start)
+            if not waiting:
+                break
+        gone = set(first) - waiting
+        for message in self._all():
+            if message.topic in gone:
+                gone.remove(message.topic)
+            elif message.topic in topics:
+                yield message
+
+    def _all(self) -> Iterator[RecordedMessage]:
+        """Those messages that were there when the log was looked through."""
+        return islice((message for _, message in _read(self._file)), self._count)
+
+
+def _read(path: Path) -> Iterator[tuple[RecordedTopic, RecordedMessage]]:
+    topics: dict[int, RecordedTopic] = {}
+    time = 0
+    with LogFile(path) as file:
+        for record in file.records():
+            if isinstance(record, Message):
+                key = record.channel_id
+                if key not in topics:
+                    topics[key] = _topic(path, file.channels[key], file.type_of(key))
+                time = max(time, record.log_time)
+                yield topics[key], RecordedMessage(topics[key].name, time, record.data)
+
+
+def _topic(path: Path, channel: Channel, type_name: str) -> RecordedTopic:
+    try:
+        qos = recorded_qos(channel.metadata.get('offered_qos_profiles', ''))
+    except LogError as error:
+        topic = one_line(channel.topic)
+        raise LogError(f'{named("log", path)}, topic {topic}: {error}') from None
+    return RecordedTopic(
+        channel.topic, type_name, channel.message_encoding, qos, written_hash(channel)
+    )

@@ -1,0 +1,247 @@
+"""Write the log of one run: a folder with an MCAP file and metadata.yaml, as rosbag2 makes it.
+
+The file explains itself: definitions of the types, the QoS of the topics, attachments. Messages
+come in as the CDR bytes that were on the wire, so nothing here knows ROS.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from datetime import datetime, timezone
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, final
+
+from mcap.writer import Writer
+
+from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.logs.bag_metadata import BagMetadata, TopicCount, write_metadata
+from resting_aspects_ros.logs.mcap_format import (
+    finish_file,
+    lock_file,
+    register_channel,
+    start_file,
+)
+from resting_aspects_ros.logs.message_definitions import Schema, load_schema
+from resting_aspects_ros.logs.topic_metadata import Topic, qos_profiles
+
+# A name that is one folder, on every file system, and not a hidden one.
+_FOLDER_NAME = re.compile(r'\w[\w.-]*', re.ASCII)
+
+# rosbag2 and rosbags hold times in 63 bits.
+_LAST_TIME = 2**63 - 1
+
+
+def run_folder_name(part: str, started: datetime, run_id: str) -> str:
+    """Give the name of a run's folder: `l_bracket_20250131T235959Z_4f1c`.
+
+    started : datetime
+        With a time zone; written in UTC, to the second.
+    """
+    if started.tzinfo is None:
+        raise LogError(f'start {started} of run {run_id!r} has no time zone')
+    utc = started.astimezone(timezone.utc)
+    return _checked_name(f'{part}_{utc:%Y%m%dT%H%M%SZ}_{run_id}')
+
+
+class LogExistsError(LogError):
+    """A log of that name is there already."""
+
+
+@final
+class RunLog:
+    """The log of one run while it is being written. To be used by one thread.
+
+    Nothing is lost that was flushed: if the process is killed, a reader that does not need the
+    index at the end of the file finds it. After an error the log takes nothing more and raises
+    the LogError again; `close` then keeps what is in the file and raises nothing.
+
+    folder : Path
+        Where logs are; made if it is not there.
+    name : str
+        Of this log, see `run_folder_name`. Makes folder/name/name_0.mcap.
+
+    Raises LogExistsError if a log of that name is there already, LogError if it cannot be written.
+    `path` is that of the MCAP file.
+    """
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self._folder = Path(folder) / _checked_name(name)
+        # rosbag2 numbers the files of a bag.
+        self.path = self._folder / f'{name}_0.mcap'
+        self._channels: dict[str, tuple[int, Topic]] = {}
+        self._schemas: dict[str, tuple[int, Schema]] = {}
+        self._metadata = BagMetadata(self.path.name)
+        self._broken: str | None = None
+        self._closed = False
+        with self._guard():
+            self._stream = self._create()
+            self._writer = self._start_writer()
+
+    def write(
+        self, topic: Topic, data: bytes, log_time: int, publish_time: int | None = None
+    ) -> None:
+        """Add a message.
+
+        topic : Topic
+            Its definition is taken into the file with its first message.
+        data : bytes
+            The message in CDR, with its four bytes of encapsulation header.
+        log_time : int
+            When it was received, ns since 1970. One that is before the last message's is
+            stored as that one's: times in a log do not run backwards.
+        publish_time : int
+            When it was sent, ns since 1970; log_time if not known.
+        """
+        self._check_time('log_time', log_time)
+        publish_time = log_time if publish_time is None else publish_time
+        self._check_time('publish_time', publish_time)
+        with self._guard():
+            channel = self._channel(topic)
+            stored = max(log_time, self._metadata.end or 0)
+            sequence = self._metadata.topics[topic.name].messages
+            self._writer.add_message(channel, stored, data, publish_time, sequence)
+            self._metadata.count(topic.name, stored)
+
+    def attach(self, name: str, media_type: str, data: bytes, log_time: int) -> None:
+        """Add a file, such as the part's mesh, whole.
+
+        media_type : str
+            `model/stl`, for instance.
+        log_time : int
+            ns since 1970.
+        """
+        self._check_time('log_time', log_time)
+        with self._guard():
+            # 0: when the attachment was made is not known.
+            self._writer.add_attachment(0, log_time, name, media_type, data)
+
+    def add_metadata(self, name: str, values: dict[str, str]) -> None:
+        """Add a record of free text, which metadata.yaml repeats as `name.key` in custom_data."""
+        with self._guard():
+            self._writer.add_metadata(name, values)
+            self._metadata.note(name, values)
+
+    def flush(self) -> None:
+        """Bring everything written so far to where it survives the death of this process.
+
+        A loss of power it survives after `close` only. Each call ends a chunk, the unit of
+        compression: call it once a batch.
+        """
+        with self._guard():
+            self._writer.flush()
+
+    def close(self) -> Path:
+        """Finish the file and write metadata.yaml; a second call does nothing.
+
+        Returns the run's folder. After an error there is no metadata.yaml in it and no index in
+        the file, as after a crash. Raises LogError if a log that was good cannot be finished.
+        """
+        try:
+            if not self._closed and self._broken is None:
+                self._finish()
+        finally:
+            self._closed = True
+            self._release()
+        return self._folder
+
+    def __enter__(self) -> RunLog:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if error is None:
+            self.close()
+            return
+        # The error that is on its way tells more than one that follows from it.
+        with suppress(LogError):
+            self.close()
+
+    def _create(self) -> BinaryIO:
+        try:
+            self._folder.mkdir(parents=True)
+        except FileExistsError:
+            raise LogExistsError(
+                f'log {self._folder} exists already and is not overwritten'
+            ) from None
+        try:
+            stream = self.path.open('xb')
+        except OSError:
+            with suppress(OSError):
+                self._folder.rmdir()
+            raise
+        lock_file(stream)  # so that nobody recovers it meanwhile
+        return stream
+
+    def _start_writer(self) -> Writer:
+        try:
+            return start_file(self._stream)
+        except OSError:
+            self._release()
+            raise
+
+    def _channel(self, topic: Topic) -> int:
+        if topic.name not in self._channels:
+            schema_id, schema = self._schema(topic.type)
+            count = TopicCount(topic.name, topic.type, qos_profiles(topic.qos), schema.type_hash)
+            self._channels[topic.name] = register_channel(self._writer, schema_id, count), topic
+            self._metadata.topics[topic.name] = count
+        channel, known = self._channels[topic.name]
+        if topic != known:
+            raise LogError(f'{topic} differs from {known}, which log {self.path} holds already')
+        return channel
+
+    def _schema(self, type_name: str) -> tuple[int, Schema]:
+        if type_name not in self._schemas:
+            schema = load_schema(type_name)
+            schema_id = self._writer.register_schema(type_name, 'ros2msg', schema.text.encode())
+            self._schemas[type_name] = schema_id, schema
+        return self._schemas[type_name]
+
+    def _check_time(self, what: str, value: int) -> None:
+        if not 0 <= value <= _LAST_TIME:
+            raise LogError(f'{what} {value} is not allowed: ns since 1970, 0 to 2**63 - 1')
+
+    @contextmanager
+    def _guard(self) -> Iterator[None]:
+        """Refuse a log that is closed or broken, and remember what breaks it."""
+        if self._broken is not None:
+            raise LogError(self._broken)
+        if self._closed:
+            raise LogError(f'log {self.path} is closed')
+        try:
+            yield
+        except LogError:
+            raise  # refused before anything was written
+        except OSError as error:
+            self._broken = f'log {self.path} cannot be written: {error.strerror or error}'
+            raise LogError(self._broken) from error
+        except BaseException as error:
+            # Half a record may be in the file: what would come after it could not be read.
+            self._broken = f'log {self.path} was broken off: {error!r}'
+            raise
+
+    def _finish(self) -> None:
+        with self._guard():
+            finish_file(self._writer, self._stream, self._metadata)
+            write_metadata(self._folder, self._metadata)
+
+    def _release(self) -> None:
+        """Close the file as it is. The buffer is tried once more: space may be free again."""
+        with suppress(OSError):
+            self._stream.close()
+
+
+def _checked_name(name: str) -> str:
+    if not _FOLDER_NAME.fullmatch(name):
+        raise LogError(
+            f'log name {name!r} is not allowed: '
+            'letters, digits, "_", "-" and ".", and neither "-" nor "." first'
+        )
+    return name

@@ -1,0 +1,148 @@
+"""Answers of get_distribution: what is known, or what drops or an estimator find."""
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+from builtin_interfaces.msg import Time
+from rclpy.node import Node
+from resting_aspects_interfaces.action import DropPart
+from resting_aspects_interfaces.msg import AspectDistribution
+from resting_aspects_interfaces.srv import GetDistribution
+
+from resting_aspects_ros.core.estimators.estimate import estimate
+from resting_aspects_ros.core.estimators.resting_shape import RestingShape
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.core.statistics.stopping import max_drops
+from resting_aspects_ros.nodes.aspect_classifier.distribution_store import KnownDistributions
+from resting_aspects_ros.nodes.aspect_classifier.drop_part_requests import DropRequests
+from resting_aspects_ros.nodes.aspect_classifier.parts import KnownParts, asked_part
+from resting_aspects_ros.ros.conversions import conditions_msg
+from resting_aspects_ros.ros.default_conditions import FollowedDefault
+from resting_aspects_ros.ros.distribution_conversions import distribution_msg, estimate_msg
+from resting_aspects_ros.ros.parameters import FRAME_ID, check_frame
+from resting_aspects_ros.ros.status import NotAvailableError, asked_conditions, asked_estimator
+from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.run_description import (
+    DEFAULT_SEED,
+    MOST_DROPS,
+    RunDescription,
+    check_drops,
+)
+from resting_aspects_ros.simulation.surfaces import Surfaces
+
+# Distributions that do not fit and are named, in an answer that there is none.
+MOST_NAMED = 5
+# To make the message of a distribution takes as long as to send it; one is asked for often.
+MESSAGES_KEPT = 100
+
+
+class DistributionAnswers:
+    """Finds the distribution that a request asks for."""
+
+    def __init__(
+        self,
+        node: Node,
+        surfaces: Surfaces,
+        default: FollowedDefault,
+        known: KnownDistributions,
+        requests: DropRequests,
+        parts: KnownParts,
+    ) -> None:
+        self._node = node
+        self._surfaces = surfaces
+        self._default = default
+        self._known = known
+        self._requests = requests
+        self._parts = parts
+        self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
+
+    async def answer(self, request: GetDistribution.Request) -> AspectDistribution:
+        """Return the distribution; raises RestingAspectsError."""
+        method = asked_estimator(request.method)
+        if method is None:
+            return await self._find_or_drop(request)
+        offered = await self._usable(request.part)
+        part, aspects = self._parts.version(asked_part(offered, request.part).part_sha256)
+        found = estimate(RestingShape(part, aspects), method)
+        return estimate_msg(found, part, self._node.get_clock().now().to_msg(), self._frame)
+
+    async def _find_or_drop(self, request: GetDistribution.Request) -> AspectDistribution:
+        drops = max_drops(request.drops, request.precision, MOST_DROPS)
+        check_drops(drops)
+        seed = request.seed[0] if request.seed else None
+        parts = await self._usable(request.part)
+        sha = self._version(parts, request.part)
+        conditions = await self._conditions(request, sha)
+        known = self._known.find(sha, conditions, drops, request.precision, seed)
+        if known is not None:
+            return self._message(*known)
+        if request.only_known:
+            if parts and not sha:
+                asked_part(parts, request.part)
+            raise self._nothing_known(request, sha)
+        await self._simulator(request, sha)
+        seed = DEFAULT_SEED if seed is None else seed
+        goal = DropPart.Goal(
+            part=request.part,
+            surface=conditions.surface,
+            conditions=[conditions_msg(conditions)],
+            drops=drops,
+            precision=request.precision,
+            seed=seed,
+        )
+        account = await self._requests.drop(goal)
+        return self._message(account.run, account.counted)
+
+    async def _usable(self, name: str) -> dict[str, Part]:
+        return await self._parts.usable(name, self._requests.simulator_is_there)
+
+    async def _simulator(self, request: GetDistribution.Request, sha: str) -> None:
+        try:
+            await self._requests.simulator()
+        except NotAvailableError as error:
+            raise NotAvailableError(f'{error}{self._others(request, sha)}') from None
+
+    async def _conditions(self, request: GetDistribution.Request, sha: str) -> DropConditions:
+        if request.surface or request.conditions:
+            default = self._surfaces.get()  # not used
+            return asked_conditions(self._surfaces, request.surface, request.conditions, default)
+        if not self._default.is_heard:
+            await self._simulator(request, sha)
+        return await self._default.conditions()
+
+    def _version(self, parts: Mapping[str, Part], name: str) -> str:
+        """The part_sha256 that counts: what is offered, else what was dropped last; '' if none."""
+        if name in parts:
+            return parts[name].part_sha256
+        if self._requests.simulator_is_there():
+            return ''
+        return self._known.sha_of(name) or ''
+
+    def _message(self, run: RunDescription, distribution: Distribution) -> AspectDistribution:
+        message = _message(run, distribution, self._frame)
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        return message
+
+    def _nothing_known(self, request: GetDistribution.Request, sha: str) -> NotAvailableError:
+        seed = request.seed[0] if request.seed else None
+        with_seed = '' if seed is None else f' with seed {seed}'
+        words = (
+            f'no distribution of {request.part} under these conditions{with_seed} over at least '
+            f'{request.drops} drops is known'
+        )
+        return NotAvailableError(words + self._others(request, sha))
+
+    def _others(self, request: GetDistribution.Request, sha: str) -> str:
+        """What is known of the part and does not fit, to be said after that; empty: nothing."""
+        seed = request.seed[0] if request.seed else None
+        others = self._known.others(request.part, sha, seed)
+        if not others:
+            return ''
+        more = ', ...' if len(others) > MOST_NAMED else ''
+        return f'; known are {", ".join(others[:MOST_NAMED])}{more}'
+
+
+@lru_cache(MESSAGES_KEPT)
+def _message(run: RunDescription, distribution: Distribution, frame: str) -> AspectDistribution:
+    return distribution_msg(distribution, run, Time(), True, frame)

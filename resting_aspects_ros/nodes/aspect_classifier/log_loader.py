@@ -1,0 +1,184 @@
+"""What earlier runs found, read from their logs when a node starts."""
+
+import re
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from resting_aspects_interfaces.msg import AspectDistribution
+
+from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING, find_aspects
+from resting_aspects_ros.core.errors import LogError, RestingAspectsError
+from resting_aspects_ros.core.input_file import is_folder, printable
+from resting_aspects_ros.core.statistics.distribution import Distribution, count_poses
+from resting_aspects_ros.logs.bag_metadata import Outcome
+from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
+from resting_aspects_ros.logs.stream_reader import is_being_written, messages
+from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE
+from resting_aspects_ros.nodes.aspect_classifier.distribution_store import KnownDistributions
+from resting_aspects_ros.ros.callbacks import guarded_task
+from resting_aspects_ros.ros.conversions import run_from, serialized_part, serialized_poses
+from resting_aspects_ros.ros.distribution_conversions import distribution_from
+from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.formatting import counted
+from resting_aspects_ros.simulation.merge_runs import merge_drops
+from resting_aspects_ros.simulation.run_description import RunDescription
+
+# Logs that are read at most; 1000 take some 10 s. All of them together may take so long, s.
+MAX_LOGS = 1000
+MAX_SECONDS = 120.0
+# So many logs that cannot be used are named with the reason.
+MAX_NAMED = 10
+# <part>_<start>_<run id>, see logs.run_log.run_folder_name; _<number> after it is another log.
+_STARTED = re.compile(r'_(\d{8}T\d{6}Z)_')
+
+LoggedRun = tuple[RunDescription, Distribution]
+
+
+def logs_in(folder: Path) -> list[Path]:
+    """Return the folders of logs, for a FileWorker: the newest of each part, then the second.
+
+    A folder that does not exist, or cannot be read, holds none.
+    """
+    try:
+        found = [p for p in folder.iterdir() if _STARTED.search(p.name) and is_folder(p)]
+    except OSError:
+        return []  # no log was written yet
+
+    def started(path: Path) -> str:
+        return str(_STARTED.findall(path.name)[-1])
+
+    newer: Counter[str] = Counter()  # logs of a part that are newer than the one in turn
+    turn: dict[Path, int] = {}
+    for path in sorted(found, key=lambda path: (started(path), path.name), reverse=True):
+        part = path.name[: path.name.rindex(f'_{started(path)}_')]
+        turn[path] = newer[part]
+        newer[part] += 1
+    # Sorting is stable: of those in the same turn the newest is first.
+    return sorted(turn, key=lambda path: turn[path])
+
+
+def read_log(log: Path) -> LoggedRun | None:
+    """Return a run and its distribution, for a FileWorker; None if the log is being written.
+
+    The distribution in the log is taken if it counts all drops of the run, and the aspects have
+    the ids that they have today; otherwise the run's drops from its first one on are counted.
+
+    Raises RestingAspectsError if the log holds neither.
+    """
+    try:
+        with IndexedLog(log) as indexed:
+            outcome = Outcome.of(indexed.notes())
+            last = indexed.last(DISTRIBUTION_TYPE)
+    except NoIndexError:
+        if is_being_written(log):
+            return None
+        raise LogError('it was broken off: "resting_aspects recover" closes it') from None
+    if outcome is not None and outcome.whole and last is not None:
+        message = deserialize_message(last, AspectDistribution)
+        if message.complete and message.aspect_numbering == ASPECT_NUMBERING:
+            return run_from(message.run), distribution_from(message)
+    return _count_first_drops(log)
+
+
+def _count_first_drops(log: Path) -> LoggedRun:
+    """Count the drops of a run up to one that is not in the log: they are a run that ended there.
+
+    Raises RestingAspectsError if there are none, or not the part.
+    """
+    merged = merge_drops(serialized_poses(data)[:2] for data in messages(log, POSES_TYPE))
+    if not merged:
+        raise LogError('it holds no drops')
+    run = merged[0].run
+    parts = (serialized_part(data) for data in messages(log, PART_TYPE))
+    part = next((part for part in parts if part.part_sha256 == run.part_sha256), None)
+    if part is None:
+        raise LogError('it does not describe its part')
+    for poses in merged[0].poses:
+        if poses.first_drop <= run.first_drop < poses.end:
+            return run, count_poses(find_aspects(part), poses.between(run.first_drop, run.end))
+    raise LogError('it does not hold the first drops of its run')
+
+
+class LogLoader:
+    """Reads the logs in a folder, newest first; of more than MAX_LOGS as many of each part.
+
+    ready : whether all are read
+    state : how far it is, in words
+
+    Parameters
+    ----------
+    files : reads them, so that no file can block the node
+    known : takes the distribution of each
+    folder : None: there is nothing to read
+    """
+
+    def __init__(
+        self, node: Node, folder: Path | None, files: FileWorker, known: KnownDistributions
+    ) -> None:
+        self._node = node
+        self._folder = folder
+        self._files = files
+        self._known = known
+        self._unused: dict[str, str] = {}  # why, by name
+        self._used = 0
+        self.ready = False
+        self.state = 'the logs of earlier runs are still being read'
+
+    async def load(self, done: Callable[[], None]) -> None:
+        """Read them; what cannot be read costs no other log. ``done`` is called at the end."""
+        await guarded_task(self._node, 'earlier runs are not used', self._load)()
+        self.ready = True
+        done()
+
+    async def _load(self) -> None:
+        if self._folder is None:
+            return
+        begun = time.monotonic()
+        try:
+            logs: list[Path] = await self._files.run(logs_in, self._folder)
+        except RestingAspectsError as error:
+            self._node.get_logger().warning(f'log_folder {str(self._folder)!r}: {error}')
+            return
+        left = len(logs[MAX_LOGS:])
+        for k, log in enumerate(logs[:MAX_LOGS]):
+            if time.monotonic() - begun > MAX_SECONDS:
+                left += len(logs[k:MAX_LOGS])
+                break
+            self.state = f'{k} of {len(logs)} logs of earlier runs are read, ask again soon'
+            await self._read(log)
+        self._tell(len(logs), left, time.monotonic() - begun)
+
+    async def _read(self, log: Path) -> None:
+        try:
+            found: LoggedRun | None = await self._files.run(read_log, log)
+            if found is not None:
+                self._known.add(*found)
+                self._used += 1
+        except RestingAspectsError as error:
+            self._unused[printable(log.name)] = str(error)
+
+    def _tell(self, logs: int, left: int, seconds: float) -> None:
+        if not logs:
+            return
+        known = counted(len(self._known), 'distribution is', 'distributions are')
+        self._node.get_logger().info(
+            f'{self._used} of {counted(logs, "log of an earlier run", "logs of earlier runs")} '
+            f'in {self._folder} read in {seconds:.1f} s: {known} known'
+        )
+        if left:
+            self._node.get_logger().warning(
+                f'{counted(left, "log", "logs")} in {self._folder} not read: of each part the '
+                f'newest are, at most {MAX_LOGS} logs or {MAX_SECONDS:g} s in all'
+            )
+        if self._unused:
+            named = list(self._unused.items())[:MAX_NAMED]
+            more = len(self._unused) - len(named)
+            self._node.get_logger().warning(
+                f'{counted(len(self._unused), "log", "logs")} in {self._folder} cannot be used: '
+                + '; '.join(f'{name}: {why}' for name, why in named)
+                + (f'; and {more} more' if more else '')
+            )

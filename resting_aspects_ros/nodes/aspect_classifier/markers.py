@@ -1,0 +1,106 @@
+"""A part in each of its aspects, with their probabilities, as markers for RViz."""
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.report.colours import aspect_colour, rgb
+from resting_aspects_ros.report.rounding import probability_text
+from resting_aspects_ros.report.standing import Standing, sent_faces, stand
+from resting_aspects_ros.ros.interface import FRAME
+
+# Namespaces of the meshes and of the texts; in both the id is the aspect's.
+MESHES, TEXTS = 'aspects', 'probabilities'
+# Height of the letters, and of their middle above the part, R: ten letters fit between places.
+LETTERS, ABOVE = 0.3, 0.35
+TEXT_COLOUR = '#FFFFFF'  # on RViz's dark background
+
+
+class PartMarkers:
+    """The markers of one part: made once, as only texts and stamps change with drops.
+
+    Meshes are sent as triangles: a mesh resource would be a path of the simulator's machine, and
+    RViz knows neither all formats of parts nor their units.
+    """
+
+    def __init__(self, part: Part, aspects: AspectSet, frame: str = FRAME) -> None:
+        self._frame = frame
+        self._delete_all = Marker(action=Marker.DELETEALL)
+        standing = stand(part, aspects.aspects)
+        triangles = part.vertices[sent_faces(part, aspects.aspects)].reshape(-1, 3)
+        points = [_point(point) for point in triangles]
+        self._meshes = [
+            _mesh(one, aspect_colour(aspect), points)
+            for one, aspect in zip(standing, aspects.aspects, strict=True)
+        ]
+        self._texts = [_text(one, part.hull_radius) for one in standing]
+
+    def message(self, distribution: Distribution, stamp: Time) -> MarkerArray:
+        """All markers, after one that deletes those that were shown before.
+
+        It is valid until the next call, which changes it.
+        """
+        for text, label in zip(self._texts, labels(distribution), strict=True):
+            text.text = label
+        markers = [self._delete_all, *self._meshes, *self._texts]
+        header = Header(stamp=stamp, frame_id=self._frame)
+        for marker in markers:
+            marker.header = header
+        return MarkerArray(markers=markers)
+
+
+def labels(distribution: Distribution) -> list[str]:
+    """What is written above each aspect, such as '2: 27.1 %', or '2: no drops' before the first.
+
+    With as many digits as the number of drops allows.
+    """
+    rows = zip(distribution.aspects.aspects, distribution.intervals(), strict=True)
+    return [
+        f'{aspect.id}: {probability_text(interval) if distribution.drops else "no drops"}'
+        for aspect, interval in rows
+    ]
+
+
+def _mesh(standing: Standing, colour: str, points: list[Point]) -> Marker:
+    orientation = standing.orientation.tolist()
+    return Marker(
+        ns=MESHES,
+        id=standing.aspect_id,
+        type=Marker.TRIANGLE_LIST,
+        action=Marker.ADD,
+        pose=Pose(
+            position=_point(standing.position),
+            orientation=Quaternion(**dict(zip('xyzw', orientation, strict=True))),
+        ),
+        scale=Vector3(x=1.0, y=1.0, z=1.0),
+        color=_colour(colour),
+        points=points,
+    )
+
+
+def _text(standing: Standing, radius: float) -> Marker:
+    x, y, _ = standing.centre_of_mass.tolist()
+    return Marker(
+        ns=TEXTS,
+        id=standing.aspect_id,
+        type=Marker.TEXT_VIEW_FACING,
+        action=Marker.ADD,
+        pose=Pose(position=Point(x=x, y=y, z=standing.top + ABOVE * radius)),
+        scale=Vector3(z=LETTERS * radius),
+        color=_colour(TEXT_COLOUR),
+    )
+
+
+def _point(point: Array) -> Point:
+    return Point(**dict(zip('xyz', point.tolist(), strict=True)))
+
+
+def _colour(text: str) -> ColorRGBA:
+    """Of '#RRGGBB'; opaque."""
+    red, green, blue = rgb(text)
+    return ColorRGBA(r=red, g=green, b=blue, a=1.0)

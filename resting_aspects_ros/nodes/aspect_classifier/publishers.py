@@ -1,0 +1,143 @@
+"""What the classifier publishes: the newest distribution of each part, markers of one, poses."""
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseArray
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from resting_aspects_interfaces.msg import AspectDistribution
+from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
+
+from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.nodes.aspect_classifier.distribution_store import RunAccount
+from resting_aspects_ros.nodes.aspect_classifier.markers import PartMarkers
+from resting_aspects_ros.nodes.aspect_classifier.parts import KnownParts
+from resting_aspects_ros.ros.callbacks import advertise, guarded, steady_timer
+from resting_aspects_ros.ros.conversions import NANOSECONDS, pose_msg
+from resting_aspects_ros.ros.distribution_conversions import distribution_msg
+from resting_aspects_ros.ros.interface import (
+    ASPECT_DISTRIBUTIONS,
+    CURRENT_POSES,
+    FRAME,
+    LATCHED,
+    MARKERS,
+)
+from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, on_change
+from resting_aspects_ros.simulation.run_description import RunDescription
+
+# Markers can be 1.4 MB: over a slow link less often is better.
+PUBLISH_PERIOD = Parameter(
+    'publish_period',
+    0.2,
+    'how often distributions, markers and poses of runs under way are published, s',
+    bounds=(0.05, 10.0),
+    changeable=True,
+)
+# All lie around the tray's origin: more than this cannot be told from each other.
+MOST_SHOWN = 100
+
+
+class DistributionOutputs:
+    """Publishes aspect_distributions/<part>, markers of the part that changed last, current_poses.
+
+    Every publish_period, a parameter of the node; the end of a run at once.
+    """
+
+    def __init__(self, node: Node, parts: KnownParts) -> None:
+        self._node = node
+        self._parts = parts
+        self._outputs: dict[str, Publisher] = {}
+        self._changed: dict[str, RunAccount] = {}  # by part; what changed last is last
+        self._published: dict[str, str] = {}  # part -> part_sha256
+        self._markers = advertise(node, MarkerArray, MARKERS, LATCHED)
+        self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
+        self.poses = CurrentPoses(node, self._frame)
+        self._shown: tuple[str, PartMarkers] | None = None  # part_sha256, its markers
+        period = node.get_parameter(PUBLISH_PERIOD.name).value
+        publish = guarded(node, 'distributions are not published', self.publish)
+        self._timer = steady_timer(node, period, publish)
+        on_change(node, PUBLISH_PERIOD.name, PUBLISH_PERIOD.check, self._set_period)
+
+    def offer(self, part: str) -> Publisher:
+        """Make the topic of a part, if it is not there yet."""
+        if part not in self._outputs:
+            topic = f'{ASPECT_DISTRIBUTIONS}/{part}'
+            self._outputs[part] = advertise(self._node, AspectDistribution, topic, LATCHED)
+        return self._outputs[part]
+
+    def change(self, account: RunAccount) -> None:
+        """Take a distribution that is to be published next."""
+        self._changed.pop(account.run.part, None)
+        self._changed[account.run.part] = account
+
+    def restore(self, run: RunDescription, distribution: Distribution) -> None:
+        """Take one of an earlier run, unless one of that version of the part is published."""
+        published = self._published.get(run.part) == run.part_sha256
+        if not published and run.part not in self._changed:
+            self.change(RunAccount(run, distribution, over=True))
+
+    def publish(self) -> None:
+        """Publish what changed."""
+        changed, self._changed = self._changed, {}
+        for part, account in changed.items():
+            stamp = self._node.get_clock().now().to_msg()
+            message = distribution_msg(
+                account.counted, account.run, stamp, account.over, self._frame
+            )
+            self.offer(part).publish(message)
+            self._published[part] = account.run.part_sha256
+        if changed:
+            newest = next(reversed(changed.values()))
+            markers = self._markers_of(newest.run.part_sha256)
+            self._markers.publish(markers.message(newest.counted, stamp))
+        self.poses.publish()
+
+    def _set_period(self, seconds: float) -> None:
+        self._timer.timer_period_ns = round(seconds * NANOSECONDS)
+        self._timer.reset()  # else the period that was begun goes on
+
+    def _markers_of(self, part_sha256: str) -> PartMarkers:
+        if self._shown is None or self._shown[0] != part_sha256:
+            part, aspects = self._parts.version(part_sha256)
+            self._shown = (part_sha256, PartMarkers(part, aspects, self._frame))
+        return self._shown[1]
+
+
+class CurrentPoses:
+    """Publishes current_poses: the newest drops of a run that came to rest, as they came.
+
+    Nothing is made while nobody listens; who comes later gets the newest.
+    """
+
+    def __init__(self, node: Node, frame: str = FRAME) -> None:
+        self._frame = frame
+        self._publisher = advertise(node, PoseArray, CURRENT_POSES, LATCHED)
+        self._run_id = ''
+        self._position = np.zeros((0, 3))
+        self._orientation = np.zeros((0, 4))
+        self._stamp = Time()
+        self._changed = False
+
+    def take(self, run_id: str, poses: RestingPoses, stamp: Time) -> None:
+        """Take a batch; the poses of another run are forgotten."""
+        known = len(self._position) if run_id == self._run_id else 0
+        settled = np.flatnonzero(poses.status == RestStatus.SETTLED)[-MOST_SHOWN:]
+        position = np.concatenate([self._position[:known], poses.position[settled]])
+        orientation = np.concatenate([self._orientation[:known], poses.orientation[settled]])
+        self._position, self._orientation = position[-MOST_SHOWN:], orientation[-MOST_SHOWN:]
+        self._run_id, self._stamp, self._changed = run_id, stamp, True
+
+    def publish(self) -> None:
+        """Publish them if they are new and somebody listens."""
+        if not self._changed or not self._publisher.get_subscription_count():
+            return
+        self._changed = False
+        rows = zip(self._position.tolist(), self._orientation.tolist(), strict=True)
+        self._publisher.publish(
+            PoseArray(
+                header=Header(stamp=self._stamp, frame_id=self._frame),
+                poses=[pose_msg(position, orientation) for position, orientation in rows],
+            )
+        )

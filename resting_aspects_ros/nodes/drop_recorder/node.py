@@ -1,0 +1,216 @@
+"""The node that writes a log of every run: its poses, its distributions, and the part."""
+
+import sys
+import time
+from collections import deque
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
+
+from resting_aspects_ros.logs.topic_metadata import POSES_TYPE, Qos, Topic
+from resting_aspects_ros.nodes.drop_recorder.log_folder import (
+    FolderLock,
+    absolute_folder,
+    check_log_folder,
+)
+from resting_aspects_ros.nodes.drop_recorder.run_recorder import LogReports, OpenLog
+from resting_aspects_ros.nodes.run_tracking.health import RunHealth
+from resting_aspects_ros.nodes.run_tracking.tracker import RunProgress, RunTracker
+from resting_aspects_ros.ros.callbacks import guarded, steady_timer, subscribe
+from resting_aspects_ros.ros.conversions import check_description, nanoseconds, poses_from
+from resting_aspects_ros.ros.diagnostics import Diagnosis, Meter, publish_diagnostics
+from resting_aspects_ros.ros.formatting import counted
+from resting_aspects_ros.ros.interface import (
+    ALL_LATCHED,
+    ASPECT_DISTRIBUTIONS,
+    DROP_RECORDER,
+    LATCHED,
+    PARTS,
+    POSES,
+    RESTING_POSES,
+)
+from resting_aspects_ros.ros.liveliness import Alone
+from resting_aspects_ros.ros.parameters import Parameter, declare, on_change
+from resting_aspects_ros.ros.spin import run_node
+from resting_aspects_ros.ros.topic_discovery import TopicWatch
+from resting_aspects_ros.simulation.run_description import RunDescription
+
+PARAMETERS = (
+    Parameter(
+        'log_folder',
+        'out/logs',
+        'folder of the logs: one folder in it for each run',
+        allowed='a folder that is there or can be made',
+        changeable=True,
+    ),
+)
+# Distributions of runs without a log that are kept, for the log that may be begun yet.
+MOST_EARLY = 100
+# How often it is looked whether a log is whole, s.
+CLOSE_PERIOD = 0.2
+
+
+class DropRecorder(Node):
+    """Subscribes to resting_poses, parts/* and aspect_distributions/*; writes one MCAP a run."""
+
+    def __init__(self) -> None:
+        super().__init__(DROP_RECORDER)
+        values = declare(self, PARAMETERS)
+        self._lock = FolderLock(self.get_namespace())
+        self._take_folder(values['log_folder'])
+        on_change(self, 'log_folder', self._check_folder, self._take_folder)
+        self._logs: dict[str, OpenLog] = {}
+        self._parts: dict[str, tuple[PartDescription, bytes]] = {}
+        # Distributions can come before the poses that they count.
+        self._early: deque[tuple[AspectDistribution, bytes]] = deque(maxlen=MOST_EARLY)
+        self._drops = Meter()
+        self._reports = LogReports(self)
+        self._tracker = RunTracker(self, self._run_over, self._is_recorded)
+        self._health = RunHealth(self, self._tracker)
+        self._part_watch = TopicWatch(self, PARTS, PartDescription, self._part_described, raw=True)
+        self._distribution_watch = TopicWatch(
+            self,
+            ASPECT_DISTRIBUTIONS,
+            AspectDistribution,
+            self._distribution,
+            raw=True,
+            qos=ALL_LATCHED,
+        )
+        self._poses = Topic(self.resolve_topic_name(RESTING_POSES), POSES_TYPE, _qos(POSES))
+        subscribe(self, RestingPoses, RESTING_POSES, self._batch, POSES, raw=True)
+        close = guarded(self, 'logs are not closed', self._close_whole)
+        steady_timer(self, CLOSE_PERIOD, close)
+        alone = Alone(self, DROP_RECORDER, harmless='each writes a log of every run')
+        publish_diagnostics(self, self._diagnose, alone)
+        self.get_logger().info(f'ready: logs go to {self._folder}')
+
+    def destroy_node(self) -> None:
+        """Also closes the logs of runs that are not over, so that they can be read."""
+        self._tracker.destroy()
+        for run_id in list(self._logs):
+            self._close(run_id)
+        self._lock.release()
+        super().destroy_node()
+
+    def _take_folder(self, path: str) -> None:
+        """Runs that begin from now on have their logs there."""
+        self._folder = absolute_folder(path)
+        self._lock.take(self._folder)
+
+    def _check_folder(self, path: str) -> None:
+        self._lock.take(check_log_folder(path))
+
+    def _batch(self, data: bytes) -> None:
+        message = deserialize_message(data, RestingPoses)
+        poses_from(message)  # what cannot be counted is asked for again, as what is lost
+        if (arrived := self._tracker.accept(message)) is None:
+            return
+        progress, new = arrived
+        log = self._log(progress)
+        if new or not message.poses:
+            drops = sum(end - first for first, end in new)
+            stamp = nanoseconds(message.header.stamp)
+            self._drops.add(log.write_poses(self._poses, data, self._now(), stamp, drops))
+            self._reports.written(log, always=message.last)
+        self._tracker.settle(progress)
+
+    def _log(self, progress: RunProgress) -> OpenLog:
+        """The log of a run; begun if this is the first batch of it."""
+        run = progress.run
+        if run.run_id not in self._logs:
+            log = self._logs[run.run_id] = OpenLog(self._folder, run)
+            self._reports.begun(log)
+            if run.part in self._parts:
+                self._write_part(log, *self._parts[run.part])
+            for message, data in self._early:
+                self._write_distribution(log, message, data)
+        return self._logs[run.run_id]
+
+    def _part_described(self, name: str, data: bytes) -> None:
+        message = deserialize_message(data, PartDescription)
+        check_description(message, name)
+        self._parts[name] = (message, data)
+        for log in self._logs.values():
+            if log.run.part == name:
+                self._write_part(log, *self._parts[name])
+
+    def _write_part(self, log: OpenLog, part: PartDescription, data: bytes) -> None:
+        if log.has_part or part.part_sha256 != log.run.part_sha256:
+            return
+        topic = Topic(
+            self._part_watch.topic(log.run.part), self._part_watch.type_name, _qos(LATCHED)
+        )
+        log.write_part(topic, data, part, self._now())
+        self._reports.written(log)
+
+    def _distribution(self, _: str, data: bytes) -> None:
+        message = deserialize_message(data, AspectDistribution)
+        log = self._logs.get(message.run.run_id)
+        if log is None:
+            self._early.append((message, data))
+        else:
+            self._write_distribution(log, message, data)
+            if log.done:  # a result waits for it
+                self._close(log.run.run_id)
+
+    def _write_distribution(self, log: OpenLog, message: AspectDistribution, data: bytes) -> None:
+        if (log.run.run_id, log.run.part) != (message.run.run_id, message.run.part):
+            return
+        watch = self._distribution_watch
+        topic = Topic(watch.topic(log.run.part), watch.type_name, _qos(LATCHED))
+        log.write(topic, data, self._now(), nanoseconds(message.header.stamp))
+        log.has_distribution = log.has_distribution or message.complete
+        self._reports.written(log)
+
+    def _is_recorded(self, run: RunDescription) -> bool:
+        return self._logs[run.run_id].earlier is not None
+
+    def _run_over(self, progress: RunProgress) -> None:
+        self._logs[progress.run.run_id].run_is_over(whole=progress.complete)
+
+    def _close_whole(self) -> None:
+        for run_id in [run_id for run_id, log in self._logs.items() if log.done]:
+            self._close(run_id)
+
+    def _close(self, run_id: str) -> None:
+        log = self._logs.pop(run_id)
+        self._reports.closed(log, log.close())
+
+    def _diagnose(self) -> Diagnosis:
+        files = [str(log.folder) for log in self._logs.values() if log.being_written]
+        values = {
+            'drops recorded': self._drops.total,
+            'drops per second': self._drops.rate(),
+            'logs open': len(files),
+            'log files': ', '.join(files),
+            'log folder': self._folder,
+            **self._health.values(),
+        }
+        state = self._health.state
+        if files and not state:
+            state = counted(len(files), 'log open', 'logs open')
+        errors = [self._reports.error] if self._reports.error else []
+        return Diagnosis(state, values, self._health.warnings(), errors)
+
+    def _now(self) -> int:
+        return time.time_ns()  # not ROS time, which may stand still
+
+
+def _qos(profile: QoSProfile) -> Qos:
+    return Qos(
+        depth=profile.depth,
+        reliability=profile.reliability.short_key,
+        durability=profile.durability.short_key,
+        history=profile.history.short_key,
+    )
+
+
+def main() -> int:
+    """Run the node alone in this process."""
+    return run_node(DropRecorder, PARAMETERS)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

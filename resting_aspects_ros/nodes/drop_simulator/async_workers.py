@@ -1,0 +1,85 @@
+"""The worker processes of a node that drops: their chunks, and the batches made of them."""
+
+from collections.abc import AsyncGenerator, Iterator
+from concurrent.futures import Future as PoolFuture
+from contextlib import closing, suppress
+
+from rclpy.node import Node
+
+from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.ros.callbacks import result_of
+from resting_aspects_ros.simulation.chunks import drop_chunks
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.process_workers import ProcessWorkers
+from resting_aspects_ros.simulation.run_description import RunDescription
+
+
+class Workers:
+    """Processes that are shared by all goals of a node, chunk by chunk.
+
+    count : int
+        How many processes.
+    died : int
+        How many were replaced because they died.
+    """
+
+    def __init__(self, node: Node, count: int) -> None:
+        self._node = node
+        self.count = count
+        self.died = 0
+        self._processes = ProcessWorkers(count)
+
+    def stop(self) -> None:
+        """End the processes; what they are dropping is given up."""
+        self._processes.stop()
+
+    async def chunks(
+        self, job: DropJob, asked: RunDescription
+    ) -> AsyncGenerator[RestingPoses, None]:
+        """Chunks of drops in their order; EngineError if the workers fail or die."""
+        try:
+            with closing(drop_chunks(job, asked, self._processes, self._warn)) as steps:
+                for step in steps:
+                    if isinstance(step, PoolFuture):
+                        await _done(self._node, step)
+                    else:
+                        yield step
+        except EngineError as error:
+            raise EngineError(f'{error}; what was done until then is kept') from error
+
+    def _warn(self, death: str) -> None:
+        self.died += 1
+        self._node.get_logger().warning(death)
+
+
+async def _done(node: Node, chunk: 'PoolFuture[RestingPoses]') -> None:
+    """Wait for a worker; what it raises is for who takes the chunk."""
+    with suppress(Exception):
+        await result_of(node, chunk)
+
+
+class Batches:
+    """Poses that have not been published yet.
+
+    Some are always held back, so that the batch which turns out to be the last is not empty.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._waiting: list[RestingPoses] = []
+
+    def add(self, chunk: RestingPoses) -> Iterator[RestingPoses]:
+        """The batches that are full now; the chunk continues the one before."""
+        self._waiting.append(chunk)
+        while sum(map(len, self._waiting)) > self._size:
+            joined = RestingPoses.join(self._waiting)
+            middle = joined.first_drop + self._size
+            self._waiting = [joined.between(middle, joined.end)]
+            yield joined.between(joined.first_drop, middle)
+
+    def rest(self, end: int) -> RestingPoses:
+        """What is left, up to ``end``; may be empty."""
+        if not self._waiting:
+            return RestingPoses.none(end)
+        return RestingPoses.join(self._waiting)

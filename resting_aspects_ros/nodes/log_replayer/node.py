@@ -1,0 +1,171 @@
+"""The node that publishes a log again, on the suite's topics, as if it happened now."""
+
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from std_srvs.srv import Trigger
+
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.logs.playback_reader import RecordedMessage, Recording
+from resting_aspects_ros.logs.stream_reader import unfinished
+from resting_aspects_ros.nodes.log_replayer.player import Position, Replay
+from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
+from resting_aspects_ros.ros.callbacks import steady_timer
+from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
+from resting_aspects_ros.ros.formatting import counted
+from resting_aspects_ros.ros.interface import DROP_SIMULATOR, LOG_REPLAYER, PAUSE, RESUME, SERVICES
+from resting_aspects_ros.ros.liveliness import Living, announce
+from resting_aspects_ros.ros.parameters import Parameter, declare
+from resting_aspects_ros.ros.spin import run_node
+
+LEAST_RATE, MOST_RATE = 0.001, 1000.0
+PARAMETERS = (
+    Parameter('log', '', 'what is replayed: the folder of a run, or an .mcap file'),
+    Parameter('rate', 1.0, 'how many times as fast as recorded', (LEAST_RATE, MOST_RATE)),
+    Parameter('as_fast_as_possible', False, 'do not wait as recorded; leave the rate at 1.0'),
+    Parameter('loop', False, 'begin again a second after the end'),
+)
+# It is told how far it is at least this often, ns.
+WATCH_PERIOD = 100_000_000
+
+
+class LogReplayer(Node):
+    """Publishes the topics of a log; serves ~/pause and ~/resume.
+
+    It stays when the log is over: with it would go what is latched.
+
+    Parameters
+    ----------
+    given : values of parameters that go before those of --ros-args
+    watch : called with the position, often
+    """
+
+    def __init__(
+        self,
+        given: Mapping[str, Any] | None = None,
+        watch: Callable[[Position], object] = lambda _: None,
+    ) -> None:
+        overrides = [RosParameter(name, value=value) for name, value in (given or {}).items()]
+        super().__init__(LOG_REPLAYER, parameter_overrides=overrides)
+        values = declare(self, PARAMETERS)
+        _check_rate(values['rate'], values['as_fast_as_possible'])
+        recording = Recording(_log(values['log']))
+        self._log = recording.path
+        topics, skipped = replayed_topics(recording)
+        self._outputs = {
+            topic.recorded: self.create_publisher(topic.message, topic.name, topic.qos)
+            for topic in topics
+        }
+        self._watch = watch
+        self._begun = time.monotonic()
+        self._replay = Replay(
+            recording,
+            topics,
+            self._publish,
+            lambda topic: self._outputs[topic].wait_for_all_acked(Duration()),
+            rate=None if values['as_fast_as_possible'] else values['rate'],
+            loop=values['loop'],
+            warn=self.get_logger().warning,
+        )
+        self.create_service(Trigger, PAUSE, self._pause, qos_profile=SERVICES)
+        self.create_service(Trigger, RESUME, self._resume, qos_profile=SERVICES)
+        self._simulators = Living(self, DROP_SIMULATOR)
+        announce(self, LOG_REPLAYER)
+        publish_diagnostics(self, self._diagnose)
+        if words := unfinished(recording.path):
+            self.get_logger().warning(words)
+        for words in skipped:
+            self.get_logger().warning(f'not replayed: {words}')
+        self.get_logger().info(
+            f'ready: {recording.path}, {counted(len(topics), "topic", "topics")}, '
+            f'{self._replay.position.length:.3f} s'
+        )
+        self._timer = steady_timer(self, 0.0, self._step)
+
+    def _publish(self, message: RecordedMessage) -> None:
+        self._outputs[message.topic].publish(message.data)
+
+    def _step(self) -> None:
+        """Publish what is due, and come back when there is more."""
+        wait = self._replay.play()
+        position = self._replay.position
+        self._watch(position)
+        if wait is None:
+            self._timer.cancel()
+        else:
+            self._step_after(min(wait, WATCH_PERIOD))
+        if position.over:
+            self.get_logger().info(
+                f'replayed in {time.monotonic() - self._begun:.3f} s: '
+                f'{counted(position.messages, "message", "messages")}; '
+                'latched topics stay available until Ctrl-C'
+            )
+
+    def _step_after(self, wait: int) -> None:
+        self._timer.timer_period_ns = wait
+        self._timer.reset()
+
+    def _diagnose(self) -> Diagnosis:
+        position = self._replay.position
+        values = {
+            'log': self._log,
+            'at': position,
+            'messages published': position.messages,
+            'round': position.round,
+        }
+        state = 'over' if position.over else 'paused' if position.paused else 'replaying'
+        if not self._simulators.count:
+            return Diagnosis(state, values)
+        words = f'a {DROP_SIMULATOR} in this namespace publishes on the same topics'
+        self.get_logger().warning(words, once=True)
+        return Diagnosis(state, values, [words])
+
+    def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._replay.paused:
+            return self._answer(response, 'paused already')
+        self._replay.pause()
+        return self._answer(response, 'paused', new=True)
+
+    def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self._replay.paused:
+            return self._answer(response, 'not paused')
+        self._replay.resume()
+        self._step_after(0)
+        return self._answer(response, 'resumed', new=True)
+
+    def _answer(
+        self, response: Trigger.Response, word: str, *, new: bool = False
+    ) -> Trigger.Response:
+        position = self._replay.position
+        self._watch(position)
+        response.success = not position.over
+        response.message = f'{"over" if position.over else word}, at {position}'
+        if new and not position.over:
+            self.get_logger().info(response.message)
+        return response
+
+
+def _log(path: str) -> Path:
+    if not path:
+        raise InvalidValueError("log is '', allowed is the folder of a run, or an .mcap file")
+    return Path(path)
+
+
+def _check_rate(rate: float, as_fast_as_possible: bool) -> None:
+    if as_fast_as_possible and rate != 1.0:
+        raise InvalidValueError(f'rate is {rate}, allowed is 1.0 with as_fast_as_possible')
+
+
+def main() -> int:
+    """Run the node alone in this process."""
+    return run_node(LogReplayer, PARAMETERS)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,180 @@
+"""Playback of a log, message by message: what is published when."""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from resting_aspects_ros.logs.playback_reader import RecordedMessage, Recording
+from resting_aspects_ros.nodes.log_replayer.topics import ReplayedTopic
+from resting_aspects_ros.ros.conversions import NANOSECONDS
+
+# Before the first message, for subscribers to find the topics, and between two rounds, ns.
+PAUSE_BEFORE = NANOSECONDS
+# Messages that are due are published for so long at a time, ns: services are answered meanwhile.
+SLICE = NANOSECONDS // 20
+# Time between two checks for acknowledgements, ns.
+ACK_PERIOD = 2_000_000
+# A subscriber that does not acknowledge for so long is not waited for any more, ns. DDS itself
+# removes one whose process is gone after 20 s.
+ACK_TIMEOUT = 60 * NANOSECONDS
+
+
+@dataclass(frozen=True)
+class Position:
+    """Where a replay is.
+
+    seconds : time in the log, s
+    length : of the log, s
+    messages : published in this round
+    round : 1 for the first, one more each time that a loop begins again
+    """
+
+    seconds: float
+    length: float
+    messages: int
+    round: int
+    paused: bool
+    over: bool
+
+    def __str__(self) -> str:
+        return f'{self.seconds:.3f} s of {self.length:.3f} s, message {self.messages}'
+
+
+class Replay:
+    """Publishes a log, once or in a loop. Parts come first.
+
+    publish : called with each message
+    acknowledged : returns whether all subscribers have received all messages of a recorded topic
+    rate : divides the recorded times; None publishes as fast as subscribers acknowledge.
+        Then, after as many messages of a topic as its depth, the next one waits until they are
+        acknowledged, so that DDS replaces none that a reliable subscriber has not received.
+    warn : called with a text if a subscriber stops to acknowledge
+    clock : monotonic, ns
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        topics: Sequence[ReplayedTopic],
+        publish: Callable[[RecordedMessage], object],
+        acknowledged: Callable[[str], bool],
+        *,
+        rate: float | None,
+        loop: bool,
+        warn: Callable[[str], object],
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._recording = recording
+        self._topics = {topic.recorded: topic for topic in topics}
+        self._parts = {topic.recorded for topic in topics if topic.describes_part}
+        self._span = recording.span(self._topics)
+        self._publish = publish
+        self._acknowledged = acknowledged
+        self._rate = rate
+        self._loop = loop
+        self._warn = warn
+        self._clock = clock
+        self._unacknowledged: Counter[str] = Counter()
+        self._waiting_since: int | None = None
+        self._wait_for_subscribers = rate is None
+        self._paused_at: int | None = None
+        self._round = 0
+        self._begin()
+
+    @property
+    def over(self) -> bool:
+        """Whether the last message has been published and no round follows."""
+        return self._next is None
+
+    @property
+    def paused(self) -> bool:
+        """Whether it waits for ``resume``."""
+        return self._paused_at is not None
+
+    @property
+    def position(self) -> Position:
+        """The current position; with a rate, it advances between two messages as well."""
+        length = self._span.end - self._span.start
+        done = length if self.over else min(length, self._elapsed())
+        return Position(
+            done / NANOSECONDS,
+            length / NANOSECONDS,
+            self._sent,
+            self._round,
+            self.paused,
+            self.over,
+        )
+
+    def pause(self) -> None:
+        """Publish nothing until ``resume``."""
+        if not self.paused and not self.over:
+            self._paused_at = self._clock()
+
+    def resume(self) -> None:
+        """Continue where it was paused."""
+        if self._paused_at is not None:
+            self._begun += self._clock() - self._paused_at
+            self._paused_at = self._waiting_since = None
+
+    def play(self) -> int | None:
+        """Publish what is due; returns the ns until the next call, None if none is needed."""
+        end = self._clock() + SLICE
+        while self._next is not None and not self.paused:
+            now = self._clock()
+            wait = max(0, self._due(self._next) - now)
+            if not wait and self._wait_for_subscribers and not self._has_room(self._next, now):
+                wait = ACK_PERIOD
+            if wait or now > end:
+                return wait
+            self._send(self._next)
+        return None
+
+    def _begin(self) -> None:
+        self._messages = self._recording.messages(self._topics, first=self._parts)
+        self._next = next(self._messages, None)
+        self._last = self._span.start
+        self._sent = 0
+        self._round += 1
+        self._begun = self._clock() + PAUSE_BEFORE
+
+    def _elapsed(self) -> int:
+        """The time in the log, ns since its start."""
+        if self._rate is None:
+            return self._last - self._span.start
+        now = self._clock() if self._paused_at is None else self._paused_at
+        return max(0, int((now - self._begun) * self._rate))
+
+    def _due(self, message: RecordedMessage) -> int:
+        """When it is published, by the clock: always from the start, so that no delay adds up."""
+        if self._rate is None:
+            return self._begun
+        return self._begun + int((message.time - self._span.start) / self._rate)
+
+    def _has_room(self, message: RecordedMessage, now: int) -> bool:
+        """Return whether publishing the message replaces no unacknowledged one."""
+        topic = message.topic
+        if self._unacknowledged[topic] < self._topics[topic].qos.depth:
+            return True
+        if self._acknowledged(topic):
+            self._unacknowledged[topic] = 0
+            self._waiting_since = None
+            return True
+        if self._waiting_since is None:
+            self._waiting_since = now
+        if now - self._waiting_since > ACK_TIMEOUT:
+            self._wait_for_subscribers = False
+            self._warn(
+                f'a subscriber of {self._topics[topic].name} has not acknowledged for '
+                f'{ACK_TIMEOUT // NANOSECONDS} s: continuing without waiting, it may lose messages'
+            )
+        return not self._wait_for_subscribers
+
+    def _send(self, message: RecordedMessage) -> None:
+        self._publish(message)
+        self._unacknowledged[message.topic] += 1
+        self._last = message.time
+        self._sent += 1
+        self._next = next(self._messages, None)
+        if self._next is None and self._loop:
+            self._begin()

@@ -1,0 +1,227 @@
+"""Between the suite's own types and ROS messages."""
+
+from dataclasses import fields
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, Pose, Quaternion
+from rclpy.serialization import deserialize_message
+from resting_aspects_interfaces.msg import (
+    DropConditions,
+    PartDescription,
+    RestingPose,
+    RunDescription,
+    Status,
+)
+from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
+from std_msgs.msg import Header
+
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.geometry.mesh_file import FORMATS
+from resting_aspects_ros.core.part import Part, is_valid_name
+from resting_aspects_ros.core.part_loading import part_from_bytes
+from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
+from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE
+from resting_aspects_ros.ros.interface import FRAME
+from resting_aspects_ros.simulation import conditions as drop_conditions
+from resting_aspects_ros.simulation.run_description import RunDescription as Run
+from resting_aspects_ros.simulation.run_description import (
+    check_drops,
+    check_first_drop,
+    check_run_id,
+)
+
+NANOSECONDS = 1_000_000_000
+# Fields of a run that are the same in its message.
+_RUN_FIELDS = {field.name for field in fields(Run)} - {'conditions', 'started'}
+
+
+def status(code: int, message: str = '') -> Status:
+    """A status; the message is for a person."""
+    return Status(code=code, message=message)
+
+
+def time_msg(nanoseconds: int) -> Time:
+    """Nanoseconds since the epoch as a stamp."""
+    return Time(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
+
+
+def nanoseconds(stamp: Time) -> int:
+    """A stamp as nanoseconds since the epoch."""
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+def conditions_msg(conditions: drop_conditions.DropConditions) -> DropConditions:
+    """Conditions as a message."""
+    values = {name: getattr(conditions, name) for name in drop_conditions.QUANTITIES}
+    return DropConditions(
+        surface=conditions.surface, height_of=int(conditions.height_of), **values
+    )
+
+
+def conditions_from(msg: DropConditions) -> drop_conditions.DropConditions:
+    """Raises InvalidValueError if a value is not allowed."""
+    values = {name: getattr(msg, name) for name in drop_conditions.QUANTITIES}
+    return drop_conditions.DropConditions(surface=msg.surface, height_of=msg.height_of, **values)
+
+
+def run_msg(run: Run) -> RunDescription:
+    """A run's description as a message."""
+    same = {name: getattr(run, name) for name in _RUN_FIELDS}
+    return RunDescription(
+        conditions=conditions_msg(run.conditions), started=time_msg(run.started), **same
+    )
+
+
+def run_from(msg: RunDescription) -> Run:
+    """Raises InvalidValueError if no run has this description."""
+    if not msg.run_id:
+        raise InvalidValueError("run_id is '', allowed is that of a run")
+    check_run_id(msg.run_id)
+    if not is_valid_name(msg.part):
+        raise InvalidValueError(
+            f'part of run {msg.run_id} is {shown(msg.part)}, allowed is a name'
+        )
+    check_drops(msg.drops)
+    check_first_drop(msg.first_drop, msg.drops)
+    same = {name: getattr(msg, name) for name in _RUN_FIELDS}
+    return Run(
+        conditions=conditions_from(msg.conditions), started=nanoseconds(msg.started), **same
+    )
+
+
+def poses_msg(
+    poses: RestingPoses, run: Run, stamp: Time, last: bool, frame: str = FRAME
+) -> RestingPosesMsg:
+    """A batch of poses as a message."""
+    rows = zip(
+        poses.position.tolist(),
+        poses.orientation.tolist(),
+        poses.status.tolist(),
+        poses.decided_by.tolist(),
+        poses.time_to_rest.tolist(),
+        poses.energy_growth.tolist(),
+        strict=True,
+    )
+    return RestingPosesMsg(
+        header=Header(stamp=stamp, frame_id=frame),
+        run=run_msg(run),
+        first_drop=poses.first_drop,
+        poses=[
+            RestingPose(
+                pose=pose_msg(position, orientation),
+                status=code,
+                decided_by=decided_by,
+                time_to_rest=rest,
+                energy_growth=growth,
+            )
+            for position, orientation, code, decided_by, rest, growth in rows
+        ],
+        last=last,
+    )
+
+
+def pose_msg(position: list[float], orientation: list[float]) -> Pose:
+    """A pose; the orientation is xyzw."""
+    x, y, z = position
+    qx, qy, qz, qw = orientation
+    return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+
+
+def poses_from(msg: RestingPosesMsg) -> RestingPoses:
+    """The poses of a batch; raises InvalidValueError if a part cannot lie so."""
+    position = [(p.pose.position.x, p.pose.position.y, p.pose.position.z) for p in msg.poses]
+    orientation = [(o.x, o.y, o.z, o.w) for o in (entry.pose.orientation for entry in msg.poses)]
+    poses = RestingPoses(
+        first_drop=msg.first_drop,
+        position=np.array(position, dtype=np.float64).reshape(-1, 3),
+        orientation=np.array(orientation, dtype=np.float64).reshape(-1, 4),
+        status=np.array([p.status for p in msg.poses], dtype=np.uint8),
+        decided_by=np.array([p.decided_by for p in msg.poses], dtype=np.uint8),
+        time_to_rest=np.array([p.time_to_rest for p in msg.poses], dtype=np.float64),
+        energy_growth=np.array([p.energy_growth for p in msg.poses], dtype=np.float64),
+    )
+    _check_poses(poses)
+    return poses
+
+
+def _check_poses(poses: RestingPoses) -> None:
+    """Raises InvalidValueError for codes that are none, and for a part at rest nowhere."""
+    check_first_drop(poses.first_drop, len(poses))
+    settled = poses.status == RestStatus.SETTLED
+    with np.errstate(over='ignore', invalid='ignore'):  # what is as long as that is refused
+        norm = np.linalg.norm(poses.orientation, axis=1)
+    for name, values, allowed, right in (
+        ('status', poses.status, 'a code', np.isin(poses.status, list(RestStatus))),
+        ('decided_by', poses.decided_by, 'a code', np.isin(poses.decided_by, list(DecidedBy))),
+        ('position', poses.position, 'finite', np.isfinite(poses.position).all(1) | ~settled),
+        (
+            'orientation',
+            poses.orientation,
+            'a unit quaternion',
+            (np.abs(norm - 1) <= LENGTH_TOLERANCE) | ~settled,
+        ),
+    ):
+        for k in np.flatnonzero(~right)[:1].tolist():
+            found = values[k].tolist()
+            raise InvalidValueError(
+                f'{name} of drop {poses.first_drop + k} is {found}, allowed is {allowed}'
+            )
+
+
+def part_msg(part: Part) -> PartDescription:
+    """All that makes the part, as a message."""
+    x, y, z = part.centre_of_mass.tolist()
+    return PartDescription(
+        name=part.name,
+        mesh_sha256=part.mesh_sha256,
+        part_sha256=part.part_sha256,
+        format=part.mesh_format,
+        mesh=part.mesh_bytes,
+        unit=part.unit,
+        mass=part.mass,
+        centre_of_mass=Point(x=x, y=y, z=z),
+        inertia=part.inertia[np.triu_indices(3)],
+        body=part.body,
+    )
+
+
+def check_description(msg: PartDescription, name: str) -> None:
+    """Raises InvalidValueError if a description on parts/<name> is of another part."""
+    if msg.name != name or msg.format not in FORMATS:
+        raise InvalidValueError(
+            f'part {name!r} is described as {shown(msg.name)} in the format {shown(msg.format)}, '
+            f'allowed is its own name, and {", ".join(FORMATS)}'
+        )
+
+
+def part_from(msg: PartDescription) -> Part:
+    """Raises PartError or InvalidValueError if the description is of no part."""
+    centre = msg.centre_of_mass
+    return part_from_bytes(
+        bytes(msg.mesh),
+        msg.format,
+        msg.name,
+        unit=msg.unit,
+        mass=msg.mass,
+        centre_of_mass=(centre.x, centre.y, centre.z),
+        inertia=np.asarray(msg.inertia, dtype=np.float64),
+        body=msg.body or None,
+    )
+
+
+def serialized_poses(data: bytes) -> tuple[Run, RestingPoses, bool]:
+    """Run, poses and whether it is the last, of a batch in a log; RuntimeError if unreadable."""
+    msg = deserialize_message(data, RestingPosesMsg)
+    return run_from(msg.run), poses_from(msg), bool(msg.last)
+
+
+def serialized_batch(data: bytes) -> tuple[Run, int, int, bool]:
+    """Run, first drop, number of drops, and whether it is the last, of a batch in a log."""
+    msg = deserialize_message(data, RestingPosesMsg)
+    return run_from(msg.run), int(msg.first_drop), len(msg.poses), bool(msg.last)
+
+
+def serialized_part(data: bytes) -> Part:
+    """The part of a description as a log has it; RuntimeError if it cannot be read."""
+    return part_from(deserialize_message(data, PartDescription))

@@ -1,0 +1,161 @@
+"""A process that reads files for a node, so that no file can block or end the node."""
+
+import os
+import resource
+import signal
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from multiprocessing import get_context, parent_process, resource_tracker
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rclpy.node import Node
+
+from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.ros.callbacks import result_of
+
+T = TypeVar('T')
+
+# What reading one file may take, s, and in bytes above what the process takes for itself.
+MAX_SECONDS = 30.0
+MAX_MEMORY = 2 * 1024**3
+# Python and its modules are loaded within this even on a very busy machine, s.
+START_TIMEOUT = 120.0
+
+
+class FileLimitError(RestingAspectsError):
+    """A file takes too long to read, too much memory, or ends the process that reads it."""
+
+
+class FileWorker:
+    """Runs plain functions one at a time in a spawned process, under limits of time and memory.
+
+    A process that exceeds a limit, or dies, is replaced; only the function that it ran fails.
+
+    Parameters
+    ----------
+    seconds : float
+        Time limit of each function, s.
+    memory : int
+        What a function may allocate, bytes.
+    """
+
+    def __init__(self, node: Node, seconds: float = MAX_SECONDS, memory: int = MAX_MEMORY) -> None:
+        self._node = node
+        self._seconds = seconds
+        self._memory = memory
+        self._thread = ThreadPoolExecutor(1, 'file_worker')
+        self._process: SpawnProcess | None = None
+        self._connection: Connection | None = None
+        self._stopped = False
+
+    async def run(self, function: Callable[..., T], *given: Any) -> T:
+        """Return what a function of a module returns, or raise what it raises.
+
+        Raises FileLimitError also for what the function raises that is no RestingAspectsError.
+        """
+        found: T = await result_of(self._node, self._thread.submit(self._call, function, given))
+        return found
+
+    def stop(self) -> None:
+        """End the process; a function that runs is given up."""
+        self._stopped = True
+        if (process := self._process) is not None:
+            process.kill()
+        self._thread.shutdown(wait=False, cancel_futures=True)
+
+    def _call(self, function: Callable[..., T], given: tuple[Any, ...]) -> T:
+        """In the thread: send the function to the process and wait for its result."""
+        try:
+            connection = self._ready()
+            connection.send((function, given))
+            if not connection.poll(START_TIMEOUT):  # until its module is imported
+                raise EOFError
+            connection.recv()
+            if not connection.poll(self._seconds):
+                raise FileLimitError(f'it takes longer than {self._seconds:g} s to read')
+            outcome = connection.recv()
+        except (EOFError, OSError):
+            self._replace()
+            raise FileLimitError('the process that read it died') from None
+        except FileLimitError:
+            self._replace()
+            raise
+        if isinstance(outcome, BaseException):
+            raise outcome
+        found: T = outcome
+        return found
+
+    def _ready(self) -> Connection:
+        """The connection to a process that has started."""
+        if self._process is not None and not self._process.is_alive():
+            self._replace()  # it was killed meanwhile, by no file
+        if self._connection is not None:
+            return self._connection
+        # The process inherits this: Ctrl-C in a terminal reaches it too, and the node ends it.
+        # The tracker of resources, which starts with the first process, would unblock the signal.
+        resource_tracker.ensure_running()
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        context = get_context('spawn')
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_serve, args=(theirs, self._memory), daemon=True)
+        process.start()
+        self._process = process
+        theirs.close()  # else the end of the process would not be noticed
+        # The node may have stopped it meanwhile, when there was no process to end yet.
+        if self._stopped or not ours.poll(START_TIMEOUT):
+            raise EOFError
+        ours.recv()
+        self._connection = ours
+        return ours
+
+    def _replace(self) -> None:
+        """End the process; the next function gets a new one."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.join(1.0)
+        if self._connection is not None:
+            self._connection.close()
+        self._process = self._connection = None
+
+
+def _serve(connection: Connection, memory: int) -> None:
+    """In the process: run what comes, until the node closes the connection or ends."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    connection.send(None)
+    while True:
+        try:
+            function, given = connection.recv()
+        except EOFError:
+            return
+        connection.send(None)
+        _limit_memory(memory)
+        try:
+            outcome: Any = function(*given)
+        except RestingAspectsError as error:
+            outcome = error
+        except MemoryError:
+            outcome = FileLimitError(f'it takes more than {memory / 1024**2:.0f} MiB to read')
+        except Exception as error:  # noqa: BLE001 - whatever is in a file, the others are read
+            outcome = FileLimitError(f'it cannot be read: {error!r:.300}')
+        connection.send(outcome)
+
+
+def _limit_memory(memory: int) -> None:
+    """Allow so many bytes above what is mapped now."""
+    pages = int(Path('/proc/self/statm').read_text().split()[0])
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    limit = pages * resource.getpagesize() + memory
+    if hard != resource.RLIM_INFINITY:
+        limit = min(limit, hard)
+    resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

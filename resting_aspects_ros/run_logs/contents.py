@@ -1,0 +1,221 @@
+"""What a log says of its run."""
+
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import TypeVar
+
+from resting_aspects_ros.cli.formatting import warn
+from resting_aspects_ros.cli.run_result import Answer
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.errors import InvalidValueError, LogError, one_line
+from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.statistics.distribution import (
+    METHOD,
+    Distribution,
+    aspect_ids,
+    count_poses,
+    no_drops,
+)
+from resting_aspects_ros.core.statistics.history import History
+from resting_aspects_ros.logs.bag_metadata import Outcome
+from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
+from resting_aspects_ros.logs.log_reader import LogFile
+from resting_aspects_ros.logs.stream_reader import one_file, state_text, typed_messages
+from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE
+from resting_aspects_ros.ros.conversions import serialized_batch, serialized_part, serialized_poses
+from resting_aspects_ros.ros.distribution_conversions import serialized_distribution
+from resting_aspects_ros.simulation.index_ranges import Coverage
+from resting_aspects_ros.simulation.merge_runs import Piece, merge_drops
+from resting_aspects_ros.simulation.run_description import RunDescription
+
+T = TypeVar('T')
+TYPES = (POSES_TYPE, PART_TYPE, DISTRIBUTION_TYPE)
+
+
+class LoggedRun:
+    """The run of a log, told by its messages one after the other.
+
+    Parameters
+    ----------
+    log : Path
+        As it was given.
+    keep_poses : bool
+        Keep the poses of all batches, in ``pieces``.
+
+    Attributes
+    ----------
+    run : RunDescription
+        None while no batch of poses came.
+    seen : Coverage
+        Drops of the run that came.
+    path, messages, finished, being_written
+        Of the MCAP file, once it was read. ``finished``: it was not broken off.
+    recorded : Outcome
+        What the log says that it holds; None if it does not.
+
+    ``part`` and ``counted`` are read from the last message of their type when they are first asked
+    for; LogError if it cannot be read.
+    """
+
+    def __init__(self, log: Path, *, keep_poses: bool = False) -> None:
+        self.log = self.path = log
+        self.messages = 0
+        self.finished = self.being_written = False
+        self.recorded: Outcome | None = None
+        self.run: RunDescription | None = None
+        self.seen = Coverage()
+        self.pieces: list[Piece] = []
+        self._keep_poses = keep_poses
+        self._last: dict[str, bytes] = {}
+        self._end: int | None = None  # index after the last drop, once it is known
+
+    def take(self, type_name: str, data: bytes) -> None:
+        """Note what a message says; raises LogError if it cannot be read."""
+        if type_name != POSES_TYPE:
+            self._last[type_name] = data
+            return
+        run, first, drops, last = self._batch(data)
+        # Later ones can be of other runs, whose drops filled gaps of this one.
+        self.run = self.run or run
+        end = first + drops
+        if run.sequence() == self.run.sequence():
+            self.seen.add(max(first, self.run.first_drop), min(end, self.run.end))
+        if last and run.run_id == self.run.run_id:
+            self._end = end
+
+    @cached_property
+    def part(self) -> Part | None:
+        """The part as it was dropped, of the last description."""
+        data = self._last.get(PART_TYPE)
+        return None if data is None else self._read(serialized_part, data)
+
+    @cached_property
+    def counted(self) -> tuple[Distribution, RunDescription, bool] | None:
+        """The last distribution, its run, and whether it counts all drops of that."""
+        data = self._last.get(DISTRIBUTION_TYPE)
+        return None if data is None else self._read(serialized_distribution, data)
+
+    @property
+    def outcome(self) -> Outcome:
+        """How many drops there are, and whether it is all of them, and the part."""
+        if self.recorded is not None:
+            return self.recorded
+        run, part = self.run, self.part
+        if run is None or part is None:
+            return Outcome(len(self.seen), whole=False)
+        # Without a last batch it can have all drops, too: if the end was asked for again.
+        end = run.end if self._end is None else max(self._end, self.seen.end)
+        missing = self.seen.missing(run.first_drop, end)
+        whole = not missing and part.part_sha256 == run.part_sha256
+        return Outcome(len(self.seen), whole)
+
+    @property
+    def ranges(self) -> list[tuple[int, int]]:
+        """The drops that it holds, [first, end) of each row of them without a gap."""
+        run = self.run
+        if run is None or not self.outcome.whole:
+            return self.seen.ranges
+        return [(run.first_drop, run.first_drop + self.outcome.drops)]
+
+    def warn_if_unfinished(self) -> None:
+        """Print on standard error if the log has no end."""
+        state = state_text(self.log, being_written=self.being_written, finished=self.finished)
+        if state:
+            warn(state)
+
+    def _batch(self, data: bytes) -> tuple[RunDescription, int, int, bool]:
+        if not self._keep_poses:
+            return self._read(serialized_batch, data)
+        run, poses, last = self._read(serialized_poses, data)
+        self.pieces.append((run, poses))
+        return run, poses.first_drop, len(poses), last
+
+    def _read(self, read: Callable[[bytes], T], data: bytes) -> T:
+        try:
+            return read(data)
+        except Exception as error:  # whatever is in it
+            raise LogError(
+                f'{named("log", self.log)} has a message that cannot be read: '
+                f'{one_line(str(error))}'
+            ) from error
+
+
+def rest_of_run(run: RunDescription, outcome: Outcome) -> str:
+    """Return why a log does not have all drops of its run, in words to come after how many."""
+    if outcome.drops >= run.drops or run.precision:
+        return ''
+    return ', where the run ended' if outcome.whole else ', the others are not in this log'
+
+
+def read_logged_run(log: Path, *, keep_poses: bool = False) -> LoggedRun:
+    """Read what is in a log, closed or broken off; raises LogError.
+
+    Of a closed log only what is needed is read, found by its index; all of it if the poses are
+    kept, or if nobody counted its drops.
+    """
+    run = LoggedRun(log, keep_poses=keep_poses)
+    if not keep_poses and _read_by_index(run):
+        return run
+    with LogFile(one_file(log)) as file:
+        for type_name, message in typed_messages(file, TYPES):
+            run.take(type_name, message.data)
+        run.path, run.messages = file.path, file.messages
+        run.finished, run.being_written = file.finished, file.being_written
+        # Without its end nothing vouches for a text in the file.
+        run.recorded = Outcome.of(file.texts) if file.finished else None
+    return run
+
+
+def _read_by_index(run: LoggedRun) -> bool:
+    """Read a closed log that says what it holds; False if it is none."""
+    try:
+        with IndexedLog(run.log) as indexed:
+            run.recorded = Outcome.of(indexed.notes())
+            if run.recorded is None:
+                return False
+            if not run.recorded.whole:  # there can be gaps
+                for _, message in typed_messages(indexed, [POSES_TYPE]):
+                    run.take(POSES_TYPE, message.data)
+            elif batch := indexed.first(POSES_TYPE):
+                run.take(POSES_TYPE, batch)
+            for type_name in (PART_TYPE, DISTRIBUTION_TYPE):
+                if data := indexed.last(type_name):
+                    run.take(type_name, data)
+            run.path, run.messages = indexed.path, indexed.message_count
+            run.finished, run.being_written = True, indexed.being_written
+    except NoIndexError:
+        return False
+    return True
+
+
+def logged_answer(log: Path) -> Answer:
+    """Count the drops of a log again, each once.
+
+    Raises InvalidValueError if it is no log of a run with its part, LogError if it cannot be read.
+    """
+    logged = read_logged_run(log, keep_poses=True)
+    run, part = logged.run, logged.part
+    if run is None:
+        raise InvalidValueError(f'{named("log", log)} holds no drops')
+    if part is None or part.part_sha256 != run.part_sha256:
+        raise InvalidValueError(f'{named("log", log)} does not describe its part')
+    logged.warn_if_unfinished()
+    counted = no_drops(find_aspects(part), by_precision=run.precision > 0)
+    history = History(counted.aspects)
+    for poses in _poses(logged.pieces, run):
+        ids = aspect_ids(counted.aspects, poses)
+        history.add(ids)
+        counted += count_poses(counted.aspects, poses, ids)
+    whole = logged.outcome.whole and logged.finished
+    return Answer(counted, run, part, METHOD, whole, history=history.points())
+
+
+def _poses(pieces: list[Piece], run: RunDescription) -> Iterator[RestingPoses]:
+    """Give the drops of a run, each once, by index."""
+    for merged in merge_drops(pieces, any_engine=True):
+        if merged.run.sequence() == run.sequence():
+            for poses in merged.poses:
+                yield poses.between(run.first_drop, run.end)

@@ -1,0 +1,80 @@
+"""How drops start: at random, and each by its index alone."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from resting_aspects_ros.core.rotations import Array, composed, down_in_part, random_orientations
+from resting_aspects_ros.simulation.conditions import HeightOf
+from resting_aspects_ros.simulation.drop_job import DropJob
+
+# Drops of a chunk share a world, each in its own slot; a drop's slot is its index modulo the
+# chunk, since the rounding, and with it the pose, depends on the place in the world.
+CHUNK = 125
+# Without spin, free fall only adds speed: it is left out down to this clearance, R, which is more
+# than Bullet's contact breaking distance (0.02).
+START_CLEARANCE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Release:
+    """How the drops of a chunk start in the world, in R and T. Shapes (n, 3), (n, 4), (n,)."""
+
+    position: Array
+    orientation: Array
+    velocity: Array
+    spin: Array
+    elapsed: Array  # time of the fall that was left out
+
+    @property
+    def flight(self) -> float:
+        """Longest time of flight that is simulated, T."""
+        up = self.velocity[:, 2]
+        longest: float = (up + np.sqrt(up**2 + 2 * np.abs(self.position[:, 2]))).max()
+        return longest
+
+
+def releases(job: DropJob, chunk: int) -> Release:
+    """The starts of all drops of a chunk: always all, so that a drop's start is its own."""
+    c, unit = job.conditions, job.time_unit
+    generator = np.random.default_rng(np.random.SeedSequence(job.seed, spawn_key=(chunk,)))
+    of_part = random_orientations(generator, CHUNK)
+    deviations = np.array([c.speed_horizontal, c.speed_horizontal, c.speed_vertical])
+    velocity = generator.standard_normal((CHUNK, 3)) * deviations * unit / job.radius
+    spin = generator.standard_normal((CHUNK, 3)) * c.spin * unit
+
+    of_body = body_from_part(of_part, job.axes)
+    depth = depth_of(of_body, job.hull)
+    height = np.full(CHUNK, c.height / job.radius)
+    clearance = height if c.height_of is HeightOf.LOWEST_POINT else height - depth
+    elapsed = np.zeros(CHUNK)
+    if c.spin == 0:
+        start = np.minimum(clearance, START_CLEARANCE)
+        speed = np.sqrt(velocity[:, 2] ** 2 + 2 * (clearance - start))
+        speed = np.where(clearance > start, speed, -velocity[:, 2])
+        elapsed = velocity[:, 2] + speed
+        velocity[:, 2] = -speed
+        clearance = start
+    position = np.zeros((CHUNK, 3))
+    position[:, :2] = velocity[:, :2] * elapsed[:, None]
+    position[:, 2] = clearance + depth
+    return Release(position, of_body, velocity, spin, elapsed)
+
+
+def body_from_part(of_part: Array, axes: Array) -> Array:
+    """Tray from body, given tray from part and the job's axes."""
+    return composed(of_part, axes)
+
+
+def part_from_body(of_body: Array, axes: Array) -> Array:
+    """Tray from part, given tray from body and the job's axes."""
+    return composed(of_body, axes * [-1, -1, -1, 1])
+
+
+def depth_of(xyzw: Array, hull: Array) -> Array:
+    """(n,) heights of the centre of mass above the lowest point of the hull (k, 3)."""
+    # Not as a matrix product: its rounding depends on how many rows it has, so that a drop's
+    # height would depend on how many others are asked for (rule 1).
+    x, y, z = down_in_part(xyzw).T[:, :, None]
+    reach: Array = (x * hull[:, 0] + y * hull[:, 1] + z * hull[:, 2]).max(axis=1)
+    return reach

@@ -1,0 +1,138 @@
+"""From a request to a run: the job for the workers, and the description for everybody else."""
+
+from importlib.metadata import version
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from resting_aspects_ros import __version__
+from resting_aspects_ros.core.aspects.aspect import SAME_FACET
+from resting_aspects_ros.core.aspects.joining import Joined, join_minima
+from resting_aspects_ros.core.aspects.landscape import Landscape
+from resting_aspects_ros.core.aspects.rest_rule import RestRule
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.stopping import check_precision
+from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.run_description import (
+    RunDescription,
+    check_drops,
+    check_first_drop,
+    check_seed,
+)
+
+# Not imported here: only the workers need it.
+ENGINE = 'bullet'
+ENGINE_VERSION = version('pybullet')
+# A flat side is narrow if it reaches less than this, R, from below the centre of mass to an edge.
+NARROW = 0.15
+# Faster impacts, R / T, are refused: their many small steps would hold a worker for hours.
+MAX_IMPACT = 100.0
+
+
+def plan_run(
+    part: Part,
+    conditions: DropConditions,
+    *,
+    seed: int,
+    drops: int,
+    run_id: str,
+    started: int,
+    first_drop: int = 0,
+    precision: float = 0.0,
+    landscape: Landscape | None = None,
+) -> tuple[DropJob, RunDescription]:
+    """The job and the description of a run, checked; raises InvalidValueError.
+
+    Parameters
+    ----------
+    precision : float
+        Half width of the intervals at which the run stops; 0: it makes all its drops.
+    landscape : Landscape or None
+        The part's, if it is known already.
+    """
+    check_drops(drops)
+    if precision != 0:
+        check_precision(precision)
+        if first_drop != 0:
+            raise InvalidValueError(
+                f'first_drop is {first_drop}, allowed is 0 for a run that stops at a precision'
+            )
+    check_seed(seed)
+    check_first_drop(first_drop, drops)
+    job = make_job(part, conditions, seed, landscape=landscape)
+    return job, RunDescription(
+        run_id=run_id,
+        part=part.name,
+        part_sha256=part.part_sha256,
+        conditions=conditions,
+        seed=seed,
+        first_drop=first_drop,
+        drops=drops,
+        precision=precision,
+        engine=ENGINE,
+        engine_version=ENGINE_VERSION,
+        suite_version=__version__,
+        time_step=job.time_step,
+        started=started,
+    )
+
+
+def make_job(
+    part: Part,
+    conditions: DropConditions,
+    seed: int,
+    *,
+    until_still: bool = False,
+    refinement: int = 1,
+    landscape: Landscape | None = None,
+) -> DropJob:
+    """The job of dropping a part; InvalidValueError if it cannot be dropped in that way.
+
+    ``until_still`` and ``refinement`` as DropJob has them, ``landscape`` as plan_run.
+    """
+    radius = part.hull_radius
+    if conditions.height_of is HeightOf.CENTRE_OF_MASS and conditions.height <= radius:
+        raise InvalidValueError(
+            f'height of the centre of mass is {conditions.height:g} m, allowed for {part.name} is '
+            f'more than {radius:.4g} m: lower, the part could touch the surface when released'
+        )
+    landscape = Landscape(part) if landscape is None else landscape
+    aspects = join_minima(landscape)
+    job = DropJob(
+        hull=(part.hull_vertices - part.centre_of_mass) @ part.principal_axes / radius,
+        moments=part.principal_moments / (part.mass * radius**2),
+        axes=Rotation.from_matrix(part.principal_axes).as_quat(),
+        centre_of_mass=part.centre_of_mass,
+        radius=radius,
+        conditions=conditions,
+        seed=seed,
+        rest=RestRule(landscape, aspects),
+        lowest=float(landscape.heights.min()) / radius,
+        rolling_length=rolling_length(landscape, aspects),
+        until_still=until_still,
+        refinement=refinement,
+    )
+    fastest = MAX_IMPACT * job.radius / job.time_unit
+    if job.impact > fastest:
+        raise InvalidValueError(
+            f'height, speed and spin of release let {part.name} meet the surface at '
+            f'{job.impact:.4g} m/s, allowed for its size and gravity is up to {fastest:.4g} m/s'
+        )
+    return job
+
+
+def rolling_length(landscape: Landscape, aspects: list[Joined]) -> float:
+    """The length that rolling friction is a share of, R: 1 but for slender parts.
+
+    Rolling friction is there to stop what rolls. Of a slender part a share of R is a lever that
+    could hold it tilted on an edge, so its length is in proportion to the narrowest of its flat
+    sides instead; though not below its lowest height, the radius on which a slender roller rolls.
+    """
+    hull = landscape.hull
+    flat = landscape.minima[[a.minima[0] for a in aspects if not a.curved]]
+    at_edges = np.isin(hull.sides, flat) & (hull.angles > SAME_FACET)[:, None]
+    narrowest = hull.margins[at_edges].min() if at_edges.any() else 0.0
+    lowest = landscape.heights.min() / landscape.radius
+    return float(min(1.0, max(narrowest / NARROW, lowest)))

@@ -1,0 +1,209 @@
+"""Drops in processes of this machine.
+
+The parent sends (job or None, first drop, end); None stands for the job that was sent before. A
+worker answers with the resting poses, or the exception, until the parent is gone.
+"""
+
+import os
+import pickle
+import signal
+import socket
+import sys
+import threading
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from importlib import import_module
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
+from subprocess import DEVNULL, Popen, TimeoutExpired
+
+from resting_aspects_ros.core.errors import EngineError, InvalidValueError
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.simulation.drop_job import DropJob
+
+MAX_WORKERS = 1024
+# A worker imports from where its parent does, whatever the working folder holds.
+_PROGRAM = (
+    'import sys; sys.path[:] = sys.argv[2:]; '
+    'from resting_aspects_ros.simulation.process_workers import serve; serve(int(sys.argv[1]))'
+)
+# Workers run at lower priority than other processes of this machine.
+NICENESS = 5
+_ENGINE = 'resting_aspects_ros.simulation.bullet_engine'
+# The parent decides what these mean. A terminal sends them to all of its processes.
+_PARENTS_SIGNALS = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+# A killed process ends at once, unless the system holds it; s.
+_END_TIMEOUT = 5.0
+
+
+class WorkerDiedError(EngineError):
+    """The process that dropped a chunk ended."""
+
+
+def default_workers() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+class ProcessWorkers:
+    """Worker processes, each with a connection of its own: Workers of one campaign or several.
+
+    A worker that dies fails the chunk that it dropped, and is replaced. The others are not
+    affected, since they share no lock and no pipe with it.
+
+    count : int
+        Number of processes.
+
+    Raises
+    ------
+    InvalidValueError
+        The count is out of bounds.
+    EngineError
+        The system starts no more processes.
+    """
+
+    def __init__(self, count: int) -> None:
+        if not 1 <= count <= MAX_WORKERS:
+            raise InvalidValueError(f'invalid workers {count}: expected 1 to {MAX_WORKERS}')
+        self.count = count
+        self._threads = ThreadPoolExecutor(count, thread_name_prefix='drops')
+        self._idle: SimpleQueue[_Worker] = SimpleQueue()
+        self._workers: set[_Worker] = set()
+        self._lock = threading.Lock()
+        self._stopped = False
+        try:
+            for _ in range(count):
+                self._idle.put(self._start())
+        except BaseException:
+            self.stop()
+            raise
+
+    def lookahead(self) -> int:
+        """One chunk in work and one waiting, for each process."""
+        return 2 * self.count
+
+    def submit(self, job: DropJob, first: int, end: int) -> 'Future[RestingPoses]':
+        """Drop a chunk as soon as a process is free."""
+        return self._threads.submit(self._drop, job, first, end)
+
+    def result(self, future: 'Future[RestingPoses]') -> RestingPoses:
+        """The poses of a chunk."""
+        return future.result()
+
+    def deaths(self, error: Exception) -> int:
+        """1 for the error of a worker that died, else 0."""
+        return int(isinstance(error, WorkerDiedError))
+
+    def stop(self) -> None:
+        """End the processes; chunks that are not done are given up."""
+        with self._lock:
+            self._stopped = True
+            workers, self._workers = self._workers, set()
+        for worker in workers:
+            worker.kill()
+        # No thread waits for a process any more: its connection is shut down.
+        self._threads.shutdown(cancel_futures=True)
+        for worker in workers:
+            worker.wait()
+
+    def _drop(self, job: DropJob, first: int, end: int) -> RestingPoses:
+        worker = self._idle.get()
+        try:
+            return worker.drop(job, first, end)
+        except WorkerDiedError:
+            with self._lock:
+                self._workers.discard(worker)
+            worker.kill()
+            worker.wait()
+            worker = self._start()
+            raise
+        finally:
+            self._idle.put(worker)
+
+    def _start(self) -> '_Worker':
+        with self._lock:
+            if self._stopped:
+                raise WorkerDiedError('the workers were stopped')
+            try:
+                worker = _Worker()
+            except OSError as error:
+                raise EngineError(f'cannot start a worker process: {error.strerror}') from None
+            self._workers.add(worker)
+            return worker
+
+
+class _Worker:
+    """A process that runs `serve`; begins to import what it needs at once."""
+
+    def __init__(self) -> None:
+        self._job: DropJob | None = None
+        self._socket, theirs = socket.socketpair()
+        self._connection = Connection(os.dup(self._socket.fileno()))
+        # A process inherits which signals are blocked.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, _PARENTS_SIGNALS)
+        try:
+            with theirs:
+                self._process = Popen(
+                    [sys.executable, '-c', _PROGRAM, str(theirs.fileno()), *sys.path],
+                    pass_fds=[theirs.fileno()],
+                    stdin=DEVNULL,
+                    # Bullet prints to standard output.
+                    stdout=DEVNULL,
+                )
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    def drop(self, job: DropJob, first: int, end: int) -> RestingPoses:
+        """Drop a chunk; raises WorkerDiedError, and what the worker raised."""
+        try:
+            # The job is sent once: it may be large, and the engine keeps what belongs to it.
+            self._connection.send((None if job is self._job else job, first, end))
+            self._job = job
+            answer = self._connection.recv()
+        except (EOFError, OSError):
+            raise WorkerDiedError('a worker process died') from None
+        if isinstance(answer, Exception):
+            raise answer
+        poses: RestingPoses = answer
+        return poses
+
+    def kill(self) -> None:
+        """End the process, and whatever waits for it, also if it does not end."""
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._process.kill()
+
+    def wait(self) -> None:
+        """Wait for the end of a process that was killed."""
+        with suppress(TimeoutExpired):
+            self._process.wait(_END_TIMEOUT)
+
+
+def serve(descriptor: int) -> None:
+    """Serve the connection with this file descriptor; never returns."""
+    os.nice(NICENESS)
+    connection = Connection(descriptor)
+    tasks: SimpleQueue[bytes] = SimpleQueue()
+    threading.Thread(target=_receive, args=(connection, tasks), daemon=True).start()
+    with suppress(Exception):
+        # Before the first task arrives; what fails here fails again there.
+        import_module(_ENGINE)
+    job = None
+    while True:
+        task = tasks.get()
+        try:
+            sent_job, first, end = pickle.loads(task)  # noqa: S301 - from the parent
+            job = job if sent_job is None else sent_job
+            answer: object = import_module(_ENGINE).drop_chunk(job, first, end)
+        except Exception as error:  # noqa: BLE001 - the parent reports it
+            answer = error
+        connection.send(answer)
+
+
+def _receive(connection: Connection, tasks: 'SimpleQueue[bytes]') -> None:
+    """Queue what arrives. End the process with its parent, also in the middle of a chunk."""
+    try:
+        while True:
+            tasks.put(connection.recv_bytes())
+    except (EOFError, OSError):
+        os._exit(0)

@@ -1,0 +1,98 @@
+"""Named sets of conditions, read from a YAML file."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.core.yaml_file import read_yaml
+from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
+
+DEFAULT_SURFACE = 'rubber_mat'
+# Conditions that differ in more from every surface are in words their own.
+MOST_NAMED = 4
+
+
+class Surfaces:
+    """The sets of conditions that can be asked for by name."""
+
+    def __init__(self, sets: Mapping[str, DropConditions]) -> None:
+        self._sets = dict(sets)
+
+    def names(self) -> list[str]:
+        """All names, sorted."""
+        return sorted(self._sets)
+
+    def get(self, name: str = '') -> DropConditions:
+        """Conditions of a surface; of the default one if the name is empty."""
+        name = name or DEFAULT_SURFACE
+        if name not in self._sets:
+            raise InvalidValueError(
+                f'surface {shown(name)} is not known, allowed is {", ".join(self.names())}'
+            )
+        return self._sets[name]
+
+    def named(self, conditions: DropConditions) -> DropConditions:
+        """The same conditions, without their surface's name if they are not that surface's."""
+        known = self._sets.get(conditions.surface)
+        if known is not None and known.values() == conditions.values():
+            return known
+        return dataclasses.replace(conditions, surface='')
+
+    def text(self, conditions: DropConditions) -> str:
+        """Conditions in words: 'steel', or 'steel with friction 0.3 and spin 5 rad/s'."""
+        if conditions.surface:
+            return conditions.surface
+        changes = {name: _changes(known, conditions) for name, known in self._sets.items()}
+        name = min(changes, key=lambda name: (len(changes[name]), name != DEFAULT_SURFACE))
+        if len(changes[name]) > MOST_NAMED:
+            return 'own conditions'
+        if not changes[name]:
+            return name
+        *most, last = changes[name]
+        return f'{name} with {", ".join(most)}{" and " if most else ""}{last}'
+
+    @classmethod
+    def read(cls, path: Path) -> 'Surfaces':
+        """Read a file of the form of config/surfaces.yaml; raises InvalidValueError."""
+        document = read_yaml(path, 'surfaces file')
+        label = named('surfaces file', path)
+        if not isinstance(document, dict) or not document:
+            raise InvalidValueError(f'{label} must map names to conditions')
+        sets = {name: _conditions(label, name, entry) for name, entry in document.items()}
+        if DEFAULT_SURFACE not in sets:
+            raise InvalidValueError(f'{label} lacks the default, {DEFAULT_SURFACE}')
+        return cls(sets)
+
+
+def _changes(known: DropConditions, conditions: DropConditions) -> list[str]:
+    """What differs from a surface, each in words."""
+    changes = [
+        f'{quantity.label} {getattr(conditions, name):g} {quantity.unit}'.rstrip()
+        for name, quantity in QUANTITIES.items()
+        if getattr(conditions, name) != getattr(known, name)
+    ]
+    if conditions.height_of != known.height_of:
+        changes.append(f'height of {conditions.height_of.label}')
+    return changes
+
+
+def _conditions(label: str, name: object, entry: object) -> DropConditions:
+    where = f'{label}, {name if isinstance(name, str) and name.isidentifier() else shown(name)}'
+    needed = {*QUANTITIES, 'height_of'}
+    if not isinstance(name, str):
+        raise InvalidValueError(f'{where}: the name of a surface must be text')
+    if not isinstance(entry, dict) or set(entry) - {'source'} != needed:
+        raise InvalidValueError(f'{where}: must have exactly {", ".join(sorted(needed))}')
+    values = {key: value for key, value in entry.items() if key != 'source'}
+    try:
+        values['height_of'] = HeightOf.__members__[values['height_of']]
+        return DropConditions(surface=name, **values)
+    except (KeyError, TypeError):
+        allowed = ', '.join(h.name for h in HeightOf)
+        raise InvalidValueError(
+            f'{where}: height_of is {shown(entry["height_of"])}, allowed is {allowed}'
+        ) from None
+    except InvalidValueError as error:
+        raise InvalidValueError(f'{where}: {error}') from None

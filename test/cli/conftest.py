@@ -1,0 +1,263 @@
+"""The command as a person runs it, in an empty folder: in this process, or in one of its own."""
+
+import contextlib
+import csv
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from unittest import mock
+
+import pytest
+import trimesh
+
+from resting_aspects_ros.cli import main
+from resting_aspects_ros.simulation import process_workers
+from resting_aspects_ros.simulation.interruption import SIGNALS
+
+COMMAND = [sys.executable, '-m', 'resting_aspects_ros.cli']
+# Settings of whoever runs the tests that would change what is shown.
+SETTINGS = ('PYTHONUNBUFFERED', 'NO_COLOR', 'FORCE_COLOR', 'COLUMNS', 'TTY_COMPATIBLE')
+DEADLINE = 60.0
+
+
+@pytest.fixture(scope='session')
+def environment():
+    kept = {name: value for name, value in os.environ.items() if name not in SETTINGS}
+    return {**kept, 'TERM': 'xterm'}
+
+
+@pytest.fixture(scope='session')
+def worker_pools():
+    """Worker processes by their number, which all commands in this process share.
+
+    They take longer to start than most tests need for their drops.
+    """
+    make, pools = process_workers.ProcessWorkers, {}
+
+    def shared(count):
+        if count not in pools:
+            pools[count] = make(count)
+            pools[count].stop = lambda: None
+        return pools[count]
+
+    yield shared
+    for pool in pools.values():
+        make.stop(pool)
+
+
+@pytest.fixture(scope='session')
+def run_in(environment, worker_pools):
+    """Call the command in this process, in a folder; returns what a process would."""
+
+    def run(folder, *words, env=None):
+        words = [str(word) for word in words]
+        out = io.TextIOWrapper(io.BytesIO(), encoding='utf-8')
+        err = io.TextIOWrapper(io.BytesIO(), encoding='utf-8', errors='backslashreplace')
+        with (
+            _folder(folder),
+            _handlers_restored(),
+            mock.patch.dict(os.environ, env or environment, clear=True),
+            mock.patch.object(process_workers, 'ProcessWorkers', worker_pools),
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+        ):
+            try:
+                code = main.main(words)
+            except SystemExit as ended:  # by argparse
+                code = ended.code
+        for stream in (out, err):
+            stream.flush()
+        printed = [stream.buffer.getvalue().decode() for stream in (out, err)]
+        return subprocess.CompletedProcess(words, code, *printed)
+
+    return run
+
+
+@contextlib.contextmanager
+def _folder(folder):
+    """contextlib.chdir is newer than Python 3.10."""
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
+
+
+@contextlib.contextmanager
+def _handlers_restored():
+    """The command is the last thing that its process does: it leaves signals blocked."""
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        signal.set_wakeup_fd(-1)
+
+
+@pytest.fixture
+def run(run_in, tmp_path):
+    """Call the command in this process, in an empty folder."""
+    return lambda *words, **options: run_in(tmp_path, *words, **options)
+
+
+@pytest.fixture
+def run_process(environment, tmp_path):
+    """Run the command in a process, in an empty folder, to its end."""
+
+    def run(*words, **options):
+        options = {'capture_output': True, 'text': True, 'env': environment} | options
+        words = [str(word) for word in words]
+        return subprocess.run(
+            [*COMMAND, *words], cwd=tmp_path, timeout=DEADLINE, check=False, **options
+        )
+
+    return run
+
+
+@pytest.fixture
+def refused(run, tmp_path):
+    """Run the command with wrong input; returns the one line that it says."""
+
+    def check(*words):
+        before = sorted(tmp_path.rglob('*'))
+        ended = run(*words)
+        assert ended.returncode == 2, ended.stderr
+        assert ended.stdout == ''
+        (line,) = ended.stderr.splitlines()
+        assert line.startswith('error: ')
+        assert sorted(tmp_path.rglob('*')) == before
+        return line
+
+    return check
+
+
+@pytest.fixture
+def begin(environment, tmp_path):
+    """Begin the command in a session of its own, of which nothing outlives the test."""
+    begun = []
+
+    def start(*words, **options):
+        options = {'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE} | options
+        process = subprocess.Popen(
+            [*COMMAND, *(str(word) for word in words)],
+            cwd=tmp_path,
+            env=environment,
+            text=True,
+            start_new_session=True,
+            **options,
+        )
+        begun.append(process)
+        return process
+
+    yield start
+    for process in begun:
+        for pid in _session(process.pid):
+            os.kill(pid, signal.SIGKILL)
+        process.communicate()
+
+
+@pytest.fixture(scope='session')
+def session():
+    """Give the processes of a session by their pid, and the words of their command lines."""
+    return _session
+
+
+def _session(leader):
+    found = {}
+    for stat in Path('/proc').glob('[0-9]*/stat'):
+        try:
+            state, _, _, session = stat.read_text().rpartition(')')[2].split()[:4]
+            words = (stat.parent / 'cmdline').read_text(errors='replace').split('\0')
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if int(session) == leader and state != 'Z':
+            found[int(stat.parent.name)] = words
+    return found
+
+
+@pytest.fixture(scope='session')
+def wait_until():
+    """Wait until something is so."""
+
+    def wait(what, deadline=DEADLINE):
+        end = time.monotonic() + deadline
+        while not (found := what()):
+            assert time.monotonic() < end, 'it did not come to be'
+            time.sleep(0.01)
+        return found
+
+    return wait
+
+
+@pytest.fixture(scope='session')
+def read_until():
+    """Read lines until one is as wanted; returns that."""
+
+    def read(file, wanted):
+        for line in file:
+            if wanted(line):
+                return line
+        raise AssertionError('it ended before')
+
+    return read
+
+
+@pytest.fixture
+def wait_for_poses(wait_until, tmp_path):
+    """Wait until a command has written the first poses to a file that is not whole yet."""
+
+    def written(name):
+        files = [*tmp_path.glob(f'{name}.*.part.csv')]
+        return any(len(path.read_bytes().splitlines()) > 1 for path in files)
+
+    return lambda name: wait_until(lambda: written(name))
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """Check what a command left that did not finish; gives its document and its words."""
+
+    def check(found, code):
+        assert found.returncode == code, found.stderr
+        assert 'Traceback' not in found.stderr
+        document = json.loads(found.stdout)
+        assert document['complete'] is False
+        in_file = (tmp_path / 'o' / 'distribution.json').read_text(encoding='utf-8')
+        assert in_file == found.stdout
+        with (tmp_path / 'p.csv').open(newline='', encoding='utf-8') as file:
+            rows = list(csv.reader(file))
+        assert [row[0] for row in rows] == ['drop', *map(str, range(document['drops']))]
+        outside = sum(document[name] for name in ('unclassified', 'unsettled', 'failed'))
+        assert sum(a['count'] for a in document['aspects']) + outside == document['drops']
+        names = sorted(path.name for path in tmp_path.rglob('*'))
+        assert names == ['distribution.json', 'distribution.png', 'o', 'p.csv', 'poses.csv']
+        return document, found.stderr.splitlines()
+
+    return check
+
+
+@pytest.fixture
+def ended(session, wait_until, saved):
+    """Wait until a process ends; check what it leaves, as ``saved``, and that nothing runs on."""
+
+    def check(process, code):
+        printed, errors = process.communicate(timeout=DEADLINE)
+        wait_until(lambda: session(process.pid) == {})
+        return saved(subprocess.CompletedProcess([], process.returncode, printed, errors), code)
+
+    return check
+
+
+@pytest.fixture
+def box():
+    """A box of 10 x 20 x 30 about the origin, as a mesh without a unit."""
+    return trimesh.creation.box((10, 20, 30))

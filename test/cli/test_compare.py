@@ -1,0 +1,482 @@
+"""`compare` as a person runs it: on logs, documents and counts by hand, and on wrong input."""
+
+import dataclasses
+import json
+import re
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from rclpy.serialization import serialize_message
+from scipy.stats import chi2_contingency, fisher_exact
+
+from resting_aspects_ros.cli.inputs.count_files import read_counts
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.logs.run_writer import RunLog
+from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE, Qos, Topic
+from resting_aspects_ros.report.document import distribution_document, to_json
+from resting_aspects_ros.ros.distribution_conversions import distribution_msg
+from resting_aspects_ros.simulation.run_description import RunDescription
+
+COUNTS = [60, 55, 48, 25, 12]
+BY_HAND = 'aspect,count\n1,61\n2,70\n3,50\n4,15\n5,14\nunsettled,3\n'
+TOPIC = Topic('/aspect_distributions/l_bracket', DISTRIBUTION_TYPE, Qos(1))
+
+
+@pytest.fixture(scope='session')
+def aspects(part):
+    return find_aspects(part('l_bracket'))
+
+
+@pytest.fixture(scope='session')
+def described(surfaces, aspects):
+    """Describe a run of 200 drops of the L bracket."""
+    run = RunDescription(
+        run_id='4f1c',
+        part='l_bracket',
+        part_sha256=aspects.part_sha256,
+        conditions=surfaces.get(''),
+        seed=3,
+        first_drop=0,
+        drops=200,
+        precision=0.0,
+        engine='bullet',
+        engine_version='3.2.7',
+        suite_version='0.1.0',
+        time_step=1 / 3000,
+        started=10**18,
+    )
+    return lambda **changes: dataclasses.replace(run, **changes)
+
+
+@pytest.fixture
+def write_json(aspects, described, tmp_path):
+    """Write a document as `drop` does; ``fields`` replace its own."""
+
+    def write(name, counts=COUNTS, rest=(0, 0, 0), fields=None, complete=True, **changes):
+        run = described(**changes)
+        given = dataclasses.asdict(run) | {
+            'method': 'drops', 'complete': complete, 'drops_asked': run.drops
+        }  # fmt: skip
+        document = distribution_document(Distribution(aspects, np.array(counts), *rest), given)
+        (tmp_path / name).write_text(to_json(document | (fields or {})), encoding='utf-8')
+
+    return write
+
+
+@pytest.fixture
+def write_log(aspects, described, tmp_path):
+    """Write a log as the recorder does, with distributions of counts; gives the RunLog."""
+
+    def write(name, *many, cut=False, **changes):
+        log = RunLog(tmp_path, name)
+        for k, counts in enumerate(many):
+            distribution = Distribution(aspects, np.array(counts), 1, 0, 0)
+            complete = k == len(many) - 1 and not cut
+            message = distribution_msg(distribution, described(**changes), Time(sec=k), complete)
+            log.write(TOPIC, serialize_message(message), k)
+            log.flush()
+        if not cut:
+            log.close()
+        return log
+
+    return write
+
+
+@pytest.fixture
+def compared(run):
+    """Compare with --json; give the document and what is said beside it."""
+
+    def document(*words):
+        ended = run('compare', *words, '--json')
+        assert ended.returncode == 0, ended.stderr
+        return json.loads(ended.stdout), ended.stderr
+
+    return document
+
+
+def write_csv(folder, text, name='m.csv'):
+    (folder / name).write_text(text, encoding='utf-8')
+
+
+def counts_of(document, side):
+    return [aspect[side]['count'] for aspect in document['aspects']]
+
+
+# -- the comparison ------------------------------------------------------------------------------
+
+
+def test_drops_of_the_command_against_a_count_by_hand(run, compared, tmp_path):
+    ended = run('drop', 'l_bracket', '--drops', 125, '--seed', 3, '--json')
+    dropped = json.loads(ended.stdout)
+    (tmp_path / 'a').write_text(ended.stdout, encoding='utf-8')  # whatever its name
+    write_csv(tmp_path, BY_HAND)
+    found, said = compared('a', 'm.csv')
+    assert said == ''
+    assert counts_of(found, 'a') == [aspect['count'] for aspect in dropped['aspects']]
+    assert counts_of(found, 'b') == [61, 70, 50, 15, 14]
+    assert (found['a']['part_sha256'], found['b']['part_sha256']) == (dropped['part_sha256'], None)
+    assert (found['a']['drops'], found['b']['drops']) == (125, 213)
+    assert found['b']['unsettled'] == 3
+    table = [counts_of(found, side) for side in 'ab']
+    assert found['p_value'] == pytest.approx(chi2_contingency(table, correction=False).pvalue)
+    a, b = (np.array(counts) / sum(counts) for counts in table)
+    assert found['total_variation'] == pytest.approx(np.abs(a - b).sum() / 2)
+    assert found['mean_deviation'] == pytest.approx(np.abs(a - b).mean())
+    assert found['largest_deviation']['aspect'] == np.abs(a - b).argmax() + 1
+
+
+def test_few_drops_have_the_p_of_an_exact_test_and_always_the_same(compared, tmp_path):
+    counts = [3, 1], [1, 4]
+    for name, (one, two) in zip('ab', counts, strict=True):
+        write_csv(tmp_path, f'aspect,count\n1,{one}\n2,{two}\n', name)
+    found, _ = compared('a', 'b')
+    assert found['p_by'] == 'monte carlo'
+    # Of two by two tables with these margins Pearson's order is Fisher's here.
+    assert found['p_value'] == pytest.approx(fisher_exact(counts).pvalue, abs=0.02)
+    assert compared('a', 'b')[0] == found
+
+
+def test_the_table(run, write_json, tmp_path):
+    write_json('a.json')
+    write_csv(tmp_path, BY_HAND)
+    ended = run('compare', 'a.json', 'm.csv')
+    assert (ended.returncode, ended.stderr) == (0, '')
+    lines = ended.stdout.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert lines[0].strip() == 'A: a.json, l_bracket, 200 drops on rubber_mat, seed 3'
+    assert lines[1].strip() == 'B: m.csv, 213 drops'
+    assert re.search(r'^ +1 +0.00  0.00 \+1.00 +30 +24 to 37 +29 ', ended.stdout, re.MULTILINE)
+    assert re.search(r'^ +unsettled +0 +0 to 1.9 +1.4', ended.stdout, re.MULTILINE)
+    assert re.search(r'^total variation +\d', ended.stdout, re.MULTILINE)
+
+
+def test_the_other_way_round_signs_change(compared, write_json, tmp_path):
+    write_json('a.json')
+    write_csv(tmp_path, BY_HAND)
+    one, other = compared('a.json', 'm.csv')[0], compared('m.csv', 'a.json')[0]
+    assert [x['deviation'] for x in one['aspects']] == [-x['deviation'] for x in other['aspects']]
+    assert [x['down_in_part'] for x in one['aspects']] == [
+        x['down_in_part'] for x in other['aspects']
+    ]
+    assert one['p_value'] == pytest.approx(other['p_value'])
+
+
+def test_the_confidence_counts(compared, write_json, tmp_path):
+    write_json('a.json')
+    write_csv(tmp_path, BY_HAND)
+    narrow, wide = (compared('a.json', 'm.csv', '--confidence', c)[0] for c in (0.9, 0.99))
+    assert (narrow['confidence'], wide['confidence']) == (0.9, 0.99)
+    for one, other in zip(narrow['aspects'], wide['aspects'], strict=True):
+        assert other['a']['lower'] < one['a']['lower'] < one['a']['upper'] < other['a']['upper']
+        assert other['deviation_lower'] < one['deviation_lower']
+
+
+# -- logs ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('place', ['run', 'run/run_0.mcap'])
+def test_of_a_log_the_last_distribution_counts(compared, write_json, write_log, place):
+    write_log('run', [1, 0, 0, 0, 0], [70, 50, 40, 20, 19])
+    write_json('b.json', seed=4)
+    found, said = compared(place, 'b.json')
+    assert said == ''
+    assert counts_of(found, 'a') == [70, 50, 40, 20, 19]
+    assert (found['a']['drops'], found['a']['unclassified'], found['a']['complete']) == (
+        200, 1, True
+    )  # fmt: skip
+    assert found['a']['run_id'] == '4f1c'
+    # What a log says of the aspects is what a document says.
+    swapped, _ = compared('b.json', place)
+    for one, other in zip(found['aspects'], swapped['aspects'], strict=True):
+        assert one['down_in_part'] == other['down_in_part']
+
+
+def test_a_log_that_was_broken_off_has_what_was_written_and_that_is_said(
+    compared, write_log, tmp_path
+):
+    log = write_log('run', [7, 5, 4, 2, 1], [70, 50, 40, 20, 4], cut=True)
+    write_csv(tmp_path, BY_HAND)
+    found, said = compared('run', 'm.csv')
+    assert counts_of(found, 'a') == [70, 50, 40, 20, 4]
+    being_written = "warning: log 'run' is being written: what it holds by now is used\n"
+    incomplete = "warning: 'run' is not complete: it counts {} of 200 drops\n"
+    assert said == being_written + incomplete.format(185)
+    content = log.path.read_bytes()
+    log.close()
+    log.path.write_bytes(content[:-100])
+    found, said = compared('run', 'm.csv')
+    assert counts_of(found, 'a') == [7, 5, 4, 2, 1]
+    broken_off = (
+        "warning: log 'run' was broken off: what it holds is used "
+        '("resting_aspects recover" closes it)\n'
+    )
+    assert said == broken_off + incomplete.format(20)
+
+
+def test_what_is_no_log_with_a_distribution(refused, write_log, tmp_path):
+    write_csv(tmp_path, BY_HAND)
+    write_log('run')
+    assert refused('compare', 'run', 'm.csv') == (
+        "error: log 'run' holds no distribution, allowed is one with a message of type "
+        'resting_aspects_interfaces/msg/AspectDistribution'
+    )
+    with RunLog(tmp_path, 'junk') as log:
+        log.write(TOPIC, b'\0\1\0\0' + b'\xff' * 40, 1)
+    junk = refused('compare', 'junk', 'm.csv')
+    assert "log 'junk' has a message that cannot be read: failed to deseri" in junk
+    (tmp_path / 'folder').mkdir()
+    assert "folder 'folder' is no log" in refused('compare', 'm.csv', 'folder')
+    (tmp_path / 'x.mcap').write_text(BY_HAND, encoding='utf-8')
+    assert "log 'x.mcap' is damaged, or no MCAP file" in refused('compare', 'x.mcap', 'm.csv')
+
+
+# -- drops that are not independent --------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('changes', 'says'),
+    [
+        ({}, '200 drops of A and B are the same'),
+        ({'run_id': 'other', 'first_drop': 150}, '50 drops of A and B are the same'),
+        ({'first_drop': 200}, ''),
+        ({'seed': 4}, ''),
+        ({'engine_version': '9'}, '200 drops of A and B begin with the same orientations'),
+        ({'engine_version': '9', 'seed': 4}, ''),
+    ],
+)
+def test_drops_that_are_the_same_are_pointed_out(compared, write_json, changes, says):
+    write_json('a.json')
+    write_json('b.json', **changes)
+    _, said = compared('a.json', 'b.json')
+    assert len(said.splitlines()) == bool(says)
+    assert (f'warning: {says}' in said) == bool(says)
+
+
+def test_a_log_and_a_document_of_one_run_are_the_same_drops(compared, write_json, write_log):
+    write_log('run', [60, 55, 48, 24, 12])
+    write_json('b.json')
+    assert '200 drops of A and B are the same' in compared('run', 'b.json')[1]
+
+
+def test_other_conditions_with_the_same_seed(compared, write_json, surfaces):
+    write_json('a.json')
+    write_json('b.json', conditions=surfaces.get('').changed(height=0.3))
+    _, said = compared('a.json', 'b.json')
+    assert '200 drops of A and B begin with the same orientations (seed 3)' in said
+
+
+# -- what does not go together -------------------------------------------------------------------
+
+
+def test_another_part_is_refused(refused, write_json):
+    write_json('a.json')
+    write_json('b.json', part='nut', part_sha256='f00')
+    assert refused('compare', 'a.json', 'b.json') == (
+        "error: these are different parts: A, 'a.json', is of 'l_bracket', B, 'b.json', of 'nut'"
+    )
+
+
+def test_parts_of_one_name_are_told_apart_by_short_hashes(refused, write_json, aspects):
+    write_json('a.json')
+    write_json('b.json', part_sha256='f00' * 20)
+    line = refused('compare', 'a.json', 'b.json')
+    assert 'the mesh, the unit, the mass or the inertia is another' in line
+    assert f'(part_sha256 {aspects.part_sha256[:8]} and f00f00f0)' in line
+
+
+@pytest.mark.parametrize(
+    ('other', 'confidence', 'says'),
+    [
+        ([70, 50, 44, 25, 11], '0.95', r'The two agree within chance \(p = 0\.8\d\)\.'),
+        (
+            [20, 55, 88, 25, 12],
+            '0.95',
+            r'They differ: aspect 3 by 20 points \(95 % interval 8 to 32; p < 0\.0001\)\.',
+        ),
+        # What differs with a confidence of 95 % can agree with one of 99.9 %.
+        ([40, 70, 48, 25, 17], '0.8', r'They differ: aspect 1 by 10 points \(80 % interval .*'),
+        ([40, 70, 48, 25, 17], '0.999', r'The two agree within chance \(p = 0\.\d+\)\.'),
+    ],
+)
+def test_the_last_line_is_the_verdict(run, write_json, other, confidence, says):
+    write_json('a.json')
+    write_json('b.json', other, seed=4)
+    ended = run('compare', 'a.json', 'b.json', '--confidence', confidence)
+    assert re.fullmatch(says, ended.stdout.splitlines()[-1])
+
+
+def test_an_aspect_that_one_has_not_is_refused(refused, write_json, tmp_path):
+    write_json('a.json')
+    write_csv(tmp_path, 'aspect,count\n1,2\n2,3\n4,4\n')
+    assert refused('compare', 'a.json', 'm.csv') == (
+        "error: aspects in 'm.csv' are 1, 2, 4, allowed are those in 'a.json': 1, 2, 3, 4, 5; "
+        'missing: 3, 5 (what was never seen has count 0; what cannot be told apart is counted by '
+        'class, in a column class instead of aspect)'
+    )
+    write_csv(tmp_path, 'aspect,count\n1,2\n9,3\n')
+    assert refused('compare', 'a.json', 'm.csv').startswith(
+        "error: aspects in 'm.csv' are 1, 9, allowed are those in 'a.json': 1, 2, 3, 4, 5; "
+        'not among them: 9; missing: 2, 3, 4, 5 ('
+    )
+    write_csv(tmp_path, 'aspect,count\n1,2\n2,3\n4,4\n')
+    write_csv(tmp_path, 'aspect,count\n1,2\n2,3\n4,4\n9,1\n', 'n.csv')
+    assert "aspects in 'm.csv' are 1, 2, 4, allowed are those in 'n.csv': 1, 2, 4, 9" in refused(
+        'compare', 'n.csv', 'm.csv'
+    )
+
+
+def test_a_count_by_hand_of_what_looks_alike(run, compared, tmp_path):
+    """Of a hexagonal nut a person sees that it lies, or stands on one of six sides."""
+    ended = run('drop', 'hex_nut', '--drops', 250, '--json')
+    (tmp_path / 'nut.json').write_text(ended.stdout)
+    document = json.loads(ended.stdout)
+    write_csv(tmp_path, 'class,count\n1,350\n2,150\n')
+    found, said = compared('nut.json', 'm.csv')
+    assert said == ''
+    assert found['by'] == 'class'
+    assert [c['count'] for c in document['classes']] == [a['a']['count'] for a in found['aspects']]
+    assert [a['b']['share'] for a in found['aspects']] == [0.7, 0.3]
+    lying = document['classes'][0]['probability']
+    assert found['total_variation'] == pytest.approx(abs(lying - 0.7))
+    table = run('compare', tmp_path / 'nut.json', tmp_path / 'm.csv').stdout
+    assert 'in class ' in table
+    assert 'aspect ' not in table
+
+
+def test_a_count_by_aspect_alone_has_no_classes(refused, tmp_path):
+    write_csv(tmp_path, 'aspect,count\n1,2\n2,3\n', 'a.csv')
+    write_csv(tmp_path, 'class,count\n1,2\n2,3\n', 'b.csv')
+    assert "'a.csv' counts by aspect and does not say which of them are alike" in refused(
+        'compare', 'a.csv', 'b.csv'
+    )
+
+
+def test_ids_of_two_counts_by_hand_may_be_any(compared, tmp_path):
+    write_csv(tmp_path, 'aspect,count\n7,20\n2,50\n3,30\n', 'a')
+    write_csv(tmp_path, 'aspect,count\n2,80\n3,40\n7,80\n', 'b')
+    found, said = compared('a', 'b')
+    assert said == ''
+    assert [aspect['id'] for aspect in found['aspects']] == [2, 3, 7]
+    assert (found['largest_deviation']['aspect'], found['total_variation']) == (
+        7, pytest.approx(0.2)
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ('words', 'says'),
+    [
+        (['m.csv'], 'required: B'),
+        (['nowhere', 'm.csv'], "counts file 'nowhere' does not exist"),
+        (['m.csv', 'nowhere.json'], "counts file 'nowhere.json' does not exist"),
+        (['m.csv', 'm.csv', '--confidence', '200%'], 'confidence is 2.0, allowed is more than'),
+        (
+            ['m.csv', 'm.csv', '--confidence', 'high'],
+            "invalid --confidence 'high': expected a number",
+        ),
+    ],
+)
+def test_what_is_refused(refused, tmp_path, words, says):
+    write_csv(tmp_path, BY_HAND)
+    assert says in refused('compare', *words)
+
+
+# -- the files -----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def refusal(tmp_path):
+    """Give the words with which a content is refused; the file is called f there."""
+
+    def words(text, name='f', encoding='utf-8'):
+        path = tmp_path / name
+        path.write_bytes(text.encode(encoding))
+        with pytest.raises(InvalidValueError) as caught:
+            read_counts(path)
+        return str(caught.value).replace(repr(str(path)), name)
+
+    return words
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'aspect,count\n1,5\n2,0\nunclassified,1\nunsettled,2\nfailed,3\n',
+        'Count;day; Aspect\r\n3;;failed\r\n0;"a;b";2\r\n\n5;;1\r\n2;;Unsettled\r\n1;;unclassified',
+        '\ufeffaspect,count\n2, 0\n1 ,05\nfailed,3\nunsettled,2\n,\nunclassified,1',
+    ],
+)
+def test_spellings_of_a_count_by_hand(tmp_path, text):
+    write_csv(tmp_path, text)
+    given = read_counts(tmp_path / 'm.csv')
+    assert (given.ids, given.tally.counts.tolist()) == ((1, 2), [5, 0])
+    tally = given.tally
+    assert (tally.unclassified, tally.unsettled, tally.failed, given.drops) == (1, 2, 3, 11)
+
+
+@pytest.mark.parametrize(
+    ('row', 'says'),
+    [
+        ('two,1', "column 'aspect' is 'two', allowed is the number of an aspect or unclassified,"),
+        ('0,1', "column 'aspect' is '0', allowed is the number of an aspect"),
+        ('-1,1', "column 'aspect' is '-1', allowed is"),
+        ('1,7', "column 'aspect' is '1', allowed is each aspect once"),
+        ('2,-1', "column 'count' is '-1', allowed is a whole number from 0 to 100000000"),
+        ('2,1.5', "column 'count' is '1.5', allowed is a whole number"),
+        ('2,', "column 'count' is '', allowed is a whole number"),
+        ('2,1_0', "column 'count' is '1_0', allowed"),
+        ('2,100000001', "column 'count' is '100000001', allowed"),
+        ('2,' + '9' * 5000, "99', allowed is a whole number"),
+        ('2', 'f line 3 has 1 columns, allowed are 2'),
+        ('2,3,4', 'f line 3 has 3 columns, allowed are 2'),
+    ],
+)
+def test_a_line_that_is_wrong_is_named(refusal, row, says):
+    words = refusal(f'aspect,count\n1,5\n{row}\n')
+    assert 'f line 3' in words
+    assert says in words
+
+
+@pytest.mark.parametrize(
+    ('text', 'says'),
+    [
+        (
+            '',
+            "line 1 should name the columns and is '', allowed are one aspect or class and one",
+        ),
+        ('1,5\n', "is '1,5'".replace(',', ', ')),
+        ('aspect,counts\n1,5\n', "is 'aspect, counts'"),
+        ('aspect,count,Count\n1,5,5\n', "is 'aspect, count, Count'"),
+        ('solid box\nfacet normal 0 0 1\n', 'A file may be a log (the folder of a run, or its'),
+        ('aspect,count\n', 'f has 0 drops, none of them in an aspect, allowed are 1 or more'),
+        ('aspect,count\n1,0\nfailed,4\n', 'f has 4 drops, none of them in an aspect'),
+        ('aspect,count\n1,99999999\n2,2\n', 'f has 100000001 drops, allowed are up to 100000000'),
+    ],
+)
+def test_what_is_no_count_by_hand(refusal, text, says):
+    assert says in refusal(text)
+
+
+def test_what_is_no_text(refusal):
+    words = refusal('aspect;count;Größe\n', encoding='latin-1')
+    assert words == 'counts file f is not text in UTF-8'
+
+
+def test_a_document_that_is_not_complete(compared, write_json, tmp_path):
+    write_json('a.json', complete=False, drops=1000)
+    write_csv(tmp_path, BY_HAND)
+    assert compared('a.json', 'm.csv')[1] == (
+        "warning: 'a.json' is not complete: it counts 200 of 1000 drops\n"
+    )
+
+
+def test_what_classify_prints_is_a_document_too(run, compared, tmp_path):
+    ended = run('drop', 'l_bracket', '--drops', 60, '--poses', 'p.csv', '--json')
+    (tmp_path / 'a.json').write_text(ended.stdout, encoding='utf-8')
+    sorted_here = run('classify', 'p.csv', '--part', 'l_bracket', '--json')
+    (tmp_path / 'b.json').write_text(sorted_here.stdout, encoding='utf-8')
+    found, said = compared('a.json', 'b.json')
+    assert said == ''
+    assert (found['total_variation'], found['p_value']) == (0, 1)

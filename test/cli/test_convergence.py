@@ -1,0 +1,103 @@
+"""`drop --check-convergence`: the same drops in finer steps, and how far the answer moves."""
+
+import json
+import re
+import signal
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from resting_aspects_ros.cli.convergence import check_convergence
+from resting_aspects_ros.cli.progress import DropProgress
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.statistics.distribution import Distribution, count_poses, no_drops
+from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.plan import make_job
+
+DROPS = 120
+
+
+def test_the_shift_is_that_of_the_same_drops_in_half_the_step(run, part, surfaces):
+    ended = run('drop', 'l_bracket', '--drops', DROPS, '--check-convergence', '--json')
+    assert ended.returncode == 0, ended.stderr
+    document = json.loads(ended.stdout)
+    found = document['convergence']
+    assert found['time_step'] == pytest.approx(document['time_step'] / 2, rel=1e-12)
+    aspects = find_aspects(part('l_bracket'))
+    fine = count_poses(
+        aspects,
+        drop_chunk(make_job(part('l_bracket'), surfaces.get(), 1, refinement=2), 0, DROPS),
+    )
+    before = np.array([aspect['count'] for aspect in document['aspects']])
+    shift = fine.counts / fine.counts.sum() - before / before.sum()
+    moved = int(np.abs(shift).argmax())
+    assert (found['aspect'], found['drops']) == (moved + 1, DROPS)
+    assert found['shift'] == pytest.approx(shift[moved], abs=1e-12)
+    assert found['lower'] <= found['shift'] <= found['upper']
+    assert 'in finer steps' in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ('counts', 'words'),
+    [
+        ([390, 300, 110, 100, 100], 'too few drops to see 1 %'),
+        ([300, 350, 150, 100, 100], 'more than chance explains'),
+        ([40900, 29100, 10000, 10000, 10000], 'as chance explains'),
+    ],
+)
+def test_it_is_told_whether_chance_explains_the_shift(part, counts, words):
+    aspects = find_aspects(part('l_bracket'))
+    drops = sum(counts)
+    coarse = Distribution(aspects, np.array([41, 29, 10, 10, 10]) * (drops // 100), 0, 0, 0)
+    fine = Distribution(aspects, np.array(counts), 0, 0, 0)
+    found = check_convergence(coarse, fine, 1.5e-4, seed=1)
+    lines = found.text().splitlines()
+    assert lines[0].startswith('In 2 times finer steps (150 us) aspect 1 moves most: -')
+    assert lines[1].startswith(f'{words} (95 % interval ')
+    assert lines[1].endswith(f'{drops} drops each).')
+    # With so many the interval is as narrow as is asked for, or a digit of the number narrower.
+    assert bool(lines[2:]) == ('too few' in words)
+    for line in lines[2:]:
+        enough = int(re.fullmatch(r'It takes about (\d+) drops.', line)[1])
+        scale = enough // drops
+        more = check_convergence(
+            *(replace(each, counts=each.counts * scale) for each in (coarse, fine)), 1.5e-4, seed=1
+        )
+        assert 0.005 < (more.upper - more.lower) / 2 < 0.0101
+    assert max(map(len, lines)) <= 80
+
+
+def test_what_was_dropped_is_answered_when_the_check_is_broken_off(run, monkeypatch):
+    update = DropProgress.update
+
+    def interrupt(shown, done):
+        update(shown, done)
+        if 'in finer steps' in shown._what:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(DropProgress, 'update', interrupt)
+    ended = run('drop', 'washer', '--drops', 200, '--check-convergence', '--json')
+    assert ended.returncode == 130
+    document = json.loads(ended.stdout)
+    assert (document['drops'], document['complete']) == (200, True)
+    assert 'convergence' not in document
+    assert ended.stderr.splitlines()[-1] == 'interrupted before the convergence was checked'
+
+
+def test_a_run_in_which_nothing_rests_is_answered_all_the_same(run, tmp_path):
+    ended = run(
+        'drop', 'l_bracket', '--drops', 2, '--restitution', 1, '--friction', 0,
+        '--check-convergence', '--out', tmp_path / 'o', '--json',
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stderr
+    document = json.loads(ended.stdout)
+    assert document['unsettled'] + document['unclassified'] + document['failed'] == 2
+    assert 'convergence' not in document
+    assert 'warning: the convergence cannot be told: no drop came to rest' in ended.stderr
+    assert (tmp_path / 'o' / 'distribution.json').is_file()
+
+
+def test_without_a_drop_in_an_aspect_nothing_is_compared(part):
+    nothing = no_drops(find_aspects(part('l_bracket')))
+    assert check_convergence(nothing, nothing, 1e-4, seed=1) is None

@@ -1,0 +1,80 @@
+"""Names of files that are no UTF-8: what is said of them can be printed, and nothing crashes."""
+
+import os
+import shutil
+
+import pytest
+from rclpy.serialization import serialize_message
+
+from resting_aspects_ros.logs.run_writer import RunLog
+from resting_aspects_ros.logs.topic_metadata import PART_TYPE, Qos, Topic
+from resting_aspects_ros.ros.conversions import part_msg
+from resting_aspects_ros.simulation.config_files import parts_folder
+
+ODD = os.fsdecode(b'\xff')
+SHOWN = r'\udcff'
+
+
+@pytest.fixture
+def strict(run_process, environment):
+    """Run the command where standard output takes UTF-8 and nothing else."""
+    utf8 = {**environment, 'PYTHONIOENCODING': 'utf-8:strict'}
+    return lambda *words: run_process(*words, env=utf8)
+
+
+@pytest.fixture
+def log(tmp_path, part):
+    """A log that was broken off, in a folder whose name is no UTF-8."""
+    log = RunLog(tmp_path, 'run')
+    topic = Topic('/parts/tetrahedron', PART_TYPE, Qos(1))
+    log.write(topic, serialize_message(part_msg(part('tetrahedron'))), 1)
+    log.flush()
+    content = log.path.read_bytes()
+    log.close()
+    log.path.write_bytes(content)
+    return log.path.parent.rename(tmp_path / ODD)
+
+
+def test_a_mesh_can_have_any_name(strict, tmp_path):
+    mesh = tmp_path / f'{ODD}.stl'
+    shutil.copy(parts_folder() / 'tetrahedron.stl', mesh)
+    ended = strict('drop', mesh, '--drops', 2, '--out', ODD)
+    assert ended.returncode == 0, ended.stderr
+    assert f'Written: {SHOWN}/distribution.json' in ended.stdout
+    ended = strict('drop', ODD, '--parts', '.')
+    assert ended.returncode == 2
+    assert f"{SHOWN}.stl in '.' is not registered: a part is named with" in ended.stderr
+
+
+def test_a_log_can_be_in_a_folder_of_any_name(strict, log):
+    assert f'{SHOWN}/run_0.mcap' in strict('info', ODD).stdout
+    ended = strict('recover', ODD)
+    assert (ended.returncode, ended.stderr) == (0, '')
+    assert ended.stdout == f'{SHOWN}: 1 messages recovered, no drops\n'
+    assert strict('recover', ODD).stdout == f'{SHOWN}: is closed already, 1 messages, no drops\n'
+
+
+def test_a_file_whose_name_its_metadata_cannot_repeat_is_not_recovered(strict, log):
+    (log / 'run_0.mcap').rename(log / f'{ODD}.mcap')
+    ended = strict('recover', ODD)
+    assert ended.returncode == 1
+    assert ended.stderr == (
+        f"error: log '{SHOWN}/{SHOWN}.mcap' cannot be recovered: allowed is a file with a name in "
+        'UTF-8, which its metadata repeat\n'
+    )
+    assert [file.name for file in log.glob('*.mcap')] == [f'{ODD}.mcap']
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['replay', ODD],
+        ['nodes', '--ros-args', '-p', f'log_folder:={ODD}'],
+        ['request', 'a', '--ros-args', '-r', f'__ns:=/{ODD}'],
+    ],
+    ids=lambda words: words[0],
+)
+def test_what_ros_cannot_take_is_refused_in_words(refused, words):
+    said = refused(*words)
+    assert SHOWN in said
+    assert said.endswith('UTF-8: ROS takes no other')

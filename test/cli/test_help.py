@@ -1,0 +1,164 @@
+"""Help is instant and its examples are right."""
+
+import re
+import subprocess
+import sys
+from contextlib import suppress
+from importlib import import_module
+
+import pytest
+
+from resting_aspects_ros import __version__
+from resting_aspects_ros.cli import main
+from resting_aspects_ros.core.aspects.clusters import (
+    DEFAULT_TOLERANCE_DEGREES,
+    MAX_TOLERANCE_DEGREES,
+    MIN_TOLERANCE_DEGREES,
+)
+from resting_aspects_ros.examples import feeder
+from resting_aspects_ros.nodes.aspect_classifier import node as aspect_classifier
+from resting_aspects_ros.nodes.drop_recorder import node as drop_recorder
+from resting_aspects_ros.nodes.drop_simulator import node as drop_simulator
+from resting_aspects_ros.nodes.log_replayer import node as log_replayer
+from resting_aspects_ros.nodes.log_replayer.node import LEAST_RATE, MOST_RATE
+from resting_aspects_ros.simulation.conditions import QUANTITIES
+
+HEAVY = (
+    'numpy', 'scipy', 'trimesh', 'pybullet', 'rclpy', 'matplotlib', 'mcap', 'rich', 'distributed'
+)  # fmt: skip
+
+
+@pytest.fixture
+def shown(run):
+    def text(*words):
+        ended = run(*words, '--help')
+        assert ended.returncode == 0
+        assert ended.stderr == ''
+        assert max(map(len, ended.stdout.splitlines())) <= 80
+        return ' '.join(ended.stdout.split())
+
+    return text
+
+
+def test_help_lists_commands_and_exit_codes(shown):
+    text = shown()
+    for word in (
+        *main.COMMANDS.values(),
+        'exit codes',
+        '0 done',
+        '1 something',
+        '2 wrong',
+        '130 interrupted',
+    ):
+        assert word in text
+
+
+@pytest.mark.parametrize('name', main.COMMANDS)
+def test_each_command_has_examples_that_are_understood(shown, name):
+    text = shown(name)
+    module = import_module(f'resting_aspects_ros.cli.verbs.{name}')
+    lines = [
+        line.partition('(')[0].partition('>')[0].split()
+        for line in module.EXAMPLES.splitlines()[1:]
+    ]
+    assert len(lines) >= 2
+    assert name in {line[1] for line in lines}
+    for line in lines:
+        assert ' '.join(line) in text
+        assert line[0] == 'resting_aspects'
+        assert callable(main.make_parser(line[1:]).parse_args(line[1:]).run)
+
+
+def loaded_by(*words):
+    """The heavy modules that a command in a new process loads, and our own of subcommands."""
+    code = (
+        'import sys\n'
+        'from resting_aspects_ros.cli.main import main\n'
+        'try:\n'
+        f'    main({list(words)!r})\n'
+        'finally:\n'
+        '    print("\\nloaded:", *sys.modules)\n'
+    )
+    ended = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, check=False
+    )
+    modules = ended.stdout.splitlines()[-1].split()
+    prefix = 'resting_aspects_ros.cli.verbs.'
+    verbs = {name.removeprefix(prefix) for name in modules if name.startswith(prefix)}
+    return set(HEAVY) & set(modules), verbs & set(main.COMMANDS)
+
+
+def test_help_loads_no_subcommand_and_nothing_heavy():
+    assert loaded_by('--help') == (set(), set())
+
+
+@pytest.mark.parametrize('name', ['drop', 'request', 'replay'])
+def test_only_the_requested_subcommand_is_loaded(name):
+    heavy, verbs = loaded_by(name, '--help')
+    assert verbs == {name}
+    assert heavy & {'pybullet', 'rclpy', 'matplotlib', 'distributed'} == set()
+
+
+@pytest.mark.parametrize('words', [['no_verb'], ['--', 'drop'], ['--no_flag', 'drop', 'part']])
+def test_what_is_no_subcommand_or_flag_is_refused(refused, words):
+    assert any(word in refused(*words) for word in words)
+
+
+@pytest.mark.parametrize('command', ['drop', 'request'])
+def test_every_condition_has_one_flag_whose_help_tells_the_bounds(shown, command):
+    text = shown(command).partition('examples:')[0]
+    for name, quantity in QUANTITIES.items():
+        flag = '--' + name.replace('_', '-')
+        told = f'{quantity.text}: {quantity.allowed()}'
+        assert told in text
+        # Once in the synopsis, once with what it means.
+        assert text.count(f'{flag} ') == 2
+    assert '{LOWEST_POINT,CENTRE_OF_MASS}' in text
+
+
+@pytest.mark.parametrize('command', ['drop', 'request'])
+def test_the_surfaces_are_named(shown, command, surfaces):
+    *names, last = surfaces.names()
+    assert f'named conditions: {", ".join(names)} or {last} (' in shown(command)
+
+
+@pytest.mark.parametrize(
+    'node',
+    [drop_simulator, aspect_classifier, drop_recorder, log_replayer, feeder],
+    ids=lambda node: node.__name__.removesuffix('.node').rpartition('.')[2],
+)
+def test_the_program_of_a_node_says_what_it_does_and_its_parameters(node, monkeypatch, capsys):
+    monkeypatch.setattr(sys, 'argv', ['node', '--help'])
+    with suppress(SystemExit):  # by argparse
+        assert node.main() == 0
+    printed = capsys.readouterr().out
+    usage, _, does, *others = printed.splitlines()
+    assert usage.startswith('usage: ')
+    assert re.match('Publishes|Serves|Subscribes', does)
+    assert '----' not in printed
+    begin = others.index('parameters:') + 1
+    listed = [line.split()[0] for line in others[begin : begin + len(node.PARAMETERS)]]
+    # The example's are as ROS has them: name, default, description.
+    assert listed == [p[0] if isinstance(p, tuple) else p.name for p in node.PARAMETERS]
+
+
+def test_the_tolerance_of_classify_is_told_with_its_bounds(shown):
+    told = f'({DEFAULT_TOLERANCE_DEGREES:g}): {MIN_TOLERANCE_DEGREES:g} to '
+    assert f'{told}{MAX_TOLERANCE_DEGREES:g} degrees' in shown('classify')
+
+
+def test_the_rate_of_replay_is_told_with_its_bounds(shown):
+    assert f': {LEAST_RATE:g} to {MOST_RATE:g} (1)' in shown('replay')
+
+
+def test_version(run):
+    ended = run('--version')
+    assert (ended.returncode, ended.stdout) == (0, f'resting_aspects {__version__}\n')
+
+
+def test_the_script_is_the_same_command(environment):
+    script = f'{sys.prefix}/bin/resting_aspects'
+    ended = subprocess.run(
+        [script, '--version'], capture_output=True, text=True, check=True, env=environment
+    )
+    assert ended.stdout == f'resting_aspects {__version__}\n'

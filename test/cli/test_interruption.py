@@ -1,0 +1,229 @@
+"""Ctrl-C, and workers that die: what was done is saved, and nothing is left running.
+
+Signals come in this process, at a known place, but for one test of each kind with real processes.
+"""
+
+import os
+import re
+import signal
+import subprocess
+import time
+from contextlib import suppress
+
+import pytest
+import trimesh
+
+from resting_aspects_ros.cli import report_files
+from resting_aspects_ros.cli.progress import DropProgress
+from resting_aspects_ros.simulation.chunks import MAX_DEATHS
+
+QUICK = ('drop', 'tetrahedron', '--drops', 200_000, '--workers', 2)
+OUTPUTS = ('--json', '--poses', 'p.csv', '--out', 'o')
+ENOUGH = 60.0  # s
+
+
+def some_done(line):
+    return re.match(r'\w+: [1-9]\d* of \d+ drops  \d+ drops/s$', line)
+
+
+@pytest.fixture
+def disc(tmp_path_factory):
+    """A folder of parts with one whose job is larger than a pipe, 64 KiB.
+
+    Such a job once blocked the end of the program for ever.
+    """
+    folder = tmp_path_factory.mktemp('parts')
+    mesh = trimesh.creation.cylinder(radius=10, height=4, sections=130)
+    mesh.export(folder / 'disc.stl')
+    # Not in the middle: one aspect is so much more frequent that a precision ends the run early.
+    text = 'unit: mm\ncentre_of_mass: [0, 0, -1.8]\n'
+    (folder / 'disc.yaml').write_text(text, encoding='utf-8')
+    return folder
+
+
+@pytest.fixture
+def at_update(monkeypatch):
+    """Call something whenever the progress is shown, with the number of drops done."""
+
+    def at_update(call):
+        update = DropProgress.update
+        monkeypatch.setattr(
+            DropProgress, 'update', lambda shown, done: [update(shown, done), call(done)]
+        )
+
+    return at_update
+
+
+def when_some_are_done(number):
+    return lambda done: done and signal.raise_signal(number)
+
+
+# -- signals -------------------------------------------------------------------------------------
+
+
+def test_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until, disc):
+    process = begin('drop', 'disc', '--parts', disc, *QUICK[2:], *OUTPUTS)
+    read_until(process.stderr, some_done)
+    # As the terminal does: to all processes.
+    os.killpg(process.pid, signal.SIGINT)
+    document, lines = ended(process, 130)
+    assert document['drops'] > 0
+    words = f'interrupted after {document["drops"]} of 200000 drops, which are in the answer'
+    assert lines[-1] == words
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_every_signal_saves_what_was_done(run, saved, at_update, number):
+    at_update(when_some_are_done(number))
+    document, _ = saved(run(*QUICK, *OUTPUTS), 130)
+    assert document['drops'] > 0
+
+
+@pytest.mark.slow
+def test_ctrl_c_again_and_again(begin, ended, read_until):
+    process = begin(*QUICK, *OUTPUTS)
+    read_until(process.stderr, some_done)
+    while process.poll() is None:
+        os.killpg(process.pid, signal.SIGINT)
+        try:
+            process.wait(0.02)
+        except subprocess.TimeoutExpired:
+            continue
+    assert ended(process, 130)[0]['drops'] > 0
+
+
+def test_ctrl_c_while_the_page_is_drawn(run, monkeypatch, tmp_path):
+    draw = report_files.report_files
+
+    def interrupted(report):
+        signal.raise_signal(signal.SIGINT)
+        yield from draw(report)
+
+    monkeypatch.setattr(report_files, 'report_files', interrupted)
+    found = run('drop', 'l_bracket', '--drops', 20, '--report', '--out', 'o')
+    assert (found.returncode, found.stderr.splitlines()[-1]) == (130, 'interrupted')
+    assert found.stdout.splitlines()[-1].startswith('Written: ')
+    # What was done is saved, and nothing is half written.
+    written = {file.name for file in (tmp_path / 'o').iterdir()}
+    assert written == {'distribution.json', 'poses.csv'}
+
+
+def test_ctrl_c_before_the_first_drop_is_done(run, saved, at_update):
+    at_update(lambda done: signal.raise_signal(signal.SIGINT))
+    document, lines = saved(run(*QUICK, *OUTPUTS), 130)
+    assert document['drops'] == 0
+    assert lines[-1] == 'interrupted after 0 of 200000 drops, which are in the answer'
+    for aspect in document['aspects']:
+        assert (aspect['lower'], aspect['upper']) == (0, 1)
+
+
+@pytest.mark.slow
+def test_ctrl_c_while_the_engine_is_loaded(begin, ended, wait_until):
+    # Falls from far above need fine time steps: the first chunk takes a while.
+    process = begin('drop', 'l_bracket', *QUICK[2:], '--height', '3m', *OUTPUTS)
+    maps = f'/proc/{process.pid}/maps'
+    # Loaded long before the engine, and after signals are caught.
+    wait_until(lambda: '_multiarray_umath' in open(maps, encoding='utf-8').read())  # noqa: PTH123, SIM115
+    os.killpg(process.pid, signal.SIGINT)
+    assert ended(process, 130)[0]['drops'] == 0
+
+
+def test_without_files_nothing_is_written(run, at_update, tmp_path):
+    at_update(when_some_are_done(signal.SIGINT))
+    found = run(*QUICK)
+    done, asked = re.search(r'interrupted after (\d+) of (\d+)', found.stderr).groups()
+    title = found.stdout.splitlines()[1].strip()
+    assert title == f'{done} of {asked} drops on rubber_mat, seed 1'
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_terminal_that_closes_does_not_end_what_nohup_began(run, saved, at_update):
+    at_update(lambda done: signal.raise_signal(signal.SIGINT if done > 400 else signal.SIGHUP))
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        document, _ = saved(run(*QUICK, *OUTPUTS), 130)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert document['drops'] > 400
+
+
+# -- workers that die ----------------------------------------------------------------------------
+
+
+def workers_of(process, session):
+    processes = session(process.pid).items()
+    return [pid for pid, words in processes if 'simulation.process_workers ' in ' '.join(words)]
+
+
+def test_large_job_with_a_precision_ends(begin, disc):
+    # It ends with more drops submitted than it needs: at most 1500.
+    process = begin('drop', 'disc', '--parts', disc, '--workers', 2, '--precision', 0.03)
+    printed, errors = process.communicate(timeout=ENOUGH)
+    assert process.returncode == 0, errors
+    assert printed.splitlines()[1].strip() == '1125 drops on rubber_mat, seed 1'
+
+
+@pytest.mark.parametrize(
+    ('part', 'drops'), [pytest.param('tetrahedron', 1500, marks=pytest.mark.slow), ('disc', 400)]
+)
+def test_killed_worker_costs_no_drop(
+    begin, run, wait_for_poses, session, tmp_path, disc, part, drops
+):
+    parts = ('--parts', disc) if part == 'disc' else ()
+    words = ('drop', part, *parts, '--drops', drops, '--workers', 2, '--poses')
+    assert run(*words, 'undisturbed.csv').returncode == 0
+    process = begin(*words, 'p.csv')
+    wait_for_poses('p')
+    workers = workers_of(process, session)
+    assert len(workers) == 2
+    os.kill(workers[0], signal.SIGKILL)
+    printed, errors = process.communicate(timeout=ENOUGH)
+    assert process.returncode == 0, errors
+    assert re.search(
+        rf'^warning: a worker died near drop \d+ of {part}: its drops are repeated$', errors, re.M
+    )
+    assert 'Traceback' not in errors
+    assert printed.splitlines()[1].strip() == f'{drops} drops on rubber_mat, seed 1'
+    assert (tmp_path / 'p.csv').read_bytes() == (tmp_path / 'undisturbed.csv').read_bytes()
+
+
+def test_workers_that_die_again_and_again(begin, ended, read_until, session):
+    process = begin(*QUICK, *OUTPUTS)
+    read_until(process.stderr, some_done)
+    while process.poll() is None:
+        for pid in workers_of(process, session):
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        time.sleep(0.02)
+    document, lines = ended(process, 1)
+    assert document['drops'] > 0
+    done = document['drops']
+    assert lines[-1] == (
+        f'error: {MAX_DEATHS} worker processes died in a row near drop {done} of tetrahedron, '
+        f'after {done} of 200000 drops, which are in the answer'
+    )
+
+
+@pytest.mark.parametrize(
+    'number', [signal.SIGKILL, pytest.param(signal.SIGQUIT, marks=pytest.mark.slow)]
+)
+def test_unfinished_files_of_a_killed_command_are_removed(
+    begin, run, wait_for_poses, session, wait_until, tmp_path, number
+):
+    killed = begin(*QUICK, '--poses', 'p.csv')
+    wait_for_poses('p')
+    killed.send_signal(number)
+    killed.wait()
+    wait_until(lambda: session(killed.pid) == {})
+    (left,) = tmp_path.glob('p.*.part.csv')
+    # A file that only looks like one, and one that another command is writing, stay.
+    (tmp_path / 'p.mine.part.csv').write_text('', encoding='utf-8')
+    other = begin(*QUICK, '--poses', 'p.csv')
+    wait_until(lambda: left not in tmp_path.iterdir())
+    wait_for_poses('p')
+    assert run('drop', 'tetrahedron', '--drops', 5, '--poses', 'p.csv').returncode == 0
+    other.send_signal(signal.SIGINT)
+    _, errors = other.communicate(timeout=ENOUGH)
+    assert other.returncode == 130, errors
+    assert sorted(path.name for path in tmp_path.glob('*.csv')) == ['p.csv', 'p.mine.part.csv']
+    assert len((tmp_path / 'p.csv').read_text(encoding='utf-8').splitlines()) > 6

@@ -1,0 +1,569 @@
+"""`info`, `recover`, and `drop --from-log`: what a log alone is good for."""
+
+import csv
+import dataclasses
+import importlib
+import json
+from itertools import pairwise
+
+import pytest
+from builtin_interfaces.msg import Time
+from rclpy.serialization import serialize_message
+
+from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING, find_aspects
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.statistics.distribution import count_poses
+from resting_aspects_ros.logs.bag_metadata import OUTCOME, Outcome
+from resting_aspects_ros.logs.log_reader import LogFile
+from resting_aspects_ros.logs.mcap_format import lock_file
+from resting_aspects_ros.logs.run_writer import RunLog
+from resting_aspects_ros.logs.topic_metadata import (
+    DISTRIBUTION_TYPE,
+    PART_TYPE,
+    POSES_TYPE,
+    Qos,
+    Topic,
+)
+from resting_aspects_ros.ros.conversions import part_msg, poses_msg
+from resting_aspects_ros.ros.distribution_conversions import distribution_msg
+from resting_aspects_ros.run_logs.contents import logged_answer
+from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.conditions import HeightOf
+from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.plan import plan_run
+
+POSES = Topic('/cell/resting_poses', POSES_TYPE, Qos(2000))
+PART = Topic('/cell/parts/solid', PART_TYPE, Qos(1))
+DISTRIBUTION = Topic('/cell/aspect_distributions/solid', DISTRIBUTION_TYPE, Qos(1))
+DROPS = 300
+
+
+@pytest.fixture(scope='module')
+def dropped(part, surfaces):
+    """A run under conditions of its own, and its poses."""
+    conditions = surfaces.get('steel').changed(height=0.045, friction=0.31)
+    job, run = plan_run(
+        part('l_bracket'), conditions, seed=77, drops=DROPS, run_id='4f1c', started=10**18
+    )
+    poses = [drop_chunk(job, k, min(k + CHUNK, DROPS)) for k in range(0, DROPS, CHUNK)]
+    return run, RestingPoses.join(poses)
+
+
+@pytest.fixture
+def log(tmp_path, part, dropped):
+    """Write a log as the recorder does, in batches of 100; cut so that so many are left."""
+
+    def log(name='run', batches=None, described=True):
+        run, poses = dropped
+        written = RunLog(tmp_path, name)
+        written.add_metadata('run', {'run_id': run.run_id})
+        if described:
+            written.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
+        for k in range(3 if batches is None else batches):
+            end = 100 * (k + 1)
+            batch = poses_msg(poses.between(100 * k, end), run, Time(), end == DROPS)
+            written.write(POSES, serialize_message(batch), 2 + k)
+            counted = count_poses(find_aspects(part('l_bracket')), poses.between(0, end))
+            found = distribution_msg(counted, run, Time(), end == DROPS)
+            written.write(DISTRIBUTION, serialize_message(found), 2 + k)
+            written.flush()
+        size = written.path.stat().st_size
+        if batches is None:
+            written.add_metadata(OUTCOME, Outcome(DROPS, whole=True).record())
+        written.close()
+        if batches is not None:
+            (written.path.parent / 'metadata.yaml').unlink()
+            written.path.write_bytes(written.path.read_bytes()[:size])
+        return written.path.parent
+
+    return log
+
+
+def test_info_of_a_whole_log(run, log, dropped):
+    ended = run('info', log())
+    assert (ended.returncode, ended.stderr) == (0, '')
+    lines = [' '.join(line.split()) for line in ended.stdout.splitlines()]
+    for line in (
+        'closed, 7 messages',
+        f'part l_bracket, sha256 {dropped[0].part_sha256}',
+        'stl in mm, 20 triangles',
+        'conditions steel with height 0.045 m and friction 0.31',
+        'height 0.045 m (lowest point)',
+        'friction 0.31',
+        'seed 77',
+        'drops 300 of 300',
+        f'made 2001-09-09 01:46:40 UTC with bullet {dropped[0].engine_version}',
+        'run id 4f1c',
+        'Distribution of 300 drops',
+    ):
+        assert line in lines
+
+
+def test_info_as_a_document(run, log, dropped):
+    document = json.loads(run('info', log(), '--json').stdout)
+    assert document['log'] == {
+        'path': document['log']['path'],
+        'messages': 7,
+        'finished': True,
+        'being_written': False,
+        'whole': True,
+        'poses': DROPS,
+    }
+    assert (document['run_id'], document['seed'], document['drops']) == ('4f1c', 77, DROPS)
+    assert document['conditions']['friction'] == 0.31
+    assert sum(a['count'] for a in document['aspects']) + document['unclassified'] == DROPS
+
+
+def types_of(value):
+    """The structure of a document: names and types, without the values."""
+    if isinstance(value, dict):
+        return {name: types_of(each) for name, each in value.items()}
+    return [types_of(each) for each in value[:1]] if isinstance(value, list) else type(value)
+
+
+def test_fields_of_info_have_one_type_with_and_without_a_distribution(run, log, dropped, part):
+    whole = json.loads(run('info', log(), '--json').stdout)
+    with RunLog(log('other').parent, 'bare') as bare:
+        bare.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
+        batch = poses_msg(dropped[1].between(0, 100), dropped[0], Time(), False)
+        bare.write(POSES, serialize_message(batch), 2)
+    without = json.loads(run('info', bare.path, '--json').stdout)
+    assert whole['conditions']['height_of'] == 'LOWEST_POINT'
+    shared = without.keys() & whole.keys()
+    assert {'conditions', 'log', 'engine', 'started'} <= shared
+    for name in shared:
+        assert types_of(without[name]) == types_of(whole[name])
+
+
+def test_control_characters_of_a_log_are_not_printed(run, dropped, part, tmp_path):
+    odd = dict.fromkeys(
+        ('engine', 'engine_version', 'suite_version', 'part_sha256'), '\x1b[2J\x07\r'
+    )
+    named = dataclasses.replace(dropped[0].conditions, surface='x\x1b]0;title\x07\x9b31m\n')
+    run_of = dataclasses.replace(dropped[0], conditions=named, **odd)
+    with RunLog(tmp_path, 'run') as log:
+        log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
+        batch = poses_msg(dropped[1].between(0, 100), run_of, Time(), True)
+        log.write(POSES, serialize_message(batch), 2)
+    for command in ('info', 'recover', 'merge', 'report'):
+        ended = run(command, 'run')
+        for line in (ended.stdout + ended.stderr).split('\n'):
+            assert line.isprintable()
+    assert '\\x1b[2J' in run('info', 'run').stdout
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        'info LOG',
+        'merge LOG',
+        'report LOG',
+        'replay LOG',
+        'compare LOG LOG',
+        'drop --from-log LOG',
+    ],
+)
+def test_a_log_of_another_version_is_refused_in_one_sentence(run, log, monkeypatch, words):
+    run_log = importlib.import_module('resting_aspects_ros.logs.run_writer')
+    load = run_log.load_schema
+    older = 'RIHS01_' + 64 * '0'
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            run_log, 'load_schema', lambda name: dataclasses.replace(load(name), type_hash=older)
+        )
+        folder = log()
+    ended = run(*(folder if word == 'LOG' else word for word in words.split()))
+    (line,) = ended.stderr.splitlines()
+    assert ended.returncode in (1, 2)
+    assert 'was recorded by another version of resting_aspects_ros, whose ' in line
+    assert older in line
+    assert ended.stdout == ''
+
+
+def test_ids_of_another_aspect_numbering_are_not_believed(run, log, dropped, part, tmp_path):
+    poses = dropped[1]
+    counted = count_poses(find_aspects(part('l_bracket')), poses)
+    message = distribution_msg(counted, dropped[0], Time(), True)
+    message.aspect_numbering += 1
+    with RunLog(tmp_path, 'other') as other:
+        other.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
+        batch = poses_msg(poses, dropped[0], Time(), True)
+        other.write(POSES, serialize_message(batch), 2)
+        other.write(DISTRIBUTION, serialize_message(message), 3)
+    for words in (['info', 'other'], ['compare', 'other', log()]):
+        ended = run(*words)
+        assert ended.returncode in (1, 2)
+        found = f'aspect_numbering {ASPECT_NUMBERING + 1}: expected {ASPECT_NUMBERING} ('
+        assert found in ended.stderr
+    merged = json.loads(run('merge', 'other', '--json').stdout)
+    assert [each['count'] for each in merged['aspects']] == counted.counts.tolist()
+
+
+def test_a_log_of_another_version_is_recovered_uncounted(run, log, monkeypatch):
+    run_log = importlib.import_module('resting_aspects_ros.logs.run_writer')
+    load = run_log.load_schema
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            run_log, 'load_schema', lambda name: dataclasses.replace(load(name), type_hash='x')
+        )
+        folder = log(batches=2)
+    ended = run('recover', folder)
+    assert ended.returncode == 0
+    words = f"{folder}: 5 messages recovered, its drops were not counted: log '{folder}"
+    assert ended.stdout.startswith(words)
+
+
+@pytest.mark.parametrize('words', ['info', 'recover', 'answer', 'merge', 'drop --from-log'])
+@pytest.mark.parametrize('closed', [True, False])
+def test_a_log_is_read_once(run, log, monkeypatch, words, closed):
+    folder = log(batches=None if closed else 2)
+    passes = []
+    records = LogFile.records
+    monkeypatch.setattr(LogFile, 'records', lambda file: passes.append(1) or records(file))
+    if words == 'answer':  # what report and demo show
+        assert logged_answer(folder).distribution.drops == (DROPS if closed else 200)
+    else:
+        assert run(*words.split(), folder).returncode == 0
+    by_index = closed and words in ('info', 'drop --from-log')
+    assert len(passes) == (0 if by_index else 1)
+
+
+def test_info_of_a_log_that_was_broken_off(run, log):
+    folder = log(batches=2)
+    ended = run('info', folder)
+    assert ended.returncode == 0
+    lines = [' '.join(line.split()) for line in ended.stdout.splitlines()]
+    for line in (
+        'broken off ("resting_aspects recover" closes it, so that all can read it), 5 messages',
+        'drops 200 of 300',
+        'Distribution of 200 drops, counted before the run was over',
+    ):
+        assert line in lines
+    document = json.loads(run('info', folder, '--json').stdout)
+    assert (document['log']['whole'], document['log']['poses']) == (False, 200)
+    assert (document['complete'], document['drops'], document['drops_asked']) == (False, 200, 300)
+
+
+def test_info_of_a_log_without_drops(run, log):
+    ended = run('info', log(batches=0, described=False))
+    assert ended.returncode == 0
+    assert ended.stdout.splitlines()[-1].split() == ['drops', 'none']
+
+
+def test_recover_says_what_each_log_holds(run, log, tmp_path):
+    whole, two, three = log('whole'), log('two', 2), log('three', 3)
+    before = (whole / 'whole_0.mcap').read_bytes()
+    too_long = tmp_path / ('x' * 300)
+    ended = run('recover', whole, too_long, two, tmp_path / 'nowhere', three)
+    of_two = '200 of 300 drops of l_bracket, the others are not in this log'
+    assert ended.stdout.splitlines() == [
+        f'{whole}: is closed already, 7 messages, 300 of 300 drops of l_bracket',
+        f'{two}: 5 messages recovered, {of_two}',
+        f'{three}: 7 messages recovered, 300 of 300 drops of l_bracket',
+    ]
+    assert ended.returncode == 2
+    nowhere = str(tmp_path / 'nowhere')
+    of_long, of_nowhere = ended.stderr.splitlines()
+    assert 'cannot be read: File name too long, allowed is ' in of_long
+    assert of_nowhere == (
+        f'error: log {nowhere!r} cannot be read: No such file or directory, allowed is the folder '
+        'of a run, or an .mcap file'
+    )
+    assert (whole / 'whole_0.mcap').read_bytes() == before
+    assert run('recover', two, three).stdout.splitlines() == [
+        f'{two}: is closed already, 5 messages, {of_two}',
+        f'{three}: is closed already, 7 messages, 300 of 300 drops of l_bracket',
+    ]
+    lines = [' '.join(line.split()) for line in run('info', two).stdout.splitlines()]
+    assert 'closed, 5 messages' in lines
+    assert 'drops 200 of 300, the others are not in this log' in lines
+
+
+def test_recover_leaves_a_log_alone_that_is_being_written(run, log, tmp_path):
+    two, empty = log('two', 2), tmp_path / 'begun'
+    empty.mkdir()
+    writers = [path.open('ab') for path in (two / 'two_0.mcap', empty / 'begun_0.mcap')]
+    for writer in writers:
+        assert lock_file(writer)  # as the recorder does
+    before = (two / 'two_0.mcap').read_bytes()
+    ended = run('recover', two, empty, log('three', 3))
+    assert (ended.returncode, ended.stderr) == (0, '')
+    assert ended.stdout.splitlines()[:2] == [
+        f'{two}: is being written, left as it is',
+        f'{empty}: is being written, left as it is',
+    ]
+    assert (two / 'two_0.mcap').read_bytes() == before
+    assert not (two / 'metadata.yaml').exists()
+    for writer in writers:
+        writer.close()
+    assert 'recovered' in run('recover', two).stdout
+
+
+def test_of_a_run_that_was_ended_before_its_last_drop_all_is_there(run, dropped, part, tmp_path):
+    run_of, poses = dropped
+    with RunLog(tmp_path, 'run') as log:
+        log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
+        batch = poses_msg(poses.between(0, 100), run_of, Time(), True)
+        log.write(POSES, serialize_message(batch), 2)
+    words = '100 of 300 drops of l_bracket, where the run ended'
+    assert run('recover', 'run').stdout == f'run: is closed already, 2 messages, {words}\n'
+    lines = [' '.join(line.split()) for line in run('info', 'run').stdout.splitlines()]
+    assert 'drops 100 of 300, where the run ended' in lines
+    assert json.loads(run('info', 'run', '--json').stdout)['log']['whole']
+
+
+def test_a_gap_that_drops_of_another_run_filled_is_none(run, dropped, part, tmp_path):
+    """As of a simulator that knew only what it was asked for: a log tells of the run it is of."""
+    own, poses = dropped
+    other = dataclasses.replace(own, run_id='another', first_drop=100, drops=200)
+    log = RunLog(tmp_path, 'run')
+    log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
+    for run_of, first, end in ((own, 0, 100), (other, 100, 300)):
+        batch = poses_msg(poses.between(first, end), run_of, Time(), run_of is other)
+        log.write(POSES, serialize_message(batch), 2)
+    log.flush()
+    content = log.path.read_bytes()
+    log.close()
+    log.path.write_bytes(content)
+    (log.path.parent / 'metadata.yaml').unlink()
+    for state in ('broken off', 'closed'):
+        document = json.loads(run('info', 'run', '--json').stdout)
+        assert document['log']['finished'] == (state == 'closed')
+        assert (document['log']['whole'], document['log']['poses']) == (True, DROPS)
+        assert (document['run_id'], document['first_drop'], document['drops_asked']) == (
+            '4f1c',
+            0,
+            DROPS,
+        )
+        run('recover', 'run')
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['compare', 'LOG', 'LOG'],
+        ['merge', 'LOG'],
+        ['drop', '--drops', '1', '--from-log', 'LOG'],
+        ['estimate', 'l_bracket', '--against', 'LOG'],
+    ],
+    ids=lambda words: words[0],
+)
+def test_of_a_log_without_its_end_a_line_says_what_is_used(run, log, words):
+    closed, cut = log('closed'), log('cut', 2)
+
+    def said(folder):
+        ended = run(*(folder if word == 'LOG' else word for word in words))
+        assert ended.returncode == 0, ended.stderr
+        return ended.stderr
+
+    assert 'being written' not in said(closed)
+    assert 'broken off' not in said(closed)
+    assert (
+        f"warning: log '{cut}' was broken off: what it holds is used "
+        '("resting_aspects recover" closes it)\n'
+    ) in said(cut)
+    (file,) = cut.glob('*.mcap')
+    with file.open('rb') as writer:
+        lock_file(writer)
+        words_of_it = f"warning: log '{cut}' is being written: what it holds by now is used\n"
+        assert words_of_it in said(cut)
+
+
+@pytest.mark.parametrize('command', ['info', 'recover', 'merge', 'report', 'replay', 'drop'])
+def test_a_log_damaged_in_its_middle_is_refused(run, log, command):
+    folder = log()
+    file = folder / 'run_0.mcap'
+    content = bytearray(file.read_bytes())
+    at = content.index(b'zstd')
+    if command not in {'info', 'drop'}:  # which read no more than the first batch
+        at = content.index(b'zstd', at + 9)
+    content[at + 40] ^= 1
+    file.write_bytes(content)
+    ended = run(command, *(['--from-log'] if command == 'drop' else []), folder)
+    assert ended.returncode == (2 if command in {'drop', 'replay'} else 1)
+    (line,) = ended.stderr.splitlines()
+    assert f'log {str(file)!r} is damaged: found ' in line
+    assert '"mcap recover"' in line
+    assert ended.stdout == ''
+    assert [path.name for path in sorted(folder.iterdir())] == ['metadata.yaml', 'run_0.mcap']
+    assert file.read_bytes() == content
+
+
+def test_recover_keeps_messages_that_this_version_cannot_read(run, tmp_path):
+    log = RunLog(tmp_path, 'run')
+    log.write(POSES, b'\0\1\0\0of another time', 1)
+    log.flush()
+    content = log.path.read_bytes()
+    log.close()
+    log.path.write_bytes(content)
+    ended = run('recover', 'run')
+    assert ended.returncode == 0
+    assert ended.stdout.startswith('run: 1 messages recovered, its drops were not counted: ')
+
+
+def rows(path):
+    with path.open(newline='') as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.parametrize('batches', [None, 2])
+def test_a_run_is_dropped_again_from_its_log_alone(run, log, dropped, tmp_path, batches):
+    ended = run('drop', '--from-log', log(batches=batches), '--poses', 'again.csv', '--json')
+    assert ended.returncode == 0
+    document = json.loads(ended.stdout)
+    drops = DROPS if batches is None else 100 * batches
+    assert (document['part'], document['seed'], document['drops']) == ('l_bracket', 77, drops)
+    assert document['part_sha256'] == dropped[0].part_sha256
+    # Written with all digits, so this is bit for bit.
+    found = [
+        [float(row[axis]) for axis in ('qx', 'qy', 'qz', 'qw')]
+        for row in rows(tmp_path / 'again.csv')
+    ]
+    assert found == dropped[1].orientation[:drops].tolist()
+
+
+@pytest.fixture
+def log_of(tmp_path):
+    """Write a log of a run that has some of its drops, as the recorder closes it."""
+
+    def log_of(part, run_of, poses, *, last=True, whole=True):
+        with RunLog(tmp_path, 'run') as log:
+            log.write(PART, serialize_message(part_msg(part)), 1)
+            for k, batch in enumerate(poses):
+                is_last = last and k == len(poses) - 1
+                message = poses_msg(batch, run_of, Time(), is_last)
+                log.write(POSES, serialize_message(message), 2 + k)
+            outcome = Outcome(sum(len(batch) for batch in poses), whole=whole)
+            log.add_metadata(OUTCOME, outcome.record())
+        return log.path.parent
+
+    return log_of
+
+
+def dropped_between(job, first, end):
+    """Drops by themselves, in the chunks in which they are made."""
+    bounds = [first, *range((first // CHUNK + 1) * CHUNK, end, CHUNK), end]
+    return RestingPoses.join([drop_chunk(job, a, b) for a, b in pairwise(bounds)])
+
+
+def table(poses):
+    """The numbers of each drop, in the order of the CSV's columns."""
+    return [
+        [poses.first_drop + k, *poses.position[k], *poses.orientation[k], poses.time_to_rest[k]]
+        for k in range(len(poses))
+    ]
+
+
+COLUMNS = ('drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw', 'time_to_rest')
+
+
+@pytest.mark.parametrize(
+    ('asked', 'ranges', 'whole'),
+    [
+        ({'drops': 5000, 'precision': 0.1}, [(0, 140)], True),  # canceled before it was precise
+        ({'drops': 5000, 'precision': 0.25}, [(0, 140)], True),  # precise enough before
+        ({'drops': 60, 'first_drop': 90}, [(90, 150)], True),
+        ({'drops': 60, 'first_drop': 90}, [(90, 110)], True),
+        ({'drops': 300}, [(0, 70), (110, 130), (200, 210)], False),  # lost, not to be had
+        ({'drops': 300}, [(20, 50)], False),
+    ],
+)
+def test_from_a_log_the_drops_are_made_that_it_has_and_no_others(
+    run, log_of, box, solid, surfaces, tmp_path, asked, ranges, whole
+):
+    # Of a part whose mesh does not say all, under conditions of their own.
+    odd = solid(
+        box,
+        'obj',
+        unit='in',
+        mass=0.731,
+        centre_of_mass=[0.013, -0.11, 0.19],
+        inertia=[0.0731, 1e-5, 3e-6, 0.061, -2e-5, 0.05],
+    )
+    conditions = surfaces.get('steel').changed(
+        height=1.1, height_of=HeightOf.CENTRE_OF_MASS, speed_horizontal=0.7, spin=3.3
+    )
+    job, run_of = plan_run(odd, conditions, seed=2**64 - 1, run_id='4f1c', started=1, **asked)
+    poses = [dropped_between(job, first, end) for first, end in ranges]
+    folder = log_of(odd, run_of, poses, last=whole, whole=whole)
+    ended = run('drop', '--from-log', folder, '--poses', 'again.csv', '--json')
+    assert ended.returncode == 0, ended.stderr
+    assert 'warning' not in ended.stderr
+    document = json.loads(ended.stdout)
+    drops = sum(end - first for first, end in ranges)
+    assert (document['complete'], document['drops'], document['drops_asked']) == (
+        True,
+        drops,
+        drops,
+    )
+    assert document['part_sha256'] == odd.part_sha256
+    assert document['precision'] == run_of.precision
+    found = [[float(row[name]) for name in COLUMNS] for row in rows(tmp_path / 'again.csv')]
+    assert found == [row for batch in poses for row in table(batch)]
+
+
+def test_a_log_of_a_run_that_was_canceled_at_once_holds_no_drops(log_of, dropped, part, refused):
+    folder = log_of(part('l_bracket'), dropped[0], [dropped[1].between(0, 0)])
+    assert refused('drop', '--from-log', folder).endswith('which holds no drops')
+
+
+def test_a_run_from_a_log_can_be_longer(run, log, dropped, tmp_path):
+    ended = run('drop', '--from-log', log(), '--drops', 310, '--poses', 'again.csv')
+    assert ended.returncode == 0
+    found = [float(row['x']) for row in rows(tmp_path / 'again.csv')]
+    assert (len(found), found[:DROPS]) == (310, dropped[1].position[:, 0].tolist())
+
+
+@pytest.mark.parametrize(
+    ('words', 'says'),
+    [
+        (['hex_nut'], "PART_OR_MESH is 'hex_nut', but --from-log says what it is"),
+        (['--seed', 3], "--seed is '3', but --from-log says what it is"),
+        (['--friction', 0.2], "--friction is '0.2', but --from-log says what it is"),
+        (['--surface', 'steel'], "--surface is 'steel', but --from-log says what it is"),
+    ],
+)
+def test_what_the_log_says_nobody_else_may(run, log, words, says):
+    ended = run('drop', '--from-log', log(), *words)
+    assert (ended.returncode, ended.stderr) == (2, f'error: {says}\n')
+
+
+def test_a_log_without_drops_or_part_is_refused(run, log, refused):
+    empty, bare = log('empty', 0), log('bare', 1, described=False)
+    assert f'no drops are in {str(empty)!r}, allowed' in refused('drop', '--from-log', empty)
+    assert f'no drops are in {str(empty)!r}, allowed' in refused('merge', empty)
+    assert refused('drop', '--from-log', bare).endswith('which does not describe its part')
+    assert 'no .mcap file is in it' in refused('drop', '--from-log', empty.parent)
+    assert refused('drop').startswith('error: no part is given, ')
+
+
+def test_another_version_is_told(run, dropped, part, tmp_path):
+    # As after an upgrade of the engine.
+    before = dataclasses.replace(dropped[0], engine_version='3.1.0')
+    with RunLog(tmp_path, 'run') as log:
+        log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
+        batch = poses_msg(dropped[1].between(0, 100), before, Time(), True)
+        log.write(POSES, serialize_message(batch), 2)
+    ended = run('drop', '--from-log', log.path)
+    assert ended.returncode == 0
+    assert 'warning: the log was made with bullet 3.1.0, resting_aspects_ros' in ended.stderr
+
+
+NO_LOGS = {
+    'nowhere': "log 'nowhere' cannot be read: No such file or directory",
+    'folder': "folder 'folder' is no log: no .mcap file is in it",
+    'logs': "folder 'logs' is no log: no .mcap file is in it, but in 2 folders in it",
+    'text.txt': "log 'text.txt' is damaged, or no MCAP file: it begins with b'hello'",
+}
+
+
+@pytest.mark.parametrize('words', ['info', 'recover', 'replay', 'merge', 'drop --from-log'])
+def test_what_is_no_log_is_refused_in_the_same_words(refused, tmp_path, words):
+    for folder in ('folder', 'logs/a', 'logs/b'):
+        (tmp_path / folder).mkdir(parents=True)
+    for name in 'ab':
+        (tmp_path / 'logs' / name / f'{name}_0.mcap').touch()
+    (tmp_path / 'text.txt').write_text('hello')
+    for path, says in NO_LOGS.items():
+        line = refused(*words.split(), path).replace('--from-log: ', '')
+        assert line == f'error: {says}, allowed is the folder of a run, or an .mcap file'

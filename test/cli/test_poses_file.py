@@ -1,0 +1,198 @@
+"""Files of poses: every spelling that is meant is read, and what is wrong is named."""
+
+import numpy as np
+import pytest
+
+from resting_aspects_ros.cli.inputs.pose_csv import read_poses_file
+from resting_aspects_ros.cli.output_files import POSES_HEADER
+from resting_aspects_ros.core.errors import InvalidValueError
+
+# An orientation whose four numbers all differ, and the same with w < 0.
+X, Y, Z, W = 0.1, -0.5, 0.7, 0.5
+LINE = {'x': f'{X}', 'y': f'{Y}', 'z': f'{Z}', 'w': f'{W}'}
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Read a file with that content."""
+
+    def from_text(text, at_least=1, encoding='utf-8'):
+        path = tmp_path / 'p.csv'
+        path.write_bytes(text.encode(encoding))
+        return read_poses_file(path, at_least)
+
+    return from_text
+
+
+@pytest.fixture
+def refusal(read, tmp_path):
+    """Give the words with which a content is refused; the file is called p.csv there."""
+
+    def words(text, at_least=1, **options):
+        with pytest.raises(InvalidValueError) as caught:
+            read(text, at_least, **options)
+        path = repr(str(tmp_path / 'p.csv'))
+        assert path in str(caught.value)
+        return str(caught.value).replace(path, 'p.csv')
+
+    return words
+
+
+@pytest.mark.parametrize(
+    'header',
+    [
+        'qx,qy,qz,qw',
+        'qw,qx,qy,qz',
+        'x,y,z,w',
+        'w,x,y,z',
+        ' QX , qY,QZ,Qw',
+        'q_x,q_y,q_z,q_w',
+        'quat_w,quat_x,quat_y,quat_z',
+        'orientation.x,orientation.y,orientation.z,orientation.w',
+        'pose.orientation.x,pose.orientation.y,pose.orientation.z,pose.orientation.w',
+        'rot_z,rot_y,rot_x,rot_w',
+        '"Quaternion W [-]",quaternion x,quaternion y,quaternion z',
+        '\ufeffqx,qy,qz,qw',
+    ],
+)
+@pytest.mark.parametrize('delimiter', [',', ';'])
+@pytest.mark.parametrize('end', ['\n', '\r\n'])
+def test_names_in_any_order_and_spelling(read, header, delimiter, end):
+    names = header.replace('"', '').replace('[-]', '').strip('\ufeff').split(',')
+    row = delimiter.join(LINE[name.strip().lower()[-1]] for name in names)
+    poses = read(header.replace(',', delimiter) + end + row + end)
+    np.testing.assert_allclose(poses.orientation, [[X, Y, Z, W]], rtol=1e-12)
+    assert (poses.index.tolist(), poses.line.tolist(), poses.drops) == ([0], [2], 1)
+
+
+def test_bare_x_y_z_are_positions_where_the_quaternion_has_names_of_its_own(read):
+    poses = read(f'x,y,z,qx,qy,qz,qw\n9,8,7,{X},{Y},{Z},{W}\n')
+    np.testing.assert_allclose(poses.orientation, [[X, Y, Z, W]], rtol=1e-12)
+    poses = read(f'x_mm,y_mm,z_mm,w,x,note,y,z\n9,8,7,{W},{X},"a, b",{Y},{Z}\n')
+    np.testing.assert_allclose(poses.orientation, [[X, Y, Z, W]], rtol=1e-12)
+
+
+def test_of_our_own_file_what_settled_is_read_and_the_rest_counted(read):
+    rest = 'ENERGY,0.5,0.01,1'
+    rows = [
+        ','.join(POSES_HEADER),
+        f'0,9,9,9,{X},{Y},{Z},{W},SETTLED,{rest}',
+        f'1,9,9,9,{X},{Y},{Z},{W},UNSETTLED,{rest}',
+        '2,nan,nan,nan,nan,nan,nan,nan,FAILED,STILLNESS,nan,0.0,0',
+        '',
+        f'3,9,9,9,0,0,0,-1, settled ,{rest}',
+    ]
+    poses = read('\n'.join(rows))
+    assert poses.orientation.tolist()[1] == [0, 0, 0, 1]
+    assert (poses.index.tolist(), poses.line.tolist()) == ([0, 3], [2, 6])
+    assert (poses.unsettled, poses.failed, poses.drops) == (1, 1, 4)
+
+
+def test_numbers_as_other_programs_write_them(read):
+    poses = read('qx,qy,qz,qw\n+0.00E+00, -0.0 ,1e-9,.9999\n0,0,0,"-1.0009"\n\n,,,\n')
+    np.testing.assert_allclose(poses.orientation, [[0, 0, 0, 1], [0, 0, 0, 1]], atol=1e-8)
+    np.testing.assert_allclose(np.linalg.norm(poses.orientation, axis=1), 1, rtol=1e-15)
+    assert (poses.orientation[:, 3] >= 0).all()
+
+
+@pytest.mark.parametrize('length', [0.99901, 1.00099])
+def test_a_quaternion_is_normalised_within_a_thousandth(read, length):
+    poses = read(f'qx,qy,qz,qw\n{0.6 * length},0,0,{0.8 * length}\n')
+    np.testing.assert_allclose(poses.orientation, [[0.6, 0, 0, 0.8]], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('row', 'says'),
+    [
+        ('0.6,0,0,0.7982', 'are 0.6, 0, 0, 0.7982: a quaternion of length 0.998561'),
+        ('0,0,0,0', 'are 0, 0, 0, 0: a quaternion of length 0,'),
+        ('0,0,0,1.0011', 'length 1.0011, allowed is 1 within 0.001'),
+        ('1e200,1e200,0,0', 'length inf, allowed is 1'),
+        ('0,0,nan,1', "p.csv line 3, column 'qz' is 'nan', allowed is a finite number"),
+        ('0,0,0,inf', "column 'qw' is 'inf', allowed is a finite number"),
+        ('0,up,0,1', "p.csv line 3, column 'qy' is 'up', allowed is a finite number"),
+        ('0,,0,1', "column 'qy' is '', allowed is a finite number"),
+        ('0,0,1', 'p.csv line 3 has 3 columns, allowed are 4, as many as in the line of names'),
+        ('0,0,0,1,0', 'p.csv line 3 has 5 columns, allowed are 4'),
+        ('0;0;0;1', 'p.csv line 3 has 1 columns, allowed are 4'),
+        ('0,' + 'long' * 100 + ',0,1', "longlong', allowed"),
+    ],
+)
+def test_a_pose_that_is_wrong_is_named_with_its_line(refusal, row, says):
+    words = refusal(f'qx,qy,qz,qw\n0,0,0,1\n{row}\n0,0,0,1\n')
+    assert says in words
+    assert 'p.csv line 3' in words
+
+
+def test_a_decimal_comma_is_no_number(refusal):
+    assert "column 'qy' is '0,6', allowed is a finite number, such as -0.5" in refusal(
+        'qx;qy;qz;qw\n0;0,6;0;0,8\n'
+    )
+
+
+def test_a_status_that_is_none(refusal):
+    assert refusal('qx,qy,qz,qw,Status\n0,0,0,1,ok\n') == (
+        "p.csv line 2, column 'Status' is 'ok', allowed is SETTLED, UNSETTLED, FAILED"
+    )
+
+
+@pytest.mark.parametrize(
+    ('header', 'says'),
+    [
+        ('', "is '': no column is x or y or z or w of the quaternion"),
+        ('x,y,z', 'no column is w of the quaternion'),
+        ('x,y,z,qx,qy,qz,w', 'no column is w of the quaternion'),
+        ('drop,qx,qz,qw', 'no column is y of the quaternion'),
+        ('qx,qy,qz,qw,quat_w', 'several columns are w of the quaternion'),
+        ('0.5,0.5,0.5,0.5', "is '0.5, 0.5, 0.5, 0.5': no column is x or y or z or w"),
+        ('q1,q2,q3,q4', 'no column is x or y or z or w'),
+        ('roll,pitch,yaw', 'no column is x or y or z or w'),
+    ],
+)
+def test_names_that_do_not_say_where_the_quaternion_is(refusal, header, says):
+    words = refusal(f'{header}\n')
+    assert words.startswith('p.csv line 1 should name the columns and is ')
+    assert says in words
+    assert words.endswith(
+        'allowed are qx, qy, qz, qw (or q_x, quat_x, orientation.x, ...) or x, y, z, w, in any '
+        'order, in columns parted by , or ;'
+    )
+
+
+@pytest.mark.parametrize(
+    ('text', 'at_least', 'says'),
+    [
+        ('w,x,y,z\n', 1, 'p.csv has 0 poses, allowed are 1 or more'),
+        ('w,x,y,z\n1,0,0,0\n', 2, 'p.csv has 1 poses, allowed are 2 or more'),
+        ('w,x,y,z,status\n1,0,0,0,FAILED\n', 1, 'p.csv has 0 settled poses, allowed are 1'),
+    ],
+)
+def test_too_few_poses(refusal, text, at_least, says):
+    assert says in refusal(text, at_least)
+
+
+@pytest.mark.parametrize(
+    ('text', 'encoding', 'says'),
+    [
+        ('qx;qy;qz;qw;Größe\n', 'latin-1', 'is not text in UTF-8'),
+        ('qx,qy,qz,qw\n0,0,0,1\n', 'utf-16', 'is not text in UTF-8'),
+        ('qx,qy,qz,qw\n0,0,0,"' + 'long' * 50_000, 'utf-8', 'is not a CSV: field larger'),
+    ],
+)
+def test_what_is_no_csv(refusal, text, encoding, says):
+    assert says in refusal(text, encoding=encoding)
+
+
+@pytest.mark.parametrize(
+    ('name', 'says'), [('nowhere.csv', 'does not exist'), ('.', 'is a folder')]
+)
+def test_what_cannot_be_read(tmp_path, name, says):
+    path = tmp_path / name
+    with pytest.raises(InvalidValueError, match=says) as caught:
+        read_poses_file(path, 1)
+    assert f'pose file {str(path)!r}' in str(caught.value)
+
+
+def test_many_poses_are_read(read):
+    text = 'drop,qx,qy,qz,qw,status\n' + '0,0.1,-0.5,0.7,0.5,SETTLED\n' * 100_000
+    assert read(text).drops == 100_000

@@ -1,0 +1,85 @@
+"""Progress on standard error: a bar in a terminal, a line a second elsewhere."""
+
+import fcntl
+import os
+import pty
+import re
+import struct
+import termios
+import threading
+
+import pytest
+
+from resting_aspects_ros.cli import progress
+
+WORDS = ('drop', 'l_bracket', '--drops', 375, '--workers', 2)
+
+
+@pytest.fixture
+def in_terminal(begin, environment):
+    """Run the command with standard error in a terminal of 80 columns; gives all it showed."""
+
+    def show(*words, stdout=None):
+        ours, theirs = pty.openpty()
+        fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack('4H', 24, 80, 0, 0))
+        shown = []
+        reader = threading.Thread(target=_read, args=(ours, shown))
+        reader.start()
+        options = {} if stdout is None else {'stdout': theirs}
+        process = begin(*words, stderr=theirs, **options)
+        os.close(theirs)
+        printed = process.communicate(timeout=60)[0]
+        reader.join()
+        os.close(ours)
+        assert process.returncode == 0
+        return printed, b''.join(shown).decode()
+
+    return show
+
+
+def _read(descriptor, shown):
+    while True:
+        try:
+            data = os.read(descriptor, 4096)
+        except OSError:  # the other end is closed
+            return
+        if not data:
+            return
+        shown.append(data)
+
+
+def test_a_pipe_gets_lines_with_the_rate(run):
+    lines = run(*WORDS).stderr.splitlines()
+    for line in lines:
+        assert re.fullmatch(r'l_bracket: \d+ of 375 drops(  \d+ drops/s)?', line)
+    assert re.fullmatch(r'l_bracket: 375 of 375 drops  \d+ drops/s', lines[-1])
+    assert sum('375 of' in line for line in lines) == 1
+
+
+def test_a_pipe_is_told_nothing_twice(monkeypatch, capsys):
+    monkeypatch.setattr(progress, 'LINE_PERIOD', 0.0)
+    with progress.DropProgress('part', 10) as shown:
+        for done in (0, 0, 3, 3, 7, 7):
+            shown.update(done)
+        shown.end(7)  # as precise as it was asked for
+        shown.end(7)
+    lines = [line.split('  ')[0] for line in capsys.readouterr().err.splitlines()]
+    assert lines == [f'part: {said} drops' for said in ('0 of 10', '3 of 10', '7 of 10', '7 of 7')]
+
+
+def test_a_terminal_gets_a_bar_with_the_rate_and_standard_output_none(in_terminal):
+    printed, shown = in_terminal(*WORDS)
+    assert re.search(r'375/375 \x1b\[0m ?\d+ drops/s|375/375.*?\d+ drops/s', shown)
+    assert '━' in shown
+    assert ' of 375 drops' not in shown
+    assert printed.splitlines()[1].strip() == '375 drops on rubber_mat, seed 1'
+    assert '\x1b' not in printed
+
+
+def test_no_color_is_heeded(in_terminal, environment, monkeypatch):
+    colour = re.compile(r'\x1b\[(?:\d+;)*(?:3[0-7]|38;[\d;]+|9[0-7])m')
+    assert colour.search(in_terminal(*WORDS, stdout='same')[1])
+    monkeypatch.setitem(environment, 'NO_COLOR', '1')
+    _, shown = in_terminal(*WORDS, stdout='same')
+    assert '375/375' in shown
+    assert not colour.search(shown)

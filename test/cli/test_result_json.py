@@ -1,0 +1,217 @@
+"""Documents that are read back: what is wrong in one is named in one line."""
+
+import contextlib
+import copy
+import json
+import os
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from resting_aspects_ros.cli.inputs.count_files import read_counts
+from resting_aspects_ros.cli.inputs.result_json import RunDocument, counts_of, read_document
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.report.document import SCHEMA_VERSION
+from resting_aspects_ros.simulation.conditions import QUANTITIES
+
+
+@pytest.fixture(scope='module')
+def original(run_in, tmp_path_factory):
+    """Give a document of `drop`, and where it is."""
+    folder = tmp_path_factory.mktemp('documents')
+    ended = run_in(folder, 'drop', 'box_10x20x30', '--drops', 25, '--seed', 3, '--json')
+    path = folder / 'd.json'
+    path.write_text(ended.stdout, encoding='utf-8')
+    return path, json.loads(ended.stdout)
+
+
+@pytest.fixture
+def refusal(tmp_path):
+    """Give the words with which a content is refused; the file is called f.json there."""
+
+    def words(text):
+        path = tmp_path / 'f.json'
+        path.write_text(text, encoding='utf-8')
+        with pytest.raises(InvalidValueError) as caught:
+            read_counts(path)
+        message = str(caught.value)
+        assert len(message) < 400 + len(str(path))
+        assert '\n' not in message
+        return message.replace(repr(str(path)), 'f.json')
+
+    return words
+
+
+def places(value, path=()):
+    """All places in a document, with their values."""
+    if path:
+        yield path, value
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from places(inner, (*path, key))
+    elif isinstance(value, list) and value:  # the first element stands for all
+        yield from places(value[0], (*path, 0))
+
+
+def changed(document, path, value):
+    document = copy.deepcopy(document)
+    *outer, last = path
+    inside = document
+    for key in outer:
+        inside = inside[key]
+    inside[last] = value
+    return document
+
+
+def name_of(path):
+    return ''.join(f'[{k}]' if isinstance(k, int) else f'.{k}' for k in path).lstrip('.')
+
+
+NOT_READ = ('classes', 'mesh_sha256', 'method', 'history', 'convergence', 'mesh_file', 'unit')
+
+
+def read_places(document):
+    """The places that are read, of which none may be missing."""
+    fields = {k: v for k, v in document.items() if k not in NOT_READ}
+    unread = {'rests_on', 'probability', 'lower', 'upper'}
+    return [(p, value) for p, value in places(fields) if p[-1] not in unread]
+
+
+def test_a_document_of_drop_is_read(original):
+    path, document = original
+    given = read_counts(path)
+    assert given.tally.counts.tolist() == [a['count'] for a in document['aspects']]
+    assert (given.run.seed, given.run.run_id, given.drops) == (3, document['run_id'], 25)
+    assert given.run.conditions.height == document['conditions']['height']
+    assert document['schema_version'] == SCHEMA_VERSION
+
+
+def test_every_field_of_a_wrong_type_is_named_with_its_value(original, refusal):
+    _, document = original
+    found = read_places(document)
+    assert len(found) > 40
+    for place, value in found:
+        wrong, shown = (5, '5') if isinstance(value, str) else ('x' * 1000, "'xxx")
+        said = refusal(json.dumps(changed(document, place, wrong)))
+        assert said.startswith(f'invalid {name_of(place)} {shown}')
+        assert ' in f.json: expected ' in said
+
+
+def test_every_field_that_is_missing_is_named(original, refusal):
+    _, document = original
+    optional = {'rolls', 'complete', 'run_id', 'body'}
+    for place, _ in read_places(document):
+        if isinstance(place[-1], int) or place[-1] in optional:
+            continue
+        fewer = copy.deepcopy(document)
+        inside = fewer
+        for key in place[:-1]:
+            inside = inside[key]
+        del inside[place[-1]]
+        assert refusal(json.dumps(fewer)) == f'f.json has no {name_of(place)}'
+
+
+@pytest.mark.parametrize(
+    ('place', 'value', 'said'),
+    [
+        (('drops',), 26, 'invalid drops 26 in f.json: expected 25, the sum of all counts'),
+        (('drops',), '25', "invalid drops '25' in f.json: expected a valid integer"),
+        (('unsettled',), -1, 'invalid unsettled -1 in f.json: expected greater than or equal'),
+        (('unsettled',), True, 'invalid unsettled True in f.json: expected a valid integer'),
+        (('failed',), None, 'invalid failed None in f.json: expected a valid integer'),
+        (('seed',), 1.5, 'invalid seed 1.5 in f.json: expected a valid integer'),
+        (('seed',), 2**64, 'in f.json: expected less than or equal to 18446744073709551615'),
+        (('schema_version',), 2, 'invalid schema_version 2 in f.json: expected 1'),
+        (('interval',), 'bayes', "invalid interval 'bayes' in f.json: expected 'wilson' or"),
+        (('part',), '<b>', "invalid part '<b>' in f.json: expected a name of lower case letters"),
+        (('conditions', 'height'), -1.0, 'invalid conditions in f.json: height is -1.0, allowed'),
+        (('aspects', 0, 'id'), 0, 'invalid aspects[0].id 0 in f.json: expected greater than'),
+        (('aspects', 0, 'id'), 2, 'in f.json: expected each aspect once'),
+        (('aspects', 0, 'count'), 2.5, 'invalid aspects[0].count 2.5 in f.json: expected'),
+        (('aspects', 0, 'down_in_part'), [0, 1], 'f.json has no aspects[0].down_in_part[2]'),
+    ],
+)
+def test_what_is_wrong_in_a_document(original, refusal, place, value, said):
+    assert said in refusal(json.dumps(changed(original[1], place, value)))
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('{"a": ', 'f.json is not JSON: Expecting value'),
+        ('{"a":' * 100_000, 'f.json is not JSON: '),
+        ('', 'f.json is not JSON'),
+        ('{"drops": NaN}', 'f.json is not JSON: NaN is not a finite number'),
+        ('{"drops": 1e999}', 'f.json is not JSON: 1e999 is not a finite number'),
+        (f'{{"drops": {"9" * 5000}}}', 'f.json is not JSON: '),
+        (f'{{"aspects": [{10**400}]}}', 'f.json is not JSON: 1000000'),
+        ('[]', 'invalid document [] in f.json: expected a JSON object'),
+        ('{}', 'f.json has no schema_version'),
+        ('{"runs": []}', 'f.json is of several runs, by merge: expected'),
+        ('{"method": "rolling"}', "f.json is of method 'rolling': expected"),
+    ],
+)
+def test_what_is_no_document_of_a_distribution(refusal, text, said):
+    assert said in refusal(text)
+
+
+anything = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner),
+    max_leaves=5,
+)
+
+
+@settings(max_examples=60)
+@given(data=st.data())
+def test_any_value_anywhere_is_read_or_refused(original, data):
+    path, document = original
+    place = data.draw(st.sampled_from([place for place, _ in places(document)]))
+    text = json.dumps(changed(document, place, data.draw(anything)))
+    with contextlib.suppress(InvalidValueError):
+        found = read_document(path, text)
+        assert counts_of(path, found).drops == found.drops
+
+
+def test_the_schema_has_every_condition():
+    assert set(QUANTITIES) < set(RunDocument.__annotations__['conditions'].__annotations__)
+
+
+@pytest.mark.parametrize('field', ['history', 'convergence', 'mesh_file', 'confidence'])
+def test_a_report_refuses_a_wrong_field(refused, original, tmp_path, field):
+    wrong = changed(original[1], (field,), [{'drops': 1, 'counts': [1]}])
+    (tmp_path / 'f.json').write_text(json.dumps(wrong), encoding='utf-8')
+    assert field in refused('report', 'f.json')
+
+
+@pytest.mark.parametrize(
+    ('field', 'value'),
+    [
+        ('neighbour', 77),
+        ('support', []),
+        ('support', [[0, 0], [1, 0], [2, 0]]),
+        ('support', [[0, 0], [1e308, 0], [0, 1e308]]),
+    ],
+)
+def test_a_report_refuses_an_aspect_that_cannot_be_shown(
+    refused, original, tmp_path, field, value
+):
+    wrong = changed(original[1], ('aspects', 0, field), value)
+    (tmp_path / 'f.json').write_text(json.dumps(wrong), encoding='utf-8')
+    assert f'invalid {field} ' in refused('report', 'f.json')
+
+
+def test_only_a_regular_file_is_read(refused, tmp_path):
+    os.mkfifo(tmp_path / 'pipe')
+    (tmp_path / 'm.csv').write_text('aspect,count\n1,2\n', encoding='utf-8')
+    for words in (('compare', 'm.csv'), ('report',), ('classify',)):
+        assert "'pipe' is a pipe (FIFO): expected a regular file" in refused(*words, 'pipe')
+        assert "'/dev/zero' is a device: expected" in refused(*words, '/dev/zero')
+
+
+def test_a_large_file_is_refused_unread(refused, tmp_path):
+    with (tmp_path / 'large').open('wb') as file:
+        file.truncate(1 << 40)
+    for words in (('report',), ('classify',)):
+        assert "'large' is too large: expected at most" in refused(*words, 'large')

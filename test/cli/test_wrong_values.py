@@ -1,0 +1,102 @@
+"""Flags that cannot be meant: exit code 2, and a line that says what is allowed."""
+
+import json
+import os
+
+import pytest
+
+from resting_aspects_ros.simulation.conditions import QUANTITIES
+
+
+@pytest.mark.parametrize(
+    ('words', 'says'),
+    [
+        (['--height', '60parsec'], ['--height', "'60parsec'", 'mm, cm']),
+        (['--height', 'nan'], ['--height', "'nan'", 'a number']),
+        (['--height', '-3mm'], ['height', '-0.003', 'more than 0 to 100 m']),
+        (['--height=-3mm'], ['height', '-0.003', 'more than 0 to 100 m']),
+        (['--friction', '-.5'], ['friction', '-0.5', '0 to 10']),
+        (['--restitution', '1e999'], ['restitution', 'inf', '0 to 1']),
+        (['--drops', '0'], ['drops', '0', '1 to 2000000']),
+        (['--drops', '1e-3'], ['--drops', "'1e-3'", 'not an integer']),
+        (['--drops', '1000000000000'], ['drops', '1000000000000', '1 to 2000000']),
+        (['--seed', '-1'], ['seed', '-1', '0 to 18446744073709551615']),
+        (['--workers', '0'], ['workers', '0', '1 to 1024']),
+        (['--workers', 'two'], ['--workers', "'two'", 'not an integer']),
+        (['--surface', 'ice'], ["'ice'", 'rubber_mat']),
+        (['--unit', 'mm'], ['--unit', "'mm'", "'tetrahedron'"]),
+        (['--height-of', 'top'], ['--height-of', 'LOWEST_POINT', 'CENTRE_OF_MASS']),
+        (['--height', '1mm', '--height-of', 'CENTRE_OF_MASS'], ['0.001 m', 'more than']),
+        (['--parts', 'nowhere'], ['--parts', "'nowhere'", 'folder']),
+        (['--confidence', '95'], ['confidence', '95.0', 'less than 1']),
+        (['--friktion', '1'], ['--friktion']),
+        (['--drop', '5'], ['--drop']),
+        (['--seed'], ['--seed']),
+        (['two\nlines'], ['two lines']),
+    ],
+    ids=' '.join,
+)
+def test_a_value_that_is_not_allowed(refused, words, says):
+    line = refused('drop', 'tetrahedron', *words)
+    for word in says:
+        assert word in line
+
+
+@pytest.mark.parametrize('words', [[], ['fall'], ['drop'], ['--nope']], ids=' '.join)
+def test_no_such_command(refused, words):
+    assert '--help' in refused(*words)
+
+
+@pytest.mark.parametrize('name', QUANTITIES)
+def test_every_condition_has_a_flag_with_its_bounds(refused, name):
+    flag = '--' + name.replace('_', '-')
+    allowed = QUANTITIES[name].allowed()
+    assert refused('drop', 'tetrahedron', flag, '1e6') == (
+        f'error: {name} is 1000000.0, allowed is {allowed}'
+    )
+
+
+@pytest.fixture
+def blocked(tmp_path):
+    """Give a file where a folder should be."""
+    path = tmp_path / 'file'
+    path.write_text('', encoding='utf-8')
+    return path
+
+
+@pytest.mark.parametrize(
+    ('flag', 'value', 'says'),
+    [
+        ('--out', 'file', 'exists'),
+        ('--out', 'file/below', 'Not a directory'),
+        ('--poses', 'nowhere/p.csv', "the folder 'nowhere' does not exist"),
+        ('--poses', 'folder', 'this is a folder'),
+        ('--out', '/proc/self', 'allowed is a file'),
+        ('--poses', '/proc/p.csv', 'allowed is a file'),
+    ],
+)
+def test_what_cannot_be_written_is_refused_before_a_drop(
+    refused, tmp_path, blocked, flag, value, says
+):
+    (tmp_path / 'folder').mkdir()
+    # Far more drops than the deadline allows.
+    line = refused('drop', 'l_bracket', '--drops', 2_000_000, flag, value)
+    assert f"{flag} is '{value}" in line
+    assert says in line
+
+
+def test_a_folder_in_place_of_a_file_in_out(refused, tmp_path):
+    (tmp_path / 'o' / 'distribution.png').mkdir(parents=True)
+    line = refused('drop', 'l_bracket', '--drops', 2_000_000, '--out', 'o')
+    assert os.path.join('o', 'distribution.png') in line  # noqa: PTH118
+
+
+def test_a_full_disk_is_a_line_and_loses_no_answer(run):
+    ended = run('drop', 'tetrahedron', '--drops', 3, '--poses', '/dev/full', '--json')
+    assert ended.returncode == 1
+    assert json.loads(ended.stdout)['drops'] == 3
+    assert ended.stderr.splitlines()[-1] == (
+        "error: '/dev/full' cannot be written: No space left on device, after 3 of 3 drops, which "
+        'are in the answer'
+    )
+    assert 'Traceback' not in ended.stderr

@@ -1,0 +1,172 @@
+"""Clusters of down directions, held to a plain search over all pairs, and to what is no matter."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.spatial.transform import Rotation
+
+from resting_aspects_ros.core.aspects.clusters import (
+    DEFAULT_TOLERANCE_DEGREES,
+    cluster_directions,
+    find_clusters,
+)
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.rotations import angle_between, down_in_part, random_orientations
+
+TOLERANCE = np.radians(DEFAULT_TOLERANCE_DEGREES)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def around(degrees):
+    """Directions on the equator."""
+    angle = np.radians(degrees)
+    return np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+
+
+def groups(labels):
+    """The sets of places that have a label in common."""
+    return {frozenset(np.flatnonzero(labels == label)) for label in np.unique(labels)}
+
+
+def scattered(seed):
+    """Few and many directions, near and far from each other, some of them equal."""
+    generator = np.random.default_rng(seed)
+    centres = unit(generator.standard_normal((generator.integers(1, 30), 3)))
+    which = generator.integers(0, len(centres), generator.integers(1, 400))
+    spread = 10 ** generator.uniform(-6, 0)
+    noise = spread * generator.standard_normal((len(which), 3)) * generator.integers(0, 2)
+    return unit(centres[which] + noise)
+
+
+def test_every_label_of_a_small_case():
+    # Two chains of steps of 4 degrees, 6 degrees apart; one alone; two that are equal.
+    degrees = np.array([14.0, 0, 8, 4, 60, 18, 200, 200, 22, 26])
+    assert cluster_directions(around(degrees), TOLERANCE).tolist() == [
+        *(1, 2, 2, 2, 4, 1, 3, 3, 1, 1)
+    ]
+
+
+def test_of_equally_large_clusters_the_first_by_coordinates_goes_first():
+    axes = np.array([(0, 0, 1), (1, 0, 0), (0, -1, 0), (-1, 0, 0), (0, 0, -1), (0, 1, 0)])
+    assert cluster_directions(axes.astype(float), TOLERANCE).tolist() == [4, 6, 2, 1, 3, 5]
+
+
+@pytest.mark.parametrize(('share', 'clusters'), [(1 - 1e-9, 1), (1 + 1e-9, 2)])
+@pytest.mark.parametrize('degrees', [1, 5, 30])
+def test_a_step_is_within_a_cluster_up_to_the_tolerance_and_not_beyond(share, clusters, degrees):
+    turns = Rotation.random(200, random_state=1).as_matrix()
+    for turn in turns:  # over all the borders between cubes
+        pair = around(np.array([0.0, degrees * share])) @ turn
+        assert cluster_directions(pair, np.radians(degrees)).max() == clusters
+
+
+@given(seeds, st.floats(1, 30))
+def test_the_clusters_are_those_of_single_linkage(seed, degrees):
+    down = scattered(seed)
+    labels = cluster_directions(down, np.radians(degrees))
+    if len(down) > 1:
+        reach = 2 * np.sin(np.radians(degrees) / 2)
+        assert groups(labels) == groups(fcluster(linkage(down, 'single'), reach, 'distance'))
+    counts = np.bincount(labels)[1:]
+    assert counts.min() > 0
+    assert (np.diff(counts) <= 0).all()
+
+
+@given(seeds)
+def test_the_order_of_the_poses_changes_nothing_to_the_last_bit(seed):
+    down = scattered(seed)
+    order = np.random.default_rng(seed).permutation(len(down))
+    plain, mixed = find_clusters(down, TOLERANCE), find_clusters(down[order], TOLERANCE)
+    np.testing.assert_array_equal(mixed.labels, plain.labels[order])
+    for name in ('counts', 'mean', 'spread'):
+        np.testing.assert_array_equal(getattr(mixed, name), getattr(plain, name))
+
+
+@given(seeds)
+def test_turning_the_mesh_keeps_the_clusters_and_turns_their_means(seed):
+    down = scattered(seed)
+    turn = Rotation.from_quat(np.random.default_rng(seed).standard_normal(4)).as_matrix()
+    plain, turned = find_clusters(down, TOLERANCE), find_clusters(down @ turn.T, TOLERANCE)
+    assert groups(turned.labels) == groups(plain.labels)
+    for k in range(len(plain)):
+        other = turned.labels[plain.labels == k + 1][0] - 1
+        np.testing.assert_allclose(turned.mean[other], turn @ plain.mean[k], atol=1e-9)
+        assert turned.spread[other] == pytest.approx(plain.spread[k], abs=1e-7, nan_ok=True)
+
+
+def test_poses_that_differ_by_a_turn_about_the_vertical_are_one_and_only_those():
+    # The seed's own words: the axis of q_i conj(q_j) is vertical.
+    poses = Rotation.from_quat(random_orientations(np.random.default_rng(4), 40))
+    yaw = Rotation.from_rotvec(np.linspace(-3, 3, 25)[:, None] * [0, 0, 1])
+    turned = Rotation.concatenate([turn * pose for pose in poses for turn in yaw])
+    labels = cluster_directions(down_in_part(turned.as_quat()), np.radians(1)).reshape(40, 25)
+    assert (labels == labels[:, :1]).all()
+    relative = poses[0] * poses[1:].inv()
+    axis = unit(relative.as_rotvec())
+    assert (np.abs(axis[:, 2]) < 1 - 1e-6).all()
+    assert (labels[1:, 0] != labels[0, 0]).all()
+
+
+def test_a_rolling_parts_ring_is_one_cluster_without_a_mean():
+    ring = around(np.random.default_rng(1).uniform(0, 360, 2000))
+    ends = np.repeat([[0, 0, 1.0], [0, 0, -1.0]], [700, 300], axis=0)
+    clusters = find_clusters(np.concatenate([ends, ring]), TOLERANCE)
+    assert clusters.counts.tolist() == [2000, 700, 300]
+    assert np.isnan(clusters.mean[0]).all()
+    assert np.isnan(clusters.spread[0])
+    np.testing.assert_array_equal(clusters.mean[1:], [[0, 0, 1], [0, 0, -1]])
+
+
+def test_the_mean_and_the_spread_are_those_of_the_scatter():
+    # Two normal components across the mean, each with this deviation; n = 20000 knows it to 0.5 %.
+    deviation, n = np.radians(0.8), 20_000
+    centre = unit(np.array([1.0, 2.0, -3.0]))
+    noise = deviation * np.random.default_rng(1).standard_normal((n, 3))
+    down = unit(centre + noise - (noise @ centre)[:, None] * centre)
+    clusters = find_clusters(down, TOLERANCE)
+    assert len(clusters) == 1
+    error = angle_between(clusters.mean, centre[None])[0]
+    assert error < 4 * deviation / np.sqrt(n)
+    assert clusters.spread[0] == pytest.approx(np.sqrt(2) * deviation, rel=0.02)
+
+
+def test_no_direction_and_one():
+    none = find_clusters(np.zeros((0, 3)), TOLERANCE)
+    assert (len(none), none.labels.shape, none.mean.shape) == (0, (0,), (0, 3))
+    one = find_clusters(np.array([[0, 0.6, -0.8]]), TOLERANCE)
+    assert (one.labels.tolist(), one.counts.tolist(), one.spread.tolist()) == ([1], [1], [0])
+
+
+def test_the_directions_are_left_alone():
+    down = scattered(7)
+    before = down.copy()
+    find_clusters(down, TOLERANCE)
+    np.testing.assert_array_equal(down, before)
+
+
+@pytest.mark.parametrize('kind', ['equal', 'nearly equal', 'apart', 'uniform'])
+def test_many_directions_are_clustered_however_they_lie(kind):
+    generator, n = np.random.default_rng(1), 200_000
+    noise = generator.standard_normal((n, 3))
+    down = {
+        'equal': lambda: np.tile([0, 0, -1.0], (n, 1)),
+        'nearly equal': lambda: unit([0, 0, -1] + 1e-5 * noise),
+        # Nearer than the tolerance allows to tell by cubes, and a little too far.
+        'apart': lambda: unit(around(np.array([0, 5.6])).repeat(n // 2, axis=0) + 1e-3 * noise),
+        'uniform': lambda: unit(noise),
+    }[kind]()
+    clusters = find_clusters(down, TOLERANCE)
+    assert clusters.counts.sum() == n
+    assert len(clusters) == (2 if kind == 'apart' else 1)
+
+
+@pytest.mark.parametrize('degrees', [0, -5, 0.9, 31, np.nan, np.inf])
+def test_a_tolerance_that_makes_no_sense_is_refused(degrees):
+    with pytest.raises(InvalidValueError, match=rf'tolerance is {degrees:g} degrees.*1 to 30'):
+        cluster_directions(np.zeros((0, 3)), np.radians(degrees))

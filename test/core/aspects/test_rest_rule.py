@@ -1,0 +1,76 @@
+"""The energies below which the aspect of a moving part is decided."""
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+
+from resting_aspects_ros.core.aspects.joining import join_minima
+from resting_aspects_ros.core.aspects.landscape import Landscape
+from resting_aspects_ros.core.aspects.rest_rule import ENERGY_MARGIN, RestRule
+from resting_aspects_ros.core.rotations import down_in_part, random_orientations
+
+
+@pytest.fixture
+def rule_of(solid):
+    """Give the rule of a mesh, in mm, and the hull radius, mm."""
+
+    def rule_of(mesh):
+        part = solid(mesh)
+        landscape = Landscape(part)
+        return RestRule(landscape, join_minima(landscape)), part.hull_radius * 1e3
+
+    return rule_of
+
+
+def decided_sides(rule, down, energy):
+    """The directions of the minima that are decided; NaN while open."""
+    minima = rule.decided(np.array([down], dtype=float), np.array([energy]))
+    return rule.directions[minima[0]] if minima[0] >= 0 else np.full(3, np.nan)
+
+
+def test_a_box_is_decided_below_its_lowest_edge(rule_of):
+    # On edge, a box a x b x c has its centre of mass at half the diagonal of two of its sides. The
+    # lowest way from either of its two largest sides is over the long edge.
+    rule, radius = rule_of(trimesh.creation.box((10, 20, 30)))
+    edge = math.hypot(10, 20) / 2 / radius
+    down = np.array([0.9, 0.3, 0.3]) / np.linalg.norm([0.9, 0.3, 0.3])
+    below, above = edge - 1.001 * ENERGY_MARGIN, edge - 0.999 * ENERGY_MARGIN
+    np.testing.assert_allclose(decided_sides(rule, down, below), [1, 0, 0], atol=1e-9)
+    assert np.isnan(decided_sides(rule, down, above)).all()
+    # The smallest sides are left over the edges to the largest ones first.
+    high = math.hypot(10, 30) / 2 / radius
+    assert rule.highest == pytest.approx(high - ENERGY_MARGIN)
+    np.testing.assert_allclose(
+        decided_sides(rule, [0, 0.1, math.sqrt(0.99)], high - 1.01 * ENERGY_MARGIN), [0, 0, 1]
+    )
+
+
+def test_a_cylinder_that_rolls_is_decided_below_its_rim_on_whatever_flat_it_is(rule_of):
+    rule, radius = rule_of(trimesh.creation.cylinder(10, 20, sections=64))
+    # Any amount of rolling leads over no saddle but those between the flats of its side.
+    generator = np.random.default_rng(1)
+    angle = generator.uniform(0, 2 * np.pi, 50)
+    down = np.stack([np.cos(angle), np.sin(angle), np.zeros(50)], axis=1)
+    rim = math.hypot(10, 10) / radius
+    minima = rule.decided(down, np.full(50, rim - 0.03))
+    assert (minima >= 0).all()
+    reach = (rule.directions[minima] * down).sum(axis=1)
+    assert (reach > np.cos(np.pi / 64) - 1e-9).all()
+
+
+def test_a_side_that_is_hardly_stable_is_never_decided_by_energy(rule_of):
+    # A washer on its rim: 0.005 R and it falls flat, which an impact's error could do.
+    rule, _ = rule_of(trimesh.creation.annulus(4.2, 8.0, 1.6, sections=64))
+    rim = rule.directions[np.abs(rule.directions[:, 2]) < 0.1]
+    assert len(rim) > 3
+    assert (rule.decided(rim, np.zeros(len(rim))) == -1).all()
+    assert (rule.decided(np.array([[0, 0, 1.0]]), np.array([0.2])) >= 0).all()
+
+
+def test_a_ball_has_one_aspect_which_is_decided_at_once(rule_of):
+    rule, _ = rule_of(trimesh.creation.icosphere(3, radius=10))
+    down = down_in_part(random_orientations(np.random.default_rng(1), 20))
+    assert (rule.decided(down, np.full(20, 1e6)) >= 0).all()
+    assert rule.highest == np.inf

@@ -1,0 +1,290 @@
+"""Mesh files of every kind are read, and broken ones told how they are broken."""
+
+import struct
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from resting_aspects_ros.core.errors import PartError, RestingAspectsError
+from resting_aspects_ros.core.geometry.mesh_file import _checked_obj
+from resting_aspects_ros.core.part_loading import part_from_bytes
+
+CORNERS = [(0, 0, 0), (4, 0, 0), (4, 3, 0), (0, 3, 0), (0, 0, 2), (4, 0, 2), (4, 3, 2), (0, 3, 2)]
+QUADS = [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
+TRIANGLES = [t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))]
+BOX = trimesh.Trimesh(CORNERS, TRIANGLES, process=False)
+
+STL = BOX.export(file_type='stl')
+TEXT_STL = trimesh.exchange.stl.export_stl_ascii(BOX).replace('solid ', 'solid box', 1).encode()
+V_LINES = ''.join(f'v {x} {y} {z}\n' for x, y, z in CORNERS)
+
+
+def f_lines(faces, shift=1, after=''):
+    return ''.join('f ' + ' '.join(f'{i + shift}{after}' for i in f) + '\n' for f in faces)
+
+
+def obj(text: str) -> tuple[bytes, str]:
+    return text.encode('latin-1'), 'obj'
+
+
+def ply(encoding: str, faces, comment: bytes = b'', more: str = '') -> tuple[bytes, str]:
+    extra = 'property uchar red\n' if more else ''
+    header = (
+        f'element vertex 8\nproperty float x\nproperty float y\nproperty float z\n{extra}'
+        f'element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n'
+    )
+    data = b'ply\nformat ' + encoding.encode() + b' 1.0\n' + comment + header.encode()
+    if encoding == 'ascii':
+        rows = [f'{x} {y} {z}{more}' for x, y, z in CORNERS]
+        rows += [' '.join(map(str, (len(face), *face))) for face in faces]
+        return data + ('\n'.join(rows) + '\n').encode(), 'ply'
+    end = '<' if encoding == 'binary_little_endian' else '>'
+    data += b''.join(struct.pack(f'{end}3f', *v) + (b'\7' if more else b'') for v in CORNERS)
+    return data + b''.join(
+        struct.pack(f'{end}B{len(face)}i', len(face), *face) for face in faces
+    ), 'ply'
+
+
+WHOLE = {
+    'binary STL': (STL, 'stl'),
+    'binary STL with padding': (STL + bytes(7), 'stl'),
+    'binary STL whose header begins with solid': (b'solid box' + STL[9:], 'stl'),
+    'ASCII STL': (TEXT_STL, 'stl'),
+    'ASCII STL in capitals': (TEXT_STL.upper(), 'stl'),
+    'ASCII STL of Windows': (TEXT_STL.replace(b'\n', b'\r\n'), 'stl'),
+    'ASCII STL of an old Mac': (TEXT_STL.replace(b'\n', b'\r'), 'stl'),
+    'ASCII STL with a mark of UTF-8': (b'\xef\xbb\xbf' + TEXT_STL, 'stl'),
+    'ASCII STL named with keywords': (
+        TEXT_STL.replace(b'box', b'vertex facet normal endsolid', 1),
+        'stl',
+    ),
+    'ASCII STL with two solids': (
+        TEXT_STL.replace(b'endfacet\n', b'endfacet\nendsolid a\nsolid b\n', 1),
+        'stl',
+    ),
+    'OBJ of triangles': obj(V_LINES + f_lines(TRIANGLES)),
+    'OBJ of quads': obj(V_LINES + f_lines(QUADS)),
+    'OBJ of both': obj(V_LINES + f_lines(QUADS[:3]) + f_lines(TRIANGLES[6:])),
+    'OBJ with objects': obj('o a\n' + V_LINES + f_lines(QUADS[:3]) + 'o b\n' + f_lines(QUADS[3:])),
+    'OBJ with materials': obj(
+        'mtllib /dev/zero\n'
+        + V_LINES
+        + 'usemtl a\n'
+        + f_lines(QUADS[:3])
+        + 'usemtl b\ns off\n'
+        + f_lines(QUADS[3:])
+    ),
+    'OBJ with textures and normals': obj(
+        V_LINES + 'vt 0 0\nvn 0 0 1\n' + f_lines(QUADS, after='/1/1')
+    ),
+    'OBJ with normals': obj(V_LINES + 'vn 0 0 1\n' + f_lines(QUADS, after='//1')),
+    'OBJ with colours': obj(V_LINES.replace('\n', ' 1 0 0\n') + f_lines(QUADS)),
+    'OBJ with comments': obj('# Gr\xf6\xdfe\n' + V_LINES.replace('\n', ' # a\n') + f_lines(QUADS)),
+    'OBJ with tabs and indents': obj(
+        (V_LINES + f_lines(QUADS)).replace(' ', '\t').replace('\n', '\n  ')
+    ),
+    'OBJ with exponents': obj(
+        V_LINES.replace('4', '+4.0e0').replace('3', '.3E+1') + f_lines(QUADS)
+    ),
+    'OBJ with relative numbers': obj(V_LINES + f_lines(QUADS, shift=-8)),
+    'OBJ with an unused vertex': obj('v 1e9 0 0\n' + V_LINES + f_lines(QUADS, shift=2)),
+    'ASCII PLY of triangles': ply('ascii', TRIANGLES),
+    'ASCII PLY of quads': ply('ascii', QUADS),
+    'ASCII PLY of both': ply('ascii', QUADS[:3] + TRIANGLES[6:]),
+    'ASCII PLY with colours': ply('ascii', TRIANGLES, more=' 7'),
+    'binary PLY of triangles': ply('binary_little_endian', TRIANGLES),
+    'binary PLY of quads': ply('binary_little_endian', QUADS),
+    'binary PLY, big end first': ply('binary_big_endian', TRIANGLES),
+    'binary PLY with colours': ply('binary_little_endian', TRIANGLES, more=' 7'),
+    'binary PLY with a comment': ply(
+        'binary_little_endian', TRIANGLES, 'comment Größe\n'.encode('latin-1')
+    ),
+    'PLY with texture coordinates': (
+        ply('ascii', TRIANGLES, more=' 0 1')[0].replace(
+            b'uchar red', b'float s\nproperty float t'
+        ),
+        'ply',
+    ),
+    'PLY with a comment on its end': ply('ascii', TRIANGLES, b'comment no end_header yet\n'),
+    'PLY with a texture': ply('ascii', TRIANGLES, b'comment TextureFile /dev/zero\n'),
+}
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('kind', WHOLE)
+def test_whole_file_is_read(kind):
+    part = part_from_bytes(*WHOLE[kind], 'box', unit='mm')
+    assert part.volume == pytest.approx(24e-9)
+    np.testing.assert_allclose(part.centre_of_mass, [2e-3, 1.5e-3, 1e-3])
+    np.testing.assert_allclose(part.vertices, np.array(sorted(CORNERS)) * 1e-3)
+    assert part.faces.shape == (12, 3)
+    assert part.warnings == ()
+
+
+@pytest.mark.timeout(20)
+def test_edges_of_a_ply_are_ignored():
+    """Trimesh would make a path of them, which took a minute and gigabytes for this one."""
+    data, mesh_format = ply('ascii', TRIANGLES)
+    edges = b'element edge 1\nproperty int vertex1\nproperty int vertex2\nend_header'
+    data = data.replace(b'end_header', edges) + b'0 1000000000\n'
+    assert part_from_bytes(data, mesh_format, 'box').volume == pytest.approx(24e-9)
+
+
+BROKEN = {
+    'nothing': (b'', 'stl', ['empty', '0 bytes', 'stl, obj or ply']),
+    'a word': (b'hello', 'stl', ['not an STL', "'solid'", "b'hello'"]),
+    'a page of text': (b'hello\n' * 99, 'stl', ['not an STL', "'solid'"]),
+    'a picture': (b'\x89PNG\r\n\x1a\n' + bytes(range(200)), 'stl', ['promises', 'or not an STL']),
+    'a few bytes': (b'\0' * 20, 'stl', ['not an STL', '20 bytes', '84']),
+    'unknown format': (STL, 'step', ["'step'", 'stl, obj or ply']),
+    'binary STL cut': (STL[:-1], 'stl', ['promises 12 triangles', 'there are 11']),
+    'binary STL cut, begins with solid': (
+        b'solid ' + STL[6:-120],
+        'stl',
+        ['promises 12 triangles', 'there are 9'],
+    ),
+    'binary STL cut after the header': (STL[:84], 'stl', ['promises 12 triangles', 'there are 0']),
+    'binary STL that would fill the memory': (
+        STL[:80] + b'\xff\xff\xff\xff' + STL[84:],
+        'stl',
+        ['4294967295 triangles', 'there are 12'],
+    ),
+    'binary STL of nothing': (bytes(84), 'stl', ['no triangles']),
+    'ASCII STL cut': (TEXT_STL[:700], 'stl', ['cut off', "1 'solid'", "0 'endsolid'"]),
+    'ASCII STL, facet cut': (
+        TEXT_STL.replace(b'endfacet', b'', 1),
+        'stl',
+        ["12 'facet'", "11 'endfacet'"],
+    ),
+    'ASCII STL, corner lost': (
+        TEXT_STL.replace(b'vertex', b'', 1),
+        'stl',
+        ["12 'facet'", '35 corners'],
+    ),
+    'ASCII STL, coordinate lost': (
+        TEXT_STL.replace(b'vertex 4.0', b'vertex', 1),
+        'stl',
+        ['35 corners with three numbers'],
+    ),
+    'ASCII STL, comma': (TEXT_STL.replace(b'4.0', b'4,0'), 'stl', ["'4,0'", 'only numbers']),
+    'ASCII STL, nan': (TEXT_STL.replace(b'vertex 4.0', b'vertex nan'), 'stl', ['nan', 'finite']),
+    'ASCII STL, 1e400': (
+        TEXT_STL.replace(b'vertex 4.0', b'vertex 1e400'),
+        'stl',
+        ['inf', 'finite'],
+    ),
+    'ASCII STL, 1e300': (
+        TEXT_STL.replace(b'vertex 4.0', b'vertex 1e300'),
+        'stl',
+        ['1e+297 m', 'at most 1e+06 m'],
+    ),
+    'ASCII STL of nothing': (b'solid a\nendsolid a\n', 'stl', ['no triangles']),
+    'binary STL, nan': (
+        STL[:96] + struct.pack('<f', np.nan) + STL[100:],
+        'stl',
+        ['nan', 'finite'],
+    ),
+    'binary STL, infinite': (
+        STL[:96] + struct.pack('<f', -np.inf) + STL[100:],
+        'stl',
+        ['-inf', 'finite'],
+    ),
+    'binary STL, 3e38': (
+        STL[:96] + struct.pack('<f', 3e38) + STL[100:],
+        'stl',
+        ['3e+35 m', 'at most 1e+06 m'],
+    ),
+    'STL called OBJ': (STL, 'obj', ['not an OBJ', 'binary']),
+    'ASCII STL called OBJ': (TEXT_STL, 'obj', ['no triangles']),
+    'OBJ of points': (*obj(V_LINES), ['no triangles']),
+    'OBJ, words': (*obj('v a b c\nf x y z\n'), ["'v a b c'", 'three finite numbers']),
+    'OBJ, nan': (*obj('v nan 0 0\n' + V_LINES), ["'v nan 0 0'", 'three finite numbers']),
+    'OBJ, two numbers': (*obj('v 1 2\n' + V_LINES), ["'v 1 2'", 'three finite numbers']),
+    'OBJ, two corners': (*obj(V_LINES + 'f 1 2\n'), ["'f 1 2'", 'at least three']),
+    'OBJ, corner 0': (*obj(V_LINES + 'f 0 1 2\n'), ["'f 0 1 2'", 'from 1 on']),
+    'OBJ, corner 9': (*obj(V_LINES + 'f 1 2 9\n'), ['not a readable OBJ', 'index 8']),
+    'OBJ, corner 1e20': (*obj(V_LINES + f'f 1 2 {10**20}\n'), ['not a readable OBJ']),
+    'OBJ, relative and absolute': (
+        *obj(V_LINES + 'f -1 -2 -3\nv 9 9 9\n'),
+        ['relative', "'f -1 -2", 'only absolute'],
+    ),
+    'STL called PLY': (STL, 'ply', ['not a PLY', 'end_header']),
+    'PLY header cut': (ply('ascii', QUADS)[0][:60], 'ply', ['not a PLY', 'end_header']),
+    'ASCII PLY cut': (
+        ply('ascii', QUADS)[0][:-20],
+        'ply',
+        ['shorter', 'promises 14 rows', 'there are 12'],
+    ),
+    'ASCII PLY that would fill the memory': (
+        ply('ascii', QUADS)[0].replace(b'vertex 8', b'vertex 4294967295'),
+        'ply',
+        ['promises 4294967301 rows', 'there are 14'],
+    ),
+    'ASCII PLY, word': (
+        ply('ascii', QUADS)[0].replace(b'4 3 2', b'4 x 2'),
+        'ply',
+        ["'x'", 'finite'],
+    ),
+    'ASCII PLY, nan': (ply('ascii', QUADS)[0].replace(b'4 3 2', b'4 nan 2'), 'ply', ["'nan'"]),
+    'binary PLY cut': (
+        ply('binary_little_endian', QUADS)[0][:-1],
+        'ply',
+        ['not a readable PLY', 'cut off'],
+    ),
+    'binary PLY of both': (
+        *ply('binary_little_endian', QUADS[:3] + TRIANGLES[6:]),
+        ['different numbers of corners'],
+    ),
+    'binary PLY that would fill the memory': (
+        ply('binary_little_endian', QUADS)[0].replace(b'vertex 8', b'vertex 4294967295'),
+        'ply',
+        ['not a readable PLY', 'cut off'],
+    ),
+    'PLY of points': (*ply('ascii', []), ['no triangles']),
+    'PLY, corner 2000000000': (
+        *ply('binary_little_endian', [*TRIANGLES, (0, 1, 2 * 10**9)]),
+        ['vertex number 2000000000', '0 to 7'],
+    ),
+    'PLY, corner 8': (*ply('ascii', [*TRIANGLES, (0, 1, 8)]), ['vertex number 8', '0 to 7']),
+}
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('kind', BROKEN)
+def test_broken_file_is_told_how(kind, capfd):
+    data, mesh_format, words = BROKEN[kind]
+    with pytest.raises(PartError) as caught:
+        part_from_bytes(data, mesh_format, 'bracket')
+    message = str(caught.value)
+    for word in ["part 'bracket'", *words]:
+        assert word in message
+    assert '\n' not in message
+    assert len(message) < 500
+    assert capfd.readouterr() == ('', '')
+
+
+@given(data=st.data())
+@pytest.mark.filterwarnings('error')
+def test_damaged_file_is_a_part_or_an_error_of_the_suite(data):
+    """Bytes lost, doubled or changed anywhere: no other exception, and no part that is none."""
+    whole, mesh_format = WHOLE[data.draw(st.sampled_from(sorted(WHOLE)))]
+    start = data.draw(st.integers(0, len(whole)))
+    end = data.draw(st.integers(start, min(start + 40, len(whole))))
+    words = [b'', b'nan', b'-', b'1e9', b'\0', b'\n', b' ', b'4294967295', whole[start:end] * 2]
+    new = data.draw(st.sampled_from(words) | st.binary(max_size=8))
+    try:
+        part = part_from_bytes(whole[:start] + new + whole[end:], mesh_format, 'box')
+    except RestingAspectsError:
+        return
+    assert part.volume > 0
+    assert part.hull_radius > 0
+    np.testing.assert_allclose(part.principal_axes.T @ part.principal_axes, np.eye(3), atol=1e-12)
+
+
+def test_of_an_obj_trimesh_gets_vertices_and_faces_only():
+    """It makes a mesh of each material: a megabyte of them takes minutes."""
+    data, _ = obj('o a\nv 1 2 3\nusemtl a\nvn 0 0 1\ng b\nf 1/1/1 2 3\nusemtl b\nf 1 2 3\nl 1 2\n')
+    assert _checked_obj(data, 'x') == b'v 1 2 3\nf 1 2 3\nf 1 2 3'

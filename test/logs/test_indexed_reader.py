@@ -1,0 +1,96 @@
+"""What a whole log says by its index, and that a log without one is told from it."""
+
+import os
+
+import pytest
+
+from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
+from resting_aspects_ros.logs.run_writer import RunLog
+from resting_aspects_ros.logs.topic_metadata import (
+    DISTRIBUTION_TYPE,
+    PART_TYPE,
+    POSES_TYPE,
+    Qos,
+    Topic,
+)
+
+POSES = Topic('/resting_poses', POSES_TYPE, Qos(2000))
+NUT = Topic('/aspect_distributions/nut', DISTRIBUTION_TYPE, Qos(1))
+CUBE = Topic('/aspect_distributions/cube', DISTRIBUTION_TYPE, Qos(1))
+
+
+@pytest.fixture
+def log(tmp_path):
+    log = RunLog(tmp_path, 'run')
+    log.add_metadata('run', {'note': 'café'})
+    for k in range(5):
+        log.write(POSES, bytes([k]) * 40, 10 * k)
+        log.write(CUBE if k == 1 else NUT, bytes([100 + k]) * 40, 10 * k + 1)
+        log.flush()
+    return log
+
+
+def test_first_and_last_of_a_type_counts_and_notes(log):
+    log.close()
+    for place in (log.path, log.path.parent):
+        with IndexedLog(place) as found:
+            assert found.first(POSES_TYPE) == bytes(40)
+            assert found.last(POSES_TYPE) == b'\4' * 40
+            assert found.first(DISTRIBUTION_TYPE) == bytes([100]) * 40
+            assert found.last(DISTRIBUTION_TYPE) == bytes([104]) * 40
+            assert found.last(PART_TYPE) is None
+            assert found.message_count == 10
+            assert found.notes()['run'] == {'note': 'café'}
+
+
+def test_only_what_is_asked_for_is_read(log):
+    log.close()
+    content = bytearray(log.path.read_bytes())
+    at = content.index(b'zstd') + 30  # poses, at the beginning
+    content[at : at + 4] = bytes(4)
+    log.path.write_bytes(content)
+    with IndexedLog(log.path) as found:
+        assert found.last(DISTRIBUTION_TYPE) == bytes([104]) * 40
+        with pytest.raises(LogError, match='is damaged: '):
+            found.first(POSES_TYPE)
+
+
+def test_a_log_without_its_end_has_no_index(log, tmp_path):
+    words = 'has no index: it was broken off, or is being written'
+    with pytest.raises(NoIndexError, match=words):
+        IndexedLog(log.path)
+    log.close()
+    content = log.path.read_bytes()
+    cut = tmp_path / 'cut.mcap'
+    for size in [0, 3, 8, *range(9, len(content) - 1, 29)]:
+        cut.write_bytes(content[:size])
+        with pytest.raises(NoIndexError, match=words):
+            IndexedLog(cut)
+
+
+def test_a_log_with_a_wrong_byte_in_its_index_is_damaged(log):
+    log.close()
+    content = log.path.read_bytes()
+    start = int.from_bytes(content[-28:-20], 'little')
+    for at in range(start, len(content) - 8, 53):
+        damaged = bytearray(content)
+        damaged[at] ^= 0x10
+        log.path.write_bytes(damaged)
+        with pytest.raises(LogError, match=r'is damaged: found .*"mcap recover"'):
+            IndexedLog(log.path)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / 'a.mcap')
+    with pytest.raises(LogError, match=r'no \.mcap file is in it'):
+        IndexedLog(tmp_path)
+    with pytest.raises(LogError, match='is neither a file nor a folder'):
+        IndexedLog(tmp_path / 'a.mcap')
+
+
+def test_what_is_not_there(tmp_path):
+    with pytest.raises(LogError, match='cannot be read: No such file'):
+        IndexedLog(tmp_path / 'a.mcap')
+    with pytest.raises(LogError, match=r'no \.mcap file is in it'):
+        IndexedLog(tmp_path)

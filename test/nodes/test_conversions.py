@@ -1,0 +1,274 @@
+"""The suite's types and ROS messages say the same, field for field, through real CDR."""
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
+
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.errors import InvalidValueError, PartError
+from resting_aspects_ros.core.poses import DecidedBy, RestStatus
+from resting_aspects_ros.core.poses import RestingPoses as Poses
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.ros import conversions
+from resting_aspects_ros.ros.distribution_conversions import distribution_from, distribution_msg
+from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
+from resting_aspects_ros.simulation.run_description import MOST_SEED, RunDescription
+
+# Each field has a value of its own, so that none can be taken for another.
+CONDITIONS = DropConditions(
+    height=0.11,
+    restitution=0.12,
+    friction=0.13,
+    rolling_friction=0.014,
+    spinning_friction=0.15,
+    gravity=0.16,
+    speed_horizontal=0.17,
+    speed_vertical=0.18,
+    spin=0.19,
+    height_of=HeightOf.CENTRE_OF_MASS,
+    surface='felt',
+)
+RUN = RunDescription(
+    run_id='4f1c',
+    part='l_bracket',
+    part_sha256='ab' * 32,
+    conditions=CONDITIONS,
+    seed=MOST_SEED,
+    first_drop=3,
+    drops=2_000_000,
+    precision=0.01,
+    engine='bullet',
+    engine_version='3.2.7',
+    suite_version='0.9.1',
+    time_step=1e-4,
+    started=1_795_233_147_000_000_023,
+)
+POSES = Poses(
+    first_drop=2**40,
+    position=np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.0, 0.0, 0.0]]),
+    orientation=np.array([[0.1, -0.3, 0.5, 0.8062257748298549], [0, 0, 0, 1.0], [1.0, 0, 0, 0]]),
+    status=np.array(list(RestStatus), dtype=np.uint8),
+    decided_by=np.array([DecidedBy.ENERGY, DecidedBy.STILLNESS, DecidedBy.ENERGY], dtype=np.uint8),
+    time_to_rest=np.array([0.7, 1.9, math.nan]),
+    energy_growth=np.array([0.0, 0.02, 0.4]),
+)
+
+
+def over_the_wire(message):
+    return deserialize_message(serialize_message(message), type(message))
+
+
+def assert_same_fields(one, other):
+    for field in dataclasses.fields(one):
+        np.testing.assert_array_equal(
+            getattr(one, field.name), getattr(other, field.name), err_msg=field.name
+        )
+
+
+def test_the_example_values_differ():
+    values = [*CONDITIONS.values(), CONDITIONS.surface]
+    assert len(set(values)) == len(values) == len(QUANTITIES) + 2
+    values = [value for value in dataclasses.asdict(RUN).values() if not isinstance(value, dict)]
+    assert len(set(values)) == len(values)
+
+
+def test_conditions_make_the_round_trip():
+    message = over_the_wire(conversions.conditions_msg(CONDITIONS))
+    assert (message.surface, message.height_of, message.height) == ('felt', 1, 0.11)
+    assert conversions.conditions_from(message) == CONDITIONS
+
+
+def test_a_run_makes_the_round_trip():
+    message = over_the_wire(conversions.run_msg(RUN))
+    assert (message.started.sec, message.started.nanosec) == (1_795_233_147, 23)
+    assert conversions.run_from(message) == RUN
+
+
+def test_poses_make_the_round_trip():
+    stamp = conversions.time_msg(17)
+    message = conversions.poses_msg(POSES, RUN, stamp, last=True)
+    message = over_the_wire(message)
+    assert isinstance(message, RestingPoses)
+    assert (message.last, message.header.stamp, message.header.frame_id) == (True, stamp, 'tray')
+    assert message.run == conversions.run_msg(RUN)
+    assert message.poses[0].pose.orientation.z == 0.5
+    assert message.poses[0].pose.position.y == 0.2
+    assert_same_fields(conversions.poses_from(message), POSES)
+
+
+def test_a_batch_without_poses_makes_the_round_trip():
+    message = over_the_wire(
+        conversions.poses_msg(Poses.none(4), RUN, conversions.time_msg(0), last=False)
+    )
+    assert message.last is False
+    assert_same_fields(conversions.poses_from(message), Poses.none(4))
+
+
+@given(
+    st.lists(
+        # Where a part is said to be at rest, it must be somewhere.
+        st.tuples(
+            *[st.floats(allow_nan=False)] * 9,
+            st.sampled_from([RestStatus.UNSETTLED, RestStatus.FAILED]),
+        ),
+        max_size=4,
+    )
+)
+def test_any_poses_keep_every_bit(rows):
+    table = np.array([row[:9] for row in rows]).reshape(-1, 9)
+    poses = Poses(
+        5,
+        table[:, :3],
+        table[:, 3:7],
+        np.array([row[9] for row in rows], dtype=np.uint8),
+        np.zeros(len(rows), dtype=np.uint8),
+        table[:, 7],
+        table[:, 8],
+    )
+    message = over_the_wire(conversions.poses_msg(poses, RUN, conversions.time_msg(0), last=False))
+    assert_same_fields(conversions.poses_from(message), poses)
+
+
+@pytest.mark.parametrize(
+    ('field', 'value', 'words'),
+    [
+        ('pose.orientation.x', math.nan, 'orientation of drop 1099511627776 is [nan, '),
+        ('pose.orientation.w', 1e308, 'orientation of drop 1099511627776 is ['),
+        ('pose.orientation.w', 1.01, 'allowed is a unit quaternion'),
+        ('pose.position.z', math.inf, 'position of drop 1099511627776 is ['),
+        ('status', 77, 'status of drop 1099511627776 is 77, allowed is a code'),
+        ('decided_by', 99, 'decided_by of drop 1099511627776 is 99, allowed is a code'),
+    ],
+)
+def test_poses_in_which_nothing_can_rest_are_refused(field, value, words):
+    message = conversions.poses_msg(POSES, RUN, conversions.time_msg(0), last=True)
+    message.poses[0].status = RestStatus.SETTLED
+    *path, name = field.split('.')
+    setattr(functools.reduce(getattr, path, message.poses[0]), name, value)
+    with pytest.raises(InvalidValueError) as error:
+        conversions.poses_from(message)
+    assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ('field', 'value'),
+    [
+        ('run_id', ''),
+        ('run_id', '../../tmp/evil'),
+        ('run_id', 'a' * 100_000),
+        ('part', '../../etc/x'),
+        ('part', 'a' * 100_000),
+        ('drops', 0),
+        ('first_drop', MOST_SEED),
+    ],
+)
+def test_a_description_of_no_run_is_refused(field, value):
+    message = conversions.run_msg(RUN)
+    setattr(message, field, value)
+    with pytest.raises(InvalidValueError, match=r'.*(, allowed is |: expected )') as caught:
+        conversions.run_from(message)
+    assert len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize(('field', 'value'), [('name', 'z' * 100_000), ('format', '../z')])
+def test_a_description_of_another_part_than_its_topic_s_is_refused(part, field, value):
+    message = conversions.part_msg(part('tetrahedron'))
+    conversions.check_description(message, 'tetrahedron')
+    setattr(message, field, value)
+    with pytest.raises(InvalidValueError, match=r"^part 'tetrahedron' is described as .{,200}$"):
+        conversions.check_description(message, 'tetrahedron')
+
+
+@pytest.mark.parametrize(
+    ('field', 'value', 'words'),
+    [
+        ('interval', '', "interval is '', allowed is"),
+        ('confidence', 7.0, 'confidence is 7.0, allowed is'),
+        ('failed', 1, 'allowed are its 1010 drops'),
+        ('aspects', [], 'in the aspects []'),
+    ],
+)
+def test_a_distribution_that_cannot_be_is_refused(part, field, value, words):
+    aspects = find_aspects(part('tetrahedron'))
+    counts = np.array([1010] + [0] * (len(aspects) - 1))
+    message = distribution_msg(
+        Distribution(aspects, counts, 0, 0, 0), RUN, conversions.time_msg(0), complete=True
+    )
+    setattr(message, field, value)
+    with pytest.raises(InvalidValueError) as error:
+        distribution_from(message)
+    assert words in str(error.value)
+
+
+@pytest.mark.parametrize('name', ['l_bracket', 'hex_nut', 'u_bracket'])
+def test_a_description_makes_the_same_part(part, name):
+    original = part(name)
+    message = over_the_wire(conversions.part_msg(original))
+    assert isinstance(message, PartDescription)
+    again = conversions.part_from(message)
+    assert again.part_sha256 == original.part_sha256 == message.part_sha256
+    assert again.mesh_sha256 == original.mesh_sha256
+    assert (again.name, again.unit, again.mass) == (name, original.unit, original.mass)
+    np.testing.assert_array_equal(again.centre_of_mass, original.centre_of_mass)
+    np.testing.assert_array_equal(again.inertia, original.inertia)
+    np.testing.assert_array_equal(again.hull_vertices, original.hull_vertices)
+
+
+def test_the_inertia_is_sent_row_by_row(part):
+    original = part('l_bracket')
+    (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = original.inertia.tolist()
+    assert list(conversions.part_msg(original).inertia) == [ixx, ixy, ixz, iyy, iyz, izz]
+
+
+def test_a_description_of_no_part_is_refused(part):
+    message = conversions.part_msg(part('tetrahedron'))
+    message.mesh = message.mesh[:90]
+    with pytest.raises(PartError, match='tetrahedron'):
+        conversions.part_from(message)
+
+
+def test_conditions_that_are_not_allowed_are_refused():
+    message = conversions.conditions_msg(CONDITIONS)
+    message.friction = math.nan
+    with pytest.raises(InvalidValueError, match='friction is nan, allowed is'):
+        conversions.conditions_from(message)
+
+
+def test_a_distribution_makes_the_round_trip(part):
+    aspects = find_aspects(part('l_bracket'))
+    counts = np.arange(10, 10 + len(aspects))
+    original = Distribution(aspects, counts, unclassified=1, unsettled=2, failed=3)
+    stamp = conversions.time_msg(17)
+    message = over_the_wire(distribution_msg(original, RUN, stamp, complete=True))
+    assert isinstance(message, AspectDistribution)
+    assert (message.complete, message.header.stamp, message.header.frame_id) == (
+        True,
+        stamp,
+        'tray',
+    )
+    assert (message.method, message.confidence, message.interval) == ('drops', 0.95, 'wilson')
+    assert message.run == conversions.run_msg(RUN)
+    assert message.drops == counts.sum() + 6
+    intervals = original.intervals()
+    assert [(a.probability, a.lower, a.upper) for a in message.aspects] == [
+        (i.probability, i.lower, i.upper) for i in intervals
+    ]
+    again = distribution_from(message)
+    assert again.counts.tolist() == counts.tolist()
+    assert (again.unclassified, again.unsettled, again.failed) == (1, 2, 3)
+    for one, other in zip(again.aspects.aspects, aspects.aspects, strict=True):
+        for field in ('id', 'symmetry_class', 'multiplicity', 'rolls', 'sweep', 'neighbour'):
+            assert getattr(one, field) == getattr(other, field)
+        for field in ('com_height', 'basin_share', 'least_barrier'):
+            assert getattr(one, field) == getattr(other, field)
+        for field in ('down_in_part', 'orientation', 'axis'):
+            np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
+        # The support polygon is a geometry_msgs/Polygon: float32.
+        np.testing.assert_array_equal(one.support, other.support.astype(np.float32))

@@ -1,0 +1,357 @@
+"""A log that the suite recorded, replayed: bytes, QoS, names, and what is counted again."""
+
+import io
+import re
+import shutil
+import signal
+import struct
+from contextlib import suppress
+
+import pytest
+from mcap.exceptions import EndOfFile
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+from rclpy.serialization import deserialize_message, serialize_message
+from resting_aspects_interfaces.msg import (
+    AspectDistribution,
+    PartDescription,
+    RestingPoses,
+    Status,
+)
+from rosbags.highlevel import AnyReader
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from resting_aspects_ros.logs.run_writer import RunLog
+from resting_aspects_ros.logs.topic_metadata import Qos, Topic
+from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, LEAST_BATCH, POSES
+
+DROPS = 2 * LEAST_BATCH + 200
+DISTRIBUTION, PART = 'aspect_distributions/tetrahedron', 'parts/tetrahedron'
+TOPICS = {
+    'resting_poses': (RestingPoses, POSES),
+    DISTRIBUTION: (AspectDistribution, ALL_LATCHED),
+    PART: (PartDescription, ALL_LATCHED),
+}
+
+
+@pytest.fixture(scope='module')
+def log(fresh_suite):
+    """The folder of a run that the suite recorded; the suite is gone."""
+    suite = fresh_suite()
+    run = suite.client.ask('tetrahedron', DROPS, seed=[1]).distribution.run
+    folder = suite.log_of(run.run_id)
+    for process in suite.processes.values():
+        assert process.end() == 0
+    return folder
+
+
+@pytest.fixture(scope='module')
+def recorded(log):
+    """The bytes of each topic in the log, as rosbags reads them, by their names in the suite."""
+    found = {name: [] for name in TOPICS}
+    with AnyReader([log]) as reader:
+        for connection, _, data in reader.messages():
+            (name,) = [name for name in TOPICS if connection.topic.endswith(f'/{name}')]
+            found[name].append(bytes(data))
+    assert len(found['resting_poses']) == 3
+    assert len(found[PART]) == 1
+    return found
+
+
+@pytest.fixture(scope='module')
+def last_distribution(recorded):
+    distribution = deserialize_message(recorded[DISTRIBUTION][-1], AspectDistribution)
+    assert (distribution.complete, distribution.drops) == (True, DROPS)
+    return distribution
+
+
+@pytest.fixture
+def heard(connect, namespace, listen_raw):
+    """What a client hears that is there before the replay."""
+    client = connect(namespace)
+    topics = {name: listen_raw(client, kind, name, qos) for name, (kind, qos) in TOPICS.items()}
+    return client, topics
+
+
+def replayer_services(client):
+    """Return a function that calls a service of the replayer: success, word and position."""
+    services = {
+        name: client.node.create_client(Trigger, f'log_replayer/{name}')
+        for name in ('pause', 'resume')
+    }
+    for service in services.values():  # this calls them, resume last
+        client.meet_service(service)
+
+    def call(name):
+        answer = client.call(services[name], Trigger.Request())
+        word, _, position = answer.message.partition(', at ')
+        return answer.success, word, position
+
+    return call
+
+
+def assert_same(distribution, recorded):
+    """But for the stamp, which says when it was published."""
+    assert distribution.header.stamp != recorded.header.stamp
+    distribution.header.stamp = recorded.header.stamp
+    assert distribution == recorded
+
+
+@pytest.mark.parametrize(
+    'way', [{'as_fast_as_possible': True}, pytest.param({'rate': 2.0}, marks=pytest.mark.slow)]
+)
+def test_a_fresh_classifier_counts_what_the_log_holds(
+    start, connect, namespace, replay, log, recorded, last_distribution, way
+):
+    classifier = start('aspect_classifier', namespace)
+    client = connect(namespace)
+    heard = client.listen(AspectDistribution, DISTRIBUTION, ALL_LATCHED)
+    stamps = {
+        str(deserialize_message(data, AspectDistribution).header.stamp)
+        for data in recorded[DISTRIBUTION]
+    }
+    replayer = replay(log, **way)
+
+    def counted():
+        new = [one for one in heard if str(one.header.stamp) not in stamps]
+        return new and new[-1].complete and new[-1]
+
+    assert_same(client.wait(counted, 'complete distribution'), last_distribution)
+    answer = client.ask('tetrahedron', DROPS, surface='rubber_mat', seed=[1], only_known=True)
+    assert answer.status.code == Status.OK
+    assert_same(answer.distribution, last_distribution)
+    assert client.parts()['tetrahedron'].known
+    # The recorded ones are published, too.
+    client.wait(lambda: last_distribution in heard, 'recorded distribution')
+    assert 'publishers' not in replayer.said
+    assert (replayer.end(), classifier.end()) == (0, 0)
+
+
+def test_every_message_has_the_bytes_that_were_recorded(heard, replay, log, recorded):
+    client, topics = heard
+    replay(log, rate=2.0)
+    client.wait(
+        lambda: topics[DISTRIBUTION] and topics[DISTRIBUTION][-1][0] == recorded[DISTRIBUTION][-1],
+        'end',
+    )
+    # No topic waits for another.
+    client.wait(lambda: len(topics['resting_poses']) == 3 and topics[PART], 'poses and part')
+    for name in ('resting_poses', PART):
+        assert [data for data, _ in topics[name]] == recorded[name], name
+    # Of depth 1: before the client and the replayer have found each other one may be replaced.
+    found = [data for data, _ in topics[DISTRIBUTION]]
+    assert found == recorded[DISTRIBUTION][-len(found) :]
+
+
+def test_topics_are_in_the_namespace_of_the_replayer_with_the_recorded_qos(
+    heard, replay, log, namespace
+):
+    client, _ = heard
+    replay(log)
+    for name, qos in (('resting_poses', POSES), (DISTRIBUTION, LATCHED), (PART, LATCHED)):
+        topic = f'{namespace}/{name}'
+        client.wait(lambda topic=topic: client.node.count_publishers(topic), topic)
+        (offer,) = client.node.get_publishers_info_by_topic(topic)
+        assert offer.qos_profile.reliability == qos.reliability
+        assert offer.qos_profile.durability == qos.durability
+        # Its depth is not told by DDS: see the test of who comes late.
+
+
+def test_who_comes_late_finds_all_that_is_latched_and_the_replayer_at_rest(
+    connect, namespace, replay, wait, listen_raw, log, recorded, diagnostics_of, traceback
+):
+    replayer = replay(log, as_fast_as_possible=True)
+    wait(lambda: 'replayed in ' in replayer.said, 'end of the log')
+    count = sum(map(len, recorded.values()))
+    assert f': {count} messages; latched topics stay available' in replayer.said
+    client = connect(namespace)
+    topics = {name: listen_raw(client, kind, name, qos) for name, (kind, qos) in TOPICS.items()}
+    client.wait(lambda: all(topics.values()) and len(topics['resting_poses']) == 3, 'all latched')
+    before = replayer.cpu()
+    client.spin(2.0)
+    # As in test_nodes_command: a loop that waits for nothing takes the whole 2 s.
+    assert replayer.cpu() - before < 0.3
+    assert [data for data, _ in topics['resting_poses']] == recorded['resting_poses']
+    assert [data for data, _ in topics[PART]] == recorded[PART]
+    assert [data for data, _ in topics[DISTRIBUTION]] == recorded[DISTRIBUTION][-1:]
+    call = replayer_services(client)
+    assert [call(name)[:2] for name in ('pause', 'resume')] == [(False, 'over')] * 2
+    _, _, values = diagnostics_of(client).wait('log_replayer', lambda _, m, __: m == 'over', 'end')
+    assert (values['log'], values['messages published']) == (str(log), str(count))
+    assert replayer.end(signal.SIGTERM) == 0
+    assert not traceback(replayer.said)
+
+
+def test_as_many_messages_are_kept_for_who_comes_late_as_were(
+    connect, namespace, replay, wait, listen_raw, batches, write_log, tmp_path
+):
+    written = list(batches(30))
+    replayer = replay(write_log(tmp_path, written, depth=20), as_fast_as_possible=True)
+    wait(lambda: 'replayed in ' in replayer.said, 'end of the log')
+    client = connect(namespace)
+    heard = listen_raw(client, RestingPoses, 'resting_poses', POSES)
+    client.wait(lambda: heard and heard[-1][0] == written[-1], 'last batch')
+    assert [data for data, _ in heard] == written[-20:]
+
+
+def whole_batches(content):
+    """The batches that are whole in the bytes of a file: messages of many poses."""
+    found = []
+    with suppress(EndOfFile, struct.error):
+        for record in StreamReader(io.BytesIO(content)).records:
+            found += [record.data] if isinstance(record, Message) else []
+    return [data for data in found if len(data) > 200 * 80]
+
+
+def test_a_log_that_was_broken_off_is_replayed_as_far_as_it_is_whole(
+    start, connect, namespace, replay, log, recorded, tmp_path
+):
+    """Cut in the middle of its last batch, without an index."""
+    content = next(log.glob('*.mcap')).read_bytes()
+    size = min(
+        size for size in range(0, len(content), 97) if len(whole_batches(content[:size])) == 2
+    )
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(content[: size + 1000])
+    assert whole_batches(cut.read_bytes()) == recorded['resting_poses'][:2]
+    start('aspect_classifier', namespace)
+    client = connect(namespace)
+    heard = client.listen(AspectDistribution, DISTRIBUTION, ALL_LATCHED)
+    replayer = replay(cut, rate=4.0)
+    known = {
+        deserialize_message(d, AspectDistribution).header.stamp.nanosec
+        for d in recorded[DISTRIBUTION]
+    }
+
+    def counted():
+        return [m for m in heard if m.header.stamp.nanosec not in known and m.drops == 500]
+
+    found = client.wait(counted, 'two batches')[0]
+    assert not found.complete
+    assert f"log '{cut}' was broken off: what it holds is used" in replayer.said
+
+
+def test_other_topics_are_replayed_in_the_namespace_of_the_suite(
+    connect, namespace, replay, log, recorded, wait, tmp_path
+):
+    note = Topic('/cell/camera/note', 'std_msgs/msg/String', Qos(1, durability='transient_local'))
+    far = Topic('/far/note', note.type, note.qos)
+    poses = Topic('/cell/resting_poses', 'resting_aspects_interfaces/msg/RestingPoses', Qos(1))
+    with RunLog(tmp_path, 'run') as written:
+        for k, topic in enumerate((note, far)):
+            written.write(topic, serialize_message(String(data=topic.name)), k)
+        written.write(poses, recorded['resting_poses'][0], 10**18)
+    client = connect(namespace)
+    heard = client.listen(String, 'camera/note', LATCHED)
+    replayer = replay(written.path, as_fast_as_possible=True)
+    client.wait(lambda: heard, 'note')
+    assert heard[0].data == note.name
+    told = 'not replayed: /far/note: not in /cell, the namespace of the suite in the log'
+    assert replayer.said.count(told) == 1
+    assert not client.node.count_publishers('/far/note')
+
+
+@pytest.mark.slow
+def test_a_simulator_beside_it_is_told_once(
+    start, connect, namespace, replay, log, diagnostics_of
+):
+    simulator = start('drop_simulator', namespace)
+    replayer = replay(log, as_fast_as_possible=True)
+    client = connect(namespace)
+    told = 'a drop_simulator in this namespace publishes on the same topics'
+    diagnostics = diagnostics_of(client)
+    for _ in range(2):  # two looks
+        diagnostics.wait('log_replayer', lambda _, message, __: told in message, 'warning')
+        diagnostics.forget()
+    assert replayer.said.count(told) == 1
+    assert simulator.running
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_it_ends_in_order_in_the_middle(replay, log, traceback, number):
+    replayer = replay(log, rate=0.01)
+    assert replayer.end(number) == 0
+    assert not traceback(replayer.said)
+    assert 'replayed in' not in replayer.said
+
+
+def test_a_log_that_is_damaged_meanwhile_ends_it_with_an_error(
+    replay, log, connect, namespace, tmp_path, traceback
+):
+    path = shutil.copy(next(log.glob('*.mcap')), tmp_path)
+    client = connect(namespace)
+    heard = client.poses()
+    replayer = replay(path, rate=0.5, loop=True)
+    client.wait(lambda: heard, 'first batch')
+    with open(path, 'r+b') as file:  # noqa: PTH123
+        file.write(b'no log any more')
+    client.wait(lambda: not replayer.running, 'its end')
+    assert replayer.end(number=0) == 1
+    (line,) = [line for line in replayer.said.splitlines() if line.startswith('error: ')]
+    assert line.startswith(f"error: log '{path}' is damaged")
+    assert not traceback(replayer.said)
+
+
+def test_services_pause_and_resume_it(heard, replay, log):
+    client, topics = heard
+    replayer = replay(log, rate=0.05)
+    call = replayer_services(client)
+    assert call('resume')[:2] == (True, 'not paused')
+    client.wait(lambda: topics[PART], 'part')
+    success, words, position = call('pause')
+    assert (success, words) == (True, 'paused')
+    assert re.fullmatch(r'\d+\.\d{3} s of \d+\.\d{3} s, message \d+', position)
+    assert call('pause') == (True, 'paused already', position)
+    assert call('resume') == (True, 'resumed', position)
+    for word in ('paused', 'resumed'):
+        told = f']: {word}, at {position}'
+        client.wait(lambda told=told: told in replayer.said, told)
+    assert not re.search(r'\]: (paused already|not paused)', replayer.said)
+
+
+def test_a_loop_is_counted_once(start, heard, replay, log, recorded, diagnostics_of):
+    client, topics = heard
+    told = diagnostics_of(client)
+    start('aspect_classifier', client.node.get_namespace())
+    replay(log, rate=1000.0, loop=True)
+    told.wait('log_replayer', lambda _, __, values: int(values['round']) > 3, 'third round')
+    poses = [data for data, _ in topics['resting_poses']]
+    assert poses[:6] == 2 * recorded['resting_poses']
+    answer = client.ask('tetrahedron', DROPS, surface='rubber_mat', seed=[1], only_known=True)
+    assert (answer.status.code, answer.distribution.drops) == (Status.OK, DROPS)
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'words'),
+    [
+        ({}, "log is '', allowed is the folder of a run, or an .mcap file"),
+        ({'log': '/no/such.mcap'}, "log '/no/such.mcap' cannot be read: No such file"),
+        ({'log': '{tmp}'}, "folder '{tmp}' is no log: no .mcap file is in it"),
+        ({'log': '{tmp}/text/a.mcap'}, "'{tmp}/text/a.mcap' is damaged, or no MC"),
+        ({'log': '{tmp}/empty'}, "log '{tmp}/empty' holds no message"),
+        ({'log': '{log}', 'rate': '0.0'}, 'rate out of range Min: 0.001, Max: 1000.0, value: 0.0'),
+        (
+            {'log': '{log}', 'rate': '.nan'},
+            'rate out of range Min: 0.001, Max: 1000.0, value: nan',
+        ),
+        (
+            {'log': '{log}', 'rate': '2.0', 'as_fast_as_possible': 'true'},
+            'rate is 2.0, allowed is 1.0 with as_fast_as_possible',
+        ),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_replayed_is_said_in_one_line(
+    start, namespace, log, tmp_path, traceback, parameters, words
+):
+    (tmp_path / 'text').mkdir()
+    (tmp_path / 'text' / 'a.mcap').write_text('aspect,count\n1,2\n')
+    RunLog(tmp_path, 'empty').close()
+    places = {'tmp': tmp_path, 'log': log}
+    given = {name: value.format(**places) for name, value in parameters.items()}
+    process = start('log_replayer', namespace, given, ready='')
+    assert process.end(number=0) == 2
+    (line,) = [line for line in process.said.splitlines() if line.startswith('error: ')]
+    assert words.format(**places) in line
+    assert not traceback(process.said)

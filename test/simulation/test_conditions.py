@@ -1,0 +1,142 @@
+"""Conditions: what is allowed, what is refused and in which words."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
+
+PLAIN = DropConditions(
+    height=0.06,
+    restitution=0.64,
+    friction=0.25,
+    rolling_friction=0.003,
+    spinning_friction=0.0,
+    gravity=9.81,
+    speed_horizontal=0.0,
+    speed_vertical=0.0,
+    spin=0.0,
+    surface='mat',
+)
+names = pytest.mark.parametrize('name', sorted(QUANTITIES))
+
+
+def test_every_field_is_a_quantity_with_unit_bounds_and_text_but_two():
+    fields = {f.name for f in dataclasses.fields(DropConditions)}
+    assert fields - set(QUANTITIES) == {'height_of', 'surface'}
+    units = {name: quantity.unit for name, quantity in QUANTITIES.items()}
+    assert units == {
+        'height': 'm',
+        'restitution': '',
+        'friction': '',
+        'rolling_friction': '',
+        'spinning_friction': '',
+        'gravity': 'm/s2',
+        'speed_horizontal': 'm/s',
+        'speed_vertical': 'm/s',
+        'spin': 'rad/s',
+    }
+    assert all(q.text and math.isfinite(q.high) for q in QUANTITIES.values())
+
+
+def test_labels_are_words_for_people():
+    labels = [*(q.label for q in QUANTITIES.values()), *(h.label for h in HeightOf)]
+    assert len(set(labels)) == len(labels)
+    assert all(label.replace(' ', '').isalpha() and label.islower() for label in labels)
+    assert QUANTITIES['speed_horizontal'].label == 'horizontal speed spread'
+    assert HeightOf.CENTRE_OF_MASS.label == 'centre of mass'
+
+
+@names
+def test_the_bounds_are_allowed_and_what_is_just_beyond_is_not(name):
+    quantity = QUANTITIES[name]
+    lowest = math.nextafter(quantity.low, 1) if quantity.above else quantity.low
+    for value in (lowest, quantity.high):
+        assert getattr(dataclasses.replace(PLAIN, **{name: value}), name) == value
+    beyond = [math.nextafter(lowest, -1), math.nextafter(quantity.high, math.inf)]
+    for value in beyond:
+        with pytest.raises(InvalidValueError):
+            dataclasses.replace(PLAIN, **{name: value})
+
+
+@names
+@pytest.mark.parametrize(
+    'value', [math.nan, math.inf, -math.inf, -1, 10**5000, True, '0.5', None, [0.5], 1j], ids=shown
+)
+def test_what_is_no_finite_number_within_bounds_is_refused_in_words(name, value):
+    with pytest.raises(InvalidValueError) as caught:
+        dataclasses.replace(PLAIN, **{name: value})
+    allowed = QUANTITIES[name].allowed()
+    assert str(caught.value) == f'{name} is {shown(value)}, allowed is {allowed}'
+
+
+@pytest.mark.parametrize(
+    ('name', 'allowed'),
+    [
+        ('height', 'more than 0 to 100 m'),
+        ('restitution', '0 to 1'),
+        ('gravity', '1e-06 to 1000 m/s2'),
+        ('spin', '0 to 10000 rad/s'),
+    ],
+)
+def test_what_is_allowed_is_said_with_its_unit(name, allowed):
+    assert QUANTITIES[name].allowed() == allowed
+
+
+@pytest.mark.parametrize('value', [1, np.float64(1)])
+def test_whole_numbers_and_those_of_numpy_become_floats(value):
+    changed = dataclasses.replace(PLAIN, height=value)
+    assert type(changed.height) is float
+    assert changed.height == 1.0
+
+
+@pytest.mark.parametrize('value', [1, HeightOf.CENTRE_OF_MASS])
+def test_height_of_is_taken_as_code_or_name(value):
+    assert dataclasses.replace(PLAIN, height_of=value).height_of is HeightOf.CENTRE_OF_MASS
+
+
+@pytest.mark.parametrize('value', [2, -1, 'LOWEST_POINT', None, math.nan, []])
+def test_another_height_of_is_refused_in_words(value):
+    with pytest.raises(InvalidValueError) as caught:
+        dataclasses.replace(PLAIN, height_of=value)
+    assert str(caught.value) == (
+        f'height_of is {value!r}, allowed is 0 (LOWEST_POINT), 1 (CENTRE_OF_MASS)'
+    )
+
+
+def test_conditions_cannot_be_changed_in_place():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        PLAIN.height = 1.0
+
+
+@names
+def test_a_change_loses_the_name_of_the_surface_and_no_change_keeps_it(name):
+    value = getattr(PLAIN, name)
+    assert PLAIN.changed(**{name: value}) is PLAIN
+    other = PLAIN.changed(**{name: value / 2 + 1e-3})
+    assert other.surface == ''
+    assert getattr(other, name) == value / 2 + 1e-3
+    assert other.values() != PLAIN.values()
+
+
+def test_a_change_of_what_height_means_loses_the_name_too():
+    other = PLAIN.changed(height_of=HeightOf.CENTRE_OF_MASS)
+    assert (other.surface, other.height_of) == ('', HeightOf.CENTRE_OF_MASS)
+
+
+def test_a_change_that_is_not_allowed_is_refused():
+    with pytest.raises(InvalidValueError, match=r'^friction is -1, allowed is 0 to 10$'):
+        PLAIN.changed(friction=-1)
+
+
+@given(st.sampled_from(sorted(QUANTITIES)), st.floats(1e-6, 0.1))
+def test_conditions_are_equal_by_value_whatever_their_surface(name, value):
+    a = dataclasses.replace(PLAIN, **{name: value})
+    b = dataclasses.replace(a, surface='other')
+    assert a.values() == b.values()
+    assert (a.values() == PLAIN.values()) == (getattr(PLAIN, name) == value)

@@ -1,0 +1,170 @@
+"""A Dask cluster drops as this machine does."""
+
+import dataclasses
+import os
+import pickle
+import re
+import signal
+import socket
+import sys
+from concurrent.futures import Future
+
+import numpy as np
+import pytest
+import trimesh
+
+from resting_aspects_ros.core.errors import EngineError, InvalidValueError
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.simulation import chunks
+from resting_aspects_ros.simulation import dask_workers as drops_cluster
+from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.dask_workers import PATIENCE, ClusterWorkers
+from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.plan import plan_run
+
+
+@pytest.fixture(scope='module')
+def planned(part, surfaces):
+    """The job and the description of a run of a bit more than three chunks."""
+    return plan_run(
+        part('tetrahedron'), surfaces.get(), seed=5, drops=3 * CHUNK + 7, run_id='', started=0
+    )
+
+
+@pytest.fixture
+def workers(cluster):
+    workers = ClusterWorkers(cluster.scheduler_address)
+    yield workers
+    workers.stop()
+
+
+def chunks_of(job, asked, workers):
+    steps = chunks.drop_chunks(job, asked, workers, pytest.fail)
+    return [step for step in steps if not isinstance(step, Future)]
+
+
+def test_the_poses_are_bit_for_bit_those_of_this_process(planned, workers):
+    job, asked = planned
+    ends = [CHUNK, 2 * CHUNK, 3 * CHUNK, asked.end]
+    here = [drop_chunk(job, end - 1 - (end - 1) % CHUNK, end) for end in ends]
+    there = chunks_of(job, asked, workers)
+    assert len(there) == 4
+    for field in dataclasses.fields(RestingPoses):
+        a, b = (getattr(RestingPoses.join(poses), field.name) for poses in (there, here))
+        np.testing.assert_array_equal(a, b)
+
+
+def test_there_are_two_chunks_for_each_worker_and_more_when_more_come(cluster, workers):
+    assert workers.lookahead() == 4
+    cluster.scale(3)
+    try:
+        cluster.wait_for_workers(3, timeout=60)
+        assert max(workers.lookahead() for _ in range(3)) == 6
+    finally:
+        cluster.scale(2)
+
+
+def test_a_chunk_that_kills_its_workers_is_given_up_in_words(
+    cluster, planned, workers, monkeypatch
+):
+    monkeypatch.setattr(cluster.scheduler, 'allowed_failures', 2)
+    monkeypatch.setattr(drops_cluster, '_drop', lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+    job, asked = planned
+    words = r'^3 worker processes died in a row near drop 0 of tetrahedron$'
+    with pytest.raises(EngineError, match=words):
+        chunks_of(job, dataclasses.replace(asked, drops=1), workers)
+
+
+def test_what_a_worker_raises_is_told(planned, workers, monkeypatch):
+    monkeypatch.setattr(drops_cluster, '_drop', lambda *_: {}['hull'])
+    words = r"^a worker failed near drop 0 of tetrahedron: KeyError\('hull'\)$"
+    with pytest.raises(EngineError, match=words):
+        chunks_of(*planned, workers)
+
+
+@pytest.mark.parametrize('package', ['resting_aspects_ros', 'pybullet', 'numpy'])
+def test_worker_of_another_version_is_refused(planned, workers, monkeypatch, package):
+    versions = drops_cluster._versions() | {package: '1.2.3'}
+    monkeypatch.setattr(drops_cluster, '_versions', lambda: versions)
+    with pytest.raises(
+        EngineError, match=rf'^invalid worker tcp://\S+: expected {package} 1.2.3, not [\d.]+$'
+    ):
+        chunks_of(*planned, workers)
+
+
+def test_a_large_job_is_sent_once_to_each_worker(cluster, workers, surfaces, solid):
+    disc = solid(trimesh.creation.cylinder(radius=10, height=4, sections=130))
+    job, asked = plan_run(disc, surfaces.get(), seed=5, drops=260, run_id='', started=0)
+    assert len(pickle.dumps(job)) > 64 * 1024
+    sent = []
+    real = workers._executor.submit
+
+    def submit(*task):
+        sent.append(len(pickle.dumps(task[2:])))
+        return real(*task)
+
+    workers._executor.submit = submit
+    assert RestingPoses.join(chunks_of(job, asked, workers)).end == 260
+    assert len(sent) == 3
+    assert max(sent) < 1000
+
+
+def test_a_cluster_that_is_gone_ends_it_in_words(make_cluster, planned, monkeypatch):
+    with make_cluster(1) as cluster:
+        workers = ClusterWorkers(cluster.scheduler_address)
+        steps = chunks.drop_chunks(*planned, workers, pytest.fail)
+        next(steps)
+    try:
+        with pytest.raises(EngineError, match='went away near drop'):
+            list(steps)
+    finally:
+        workers.stop()
+
+
+@pytest.fixture
+def refused():
+    """Be refused as a client; gives the reason."""
+
+    def check(address, allowed):
+        start = f'scheduler is {address!r}, allowed is {allowed}: '
+        with pytest.raises(InvalidValueError) as caught:
+            ClusterWorkers(address)
+        assert str(caught.value).startswith(start)
+        return str(caught.value).removeprefix(start)
+
+    return check
+
+
+A_SCHEDULER = 'the address of a Dask scheduler'
+
+
+@pytest.mark.slow
+def test_an_address_where_nobody_answers_is_refused(make_cluster, refused):
+    with socket.create_server(('127.0.0.1', 0)) as silent:
+        address = f'127.0.0.1:{silent.getsockname()[1]}'
+        assert refused(address, A_SCHEDULER) == f'nobody answers within {PATIENCE:g} s'
+    assert refused(f'tcp://{address}', A_SCHEDULER) == f'nobody answers within {PATIENCE:g} s'
+
+
+@pytest.mark.parametrize('address', ['', 'somewhere', 'nonsense://127.0.0.1:1'])
+def test_what_is_no_address_is_refused(make_cluster, refused, address):
+    assert re.match('missing port|unknown address', refused(address, A_SCHEDULER))
+
+
+def test_the_address_of_a_worker_is_refused(cluster, refused):
+    (address, *_) = cluster.scheduler_info['workers']
+    assert refused(address, A_SCHEDULER) == 'this is a worker'
+
+
+@pytest.mark.slow
+def test_a_scheduler_without_workers_is_refused(make_cluster, refused):
+    with make_cluster(0) as cluster:
+        reason = refused(cluster.scheduler_address, 'one that has workers')
+        assert reason == f'none came within {PATIENCE:g} s'
+
+
+def test_without_dask_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'distributed', None)
+    words = r"^scheduler is 'there:1', which needs Dask: pip install distributed$"
+    with pytest.raises(InvalidValueError, match=words):
+        ClusterWorkers('there:1')

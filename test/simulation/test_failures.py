@@ -1,0 +1,120 @@
+"""Drops that do not come to rest, and energy out of nothing."""
+
+import itertools
+import math
+
+import numpy as np
+import pybullet
+import pytest
+from scipy.spatial.transform import Rotation
+
+from resting_aspects_ros.core.poses import RestStatus
+from resting_aspects_ros.simulation import drop_job, initial_state, settling
+from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.plan import make_job
+
+
+def hull_in_tray(part, poses):
+    """(n, k, 3) hull vertices of each drop where it rests."""
+    matrices = Rotation.from_quat(poses.orientation).as_matrix()
+    return part.hull_vertices @ matrices.transpose(0, 2, 1) + poses.position[:, None]
+
+
+def test_parts_that_lose_no_energy_are_unsettled_and_the_run_ends(part, mat):
+    job = make_job(part('l_bracket'), mat.changed(restitution=1.0, friction=0.0), 1)
+    poses = drop_chunk(job, 0, 2)
+    assert (poses.status == RestStatus.UNSETTLED).all()
+    # The time they were given, which goes on from the end of the first fall.
+    given = settling.TIME_LIMIT * job.time_unit
+    assert (poses.time_to_rest >= given).all()
+    assert (poses.time_to_rest < 1.05 * given).all()
+    assert np.isfinite(poses.position).all()
+    np.testing.assert_allclose(np.linalg.norm(poses.orientation, axis=1), 1, atol=1e-12)
+    # Still bouncing, above the surface but for what an impact overlaps.
+    lowest = hull_in_tray(part('l_bracket'), poses)[..., 2].min(axis=1)
+    assert (lowest > -drop_job.TRAVEL_PER_STEP * job.radius).all()
+
+
+def test_a_drop_that_bullet_loses_is_failed_and_the_others_are_what_they_were(
+    part, mat, monkeypatch, assert_same_poses
+):
+    # No input is known that makes Bullet lose a part; here it loses the second of three.
+    job = make_job(part('l_bracket'), mat, 1)
+    sound = drop_chunk(job, 0, 3)
+    seen = []
+
+    def look(body, **where):
+        seen.append(body)
+        position, orientation = whole(body, **where)
+        lost = len(seen) > 12 and body == seen[1]
+        return ((math.nan,) * 3 if lost else position), orientation
+
+    whole = pybullet.getBasePositionAndOrientation
+    monkeypatch.setattr(pybullet, 'getBasePositionAndOrientation', look)
+    poses = drop_chunk(job, 0, 3)
+    assert poses.status.tolist() == [RestStatus.SETTLED, RestStatus.FAILED, RestStatus.SETTLED]
+    assert math.isnan(poses.time_to_rest[1])
+    assert poses.position[1].tolist() == [0, 0, 0]
+    assert np.linalg.norm(poses.orientation[1]) == pytest.approx(1)
+    for k in (0, 2):
+        assert_same_poses(poses.between(k, k + 1), sound.between(k, k + 1))
+
+
+@pytest.fixture
+def looks(part, mat, monkeypatch):
+    """Drop three L brackets; the first is seen with factors of its speed in its first looks."""
+    job = make_job(part('l_bracket'), mat.changed(height=1.0), 1)
+    whole = pybullet.getBaseVelocity
+    monkeypatch.setattr(initial_state, 'START_CLEARANCE', 20.0)  # it still falls
+
+    def drop(factors):
+        given = itertools.chain(*([f, 1.0, 1.0] for f in factors), itertools.repeat(1.0))
+
+        def look(body, **where):
+            velocity, spin = whole(body, **where)
+            factor = next(given)
+            return tuple(factor * v for v in velocity), spin
+
+        with monkeypatch.context() as patch:
+            patch.setattr(pybullet, 'getBaseVelocity', look)
+            return job, drop_chunk(job, 0, 3)
+
+    return drop
+
+
+# Newton's law adds up to a half. So much faster, what falls from 1 m, 44 R, has more of all its
+# energy, which is 45 m g R with the height of the part itself.
+@pytest.mark.parametrize(('growth', 'status'), [(0.45, 'SETTLED'), (0.56, 'FAILED')])
+def test_a_drop_fails_whose_energy_grows_beyond_what_an_impact_can_add(looks, growth, status):
+    # No input is known that does.
+    job, sound = looks([])
+    fall = 1.0 / job.radius
+    assert (sound.energy_growth < 0.05).all()
+    assert (sound.energy_growth >= 0).all()
+    least = settling.MOST_GROWTH
+    assert 0.45 < least < 0.56
+    speed = math.sqrt(2 * (fall - 20)) + settling.LOOK
+    faster = math.sqrt(1 + growth * (fall + 1) / (speed**2 / 2))
+    _, poses = looks([faster])
+    assert RestStatus(poses.status[0]).name == status
+    assert poses.energy_growth[0] == pytest.approx(growth * (fall + 1), rel=0.02)
+    assert (poses.status[1:] == RestStatus.SETTLED).all()
+
+
+def test_growth_adds_up_from_look_to_look(looks):
+    # A quarter of the energy more at each of three looks.
+    job, once = looks([1.15])
+    _, thrice = looks([1.15, 1.3, 1.45])
+    assert once.status[0] == RestStatus.SETTLED
+    assert thrice.status[0] == RestStatus.FAILED
+    assert thrice.energy_growth[0] < settling.MOST_GROWTH / job.radius
+
+
+def test_a_fall_adds_no_energy_and_an_impact_little(drop, part):
+    # Bodies that fall for 3 T and more; a coarse step would show as growth.
+    fall = drop(part('hex_nut'), 60, spin=20.0)
+    assert fall.energy_growth.max() < 0.03
+    # Restitution and friction together add some.
+    bouncy = drop(part('l_bracket'), 60, restitution=0.9, friction=1.0)
+    assert bouncy.energy_growth.max() > 0.05
+    assert (bouncy.status == RestStatus.SETTLED).all()

@@ -1,0 +1,332 @@
+"""Real worker processes: how they start, end, and are replaced."""
+
+import os
+import pickle
+import re
+import select
+import signal
+import subprocess
+import sys
+import threading
+from concurrent.futures import CancelledError, Future
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from resting_aspects_ros.core.errors import EngineError, InvalidValueError
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.simulation import process_workers
+from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.chunks import drop_chunks
+from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.plan import plan_run
+from resting_aspects_ros.simulation.process_workers import (
+    MAX_WORKERS,
+    NICENESS,
+    ProcessWorkers,
+    WorkerDiedError,
+    default_workers,
+)
+
+DEADLINE = 60.0  # s; finds what hangs
+# What a pipe holds: a job of more than this once blocked the end of a run for ever.
+PIPE = 64 * 1024
+LARGE = 'solid'  # a part with such a job
+FIRST = CHUNK - 15
+DEATH = f'a worker died near drop {FIRST} of {{}}: its drops are repeated'
+
+
+@pytest.fixture(scope='module', params=['tetrahedron', LARGE])
+def planned(request, part, surfaces, solid):
+    """The job and the description of a run of two short chunks, of a small and a large job."""
+    shape = part('tetrahedron') if request.param == 'tetrahedron' else disc(solid)
+    return plan_run(
+        shape, surfaces.get(), seed=5, drops=30, first_drop=FIRST, run_id='', started=0
+    )
+
+
+@pytest.fixture(scope='module')
+def job(part, surfaces):
+    return plan_run(
+        part('tetrahedron'), surfaces.get(), seed=5, drops=CHUNK, run_id='', started=0
+    )[0]
+
+
+@pytest.fixture
+def make_workers():
+    """Make worker processes that are stopped at the end of the test."""
+    made = []
+
+    def make(count):
+        made.append(ProcessWorkers(count))
+        return made[-1]
+
+    yield make
+    for workers in made:
+        stop(workers)
+
+
+def stop(workers):
+    """Stop workers; fails if that hangs."""
+    thread = threading.Thread(target=workers.stop, daemon=True)
+    thread.start()
+    thread.join(DEADLINE)
+    assert not thread.is_alive()
+
+
+def children(parent=None):
+    """The ids of the processes that this one, or another, has started."""
+    parent = os.getpid() if parent is None else parent
+    found = set()
+    for stat in Path('/proc').glob('[0-9]*/stat'):
+        with suppress(FileNotFoundError, ProcessLookupError):
+            if int(stat.read_text().rpartition(')')[2].split()[1]) == parent:
+                found.add(int(stat.parent.name))
+    return found
+
+
+def processes(count, *, besides):
+    """The ids of the worker processes, as many as there must be."""
+    found = children() - besides
+    assert len(found) == count
+    return found
+
+
+def ended(pid):
+    """Wait for the end of a process that another one reaps."""
+    with suppress(ProcessLookupError):
+        end = os.pidfd_open(pid)
+        try:
+            # It can be read when the process has ended.
+            assert select.select([end], [], [], DEADLINE)[0] == [end]
+        finally:
+            os.close(end)
+
+
+def poses_of(steps):
+    return RestingPoses.join([step for step in steps if not isinstance(step, Future)])
+
+
+def dropped_here(job):
+    return RestingPoses.join([drop_chunk(job, FIRST, CHUNK), drop_chunk(job, CHUNK, FIRST + 30)])
+
+
+def test_large_job_is_larger_than_a_pipe(planned):
+    job, asked = planned
+    assert (len(pickle.dumps(job)) > PIPE) == (asked.part == LARGE)
+
+
+def test_error_in_a_worker_reaches_the_caller(job, make_workers):
+    # Not of one chunk: the engine refuses it, in the worker.
+    workers = make_workers(1)
+    with pytest.raises(ValueError, match=rf'^drops 0 to {CHUNK} are not of one chunk of {CHUNK}$'):
+        workers.submit(job, 0, CHUNK + 1).result()
+    assert len(workers.submit(job, 0, 1).result()) == 1  # and the worker goes on
+
+
+@pytest.mark.parametrize('workers', [0, -1, MAX_WORKERS + 1])
+def test_number_of_workers_out_of_bounds_is_refused(workers):
+    words = f'invalid workers {workers}: expected 1 to {MAX_WORKERS}'
+    with pytest.raises(InvalidValueError, match=f'^{re.escape(words)}$'):
+        ProcessWorkers(workers)
+
+
+def test_default_is_a_worker_per_allowed_core():
+    allowed = os.sched_getaffinity(0)
+    assert default_workers() <= os.cpu_count()
+    try:
+        os.sched_setaffinity(0, {min(allowed)})
+        assert default_workers() == 1
+    finally:
+        os.sched_setaffinity(0, allowed)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_signals_for_the_parent_do_not_end_a_worker(number, job, make_workers, assert_same_poses):
+    before = children()
+    workers = make_workers(1)
+    (worker,) = processes(1, besides=before)
+    starting = workers.submit(job, 0, 3)
+    os.kill(worker, number)
+    first = starting.result()
+    running = workers.submit(job, 0, 3)
+    os.kill(worker, number)
+    assert_same_poses(running.result(), first)
+    # They are held off while a worker is started, and not after that.
+    assert number not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def test_workers_have_a_lower_priority(job, make_workers):
+    before = children()
+    workers = make_workers(1)
+    workers.submit(job, 0, 1).result()
+    (worker,) = processes(1, besides=before)
+    assert os.getpriority(os.PRIO_PROCESS, worker) == os.nice(0) + NICENESS
+
+
+def test_workers_do_not_import_scipy(job, make_workers):
+    # It would take them longer than all else before the first drop.
+    before = children()
+    workers = make_workers(1)
+    workers.submit(job, 0, 1).result()
+    (worker,) = processes(1, besides=before)
+    maps = Path(f'/proc/{worker}/maps').read_text(encoding='utf-8')
+    assert 'pybullet' in maps
+    assert 'numpy' in maps
+    assert '/scipy/' not in maps
+
+
+def test_jobs_take_turns(job, planned, make_workers, assert_same_poses):
+    workers = make_workers(1)
+    other = planned[0]
+    for each in (job, other, other, job):
+        assert_same_poses(workers.submit(each, 3, 9).result(), drop_chunk(each, 3, 9))
+
+
+def test_workers_stop_while_they_work(planned, make_workers):
+    job, _ = planned
+    before = children()
+    workers, others = make_workers(2), make_workers(1)
+    futures = [workers.submit(job, 0, CHUNK) for _ in range(20)]
+    stop(workers)
+    for future in futures[-10:]:
+        with pytest.raises((CancelledError, WorkerDiedError)):
+            future.result(timeout=DEADLINE)
+    processes(1, besides=before)
+    assert len(others.submit(job, 0, 3).result()) == 3
+    stop(workers)  # nothing is left to stop
+
+
+@pytest.mark.parametrize('hold', [signal.SIGSTOP, signal.SIGKILL])
+def test_workers_that_take_nothing_are_stopped(planned, make_workers, hold):
+    # A thread waits to send the job, which is more than the connection holds if it is large.
+    job, _ = planned
+    before = children()
+    workers = make_workers(2)
+    for worker in processes(2, besides=before):
+        os.kill(worker, hold)
+    futures = [workers.submit(job, 0, CHUNK) for _ in range(8)]
+    stop(workers)
+    for future in futures:
+        with pytest.raises((CancelledError, WorkerDiedError)):
+            future.result(timeout=DEADLINE)
+    processes(0, besides=before)
+
+
+def test_campaigns_lose_nothing_when_workers_are_killed(planned, make_workers, assert_same_poses):
+    job, asked = planned
+    here = dropped_here(job)
+    before = children()
+    workers = make_workers(2)
+    warnings = []
+    runs = [drop_chunks(job, asked, workers, warnings.append) for _ in range(2)]
+    for run in runs:
+        next(run)  # its drops are under way
+    for worker in processes(2, besides=before):
+        os.kill(worker, signal.SIGKILL)
+    for run in runs:
+        assert_same_poses(poses_of(run), here)
+    assert 1 <= len(warnings) <= 2
+    assert {re.sub(r'drop \d+', f'drop {FIRST}', each) for each in warnings} == {
+        DEATH.format(asked.part)
+    }
+    processes(2, besides=before)
+    assert workers.lookahead() == 2 * workers.count == 4
+
+
+def test_idle_worker_that_dies_is_replaced(planned, make_workers, assert_same_poses):
+    job, asked = planned
+    before = children()
+    workers = make_workers(1)
+    (worker,) = processes(1, besides=before)
+    workers.submit(job, 0, 1).result()
+    os.kill(worker, signal.SIGKILL)
+    ended(worker)
+    warnings = []
+    poses = poses_of(drop_chunks(job, asked, workers, warnings.append))
+    assert_same_poses(poses, dropped_here(job))
+    assert warnings == [DEATH.format(asked.part)]
+    assert processes(1, besides=before) != {worker}
+
+
+def test_system_that_starts_no_process_is_an_error(monkeypatch):
+    before = children()
+    started = []
+
+    def popen(*args, **options):
+        if started:
+            raise BlockingIOError(11, 'Resource temporarily unavailable')
+        started.append(subprocess.Popen(*args, **options))
+        return started[-1]
+
+    monkeypatch.setattr(process_workers, 'Popen', popen)
+    words = '^cannot start a worker process: Resource temporarily unavailable$'
+    with pytest.raises(EngineError, match=words):
+        ProcessWorkers(2)
+    assert started
+    processes(0, besides=before)
+
+
+def test_worker_that_lacks_the_engine_is_an_error(planned, make_workers, monkeypatch, tmp_path):
+    (tmp_path / 'pybullet.py').write_text('raise MemoryError\n', encoding='utf-8')
+    monkeypatch.syspath_prepend(tmp_path)
+    workers = make_workers(1)
+    words = rf'^a worker failed near drop {FIRST} of .*: MemoryError\(\)$'
+    with pytest.raises(EngineError, match=words):
+        list(drop_chunks(*planned, workers, pytest.fail))
+
+
+def disc(solid):
+    """A part with 260 corners."""
+    import trimesh
+
+    return solid(trimesh.creation.cylinder(radius=10, height=4, sections=130))
+
+
+PARENT = """
+import sys
+from pathlib import Path
+from resting_aspects_ros.drops.campaign import submit_drops
+from resting_aspects_ros.drops.part_library import PartLibrary
+from resting_aspects_ros.drops.plan import make_job
+from resting_aspects_ros.drops.surfaces import Surfaces
+from resting_aspects_ros.drops.worker_pool import ProcessWorkers
+
+# At the top of the script: workers do not run it again.
+config = Path(sys.argv[1])
+part = PartLibrary(config / 'parts').load('tetrahedron')
+job = make_job(part, Surfaces.read(config / 'surfaces.yaml').get(), 1)
+workers = ProcessWorkers(2)
+drops = sum(len(f.result()) for f in submit_drops(job, 120, 10, workers))
+pending = workers.submit(job, 0, 125)
+print(drops, flush=True)
+"""
+
+
+def parent(then):
+    """Start a process that drops with two workers, and then goes on as it is told."""
+    config = Path(__file__).resolve().parents[2] / 'config'
+    return subprocess.Popen(
+        [sys.executable, '-c', PARENT + then, config],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_workers_print_nothing_and_a_script_without_a_stop_ends():
+    with parent(then='') as process:
+        out, errors = process.communicate(timeout=DEADLINE)
+    assert (process.returncode, out, errors) == (0, '10\n', '')
+
+
+def test_workers_end_when_their_parent_is_killed():
+    with parent(then='sys.stdin.read()') as process:
+        assert process.stdout.readline() == '10\n'
+        workers = children(process.pid)
+        assert len(workers) == 2
+        process.kill()
+        for worker in workers:
+            ended(worker)

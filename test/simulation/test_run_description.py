@@ -1,0 +1,115 @@
+"""Runs: what is asked for is checked in words, and described in full."""
+
+import dataclasses
+
+import pytest
+
+from resting_aspects_ros import __version__
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.simulation.plan import ENGINE, ENGINE_VERSION, plan_run
+from resting_aspects_ros.simulation.run_description import MOST_DROPS, MOST_SEED
+
+
+@pytest.fixture
+def plan(part, surfaces):
+    """Plan a run of the L bracket that differs in some values from a plain one."""
+
+    def make(conditions=None, **changes):
+        asked = {'seed': 1, 'drops': 100, 'run_id': 'r', 'started': 5} | changes
+        return plan_run(part('l_bracket'), conditions or surfaces.get(), **asked)
+
+    return make
+
+
+def test_a_run_is_described_in_full(plan, part, surfaces):
+    job, run = plan(seed=7, drops=10, first_drop=3)
+    assert dataclasses.asdict(run) == {
+        'run_id': 'r',
+        'part': 'l_bracket',
+        'part_sha256': part('l_bracket').part_sha256,
+        'conditions': dataclasses.asdict(surfaces.get()),
+        'seed': 7,
+        'first_drop': 3,
+        'drops': 10,
+        'precision': 0.0,
+        'engine': 'bullet',
+        'engine_version': '3.2.7',
+        'suite_version': __version__,
+        'time_step': job.time_step,
+        'started': 5,
+    }
+    assert run.end == 13
+    assert job.seed == 7
+    assert job.conditions is run.conditions
+
+
+@pytest.mark.parametrize(
+    ('asked', 'words'),
+    [
+        ({'drops': 0}, f'drops is 0, allowed is a whole number from 1 to {MOST_DROPS}'),
+        ({'drops': -5}, f'drops is -5, allowed is a whole number from 1 to {MOST_DROPS}'),
+        (
+            {'drops': 10**12},
+            f'drops is 1000000000000, allowed is a whole number from 1 to {MOST_DROPS}',
+        ),
+        ({'drops': 1.5}, f'drops is 1.5, allowed is a whole number from 1 to {MOST_DROPS}'),
+        ({'drops': True}, f'drops is True, allowed is a whole number from 1 to {MOST_DROPS}'),
+        ({'drops': '5'}, f"drops is '5', allowed is a whole number from 1 to {MOST_DROPS}"),
+        ({'seed': -1}, f'seed is -1, allowed is a whole number from 0 to {MOST_SEED}'),
+        ({'seed': 2**64}, f'seed is {2**64}, allowed is a whole number from 0 to {MOST_SEED}'),
+        ({'seed': 0.5}, f'seed is 0.5, allowed is a whole number from 0 to {MOST_SEED}'),
+        ({'seed': float('nan')}, f'seed is nan, allowed is a whole number from 0 to {MOST_SEED}'),
+        (
+            {'first_drop': -1},
+            f'first_drop is -1, allowed is a whole number from 0 to {MOST_SEED - 100}',
+        ),
+        (
+            {'first_drop': 2**64},
+            f'first_drop is {2**64}, allowed is a whole number from 0 to {MOST_SEED - 100}',
+        ),
+    ],
+)
+def test_what_is_not_allowed_is_refused_in_words(plan, asked, words):
+    with pytest.raises(InvalidValueError) as caught:
+        plan(**asked)
+    assert str(caught.value) == words
+
+
+@pytest.mark.parametrize(
+    'asked',
+    [
+        {'drops': 1},
+        {'drops': MOST_DROPS},
+        {'seed': 0},
+        {'seed': MOST_SEED},
+        {'first_drop': MOST_SEED - 100},
+    ],
+)
+def test_the_bounds_are_allowed(plan, asked):
+    _, run = plan(**asked)
+    for name, value in asked.items():
+        assert getattr(run, name) == value
+
+
+def test_the_most_drops_are_those_that_the_interface_promises():
+    assert MOST_DROPS == 2_000_000
+
+
+def test_runs_that_have_the_same_drops_are_known_as_such(plan, surfaces):
+    _, run = plan()
+    _, same = plan(drops=5, first_drop=50, run_id='other', started=9)
+    assert same.sequence() == run.sequence()
+    renamed = dataclasses.replace(surfaces.get(), surface='')
+    assert plan(renamed)[1].sequence() == run.sequence()
+    assert plan(seed=2)[1].sequence() != run.sequence()
+    assert plan(surfaces.get().changed(friction=0.3))[1].sequence() != run.sequence()
+
+
+def test_the_engine_is_named_with_its_version():
+    assert (ENGINE, ENGINE_VERSION) == ('bullet', '3.2.7')
+
+
+def test_drops_of_another_engine_suite_or_time_step_are_others(plan):
+    _, run = plan()
+    for changes in ({'engine_version': '9'}, {'suite_version': '9'}, {'time_step': 1.0}):
+        assert dataclasses.replace(run, **changes).sequence() != run.sequence()

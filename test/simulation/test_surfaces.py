@@ -1,0 +1,152 @@
+"""Surfaces: the shipped file, names, and files that cannot be used."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.simulation.conditions import HeightOf
+from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE, Surfaces
+
+SHIPPED = Path(__file__).resolve().parents[2] / 'config' / 'surfaces.yaml'
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Write a surfaces file: text, or rubber_mat with changes."""
+
+    def write(text=None, drop=(), **changes):
+        if text is None:
+            entry = yaml.safe_load(SHIPPED.read_text(encoding='utf-8'))[DEFAULT_SURFACE] | changes
+            text = yaml.safe_dump(
+                {DEFAULT_SURFACE: {k: v for k, v in entry.items() if k not in drop}}
+            )
+        path = tmp_path / 'surfaces.yaml'
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return path
+
+    return write
+
+
+def test_the_default_is_the_rubber_mat_of_the_published_method(surfaces):
+    mat = surfaces.get()
+    assert mat.surface == DEFAULT_SURFACE == 'rubber_mat'
+    assert mat is surfaces.get('rubber_mat')
+    # Bounciness 0.8 and friction 0.5 of each body, multiplied; from 60 mm, at rest.
+    assert mat.restitution == pytest.approx(0.8 * 0.8)
+    assert mat.friction == pytest.approx(0.5 * 0.5)
+    assert (mat.height, mat.height_of, mat.gravity) == (0.06, HeightOf.LOWEST_POINT, 9.81)
+    assert (mat.speed_horizontal, mat.speed_vertical, mat.spin) == (0, 0, 0)
+    assert mat.rolling_friction > 0  # or cylinders roll for ever
+
+
+def test_every_shipped_surface_says_where_its_numbers_come_from(surfaces):
+    document = yaml.safe_load(SHIPPED.read_text(encoding='utf-8'))
+    assert sorted(document) == surfaces.names()
+    assert all(len(entry['source']) > 20 for entry in document.values())
+
+
+def test_an_unknown_surface_is_refused_with_those_that_are_known(surfaces):
+    with pytest.raises(InvalidValueError) as caught:
+        surfaces.get('ice')
+    assert str(caught.value) == (
+        f"surface 'ice' is not known, allowed is {', '.join(surfaces.names())}"
+    )
+
+
+def test_conditions_keep_their_name_only_if_they_are_that_surfaces(surfaces):
+    mat = surfaces.get()
+    copy = dataclasses.replace(mat)
+    assert surfaces.named(copy) is mat
+    assert surfaces.named(dataclasses.replace(mat, friction=0.26)).surface == ''
+    assert surfaces.named(dataclasses.replace(mat, surface='ice')).surface == ''
+    # Not looked up by value: nobody said that this is the mat.
+    assert surfaces.named(dataclasses.replace(mat, surface='')).surface == ''
+
+
+def test_a_file_reads_back_what_was_written(file):
+    surfaces = Surfaces.read(file(height=0.5, height_of='CENTRE_OF_MASS', spin=3))
+    mat = surfaces.get()
+    assert (mat.height, mat.height_of, mat.spin) == (0.5, HeightOf.CENTRE_OF_MASS, 3.0)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({'height': -1}, 'rubber_mat: height is -1, allowed is more than 0 to 100 m'),
+        ({'friction': 'low'}, "rubber_mat: friction is 'low', allowed is 0 to 10"),
+        ({'spin': float('nan')}, 'rubber_mat: spin is nan, allowed is 0 to 10000 rad/s'),
+        ({'gravity': True}, 'rubber_mat: gravity is True, allowed is 1e-06 to 1000 m/s2'),
+        (
+            {'height_of': 'TOP'},
+            "rubber_mat: height_of is 'TOP', allowed is LOWEST_POINT, CENTRE_OF_MASS",
+        ),
+        ({'height_of': [1]}, 'rubber_mat: height_of is [1], allowed is LOWEST_POINT, '),
+        ({'frction': 1}, 'rubber_mat: must have exactly friction, gravity, height, height_of, '),
+        ({'drop': ('spin',)}, 'rubber_mat: must have exactly friction, gravity, height, '),
+    ],
+)
+def test_a_wrong_value_is_named_with_file_surface_and_what_is_allowed(file, changes, words):
+    path = file(**changes)
+    with pytest.raises(InvalidValueError, match=re.escape(f"surfaces file '{path}', {words}")):
+        Surfaces.read(path)
+
+
+@pytest.mark.parametrize('key', ['friction', 'height_of', 'source'])
+def test_a_number_of_thousands_of_digits_is_refused_in_one_line(file, key):
+    entry = yaml.safe_load(SHIPPED.read_text(encoding='utf-8'))[DEFAULT_SURFACE] | {key: 'HUGE'}
+    path = file(yaml.safe_dump({DEFAULT_SURFACE: entry}).replace('HUGE', '0x' + 'f' * 4000))
+    if key == 'source':
+        assert Surfaces.read(path).names() == [DEFAULT_SURFACE]
+        return
+    with pytest.raises(InvalidValueError, match=f'rubber_mat: {key} is ') as caught:
+        Surfaces.read(path)
+    assert len(str(caught.value)) < 600
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('', 'must map names to conditions'),
+        ('- a\n- b\n', 'must map names to conditions'),
+        ('text', 'must map names to conditions'),
+        ('a: [', 'is not valid YAML: '),
+        (b'\xff\xfe\x00', 'is not valid YAML: '),
+        ('rubber_mat: 2024-99-99', 'is not valid YAML: '),
+        ('rubber_mat: &a [*a]', 'is not valid YAML: '),
+        ('[' * 5000, 'is not valid YAML: '),
+        ('rubber_mat: 3', 'rubber_mat: must have exactly '),
+        ('rubber_mat: {height_of: 0x' + 'f' * 4000 + '}', 'rubber_mat: must have exactly '),
+        ('7: {height: 1}', '7: the name of a surface must be text'),
+    ],
+)
+def test_a_file_that_is_no_set_of_surfaces_is_refused_in_one_line(file, text, words):
+    path = file(text)
+    with pytest.raises(InvalidValueError) as caught:
+        Surfaces.read(path)
+    message = str(caught.value)
+    assert message.startswith(f"surfaces file '{path}'")
+    assert words in message
+    assert '\n' not in message
+
+
+def test_a_missing_file_and_a_file_without_the_default_are_refused(tmp_path, file):
+    with pytest.raises(InvalidValueError, match=r"none\.yaml' does not exist"):
+        Surfaces.read(tmp_path / 'none.yaml')
+    text = SHIPPED.read_text(encoding='utf-8').replace('rubber_mat:', 'ice:')
+    with pytest.raises(InvalidValueError, match=r'lacks the default, rubber_mat$'):
+        Surfaces.read(file(text))
+
+
+def test_conditions_in_words_are_the_nearest_surface_and_what_differs(surfaces):
+    mat, steel = surfaces.get('rubber_mat'), surfaces.get('steel')
+    assert surfaces.text(steel) == 'steel'
+    assert surfaces.text(mat.changed(friction=0.3)) == 'rubber_mat with friction 0.3'
+    changed = steel.changed(spin=5.0, height=0.1)
+    assert surfaces.text(changed) == 'steel with height 0.1 m and spin spread 5 rad/s'
+    assert surfaces.text(mat.changed(height=mat.height)) == 'rubber_mat'
+    everything = {'height': 1.0, 'friction': 1.0, 'restitution': 0.1, 'gravity': 1.6, 'spin': 1.0}
+    assert surfaces.text(mat.changed(**everything)) == 'own conditions'
