@@ -30,7 +30,7 @@ DROPS = 1000
 MANY_DROPS = 2_000_000
 DEADLINE = 60.0
 # DDS can lose a call on a machine that is very busy; more than this are no accident.
-MOST_LOST = 10
+MAX_LOST = 10
 # A service that does nothing.
 TRIGGER = """
 import rclpy
@@ -180,7 +180,7 @@ class _Client:
 
     def _count_lost(self) -> None:
         self.lost += 1
-        if self.lost > MOST_LOST:
+        if self.lost > MAX_LOST:
             raise SystemExit(f'{self.lost} calls had no answer in {DEADLINE:g} s')
 
     def _call(self, client: Any, request: Any) -> Any:

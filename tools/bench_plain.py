@@ -38,7 +38,7 @@ class PlainBody:
         pybullet.setPhysicsEngineParameter(
             fixedTimeStep=step,
             numSubSteps=0,
-            numSolverIterations=bullet_engine.MOST_SOLVER_ITERATIONS,
+            numSolverIterations=bullet_engine.MAX_SOLVER_ITERATIONS,
             solverResidualThreshold=bullet_engine.SOLVER_RESIDUAL,
             restitutionVelocityThreshold=bullet_engine.RESTITUTION_THRESHOLD,
             erp=step / bullet_engine.OVERLAP_TIME,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.simulation.run_description import MOST_DROPS
+from resting_aspects_ros.simulation.run_description import MAX_DROPS
 
 # Time steps of the check for each of the run's.
 REFINEMENT = 2
@@ -63,8 +63,8 @@ class Convergence:
         )
 
     def _enough_text(self) -> str:
-        if self.enough > MOST_DROPS:
-            return f'\nIt would take more than the {MOST_DROPS} drops that a run can have.'
+        if self.enough > MAX_DROPS:
+            return f'\nIt would take more than the {MAX_DROPS} drops that a run can have.'
         return f'\nIt takes about {self.enough} drops.' if self.enough else ''
 
 

@@ -24,7 +24,7 @@ from resting_aspects_ros.core.statistics.stopping import max_drops
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption, catch
 from resting_aspects_ros.simulation.plan import plan_run
-from resting_aspects_ros.simulation.run_description import MOST_DROPS
+from resting_aspects_ros.simulation.run_description import MAX_DROPS
 
 INTERRUPTED = 130
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
@@ -51,7 +51,7 @@ def drop_and_answer(
         by_precision=request.precision > 0,
     )
     drops = max_drops(
-        request.drops, stop_at, MOST_DROPS, len(empty.aspects), empty.interval, confidence
+        request.drops, stop_at, MAX_DROPS, len(empty.aspects), empty.interval, confidence
     )
     job, run = plan_run(
         part,

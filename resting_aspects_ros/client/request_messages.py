@@ -27,7 +27,7 @@ from resting_aspects_ros.ros.topic_discovery import published_parts
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.run_description import (
     DEFAULT_DROPS,
-    MOST_DROPS,
+    MAX_DROPS,
     check_drops,
     check_seed,
 )
@@ -143,7 +143,7 @@ def _asked_drops(drops: int | None, precision: float, *, only_known: bool) -> in
         drops = 0 if precision else 1 if only_known else DEFAULT_DROPS
     if type(drops) is not int or drops > 0:
         check_drops(drops)
-    drops = max_drops(drops, precision, MOST_DROPS)
+    drops = max_drops(drops, precision, MAX_DROPS)
     check_drops(drops)
     return drops
 

@@ -49,7 +49,7 @@ class Part:
         Outward.
     hull_vertices : (k, 3) float64
         m, in lexicographic order; does not depend on the order in the file. Of more than
-        MOST_CORNERS some are left out.
+        MAX_CORNERS some are left out.
     hull_error : float
         m; corners that were left out are outside the hull by this at most; 0 if none were.
     volume : float

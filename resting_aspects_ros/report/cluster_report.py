@@ -15,12 +15,12 @@ from resting_aspects_ros.report.rounding import direction_text, interval_of, out
 from resting_aspects_ros.report.table import DOWN, NOTHING, plain_table, shares
 
 # Poses that are listed; the document has them all.
-MOST_DIFFERENCES = 20
+MAX_DIFFERENCES = 20
 # So near an aspect of a part with flat sides, nothing but that aspect can be meant.
 NEAR = np.radians(1.0)
 
 # Rows for single clusters; more are told in one.
-MOST_ROWS = 20
+MAX_ROWS = 20
 # In place of a direction, of a cluster that has no mean one.
 RING = 'all round'
 
@@ -41,7 +41,7 @@ def cluster_table(distribution: Distribution, clusters: Clusters, title: str) ->
     percent = f'{100 * CONFIDENCE:g} % interval'
     table = plain_table(title, 'cluster', DOWN, 'spread\n(degrees)', 'share', percent, 'count')
     drops = distribution.drops
-    shown = clusters.counts[:MOST_ROWS]
+    shown = clusters.counts[:MAX_ROWS]
     for k, interval in enumerate(cluster_intervals(distribution, shown)):
         table.add_row(
             str(k + 1),
@@ -51,7 +51,7 @@ def cluster_table(distribution: Distribution, clusters: Clusters, title: str) ->
         )
     table.add_section()
     more = len(clusters) - len(shown)
-    rest = [(f'{more} more', int(clusters.counts[MOST_ROWS:].sum()))] if more else []
+    rest = [(f'{more} more', int(clusters.counts[MAX_ROWS:].sum()))] if more else []
     for name, count in [*rest, *outside_aspects(distribution)]:
         table.add_row('', name, '', *shares(interval_of(distribution, count), count, drops))
     table.add_row('', 'poses in total', '', '', '', str(drops), style='bold')
@@ -104,7 +104,7 @@ def differences_table(
 
     index, line : (n,) int, of all poses that were compared: their indices and lines in the file.
     """
-    shown = min(len(differences), MOST_DIFFERENCES)
+    shown = min(len(differences), MAX_DIFFERENCES)
     of = '' if shown == len(differences) else f' of {len(differences)} (--json has all)'
     table = plain_table(
         f'They differ on {shown}{of}:',

@@ -16,7 +16,7 @@ from resting_aspects_ros.report.rounding import decimals_of, direction_text, poi
 from resting_aspects_ros.report.table import DOWN, NOTHING, plain_table
 
 # With more decimals, which a million drops allow, the table would not fit 80 columns.
-MOST_DECIMALS = 2
+MAX_DECIMALS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ def _down_text(sides: Sides, k: int) -> str:
 
 def _share_texts(interval: Interval) -> tuple[str, str]:
     """Share and interval, in percent."""
-    decimals = min(decimals_of(interval), MOST_DECIMALS - (interval.upper > 0.99995))
+    decimals = min(decimals_of(interval), MAX_DECIMALS - (interval.upper > 0.99995))
     share, low, high = (
         f'{100 * x:.{decimals}f}' if x else '0'
         for x in (interval.probability, interval.lower, interval.upper)
@@ -150,7 +150,7 @@ def _deviation_texts(interval: Interval) -> tuple[str, str]:
 
     The deviation has a digit more: it is what was counted, and its bounds are of what is true.
     """
-    most = MOST_DECIMALS if max(-interval.lower, interval.upper) < 0.1 else MOST_DECIMALS - 1
+    most = MAX_DECIMALS if max(-interval.lower, interval.upper) < 0.1 else MAX_DECIMALS - 1
     known = decimals_of(interval)
     low, high = (points(x, min(known, most)) for x in (interval.lower, interval.upper))
     return points(interval.probability, min(known + 1, most)), f'{low} to {high}'

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST_LINES = 10  # more would hide each other
+MAX_LINES = 10  # more would hide each other
 # Of the methods; one form each, so that they differ without colour.
 MARKERS = 'osD^vPX'  # in the order of METHODS
 
@@ -65,7 +65,7 @@ def convergence_figure(
         After each number of drops, of each row.
     """
     figure = new_figure(width, 3.6)
-    most = sorted(sorted(range(len(rows)), key=lambda k: -rows[k].count)[:MOST_LINES])
+    most = sorted(sorted(range(len(rows)), key=lambda k: -rows[k].count)[:MAX_LINES])
     names = {k: short_name(rows[k]) if width <= NARROW else rows[k].name for k in most}
     labels = {k: f'{names[k]}: {probability_text(rows[k].interval)}' for k in most}
     left, right = 0.5, 0.25 + 0.07 * max(map(len, labels.values()), default=0)  # inches

@@ -27,7 +27,7 @@ from resting_aspects_ros.report.figures import (
     estimates_figure,
 )
 from resting_aspects_ros.report.page_rows import RowText, row_texts
-from resting_aspects_ros.report.picture import MOST_SHOWN, distribution_figure
+from resting_aspects_ros.report.picture import MAX_SHOWN, distribution_figure
 from resting_aspects_ros.report.pie import pie_figure
 from resting_aspects_ros.report.portrait import FROM_ABOVE, OBLIQUE, Image, lay, portraits, reduced
 from resting_aspects_ros.report.rounding import interval_text, share_text
@@ -48,7 +48,7 @@ _FILES = 'page_files'
 PIXELS, PIXELS_OF_MANY, MANY = 320, 192, 12
 SMALL = 64  # of a picture beside a bar
 # Rows with pictures; of more those with the most drops have them.
-MOST_PICTURED = 60
+MAX_PICTURED = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ class _Drawn:
         self.part = report.part and shown_part(report.part, report.distribution.aspects.aspects)
         self.lying = lay(self.part, [row.aspects[0] for row in self.rows]) if self.part else []
         order = sorted(range(len(self.lying)), key=lambda k: -self.rows[k].count)
-        self.pictured = sorted(order[:MOST_PICTURED])
+        self.pictured = sorted(order[:MAX_PICTURED])
         self.oblique = self._images(OBLIQUE)
         self.above = self._images(FROM_ABOVE)
 
@@ -202,7 +202,7 @@ def _page(
 def _largest(rows: Sequence[RowText]) -> list[RowText]:
     """As many as there is room for, in their order."""
     order = sorted(range(len(rows)), key=lambda k: -rows[k].count)
-    return [rows[k] for k in sorted(order[:MOST_SHOWN])]
+    return [rows[k] for k in sorted(order[:MAX_SHOWN])]
 
 
 def _unseen(rows: Sequence[Row]) -> str:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # matplotlib takes half a second: imported when a picture is 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST_SHOWN = 12  # symmetry classes with a bar of their own; the others share one
+MAX_SHOWN = 12  # symmetry classes with a bar of their own; the others share one
 
 # Pixels. Beside the bars is room for what is written at the end of the longest.
 WIDTH = 1240
@@ -83,7 +83,7 @@ def _rows(distribution: Distribution) -> list[Row]:
     """From top to bottom: symmetry classes, other ones together, what is in none."""
     rows = class_rows(distribution)
     counts = np.array([row.count for row in rows])
-    shown = np.sort(np.argsort(-counts, kind='stable')[:MOST_SHOWN])
+    shown = np.sort(np.argsort(-counts, kind='stable')[:MAX_SHOWN])
     found = [rows[k] for k in shown]
     if others := sum(len(row.aspects) for row in rows) - sum(len(row.aspects) for row in found):
         count = int(counts.sum() - counts[shown].sum())

@@ -19,9 +19,9 @@ WIDE, HIGH = 5.0, 4.4  # of a pie
 # Radii that a pie's figure is wide to each side, with pictures around it and without.
 REACH, BARE_REACH = 2.0, 1.32
 # Slices of less have their name beside them.
-LEAST_INSIDE = 0.06
+MIN_INSIDE = 0.06
 # Pictures, of the largest slices: more would lie on each other.
-MOST_PICTURES = 8
+MAX_PICTURES = 8
 # Of a picture, and how far from the middle it is, radii.
 SIDE, OUT = 0.6, 1.42
 
@@ -55,7 +55,7 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
     axes.set_axis_off()
     middles = np.pi / 2 - 2 * np.pi * (np.cumsum(shares) - shares / 2)
     pictured = np.zeros(len(shown), dtype=bool)
-    pictured[np.argsort(-shares, kind='stable')[:MOST_PICTURES]] = True
+    pictured[np.argsort(-shares, kind='stable')[:MAX_PICTURES]] = True
     pictured &= [image is not None for _, image in shown]
     reach = REACH if pictured.any() else BARE_REACH
     axes.set_xlim(-reach, reach)
@@ -64,7 +64,7 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
     places[pictured] = spread(middles[pictured], 2 * np.arcsin(SIDE / 2 / OUT))
     for k, (row, image) in enumerate(shown):
         x, y = np.cos(middles[k]), np.sin(middles[k])
-        inside = shares[k] >= LEAST_INSIDE
+        inside = shares[k] >= MIN_INSIDE
         if image is not None and pictured[k]:
             at = OUT * np.cos(places[k]), OUT * np.sin(places[k])
             _place(axes, image, *at, SIDE)

@@ -38,7 +38,7 @@ LIGHT /= np.linalg.norm(LIGHT)
 
 DARKEST = 0.5  # of the colour, on a side that faces away from the light
 EDGE_COLOUR = np.array([0.13, 0.13, 0.15])
-MOST_EDGE = 0.6  # of the part's pixels
+MAX_EDGE = 0.6  # of the part's pixels
 SHADOW = 0.28  # opacity
 SOFT = 7  # fine pixels of the shadow's border
 
@@ -178,7 +178,7 @@ def _portrait(solid: LyingPart, colour: Array, scale: float, pixels: int, view: 
     image[part, 3] = 1.0
     edge = binary_dilation(edges(seen, solid.normals))  # a pixel more to all four sides
     # A part that is a few pixels thin would be all edge.
-    if np.count_nonzero(edge & part) < MOST_EDGE * np.count_nonzero(part):
+    if np.count_nonzero(edge & part) < MAX_EDGE * np.count_nonzero(part):
         image[edge, :3] = EDGE_COLOUR
         image[edge, 3] = 1.0
     return reduced(image, FINE)[::-1]

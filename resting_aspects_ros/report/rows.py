@@ -11,7 +11,7 @@ from resting_aspects_ros.report.colours import GREY, aspect_colour
 from resting_aspects_ros.report.rounding import interval_of, outside_aspects
 
 # Aspects of a row that are named one by one.
-_MOST_NAMED = 4
+_MAX_NAMED = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ def ids_text(aspects: tuple[Aspect, ...]) -> str:
     ids = [aspect.id for aspect in aspects]
     if len(ids) > 2 and all(b == a + 1 for a, b in pairwise(ids)):
         return f'{ids[0]} to {ids[-1]}'
-    if len(ids) > _MOST_NAMED:
+    if len(ids) > _MAX_NAMED:
         return f'{ids[0]}, {ids[1]}, ... {ids[-1]}'
     *first, last = map(str, ids)
     return f'{", ".join(first)} and {last}' if first else last

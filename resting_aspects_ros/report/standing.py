@@ -17,11 +17,11 @@ PITCH = 2.5
 # Aspects in a row; of more than its square the rows are so long that they make a square.
 ROW = 6
 # Triangles of all aspects together: 1.4 MB of a message, which is 20 ms of work to send.
-MOST_TRIANGLES = 20_000
+MAX_TRIANGLES = 20_000
 # However many aspects there are, each is shown with up to so many.
-LEAST_TRIANGLES = 100
+MIN_TRIANGLES = 100
 # Triangles of a picture, and of the view in a page: finer ones are smaller than its pixels.
-MOST_OF_PICTURES = 50_000
+MAX_OF_PICTURES = 50_000
 # Vertices so close to the surface are where the part touches it, R.
 _TOUCHING = 1e-6
 # Of those the outermost in so many directions stay when a mesh is made coarse.
@@ -60,13 +60,13 @@ def stand(part: Part, aspects: Sequence[Aspect]) -> list[Standing]:
 
 def sent_faces(part: Part, aspects: Sequence[Aspect]) -> Indices:
     """(m, 3) faces of the part, fewer if they are too many to be sent for each aspect."""
-    most = max(MOST_TRIANGLES // max(len(aspects), 1), LEAST_TRIANGLES)
+    most = max(MAX_TRIANGLES // max(len(aspects), 1), MIN_TRIANGLES)
     return _shown_faces(part, aspects, most)
 
 
 def shown_part(part: Part, aspects: Sequence[Aspect]) -> Part:
     """The part for pictures: with a coarser mesh if it has too many triangles."""
-    faces = _shown_faces(part, aspects, MOST_OF_PICTURES)
+    faces = _shown_faces(part, aspects, MAX_OF_PICTURES)
     if faces is part.faces:
         return part
     used, number = np.unique(faces, return_inverse=True)

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 # Of a list that can be long so many are named.
-MOST_LISTED = 10
+MAX_LISTED = 10
 
 
 def counted(number: int, one: str, more: str) -> str:
@@ -39,7 +39,7 @@ def run_values(runs: Sequence[tuple[RunDescription, int]]) -> dict[str, object]:
 
 def listed(values: Mapping[str, str]) -> dict[str, str]:
     """The first of them, and how many more there are."""
-    shown = dict(list(values.items())[:MOST_LISTED])
-    if len(values) > MOST_LISTED:
-        shown['not shown'] = f'{len(values) - MOST_LISTED} more'
+    shown = dict(list(values.items())[:MAX_LISTED])
+    if len(values) > MAX_LISTED:
+        shown['not shown'] = f'{len(values) - MAX_LISTED} more'
     return shown

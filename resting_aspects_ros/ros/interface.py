@@ -54,9 +54,9 @@ POSES = QoSProfile(
 )
 # Poses in a batch: at least this, so that small runs are few messages, and more for large ones, so
 # that no run has more than POSES_DEPTH batches.
-LEAST_BATCH = 250
+MIN_BATCH = 250
 
 
 def batch_size(drops: int) -> int:
     """Poses in each batch but the last of a run of so many drops."""
-    return max(LEAST_BATCH, -(-drops // POSES_DEPTH))
+    return max(MIN_BATCH, -(-drops // POSES_DEPTH))

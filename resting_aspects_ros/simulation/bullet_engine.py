@@ -51,7 +51,7 @@ SLOT_SPACING = 4.0
 # has as many as it takes until no speed changes by more than the root of this, R / T, up to a
 # most. A few drops in 100 have an impact that reaches it; twice as many move no aspect.
 SOLVER_RESIDUAL = 1e-10
-MOST_SOLVER_ITERATIONS = 1000
+MAX_SOLVER_ITERATIONS = 1000
 # Overlap from an impact is pushed apart over this time, T. Bullet's default does it within a few
 # steps, which adds speed: finer steps then bounce higher than e^2 h instead of converging to it.
 OVERLAP_TIME = 0.25
@@ -95,7 +95,7 @@ class _World:
         pybullet.setPhysicsEngineParameter(
             fixedTimeStep=self._step,
             numSubSteps=0,
-            numSolverIterations=MOST_SOLVER_ITERATIONS,
+            numSolverIterations=MAX_SOLVER_ITERATIONS,
             solverResidualThreshold=SOLVER_RESIDUAL,
             # Islands are solved together until there are more than so many. Each body is one, and
             # stops iterating by itself.

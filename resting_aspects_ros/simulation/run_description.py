@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.simulation.conditions import DropConditions
 
-MOST_DROPS = 2_000_000
-MOST_SEED = 2**64 - 1
+MAX_DROPS = 2_000_000
+MAX_SEED = 2**64 - 1
 _LONGEST_RUN_ID = 64
 # Part of the name of the run's log.
 _RUN_ID = re.compile(rf'[A-Za-z0-9][A-Za-z0-9_.-]{{0,{_LONGEST_RUN_ID - 1}}}')
@@ -57,12 +57,12 @@ class RunDescription:
 
 def check_drops(drops: int) -> None:
     """Raises InvalidValueError if a run cannot have so many drops."""
-    _check_whole('drops', drops, 1, MOST_DROPS)
+    _check_whole('drops', drops, 1, MAX_DROPS)
 
 
 def check_seed(seed: int) -> None:
     """Raises InvalidValueError if the number is no seed."""
-    _check_whole('seed', seed, 0, MOST_SEED)
+    _check_whole('seed', seed, 0, MAX_SEED)
 
 
 def check_run_id(run_id: str) -> None:
@@ -76,7 +76,7 @@ def check_run_id(run_id: str) -> None:
 
 def check_first_drop(first_drop: int, drops: int) -> None:
     """Raises InvalidValueError if so many drops cannot begin there."""
-    _check_whole('first_drop', first_drop, 0, MOST_SEED - drops)
+    _check_whole('first_drop', first_drop, 0, MAX_SEED - drops)
 
 
 def _check_whole(name: str, value: object, low: int, high: int) -> None:

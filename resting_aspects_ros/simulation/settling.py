@@ -34,7 +34,7 @@ TIME_LIMIT = 500.0
 # m g R. Newton's law of restitution with friction adds energy in some impacts (Kane and Levinson
 # 1985): at 0.8 and 0.5 by up to 0.05 of it from look to look, at 0.95 and 1 by 0.2. What goes
 # numerically wrong grows without bounds.
-MOST_GROWTH = 0.5
+MAX_GROWTH = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ class Settling:
         self._energy[seen] = energy
         self.growth[seen] = np.maximum(self.growth[seen], energy - before)
         least = self._least[seen] = np.minimum(self._least[seen], energy)
-        sound[sound] = energy - least <= MOST_GROWTH * (least + 1)
+        sound[sound] = energy - least <= MAX_GROWTH * (least + 1)
         return np.asarray(~sound)
 
     def _still_ones(self, which: npt.NDArray[np.int64], states: States) -> npt.NDArray[np.bool_]:

@@ -11,7 +11,7 @@ from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 
 DEFAULT_SURFACE = 'rubber_mat'
 # Conditions that differ in more from every surface are in words their own.
-MOST_NAMED = 4
+MAX_NAMED = 4
 
 
 class Surfaces:
@@ -46,7 +46,7 @@ class Surfaces:
             return conditions.surface
         changes = {name: _changes(known, conditions) for name, known in self._sets.items()}
         name = min(changes, key=lambda name: (len(changes[name]), name != DEFAULT_SURFACE))
-        if len(changes[name]) > MOST_NAMED:
+        if len(changes[name]) > MAX_NAMED:
             return 'own conditions'
         if not changes[name]:
             return name

@@ -20,7 +20,7 @@ from resting_aspects_ros.nodes.aspect_classifier import node as aspect_classifie
 from resting_aspects_ros.nodes.drop_recorder import node as drop_recorder
 from resting_aspects_ros.nodes.drop_simulator import node as drop_simulator
 from resting_aspects_ros.nodes.log_replayer import node as log_replayer
-from resting_aspects_ros.nodes.log_replayer.node import LEAST_RATE, MOST_RATE
+from resting_aspects_ros.nodes.log_replayer.node import MAX_RATE, MIN_RATE
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 
 HEAVY = (
@@ -148,7 +148,7 @@ def test_the_tolerance_of_classify_is_told_with_its_bounds(shown):
 
 
 def test_the_rate_of_replay_is_told_with_its_bounds(shown):
-    assert f': {LEAST_RATE:g} to {MOST_RATE:g} (1)' in shown('replay')
+    assert f': {MIN_RATE:g} to {MAX_RATE:g} (1)' in shown('replay')
 
 
 def test_version(run):

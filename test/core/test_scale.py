@@ -5,7 +5,7 @@ import pytest
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.geometry.simplified_hull import MOST_CORNERS
+from resting_aspects_ros.core.geometry.simplified_hull import MAX_CORNERS
 
 SIZES = [0.5, 1990.0]  # mm, of the longest side; compared with 40 mm
 
@@ -62,7 +62,7 @@ def assert_alike(found, expected, part, usual):
 def test_a_simplified_hull_is_off_by_the_same_share_in_any_size(solids, solid, size):
     shape = 'random_sphere', (4000, (1.4, 1, 0.7))
     parts = [sized(solids, solid, *shape, each) for each in (size, 40.0)]
-    assert all(len(part.hull_vertices) <= MOST_CORNERS for part in parts)
+    assert all(len(part.hull_vertices) <= MAX_CORNERS for part in parts)
     shares = [part.hull_error / part.hull_radius for part in parts]
     assert shares[0] == pytest.approx(shares[1], rel=0.1)
     heights = [Landscape(part).heights[0] / part.hull_radius for part in parts]

@@ -43,7 +43,7 @@ from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_
 from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,
     DIAGNOSTICS,
-    LEAST_BATCH,
+    MIN_BATCH,
     POSES,
     RESTING_POSES,
     SERVICES,
@@ -666,19 +666,19 @@ def batches(part, surfaces):
             part('tetrahedron'),
             surfaces.get(),
             seed=1,
-            drops=count * LEAST_BATCH,
+            drops=count * MIN_BATCH,
             run_id=run_id,
             started=10**18,
         )
 
     job, _ = plan(1, '')
-    firsts = range(0, LEAST_BATCH, CHUNK)
+    firsts = range(0, MIN_BATCH, CHUNK)
     poses = Poses.join([drop_chunk(job, first, first + CHUNK) for first in firsts])
 
     def batches(count, run_id='recorded'):
         batch = poses_msg(poses, plan(count, run_id)[1], time_msg(7), last=False)
         for k in range(count):
-            batch.first_drop = k * LEAST_BATCH
+            batch.first_drop = k * MIN_BATCH
             batch.last = k == count - 1
             data = serialize_message(batch)
             yield data + bytes(-len(data) % 4)  # as it is on the wire, and so in a log

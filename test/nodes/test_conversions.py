@@ -19,7 +19,7 @@ from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.ros import conversions
 from resting_aspects_ros.ros.distribution_conversions import distribution_from, distribution_msg
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
-from resting_aspects_ros.simulation.run_description import MOST_SEED, RunDescription
+from resting_aspects_ros.simulation.run_description import MAX_SEED, RunDescription
 
 # Each field has a value of its own, so that none can be taken for another.
 CONDITIONS = DropConditions(
@@ -40,7 +40,7 @@ RUN = RunDescription(
     part='l_bracket',
     part_sha256='ab' * 32,
     conditions=CONDITIONS,
-    seed=MOST_SEED,
+    seed=MAX_SEED,
     first_drop=3,
     drops=2_000_000,
     precision=0.01,
@@ -166,7 +166,7 @@ def test_poses_in_which_nothing_can_rest_are_refused(field, value, words):
         ('part', '../../etc/x'),
         ('part', 'a' * 100_000),
         ('drops', 0),
-        ('first_drop', MOST_SEED),
+        ('first_drop', MAX_SEED),
     ],
 )
 def test_a_description_of_no_run_is_refused(field, value):

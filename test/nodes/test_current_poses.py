@@ -8,8 +8,8 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray
 
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.nodes.aspect_classifier.publishers import MOST_SHOWN, CurrentPoses
-from resting_aspects_ros.ros.interface import CURRENT_POSES, LATCHED, LEAST_BATCH
+from resting_aspects_ros.nodes.aspect_classifier.publishers import MAX_SHOWN, CurrentPoses
+from resting_aspects_ros.ros.interface import CURRENT_POSES, LATCHED, MIN_BATCH
 
 
 def numbers(pose):
@@ -44,12 +44,12 @@ def shows(shown, expected):
 # Over DDS, from drops
 
 
-@pytest.mark.parametrize('drops', [30, LEAST_BATCH + 20], ids=['few', 'last batch is short'])
+@pytest.mark.parametrize('drops', [30, MIN_BATCH + 20], ids=['few', 'last batch is short'])
 def test_they_are_the_newest_of_the_newest_run(suite, drops):
     batches = suite.client.poses()
     shown = suite.client.listen(PoseArray, CURRENT_POSES, LATCHED)
     for part in ('tetrahedron', 'l_bracket'):
-        expected = drop_and_wait(suite.client, batches, part, drops)[-MOST_SHOWN:]
+        expected = drop_and_wait(suite.client, batches, part, drops)[-MAX_SHOWN:]
         assert len(expected) > drops / 4
         suite.client.wait(partial(shows, shown, expected), f'poses of {part}')
         assert shown[-1].header.frame_id == 'tray'
@@ -124,10 +124,10 @@ def test_only_what_came_to_rest_is_shown_and_not_more_than_can_be_told_apart(cur
     assert current.heard(heard, 1) == [0, 2]
     current.take('a', batch(4, [F, S]), Time(sec=2))
     assert current.heard(heard, 2) == [0, 2, 5]
-    current.take('a', batch(6, [S] * (MOST_SHOWN - 2)), Time(sec=3))
-    assert current.heard(heard, 3) == [2, 5, *range(6, 6 + MOST_SHOWN - 2)]
-    current.take('a', batch(500, [S] * (MOST_SHOWN + 7)), Time(sec=4))
-    assert current.heard(heard, 4) == list(range(507, 507 + MOST_SHOWN))
+    current.take('a', batch(6, [S] * (MAX_SHOWN - 2)), Time(sec=3))
+    assert current.heard(heard, 3) == [2, 5, *range(6, 6 + MAX_SHOWN - 2)]
+    current.take('a', batch(500, [S] * (MAX_SHOWN + 7)), Time(sec=4))
+    assert current.heard(heard, 4) == list(range(507, 507 + MAX_SHOWN))
     current.take('b', batch(0, [U, S]), Time(sec=5))
     assert current.heard(heard, 5) == [1]
     current.take('c', batch(0, [F]), Time(sec=6))

@@ -12,7 +12,7 @@ from resting_aspects_ros.ros.conversions import part_msg
 from resting_aspects_ros.ros.interface import (
     ALL_LATCHED,
     LATCHED,
-    LEAST_BATCH,
+    MIN_BATCH,
     POSES,
     RECORDED_RUNS,
 )
@@ -87,12 +87,12 @@ def test_drops_that_are_missing_or_wait_to_be_counted_are_told(
     out.publish(third)
     for node in ('aspect_classifier', 'drop_recorder'):
         level, message, _ = told.wait(
-            node, lambda _, __, values: values['missing drops'] == str(LEAST_BATCH), node
+            node, lambda _, __, values: values['missing drops'] == str(MIN_BATCH), node
         )
         assert level == DiagnosticStatus.WARN
-        assert message.startswith(f'{LEAST_BATCH} drops are missing')
+        assert message.startswith(f'{MIN_BATCH} drops are missing')
     # No aspects are known: nobody has described the part.
-    waiting = str(2 * LEAST_BATCH)
+    waiting = str(2 * MIN_BATCH)
     told.wait('aspect_classifier', lambda *told: told[2]['drops not counted yet'] == waiting, '')
     described = client.node.create_publisher(PartDescription, 'parts/tetrahedron', LATCHED)
     described.publish(part_msg(part('tetrahedron')))

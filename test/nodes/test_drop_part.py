@@ -9,12 +9,12 @@ from resting_aspects_interfaces.msg import RestingPose, Status
 
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.ros.conversions import nanoseconds, poses_from
-from resting_aspects_ros.ros.interface import FRAME, LEAST_BATCH, POSES_DEPTH, batch_size
+from resting_aspects_ros.ros.interface import FRAME, MIN_BATCH, POSES_DEPTH, batch_size
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.plan import plan_run
 
-DROPS = 2 * LEAST_BATCH + 30
+DROPS = 2 * MIN_BATCH + 30
 
 
 @pytest.fixture(scope='module')
@@ -96,8 +96,8 @@ def test_feedback_grows_towards_the_total(drop):
 
 
 def test_batches_are_full_but_the_last_and_follow_each_other(batches):
-    assert [len(batch.poses) for batch in batches] == [LEAST_BATCH, LEAST_BATCH, 30]
-    assert [batch.first_drop for batch in batches] == [0, LEAST_BATCH, 2 * LEAST_BATCH]
+    assert [len(batch.poses) for batch in batches] == [MIN_BATCH, MIN_BATCH, 30]
+    assert [batch.first_drop for batch in batches] == [0, MIN_BATCH, 2 * MIN_BATCH]
     assert [batch.last for batch in batches] == [False, False, True]
 
 
@@ -127,9 +127,9 @@ def test_drops_from_the_middle_are_that_slice_of_the_run(suite, batches_of, engi
 
 
 def test_an_exactly_full_batch_is_the_last(suite, batches_of):
-    drop = suite.client.drop('tetrahedron', LEAST_BATCH, seed=12)
+    drop = suite.client.drop('tetrahedron', MIN_BATCH, seed=12)
     batches = batches_of(drop.result.run_id)
-    assert [(len(batch.poses), batch.last) for batch in batches] == [(LEAST_BATCH, True)]
+    assert [(len(batch.poses), batch.last) for batch in batches] == [(MIN_BATCH, True)]
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import pytest
 from resting_aspects_interfaces.msg import Status
 from rosbags.highlevel import AnyReader
 
-from resting_aspects_ros.ros.interface import LEAST_BATCH
+from resting_aspects_ros.ros.interface import MIN_BATCH
 
 # Shorter than for people, with what is tested left as it is.
 QUICK = {
@@ -48,7 +48,7 @@ def recorded():
 
 def test_who_starts_late_has_all_of_the_run(suite, start, recorded, tmp_path, counts):
     """A recorder and a classifier, started in the middle of a run, and others after it."""
-    drops = 20 * LEAST_BATCH + 50
+    drops = 20 * MIN_BATCH + 50
     heard = suite.client.poses()
     asked = suite.client.asking('tetrahedron', drops, seed=[41])
     suite.client.wait(lambda: any(batch.run.seed == 41 for batch in heard), 'first batch')
@@ -79,7 +79,7 @@ def test_who_starts_late_has_all_of_the_run(suite, start, recorded, tmp_path, co
 
 
 def test_who_is_held_up_during_a_run_loses_nothing(suite, recorded):
-    drops = 4 * LEAST_BATCH
+    drops = 4 * MIN_BATCH
     slow = [suite.processes[name] for name in ('aspect_classifier', 'drop_recorder')]
     for process in slow:
         process.send(signal.SIGSTOP)

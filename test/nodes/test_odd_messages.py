@@ -18,7 +18,7 @@ from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.statistics.distribution import count_poses
 from resting_aspects_ros.ros.conversions import part_msg, poses_from, run_from, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
-from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, LEAST_BATCH, POSES
+from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, MIN_BATCH, POSES
 
 # What is changed in a batch, and to what.
 ODD_BATCHES = [
@@ -103,10 +103,10 @@ def test_an_odd_batch_ends_no_node_and_the_next_is_counted(
         log_of(client, tmp_path, f'good_{turn}')
 
     def known():
-        answer = client.ask('tetrahedron', LEAST_BATCH, surface='rubber_mat', only_known=True)
+        answer = client.ask('tetrahedron', MIN_BATCH, surface='rubber_mat', only_known=True)
         return answer.status.code == Status.OK and answer.distribution
 
-    assert client.wait(known, 'distribution').drops == LEAST_BATCH
+    assert client.wait(known, 'distribution').drops == MIN_BATCH
     assert list(client.parts()) == ['tetrahedron']
     assert {path.name.partition('Z_')[2] for path in tmp_path.iterdir()} == {
         'good_first',

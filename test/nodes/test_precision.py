@@ -4,7 +4,7 @@ import pytest
 from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.core.statistics.stopping import is_precise, looks
-from resting_aspects_ros.simulation.run_description import MOST_DROPS
+from resting_aspects_ros.simulation.run_description import MAX_DROPS
 
 PRECISION = 0.05
 
@@ -23,9 +23,9 @@ def test_the_run_stops_at_the_first_look_that_is_precise(suite, answer, counts):
     assert distribution.drops == sum(counts(distribution))
     found = [aspect.count for aspect in distribution.aspects]
     assert is_precise(found, distribution.drops, PRECISION)
-    assert distribution.drops in looks(MOST_DROPS)
+    assert distribution.drops in looks(MAX_DROPS)
     # The run of one look less has the same first drops, and was not precise.
-    before = max(look for look in looks(MOST_DROPS) if look < distribution.drops)
+    before = max(look for look in looks(MAX_DROPS) if look < distribution.drops)
     shorter = suite.client.drop('tetrahedron', before, seed=3).result
     assert shorter.drops == before
     seen = suite.client.ask('tetrahedron', before, seed=[3], only_known=True).distribution

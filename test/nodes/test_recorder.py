@@ -15,10 +15,10 @@ from rosbags.highlevel import AnyReader
 
 from resting_aspects_ros.logs.bag_metadata import Outcome, recorded_outcome
 from resting_aspects_ros.ros.conversions import conditions_msg
-from resting_aspects_ros.ros.interface import LATCHED, LEAST_BATCH
+from resting_aspects_ros.ros.interface import LATCHED, MIN_BATCH
 from resting_aspects_ros.simulation.config_files import parts_folder
 
-DROPS = 2 * LEAST_BATCH + 20
+DROPS = 2 * MIN_BATCH + 20
 
 
 def read(path):
@@ -125,7 +125,7 @@ def test_distributions_come_while_drops_are_made_and_grow(heard, run):
     assert {message.run.run_id for message in distributions} == {run.run_id}
     drops = [message.drops for message in distributions]
     assert drops == sorted(set(drops))
-    assert drops[0] >= LEAST_BATCH
+    assert drops[0] >= MIN_BATCH
     assert [message.complete for message in distributions] == [count == DROPS for count in drops]
 
 

@@ -15,7 +15,7 @@ from resting_aspects_interfaces.msg import RestingPoses
 from rosbags.highlevel import AnyReader
 
 from resting_aspects_ros.logs.recovery import recover_log
-from resting_aspects_ros.ros.interface import LEAST_BATCH, POSES, RESTING_POSES
+from resting_aspects_ros.ros.interface import MIN_BATCH, POSES, RESTING_POSES
 
 BATCHES = 200
 # Kills come when so many batches at most are told of: long before the recorder is through.
@@ -88,7 +88,7 @@ def test_a_recorder_killed_at_random_moments_loses_nothing_it_told(
     for number in range(1, kills + 1):
         pid, output = start_recorder(namespace, number)
         end = f'killed_{number}' if number > 1 else 'killed'
-        least = LEAST_BATCH * rng.randint(1, LATEST)
+        least = MIN_BATCH * rng.randint(1, LATEST)
         wait(
             lambda output=output, least=least: output.exists() and drops_told(output) >= least,
             'batches',
@@ -104,7 +104,7 @@ def test_a_recorder_killed_at_random_moments_loses_nothing_it_told(
         recovered = batches_in(log, f'{namespace}/{RESTING_POSES}')
         assert recovered == published[: len(recovered)]
         # A batch may be written and not told yet.
-        assert len(recovered) - 1 <= told / LEAST_BATCH <= len(recovered)
+        assert len(recovered) - 1 <= told / MIN_BATCH <= len(recovered)
         kept.append(len(recovered))
     # All but perhaps a few, on a busy machine, were in the middle of writing, and nowhere else.
     assert sum(0 < number < BATCHES for number in kept) >= kills - 2, kept

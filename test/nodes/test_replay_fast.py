@@ -12,7 +12,7 @@ from resting_aspects_ros.core.statistics.distribution import count_poses
 from resting_aspects_ros.logs.run_writer import RunLog
 from resting_aspects_ros.logs.topic_metadata import Qos, Topic
 from resting_aspects_ros.ros.conversions import poses_from
-from resting_aspects_ros.ros.interface import LEAST_BATCH, POSES
+from resting_aspects_ros.ros.interface import MIN_BATCH, POSES
 
 pytestmark = pytest.mark.slow
 
@@ -22,7 +22,7 @@ COUNT = 300
 
 @pytest.fixture(scope='module')
 def written(batches):
-    return list(batches(DROPS // LEAST_BATCH))
+    return list(batches(DROPS // MIN_BATCH))
 
 
 def test_200_000_drops_are_all_counted_and_all_heard(
@@ -46,7 +46,7 @@ def test_200_000_drops_are_all_counted_and_all_heard(
 
     distribution = client.wait(known, 'distribution')
     assert distribution.drops == DROPS
-    times = DROPS // LEAST_BATCH
+    times = DROPS // MIN_BATCH
     expected = (times * once.counts).tolist()
     assert [aspect.count for aspect in distribution.aspects] == expected
     assert distribution.unclassified == times * once.unclassified

@@ -16,9 +16,9 @@ from PIL import Image
 from resting_aspects_ros.core.rotations import rotate
 from resting_aspects_ros.report.colours import aspect_colour
 from resting_aspects_ros.report.figures import bands
-from resting_aspects_ros.report.page import ENDINGS, FIGURES, MOST_PICTURED, PIXELS, SMALL, Report
+from resting_aspects_ros.report.page import ENDINGS, FIGURES, MAX_PICTURED, PIXELS, SMALL, Report
 from resting_aspects_ros.report.rounding import chance_text, points_text
-from resting_aspects_ros.report.standing import MOST_OF_PICTURES
+from resting_aspects_ros.report.standing import MAX_OF_PICTURES
 
 VOID = {'meta', 'link', 'br', 'img', 'path', 'use', 'rect', 'input', 'hr', 'image'}
 
@@ -337,7 +337,7 @@ def test_many_aspects(many_sided, make_report, written):
     page = Reader(text)
     assert len([each for each in page.all('li') if 'data-row' in each]) == classes + 2
     rows = [each for each in page.all('img') if each['alt']]
-    assert len(rows) == 2 * min(classes, MOST_PICTURED)
+    assert len(rows) == 2 * min(classes, MAX_PICTURED)
     assert len(text) < 5_000_000
 
 
@@ -355,13 +355,13 @@ def test_one_aspect_and_no_drops(solid, make_report, written):
 @pytest.mark.slow
 def test_a_large_mesh_is_simplified_for_display_and_that_is_said(solid, make_report, written):
     part = solid(trimesh.creation.icosphere(subdivisions=6, radius=10))
-    assert len(part.faces) > MOST_OF_PICTURES
+    assert len(part.faces) > MAX_OF_PICTURES
     text = (written(make_report(part)) / 'report.html').read_text(encoding='utf-8')
     page = Reader(text)
     said = next(w for w in map(words, page.all('span')) if w.startswith('Shown with'))
     shown, whole = (int(n.replace(',', '')) for n in re.findall(r'[\d,]{4,}', said))
     assert whole == len(part.faces) == 81920
-    assert shown <= MOST_OF_PICTURES
+    assert shown <= MAX_OF_PICTURES
     (script,) = page.all('script', id='scene')
     assert len(base64.b64decode(json.loads(script['text'])['faces'])) == 12 * shown
     assert len(text) < 5_000_000

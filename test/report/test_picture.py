@@ -16,7 +16,7 @@ from resting_aspects_ros.core.rotations import down_in_part, rotate
 from resting_aspects_ros.core.statistics.distribution import Distribution, no_drops
 from resting_aspects_ros.report.colours import COLOURS, GREY
 from resting_aspects_ros.report.figure_style import png_bytes
-from resting_aspects_ros.report.picture import MARGIN, MOST_SHOWN, ROW, _rows, distribution_figure
+from resting_aspects_ros.report.picture import MARGIN, MAX_SHOWN, ROW, _rows, distribution_figure
 from resting_aspects_ros.report.portrait import FROM_ABOVE, OBLIQUE, lay, portraits
 
 PIXELS = 160
@@ -89,14 +89,14 @@ def test_of_many_classes_the_most_probable_are_shown_and_the_others_counted(many
     rows = _rows(Distribution(aspects, counts, 0, 7, 0))
     shown = [row.aspects[0].id for row in rows if row.aspects]
     assert shown == sorted(shown)
-    assert len(shown) == MOST_SHOWN
+    assert len(shown) == MAX_SHOWN
     others = np.delete(counts, np.array(shown) - 1)
     assert counts[np.array(shown) - 1].min() >= others.max()
-    assert [row.name for row in rows[MOST_SHOWN:]] == [
-        f'{len(aspects) - MOST_SHOWN} more aspects',
+    assert [row.name for row in rows[MAX_SHOWN:]] == [
+        f'{len(aspects) - MAX_SHOWN} more aspects',
         'unsettled',
     ]
-    assert rows[MOST_SHOWN].interval.probability == pytest.approx(
+    assert rows[MAX_SHOWN].interval.probability == pytest.approx(
         others.sum() / (counts.sum() + 7), rel=1e-12
     )
 

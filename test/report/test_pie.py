@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.core.statistics.intervals import Interval
-from resting_aspects_ros.report.pie import MOST_PICTURES, OUT, SIDE, pie_figure, spread
+from resting_aspects_ros.report.pie import MAX_PICTURES, OUT, SIDE, pie_figure, spread
 from resting_aspects_ros.report.rows import Row
 
 IMAGE = np.ones((4, 4, 4), dtype=np.float32)
@@ -17,7 +17,7 @@ def test_the_largest_slices_have_pictures_that_do_not_touch(shares):
     rows = [Row(f'r{k}', 1, Interval(p, p, p), '#0072B2') for k, p in enumerate(shares)]
     (axes,) = pie_figure(rows, [IMAGE] * len(rows)).axes
     boxes = np.array([image.get_extent() for image in axes.images])
-    assert len(boxes) == min(len(shares), MOST_PICTURES)
+    assert len(boxes) == min(len(shares), MAX_PICTURES)
     centres = np.stack([boxes[:, :2].mean(axis=1), boxes[:, 2:].mean(axis=1)], axis=1)
     low, high = np.array([axes.get_xlim(), axes.get_ylim()]).T
     assert (centres - SIDE / 2 >= low).all()

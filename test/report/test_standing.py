@@ -10,7 +10,7 @@ from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.report.standing import MOST_TRIANGLES, PITCH, ROW, sent_faces, stand
+from resting_aspects_ros.report.standing import MAX_TRIANGLES, PITCH, ROW, sent_faces, stand
 
 EXAMPLES = ('l_bracket', 'hex_nut', 'washer', 'tetrahedron', 'cylinder_d20_h20')
 
@@ -77,7 +77,7 @@ def test_a_large_mesh_is_made_coarse_and_still_stands_on_the_surface(solid):
     aspects = find_aspects(part).aspects
     faces = sent_faces(part, aspects)
     assert len(aspects) == 6
-    assert 1000 < len(faces) * 6 <= MOST_TRIANGLES
+    assert 1000 < len(faces) * 6 <= MAX_TRIANGLES
     for each in stand(part, aspects):
         corners = in_tray(each, part.vertices[np.unique(faces)])
         assert abs(corners[:, 2].min()) < 1e-9 * part.hull_radius

@@ -91,7 +91,7 @@ def test_a_drop_fails_whose_energy_grows_beyond_what_an_impact_can_add(looks, gr
     fall = 1.0 / job.radius
     assert (sound.energy_growth < 0.05).all()
     assert (sound.energy_growth >= 0).all()
-    least = settling.MOST_GROWTH
+    least = settling.MAX_GROWTH
     assert 0.45 < least < 0.56
     speed = math.sqrt(2 * (fall - 20)) + settling.LOOK
     faster = math.sqrt(1 + growth * (fall + 1) / (speed**2 / 2))
@@ -107,7 +107,7 @@ def test_growth_adds_up_from_look_to_look(looks):
     _, thrice = looks([1.15, 1.3, 1.45])
     assert once.status[0] == RestStatus.SETTLED
     assert thrice.status[0] == RestStatus.FAILED
-    assert thrice.energy_growth[0] < settling.MOST_GROWTH / job.radius
+    assert thrice.energy_growth[0] < settling.MAX_GROWTH / job.radius
 
 
 def test_a_fall_adds_no_energy_and_an_impact_little(drop, part):

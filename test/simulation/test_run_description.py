@@ -7,7 +7,7 @@ import pytest
 from resting_aspects_ros import __version__
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.simulation.plan import ENGINE, ENGINE_VERSION, plan_run
-from resting_aspects_ros.simulation.run_description import MOST_DROPS, MOST_SEED
+from resting_aspects_ros.simulation.run_description import MAX_DROPS, MAX_SEED
 
 
 @pytest.fixture
@@ -46,26 +46,26 @@ def test_a_run_is_described_in_full(plan, part, surfaces):
 @pytest.mark.parametrize(
     ('asked', 'words'),
     [
-        ({'drops': 0}, f'drops is 0, allowed is a whole number from 1 to {MOST_DROPS}'),
-        ({'drops': -5}, f'drops is -5, allowed is a whole number from 1 to {MOST_DROPS}'),
+        ({'drops': 0}, f'drops is 0, allowed is a whole number from 1 to {MAX_DROPS}'),
+        ({'drops': -5}, f'drops is -5, allowed is a whole number from 1 to {MAX_DROPS}'),
         (
             {'drops': 10**12},
-            f'drops is 1000000000000, allowed is a whole number from 1 to {MOST_DROPS}',
+            f'drops is 1000000000000, allowed is a whole number from 1 to {MAX_DROPS}',
         ),
-        ({'drops': 1.5}, f'drops is 1.5, allowed is a whole number from 1 to {MOST_DROPS}'),
-        ({'drops': True}, f'drops is True, allowed is a whole number from 1 to {MOST_DROPS}'),
-        ({'drops': '5'}, f"drops is '5', allowed is a whole number from 1 to {MOST_DROPS}"),
-        ({'seed': -1}, f'seed is -1, allowed is a whole number from 0 to {MOST_SEED}'),
-        ({'seed': 2**64}, f'seed is {2**64}, allowed is a whole number from 0 to {MOST_SEED}'),
-        ({'seed': 0.5}, f'seed is 0.5, allowed is a whole number from 0 to {MOST_SEED}'),
-        ({'seed': float('nan')}, f'seed is nan, allowed is a whole number from 0 to {MOST_SEED}'),
+        ({'drops': 1.5}, f'drops is 1.5, allowed is a whole number from 1 to {MAX_DROPS}'),
+        ({'drops': True}, f'drops is True, allowed is a whole number from 1 to {MAX_DROPS}'),
+        ({'drops': '5'}, f"drops is '5', allowed is a whole number from 1 to {MAX_DROPS}"),
+        ({'seed': -1}, f'seed is -1, allowed is a whole number from 0 to {MAX_SEED}'),
+        ({'seed': 2**64}, f'seed is {2**64}, allowed is a whole number from 0 to {MAX_SEED}'),
+        ({'seed': 0.5}, f'seed is 0.5, allowed is a whole number from 0 to {MAX_SEED}'),
+        ({'seed': float('nan')}, f'seed is nan, allowed is a whole number from 0 to {MAX_SEED}'),
         (
             {'first_drop': -1},
-            f'first_drop is -1, allowed is a whole number from 0 to {MOST_SEED - 100}',
+            f'first_drop is -1, allowed is a whole number from 0 to {MAX_SEED - 100}',
         ),
         (
             {'first_drop': 2**64},
-            f'first_drop is {2**64}, allowed is a whole number from 0 to {MOST_SEED - 100}',
+            f'first_drop is {2**64}, allowed is a whole number from 0 to {MAX_SEED - 100}',
         ),
     ],
 )
@@ -79,10 +79,10 @@ def test_what_is_not_allowed_is_refused_in_words(plan, asked, words):
     'asked',
     [
         {'drops': 1},
-        {'drops': MOST_DROPS},
+        {'drops': MAX_DROPS},
         {'seed': 0},
-        {'seed': MOST_SEED},
-        {'first_drop': MOST_SEED - 100},
+        {'seed': MAX_SEED},
+        {'first_drop': MAX_SEED - 100},
     ],
 )
 def test_the_bounds_are_allowed(plan, asked):
@@ -92,7 +92,7 @@ def test_the_bounds_are_allowed(plan, asked):
 
 
 def test_the_most_drops_are_those_that_the_interface_promises():
-    assert MOST_DROPS == 2_000_000
+    assert MAX_DROPS == 2_000_000
 
 
 def test_runs_that_have_the_same_drops_are_known_as_such(plan, surfaces):

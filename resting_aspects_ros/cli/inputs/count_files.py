@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from resting_aspects_ros.cli.inputs.counts import MOST_COUNTED, GivenCounts, check_counts
+from resting_aspects_ros.cli.inputs.counts import MAX_COUNTED, GivenCounts, check_counts
 from resting_aspects_ros.cli.inputs.csv_table import CsvTable, open_text
 from resting_aspects_ros.core.errors import InvalidValueError, LogError, shown
 from resting_aspects_ros.core.statistics.comparison import REST, Tally
@@ -104,7 +104,7 @@ def _read_csv(path: Path, lines: Iterable[str]) -> GivenCounts:
             raise table.wrong(line, row, aspect, f'each {what} once')
         number = _whole(row[count])
         if number is None:
-            allowed = f'a whole number from 0 to {MOST_COUNTED}'
+            allowed = f'a whole number from 0 to {MAX_COUNTED}'
             raise table.wrong(line, row, count, allowed)
         found[key] = number
     rest = [found.pop(name, 0) for name in REST]
@@ -121,5 +121,5 @@ def _key(text: str) -> int | str | None:
 def _whole(text: str) -> int | None:
     """A whole number that is not too large to be meant."""
     digits = text.strip()
-    plain = digits.isascii() and digits.isdecimal() and len(digits) <= len(str(MOST_COUNTED))
-    return int(digits) if plain and int(digits) <= MOST_COUNTED else None
+    plain = digits.isascii() and digits.isdecimal() and len(digits) <= len(str(MAX_COUNTED))
+    return int(digits) if plain and int(digits) <= MAX_COUNTED else None

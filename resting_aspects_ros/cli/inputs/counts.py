@@ -14,7 +14,7 @@ from resting_aspects_ros.core.statistics.comparison import Tally
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 # More than a run can have; numpy draws tables of less than 1e9.
-MOST_COUNTED = 100_000_000
+MAX_COUNTED = 100_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,9 +94,9 @@ def check_counts(given: GivenCounts) -> None:
             f'{str(given.path)!r} has {given.drops} drops, none of them in an aspect, allowed are '
             '1 or more'
         )
-    if given.drops > MOST_COUNTED:
+    if given.drops > MAX_COUNTED:
         raise InvalidValueError(
-            f'{str(given.path)!r} has {given.drops} drops, allowed are up to {MOST_COUNTED}'
+            f'{str(given.path)!r} has {given.drops} drops, allowed are up to {MAX_COUNTED}'
         )
 
 

@@ -24,7 +24,7 @@ from pydantic import (
 )
 
 from resting_aspects_ros.cli.convergence import Convergence
-from resting_aspects_ros.cli.inputs.counts import MOST_COUNTED, GivenCounts
+from resting_aspects_ros.cli.inputs.counts import MAX_COUNTED, GivenCounts
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
 from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.core.input_file import MAX_PATH
@@ -32,7 +32,7 @@ from resting_aspects_ros.core.part import is_valid_name
 from resting_aspects_ros.core.statistics.comparison import REST, Tally
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
-from resting_aspects_ros.simulation.run_description import MOST_SEED, RunDescription
+from resting_aspects_ros.simulation.run_description import MAX_SEED, RunDescription
 
 if TYPE_CHECKING:
     Id: TypeAlias = int
@@ -40,9 +40,9 @@ if TYPE_CHECKING:
     Seed: TypeAlias = int
     Numbering: TypeAlias = int
 else:
-    Id = conint(strict=True, ge=1, le=MOST_COUNTED)
-    Count = conint(strict=True, ge=0, le=MOST_COUNTED)
-    Seed = conint(strict=True, ge=0, le=MOST_SEED)
+    Id = conint(strict=True, ge=1, le=MAX_COUNTED)
+    Count = conint(strict=True, ge=0, le=MAX_COUNTED)
+    Seed = conint(strict=True, ge=0, le=MAX_SEED)
     Numbering = Literal[ASPECT_NUMBERING]
 Number: TypeAlias = StrictFloat | StrictInt
 Pair: TypeAlias = tuple[Number, Number]

@@ -17,7 +17,7 @@ from resting_aspects_ros.cli.options import (
 from resting_aspects_ros.cli.output_files import check_output
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.simulation.conditions import QUANTITIES
-from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, MOST_DROPS
+from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, MAX_DROPS
 
 if TYPE_CHECKING:
     from resting_aspects_ros.cli.progress import DropProgress
@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
         from resting_aspects_ros.client.client import RestingAspectsClient
         from resting_aspects_ros.core.statistics.stopping import max_drops
 
-        progress = DropProgress(arguments.part, max_drops(drops, precision, MOST_DROPS))
+        progress = DropProgress(arguments.part, max_drops(drops, precision, MAX_DROPS))
         with RestingAspectsClient(
             ros_args=arguments.ros_args, warn=warn, check=stop.check
         ) as client:

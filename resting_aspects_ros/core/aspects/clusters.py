@@ -34,7 +34,7 @@ DEFAULT_TOLERANCE_DEGREES = 5.0
 MIN_TOLERANCE_DEGREES, MAX_TOLERANCE_DEGREES = 1.0, 30.0
 # A cluster has no mean direction if less than this is left of the mean of its unit vectors: its
 # directions are all round a ring (0 if that is a great circle).
-LEAST_RESULTANT = 0.5
+MIN_RESULTANT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ def find_clusters(down: Array, tolerance: float) -> Clusters:
     resultant: Array = sums / counts[:, None]
     length = np.linalg.norm(resultant, axis=1, keepdims=True)
     mean = np.divide(
-        resultant, length, out=np.full_like(resultant, np.nan), where=length >= LEAST_RESULTANT
+        resultant, length, out=np.full_like(resultant, np.nan), where=length >= MIN_RESULTANT
     )
     square = angle_between(points, mean[which]) ** 2
     spread = np.sqrt(np.bincount(which, square, minlength=k) / counts)

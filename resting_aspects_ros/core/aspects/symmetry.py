@@ -38,13 +38,13 @@ ROUGH_ANYWHERE = 0.06
 # Samples that do to choose candidates, and for products of rotations that all samples confirm.
 SAMPLES = 300
 # A candidate closer than this, rad, to one that failed is not tried; nor are more than so many.
-TRIED, MOST_TRIED = 0.05, 100
+TRIED, MAX_TRIED = 0.05, 100
 # So many of them tell whether nearly all rotations fit roughly.
 FEW_ANYWHERE = 60
 # Candidates that are polished at most, in a search.
-MOST_POLISHED = 20
+MAX_POLISHED = 20
 # Directions that are tried as the axis of a body of revolution.
-MOST_AXES = 12
+MAX_AXES = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ def _directions(vectors: Array) -> Array:
     for vector in vectors:
         if all(np.linalg.norm(np.cross(vector, other)) > STEP for other in chosen):
             chosen.append(vector / np.linalg.norm(vector))
-        if len(chosen) == MOST_AXES:
+        if len(chosen) == MAX_AXES:
             break
     return np.array(chosen)
 
@@ -142,7 +142,7 @@ def _from(match: SurfaceMatch, candidates: Array, play: float) -> Array:
     group = tried = np.eye(3)[None]
     few = match.order[:SAMPLES]
     for candidate in candidates[match.fits(candidates, few, play)]:
-        if len(group) == LARGEST or len(tried) > MOST_TRIED:
+        if len(group) == LARGEST or len(tried) > MAX_TRIED:
             break
         if contains(group, candidate) or contains(tried, candidate, TRIED):
             continue
@@ -187,7 +187,7 @@ def _flip(match: SurfaceMatch, axis: Array, n: int, hints: Array, order: Indices
     axes = np.stack([np.cos(azimuths), np.sin(azimuths)], axis=1) @ across
     # An axis is off by half a step at most, and a half turn about it by twice that.
     rough = axes[match.fits(half_turns(axes), order[:SAMPLES], np.pi / n / count)]
-    rough = rough[:: int(np.ceil(len(rough) / MOST_POLISHED)) or 1]
+    rough = rough[:: int(np.ceil(len(rough) / MAX_POLISHED)) or 1]
     for candidate in (*hints, *rough):
         polished = match.polished(half_turns(candidate[None])[0], order)
         # Of a half turn about u, R + 1 is 2 u u^T.

@@ -22,7 +22,7 @@ Indices = npt.NDArray[np.int64]
 # Up to here a hull is left as it is. Bullet looks at every corner in every step: a drop of an egg
 # with 1000, 2000 or 3000 corners takes 9, 14 or 21 ms, that of a box 2 ms. A ball is off by 3e-3
 # with 2000 corners and by 1.7e-3 with 3000, and heights are told apart from 1e-3 R on.
-MOST_CORNERS = 3000
+MAX_CORNERS = 3000
 # Lengths are in units of the furthest corner's distance from the mean of all corners, about R.
 # Corners are added until the others are outside by this: the landscape sees no finer (COPLANAR).
 FINE = 1e-5
@@ -44,7 +44,7 @@ CROWD = 50_000
 
 
 def simplified(
-    corners: Array, triangles: Indices, normals: Array, most: int = MOST_CORNERS
+    corners: Array, triangles: Indices, normals: Array, most: int = MAX_CORNERS
 ) -> tuple[Array, float]:
     """Return the corners of a hull, or some of them if they are too many, and the error.
 

@@ -15,7 +15,7 @@ TOGETHER = 1024
 # Boxes for each of those points from which on one triangle of each box is looked at.
 CROWDED = 32
 # Pairs of points and boxes that are kept, if they are of more than one point.
-MOST_PAIRS = 500_000
+MAX_PAIRS = 500_000
 # Triangles of a point that are looked at first; then so many times more, and so on.
 FEW = 4
 
@@ -122,7 +122,7 @@ class TriangleTree:
                 point, node = point[inside], node[inside]
                 half = int(np.searchsorted(point, point[len(point) // 2])) if len(point) else 0
                 parts = [slice(half, None), slice(0, half)]
-                if not half or len(point) <= MOST_PAIRS:
+                if not half or len(point) <= MAX_PAIRS:
                     parts = [slice(None)]
                 groups += [(level + 1, point[part], node[part], crowd) for part in parts]
 

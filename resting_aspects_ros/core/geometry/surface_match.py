@@ -21,7 +21,7 @@ SYMMETRY_TOLERANCE = 2e-3
 # boxes are small, up to so many pieces.
 PIECE, PIECES = 0.15, 60_000
 # Samples: of the corners of the mesh, and of the middles of pieces and the other vertices.
-MOST_CORNERS, MOST_OTHERS = 1500, 2500
+MAX_CORNERS, MAX_OTHERS = 1500, 2500
 # Samples that are put first, each as far as can be from those before it.
 SPREAD = 200
 # Samples looked at before a rotation is rejected: most are after the first few.
@@ -55,10 +55,10 @@ class SurfaceMatch:
         at_vertex = np.zeros(len(vertices))
         np.maximum.at(at_vertex, faces.ravel(), np.repeat(skins, 3))
         sharp, other = np.flatnonzero(corner), np.flatnonzero(~corner)
-        sharp = sharp[_thinned(vertices[sharp], np.zeros((len(sharp), 3)), MOST_CORNERS)]
+        sharp = sharp[_thinned(vertices[sharp], np.zeros((len(sharp), 3)), MAX_CORNERS)]
         points = np.concatenate([vertices[other], pieces.mean(axis=1)])
         normals = np.concatenate([np.zeros((len(other), 3)), self._normals])
-        few = _thinned(points, normals, MOST_OTHERS)
+        few = _thinned(points, normals, MAX_OTHERS)
         points = np.concatenate([vertices[sharp], points[few]])
         skins = np.concatenate(
             [at_vertex[sharp], np.concatenate([at_vertex[other], skins[whole]])[few]]

@@ -10,7 +10,7 @@ from resting_aspects_ros.core.statistics.intervals import Array, Counts
 
 # The chi-square distribution is used where all expected counts are at least this (Cochran 1954).
 # With less its p can be off by a multiple, and it is counted among drawn tables instead.
-LEAST_EXPECTED = 5.0
+MIN_EXPECTED = 5.0
 # So many of them: the standard error of a p of 0.05 is 0.002.
 TABLES = 9999
 
@@ -76,7 +76,7 @@ def _p_value(
     found = float(statistic(counts))
     if len(counts) == 1:
         return 1.0, 'chi-square'
-    if least >= LEAST_EXPECTED:
+    if least >= MIN_EXPECTED:
         return float(chdtrc(len(counts) - 1, found)), 'chi-square'
     # Equal tables count, whatever the rounding; the observed one is one of them, without which a
     # p could be 0 (Phipson, Smyth 2010).

@@ -31,9 +31,9 @@ FIRST_LOOK = 250
 LOOK_STEP = 125
 # 2,000,000 drops, the most of a run, reach 0.001 for any probability: of each aspect by itself up
 # to a confidence of 99 %, and of up to eight at once at 95 %.
-LEAST_PRECISION = 0.001
+MIN_PRECISION = 0.001
 # The first look has 0.1 or better for any probability: to ask for more than this is a mistake.
-MOST_PRECISION = 0.25
+MAX_PRECISION = 0.25
 # Of what the intervals of a fixed number of drops may miss, what is left for the last look.
 LAST_LOOK = 0.8
 
@@ -58,9 +58,9 @@ def looks(ceiling: int) -> list[int]:
 def check_precision(precision: float) -> None:
     """Raises InvalidValueError if no run can be asked for this precision."""
     number = isinstance(precision, int | float) and not isinstance(precision, bool)
-    if not (number and LEAST_PRECISION <= precision <= MOST_PRECISION):
+    if not (number and MIN_PRECISION <= precision <= MAX_PRECISION):
         raise InvalidValueError(
-            f'precision is {precision!r}, allowed is {LEAST_PRECISION} to {MOST_PRECISION}'
+            f'precision is {precision!r}, allowed is {MIN_PRECISION} to {MAX_PRECISION}'
         )
 
 

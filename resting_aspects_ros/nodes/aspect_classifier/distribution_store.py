@@ -12,7 +12,7 @@ from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 # Finished distributions that are kept.
-MOST_KNOWN = 10_000
+MAX_KNOWN = 10_000
 
 Known = tuple[RunDescription, Distribution]
 
@@ -79,7 +79,7 @@ class KnownDistributions:
         key = _key(run)
         both = [self._known.pop(key, None), (run, distribution)]
         self._known[key] = max(filter(None, both), key=_most_drops)
-        while len(self._known) > MOST_KNOWN:
+        while len(self._known) > MAX_KNOWN:
             self._known.pop(next(iter(self._known)))
 
     def check(self, part_sha256: str) -> list[RunDescription]:

@@ -25,14 +25,14 @@ from resting_aspects_ros.ros.status import NotAvailableError, asked_conditions, 
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.run_description import (
     DEFAULT_SEED,
-    MOST_DROPS,
+    MAX_DROPS,
     RunDescription,
     check_drops,
 )
 from resting_aspects_ros.simulation.surfaces import Surfaces
 
 # Distributions that do not fit and are named, in an answer that there is none.
-MOST_NAMED = 5
+MAX_NAMED = 5
 # To make the message of a distribution takes as long as to send it; one is asked for often.
 MESSAGES_KEPT = 100
 
@@ -68,7 +68,7 @@ class DistributionAnswers:
         return estimate_msg(found, part, self._node.get_clock().now().to_msg(), self._frame)
 
     async def _find_or_drop(self, request: GetDistribution.Request) -> AspectDistribution:
-        drops = max_drops(request.drops, request.precision, MOST_DROPS)
+        drops = max_drops(request.drops, request.precision, MAX_DROPS)
         check_drops(drops)
         seed = request.seed[0] if request.seed else None
         parts = await self._usable(request.part)
@@ -139,8 +139,8 @@ class DistributionAnswers:
         others = self._known.others(request.part, sha, seed)
         if not others:
             return ''
-        more = ', ...' if len(others) > MOST_NAMED else ''
-        return f'; known are {", ".join(others[:MOST_NAMED])}{more}'
+        more = ', ...' if len(others) > MAX_NAMED else ''
+        return f'; known are {", ".join(others[:MAX_NAMED])}{more}'
 
 
 @lru_cache(MESSAGES_KEPT)

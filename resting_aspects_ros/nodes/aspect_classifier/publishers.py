@@ -36,7 +36,7 @@ PUBLISH_PERIOD = Parameter(
     changeable=True,
 )
 # All lie around the tray's origin: more than this cannot be told from each other.
-MOST_SHOWN = 100
+MAX_SHOWN = 100
 
 
 class DistributionOutputs:
@@ -123,10 +123,10 @@ class CurrentPoses:
     def take(self, run_id: str, poses: RestingPoses, stamp: Time) -> None:
         """Take a batch; the poses of another run are forgotten."""
         known = len(self._position) if run_id == self._run_id else 0
-        settled = np.flatnonzero(poses.status == RestStatus.SETTLED)[-MOST_SHOWN:]
+        settled = np.flatnonzero(poses.status == RestStatus.SETTLED)[-MAX_SHOWN:]
         position = np.concatenate([self._position[:known], poses.position[settled]])
         orientation = np.concatenate([self._orientation[:known], poses.orientation[settled]])
-        self._position, self._orientation = position[-MOST_SHOWN:], orientation[-MOST_SHOWN:]
+        self._position, self._orientation = position[-MAX_SHOWN:], orientation[-MAX_SHOWN:]
         self._run_id, self._stamp, self._changed = run_id, stamp, True
 
     def publish(self) -> None:

@@ -47,7 +47,7 @@ PARAMETERS = (
     ),
 )
 # Distributions of runs without a log that are kept, for the log that may be begun yet.
-MOST_EARLY = 100
+MAX_EARLY = 100
 # How often it is looked whether a log is whole, s.
 CLOSE_PERIOD = 0.2
 
@@ -64,7 +64,7 @@ class DropRecorder(Node):
         self._logs: dict[str, OpenLog] = {}
         self._parts: dict[str, tuple[PartDescription, bytes]] = {}
         # Distributions can come before the poses that they count.
-        self._early: deque[tuple[AspectDistribution, bytes]] = deque(maxlen=MOST_EARLY)
+        self._early: deque[tuple[AspectDistribution, bytes]] = deque(maxlen=MAX_EARLY)
         self._drops = Meter()
         self._reports = LogReports(self)
         self._tracker = RunTracker(self, self._run_over, self._is_recorded)

@@ -54,7 +54,7 @@ from resting_aspects_ros.simulation.config_files import parts_folder, surfaces_f
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.plan import plan_run
 from resting_aspects_ros.simulation.process_workers import MAX_WORKERS, default_workers
-from resting_aspects_ros.simulation.run_description import MOST_DROPS, RunDescription, check_run_id
+from resting_aspects_ros.simulation.run_description import MAX_DROPS, RunDescription, check_run_id
 from resting_aspects_ros.simulation.surfaces import Surfaces
 
 PARAMETERS = (
@@ -229,7 +229,7 @@ class DropSimulator(Node):
                 self._surfaces, goal.surface, goal.conditions, self._default.conditions
             ),
             seed=goal.seed,
-            drops=max_drops(goal.drops, goal.precision, MOST_DROPS),
+            drops=max_drops(goal.drops, goal.precision, MAX_DROPS),
             first_drop=goal.first_drop,
             precision=goal.precision,
             run_id=goal.run_id or uuid.uuid4().hex[:12],

@@ -24,10 +24,10 @@ from resting_aspects_ros.ros.liveliness import Living, announce
 from resting_aspects_ros.ros.parameters import Parameter, declare
 from resting_aspects_ros.ros.spin import run_node
 
-LEAST_RATE, MOST_RATE = 0.001, 1000.0
+MIN_RATE, MAX_RATE = 0.001, 1000.0
 PARAMETERS = (
     Parameter('log', '', 'what is replayed: the folder of a run, or an .mcap file'),
-    Parameter('rate', 1.0, 'how many times as fast as recorded', (LEAST_RATE, MOST_RATE)),
+    Parameter('rate', 1.0, 'how many times as fast as recorded', (MIN_RATE, MAX_RATE)),
     Parameter('as_fast_as_possible', False, 'do not wait as recorded; leave the rate at 1.0'),
     Parameter('loop', False, 'begin again a second after the end'),
 )

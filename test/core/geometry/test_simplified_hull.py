@@ -12,10 +12,10 @@ from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import Sweep
 from resting_aspects_ros.core.aspects.joining import join_minima
 from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.geometry.simplified_hull import FINE, GOOD, MOST_CORNERS
+from resting_aspects_ros.core.geometry.simplified_hull import FINE, GOOD, MAX_CORNERS
 from resting_aspects_ros.core.part_loading import part_from_bytes
 
-# Of more than MOST_CORNERS corners, and how many aspects each has.
+# Of more than MAX_CORNERS corners, and how many aspects each has.
 FINE_SOLIDS = [
     ('prism', (1700,), 3),
     ('random_cylinder', (4000,), 3),
@@ -62,8 +62,8 @@ def whole(monkeypatch, solid):
 
 
 def test_a_hull_that_is_not_too_large_is_left_as_it_is(solids, solid):
-    part = solid(solids.random_sphere(MOST_CORNERS))
-    assert len(part.hull_vertices) == MOST_CORNERS
+    part = solid(solids.random_sphere(MAX_CORNERS))
+    assert len(part.hull_vertices) == MAX_CORNERS
     assert part.hull_error == 0
     assert part.warnings == ()
 
@@ -75,7 +75,7 @@ def test_a_fine_mesh_has_the_aspects_of_its_shape(solids, solid, whole, name, ar
     shares = [full.basin_shares[group.minima].sum() for group in join_minima(full)]
     part = solid(solids.turned(mesh, solids.a_turn(1)))
     assert part.hull_error > 0
-    assert len(part.hull_vertices) <= MOST_CORNERS
+    assert len(part.hull_vertices) <= MAX_CORNERS
     few = Landscape(part)
     joined = join_minima(few)
     assert len(joined) == len(shares) == aspects

@@ -29,7 +29,7 @@ def tree(request, monkeypatch):
     crowded, pairs = request.param
     monkeypatch.setattr(surface_distance, 'TOGETHER', 64)
     monkeypatch.setattr(surface_distance, 'CROWDED', crowded)
-    monkeypatch.setattr(surface_distance, 'MOST_PAIRS', pairs)
+    monkeypatch.setattr(surface_distance, 'MAX_PAIRS', pairs)
     return lambda triangles: TriangleTree(triangles, np.zeros(len(triangles)))
 
 

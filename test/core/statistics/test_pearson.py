@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom, chi2_contingency, chisquare, fisher_exact
 
-from resting_aspects_ros.core.statistics.pearson import LEAST_EXPECTED, TABLES, p_of_one, p_of_two
+from resting_aspects_ros.core.statistics.pearson import MIN_EXPECTED, TABLES, p_of_one, p_of_two
 
 # Of a p by drawn tables: five standard errors.
 FIVE_ERRORS = 5 * math.sqrt(0.25 / TABLES)
@@ -34,7 +34,7 @@ def test_two_of_many_drops_are_scipys(rows):
     if min(one.sum(), other.sum()) == 0 or seen.sum() < 2:
         return
     theirs = chi2_contingency([one[seen], other[seen]], correction=False)
-    if theirs.expected_freq.min() < LEAST_EXPECTED:
+    if theirs.expected_freq.min() < MIN_EXPECTED:
         return
     p, source = p_of_two(one, other, generator())
     assert source == 'chi-square'
@@ -91,7 +91,7 @@ def test_the_chi_square_distribution_is_used_from_five_expected_on():
 def test_both_ways_agree_where_both_hold(monkeypatch):
     one, other = counts(30, 60, 110), counts(45, 55, 100)
     by_formula, _ = p_of_two(one, other, generator())
-    monkeypatch.setattr('resting_aspects_ros.core.statistics.pearson.LEAST_EXPECTED', math.inf)
+    monkeypatch.setattr('resting_aspects_ros.core.statistics.pearson.MIN_EXPECTED', math.inf)
     by_tables, source = p_of_two(one, other, generator())
     assert source == 'monte carlo'
     assert by_tables == pytest.approx(by_formula, abs=FIVE_ERRORS)

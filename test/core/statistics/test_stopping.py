@@ -12,26 +12,26 @@ from scipy.stats import binom, binomtest
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.statistics.intervals import METHODS, bounds
 from resting_aspects_ros.core.statistics.stopping import (
-    LEAST_PRECISION,
     LOOK_STEP,
-    MOST_PRECISION,
+    MAX_PRECISION,
+    MIN_PRECISION,
     check_precision,
     is_precise,
     looks,
     stopping_confidence,
 )
 from resting_aspects_ros.simulation.initial_state import CHUNK
-from resting_aspects_ros.simulation.run_description import MOST_DROPS
+from resting_aspects_ros.simulation.run_description import MAX_DROPS
 
 methods = pytest.mark.parametrize('method', METHODS)
-precisions = st.floats(LEAST_PRECISION, MOST_PRECISION)
+precisions = st.floats(MIN_PRECISION, MAX_PRECISION)
 
 
 def test_the_first_looks_are_spelled_out():
     assert looks(2000) == [250, 375, 500, 625, 875, 1125, 1500, 1875, 2000]
 
 
-@given(st.integers(1, MOST_DROPS))
+@given(st.integers(1, MAX_DROPS))
 def test_looks_grow_by_about_a_quarter_up_to_the_ceiling(ceiling):
     found = looks(ceiling)
     assert found[-1] == ceiling
@@ -42,7 +42,7 @@ def test_looks_grow_by_about_a_quarter_up_to_the_ceiling(ceiling):
     assert len(found) <= 39
 
 
-@given(st.integers(1, MOST_DROPS), st.integers(1, MOST_DROPS))
+@given(st.integers(1, MAX_DROPS), st.integers(1, MAX_DROPS))
 def test_the_ceiling_does_not_move_the_looks_below_it(a, b):
     low, high = min(a, b), max(a, b)
     assert looks(low)[:-1] == [look for look in looks(high) if look < low]
@@ -58,7 +58,7 @@ def test_a_ceiling_below_one_drop_is_refused(ceiling):
         looks(ceiling)
 
 
-@pytest.mark.parametrize('precision', [LEAST_PRECISION, 0.01, MOST_PRECISION])
+@pytest.mark.parametrize('precision', [MIN_PRECISION, 0.01, MAX_PRECISION])
 def test_a_precision_within_bounds_is_allowed(precision):
     check_precision(precision)
 
@@ -75,13 +75,13 @@ def test_another_precision_is_refused_in_words(precision):
 
 def test_the_least_precision_is_reached_by_the_most_drops_and_the_most_by_the_first_look():
     # A share of one half has the widest interval.
-    half = [MOST_DROPS // 2] * 2
+    half = [MAX_DROPS // 2] * 2
     for confidence in (0.9, 0.95, 0.99):
-        assert is_precise(half, MOST_DROPS, LEAST_PRECISION, 'wilson', confidence)
+        assert is_precise(half, MAX_DROPS, MIN_PRECISION, 'wilson', confidence)
         assert is_precise([125, 125], 250, 0.1, 'wilson', confidence)
     # All at once costs more.
-    assert is_precise([*half, *[0] * 6], MOST_DROPS, LEAST_PRECISION, 'simultaneous')
-    assert not is_precise([*half, *[0] * 7], MOST_DROPS, LEAST_PRECISION, 'simultaneous')
+    assert is_precise([*half, *[0] * 6], MAX_DROPS, MIN_PRECISION, 'simultaneous')
+    assert not is_precise([*half, *[0] * 7], MAX_DROPS, MIN_PRECISION, 'simultaneous')
 
 
 @methods
@@ -106,7 +106,7 @@ def test_an_aspect_never_seen_counts_as_well(method):
 
 @methods
 def test_without_drops_nothing_is_precise(method):
-    assert not is_precise([0, 0], 0, MOST_PRECISION, method)
+    assert not is_precise([0, 0], 0, MAX_PRECISION, method)
 
 
 def test_goldbergs_sample_size():
@@ -132,7 +132,7 @@ def coverage_when_stopped(precision, confidence, shares):
     alive = [np.ones(1) for _ in shares]
     covered, drops_made = np.zeros(len(shares)), np.zeros(len(shares))
     before = 0
-    for drops in looks(MOST_DROPS):
+    for drops in looks(MAX_DROPS):
         count = np.arange(drops + 1)
         stops = np.array([is_precise([c], drops, precision, 'wilson', confidence) for c in count])
         lower, upper = bounds(count[:, None], drops, 'wilson', stopping_confidence(confidence))
@@ -184,7 +184,7 @@ def stopped_runs(truth, precision, method):
     chances = [*truth, max(0.0, 1 - sum(truth))]
     counts, drops = np.zeros((RUNS, len(truth)), dtype=np.int64), np.zeros(RUNS, dtype=np.int64)
     for i in range(RUNS):
-        for look in looks(MOST_DROPS):
+        for look in looks(MAX_DROPS):
             counts[i] += generator.multinomial(look - drops[i], chances)[:-1]
             drops[i] = look
             if is_precise(counts[i], look, precision, method):
