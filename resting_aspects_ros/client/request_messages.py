@@ -11,13 +11,13 @@ from resting_aspects_interfaces.msg import PartDescription
 from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution
 
 from resting_aspects_ros.client.pending_request import AnswerTimeoutError
+from resting_aspects_ros.core.aspects.pose_query import unit_orientation
 from resting_aspects_ros.core.errors import (
     InvalidValueError,
     RestingAspectsError,
     UnknownPartError,
 )
 from resting_aspects_ros.core.part import MAX_NAME, is_valid_name
-from resting_aspects_ros.core.pose_query import unit_orientation
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.core.statistics.stopping import max_drops
 from resting_aspects_ros.ros.conversions import conditions_msg

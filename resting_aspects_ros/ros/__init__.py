@@ -1,1 +1,6 @@
-"""TODO."""
+"""What all ROS nodes and clients of the suite share.
+
+Contains names and QoS, conversions between domain types and messages, parameters, diagnostics
+and guarded callbacks. May import `core`, `simulation`, `logs` and rclpy, but neither nodes nor the
+client. Read `interface.py` first, then `conversions.py`.
+"""

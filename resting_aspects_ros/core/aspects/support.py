@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from resting_aspects_ros.core.aspects.aspect_set import Aspect, Sweep
-from resting_aspects_ros.core.geometry.contact import ContactPiece, contact_pieces
+from resting_aspects_ros.core.aspects.contact import ContactPiece, contact_pieces
 from resting_aspects_ros.core.geometry.polyhedron import COPLANAR
 from resting_aspects_ros.core.geometry.tessellation import CURVED_STEP
 from resting_aspects_ros.core.part import Part

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import POSE_ANGLE, AspectSet
+from resting_aspects_ros.core.aspects.pose_query import nearest_aspect, unit_orientation
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.pose_query import nearest_aspect, unit_orientation
 from resting_aspects_ros.core.rotations import canonical, random_orientations
 
 # Half of its numbers negative, so that no order and no sign passes for another.
