@@ -9,13 +9,13 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
-from resting_aspects_ros.cli.convergence import Convergence
-from resting_aspects_ros.cli.drop_counter import DropCounter, check_in_finer_steps
+from resting_aspects_ros.api.convergence import Convergence
+from resting_aspects_ros.api.drop_counter import DropCounter, check_in_finer_steps
 from resting_aspects_ros.cli.drop_request import DropRequest
-from resting_aspects_ros.cli.formatting import warn
-from resting_aspects_ros.cli.inputs.part_argument import mesh_file
-from resting_aspects_ros.cli.output_files import OutputError, check_output, make_folder, poses_file
-from resting_aspects_ros.cli.run_result import Answer
+from resting_aspects_ros.api.formatting import warn
+from resting_aspects_ros.api.inputs.part_argument import mesh_file
+from resting_aspects_ros.api.output_files import OutputError, check_output, make_folder, poses_file
+from resting_aspects_ros.api.drop_result import Answer
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.errors import EngineError
@@ -125,7 +125,7 @@ def _write(answer: Answer, out: Path | None, arguments: argparse.Namespace) -> N
         # All else is saved: nobody has to wait for the page.
         catch(signal.default_int_handler)
         _print(lines, arguments)
-        from resting_aspects_ros.cli.report_files import write_report
+        from resting_aspects_ros.api.report_files import write_report
 
         lines = [f'Report: {write_report(answer, out)}']
     _print(lines, arguments)
@@ -144,7 +144,7 @@ def _folder(arguments: argparse.Namespace, part: str) -> tuple[str, Path | None]
     flag, out = '--out', arguments.out
     if arguments.report:
         # It takes a while to import, which drops without a report do not need.
-        from resting_aspects_ros.cli.report_files import check_report, default_folder
+        from resting_aspects_ros.api.report_files import check_report, default_folder
 
         if out is None:
             flag, out = '--report', default_folder(part)

@@ -5,8 +5,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
-from resting_aspects_ros.cli.formatting import warn
-from resting_aspects_ros.cli.run_result import Answer
+from resting_aspects_ros.api.formatting import warn
+from resting_aspects_ros.api.drop_result import Answer
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError, LogError, one_line
 from resting_aspects_ros.core.input_file import named

@@ -10,7 +10,7 @@ from builtin_interfaces.msg import Time
 from rclpy.serialization import serialize_message
 from scipy.stats import chi2_contingency, fisher_exact
 
-from resting_aspects_ros.cli.inputs.count_files import read_counts
+from resting_aspects_ros.api.inputs.count_files import read_counts
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.statistics.distribution import Distribution

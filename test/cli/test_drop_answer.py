@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from resting_aspects_ros.cli.output_files import POSES_HEADER
+from resting_aspects_ros.api.output_files import POSES_HEADER
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 from resting_aspects_ros.core.statistics.distribution import count_poses, no_drops

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from resting_aspects_ros.cli.inputs.pose_csv import read_poses_file
-from resting_aspects_ros.cli.output_files import POSES_HEADER
+from resting_aspects_ros.api.inputs.pose_csv import read_poses_file
+from resting_aspects_ros.api.output_files import POSES_HEADER
 from resting_aspects_ros.core.errors import InvalidValueError
 
 # An orientation whose four numbers all differ, and the same with w < 0.

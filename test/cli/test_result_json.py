@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from resting_aspects_ros.cli.inputs.count_files import read_counts
-from resting_aspects_ros.cli.inputs.result_json import RunDocument, counts_of, read_document
+from resting_aspects_ros.api.inputs.count_files import read_counts
+from resting_aspects_ros.api.inputs.result_json import RunDocument, counts_of, read_document
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.report.document import SCHEMA_VERSION
 from resting_aspects_ros.simulation.conditions import QUANTITIES

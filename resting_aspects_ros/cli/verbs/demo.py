@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from resting_aspects_ros.cli.output_files import check_output, make_folder
+from resting_aspects_ros.api.output_files import check_output, make_folder
 from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.simulation.interruption import Interruption
 
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     for node in NODES:
         check_output('--out', out / f'{node}.log')
     # A second to import, which --help does not need.
-    from resting_aspects_ros.cli.report_files import check_report, write_report
+    from resting_aspects_ros.api.report_files import check_report, write_report
     from resting_aspects_ros.run_logs.contents import logged_answer
 
     check_report('--out', out)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from resting_aspects_ros.cli.formatting import shipped_surfaces
-from resting_aspects_ros.cli.inputs.part_argument import part_of
+from resting_aspects_ros.api.formatting import shipped_surfaces
+from resting_aspects_ros.api.inputs.part_argument import part_of
 from resting_aspects_ros.cli.options import add_output, add_part, parse_quantity
-from resting_aspects_ros.cli.run_result import make_console, show_table
+from resting_aspects_ros.api.drop_result import make_console, show_table
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate, estimate_each
@@ -28,7 +28,7 @@ from resting_aspects_ros.report.estimate_report import (
 from resting_aspects_ros.simulation.conditions import DropConditions
 
 if TYPE_CHECKING:  # imported when there is something to compare with
-    from resting_aspects_ros.cli.inputs.counts import GivenCounts
+    from resting_aspects_ros.api.inputs.counts import GivenCounts
 
 # Of the tables that are drawn for p values: the same question has the same answer.
 SEED = 1
@@ -84,8 +84,8 @@ def run(arguments: argparse.Namespace) -> int:
     shape = RestingShape(part)
     against = None
     if arguments.against is not None:
-        from resting_aspects_ros.cli.inputs.count_files import read_counts
-        from resting_aspects_ros.cli.inputs.counts import check_against
+        from resting_aspects_ros.api.inputs.count_files import read_counts
+        from resting_aspects_ros.api.inputs.counts import check_against
 
         against = read_counts(arguments.against)
         check_against(against, part.name, part.part_sha256, shape.aspects)
@@ -137,7 +137,7 @@ def show_estimates(
     }
     tally, deviations = None, {}
     if against is not None:
-        from resting_aspects_ros.cli.inputs.counts import counted_by_class_of
+        from resting_aspects_ros.api.inputs.counts import counted_by_class_of
         from resting_aspects_ros.core.statistics.comparison import compare_with_exact
 
         tally = counted_by_class_of(against, aspects) if by_class else against.tally

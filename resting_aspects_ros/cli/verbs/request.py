@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.cli.formatting import shipped_surfaces, warn
+from resting_aspects_ros.api.formatting import shipped_surfaces, warn
 from resting_aspects_ros.cli.options import (
     add_conditions,
     add_output,
@@ -14,14 +14,14 @@ from resting_aspects_ros.cli.options import (
     conditions_of,
     drops_of,
 )
-from resting_aspects_ros.cli.output_files import check_output
+from resting_aspects_ros.api.output_files import check_output
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, MAX_DROPS
 
 if TYPE_CHECKING:
     from resting_aspects_ros.cli.progress import DropProgress
-    from resting_aspects_ros.cli.run_result import Answer
+    from resting_aspects_ros.api.drop_result import Answer
     from resting_aspects_ros.client.client import RestingAspectsClient
     from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.simulation.interruption import Interruption
@@ -158,7 +158,7 @@ def _estimate(arguments: argparse.Namespace, stop: Interruption) -> int:
 
 def answer_from(message: Any, part: 'Part | None') -> 'Answer':
     """The answer in an AspectDistribution."""
-    from resting_aspects_ros.cli.run_result import Answer
+    from resting_aspects_ros.api.drop_result import Answer
     from resting_aspects_ros.ros.conversions import run_from
     from resting_aspects_ros.ros.distribution_conversions import distribution_from
 

@@ -23,8 +23,8 @@ from pydantic import (
     create_model,
 )
 
-from resting_aspects_ros.cli.convergence import Convergence
-from resting_aspects_ros.cli.inputs.counts import MAX_COUNTED, GivenCounts
+from resting_aspects_ros.api.convergence import Convergence
+from resting_aspects_ros.api.inputs.counts import MAX_COUNTED, GivenCounts
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
 from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.core.input_file import MAX_PATH

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.cli.inputs.csv_table import CsvTable, open_text
+from resting_aspects_ros.api.inputs.csv_table import CsvTable, open_text
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE, canonical

@@ -6,18 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
-from resting_aspects_ros.cli.formatting import warn
-from resting_aspects_ros.cli.inputs.count_files import MAX_BYTES
-from resting_aspects_ros.cli.inputs.counts import check_same_part
-from resting_aspects_ros.cli.inputs.csv_table import open_text
-from resting_aspects_ros.cli.inputs.part_argument import given_part
-from resting_aspects_ros.cli.inputs.result_json import (
+from resting_aspects_ros.api.formatting import warn
+from resting_aspects_ros.api.inputs.count_files import MAX_BYTES
+from resting_aspects_ros.api.inputs.counts import check_same_part
+from resting_aspects_ros.api.inputs.csv_table import open_text
+from resting_aspects_ros.api.inputs.part_argument import given_part
+from resting_aspects_ros.api.inputs.result_json import (
     FullAspect,
     RunDocument,
     counts_of,
     read_document,
 )
-from resting_aspects_ros.cli.run_result import Answer
+from resting_aspects_ros.api.drop_result import Answer
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet, Sweep
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError

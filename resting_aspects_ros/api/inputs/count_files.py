@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from resting_aspects_ros.cli.inputs.counts import MAX_COUNTED, GivenCounts, check_counts
-from resting_aspects_ros.cli.inputs.csv_table import CsvTable, open_text
+from resting_aspects_ros.api.inputs.counts import MAX_COUNTED, GivenCounts, check_counts
+from resting_aspects_ros.api.inputs.csv_table import CsvTable, open_text
 from resting_aspects_ros.core.errors import InvalidValueError, LogError, shown
 from resting_aspects_ros.core.statistics.comparison import REST, Tally
 from resting_aspects_ros.logs.stream_reader import is_log
@@ -34,7 +34,7 @@ def read_counts(path: Path) -> GivenCounts:
             text = file.read()
             if path.suffix == '.json' or text.lstrip().startswith('{'):
                 # Only this needs the library that checks documents.
-                from resting_aspects_ros.cli.inputs.result_json import counts_of, read_document
+                from resting_aspects_ros.api.inputs.result_json import counts_of, read_document
 
                 given = counts_of(path, read_document(path, text))
             else:

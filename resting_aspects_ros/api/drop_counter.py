@@ -6,9 +6,9 @@ from concurrent.futures import Future, wait
 from contextlib import closing
 from typing import TextIO
 
-from resting_aspects_ros.cli.convergence import REFINEMENT, Convergence, check_convergence
-from resting_aspects_ros.cli.formatting import warn
-from resting_aspects_ros.cli.output_files import write_poses
+from resting_aspects_ros.api.convergence import REFINEMENT, Convergence, check_convergence
+from resting_aspects_ros.api.formatting import warn
+from resting_aspects_ros.api.output_files import write_poses
 from resting_aspects_ros.cli.progress import DropProgress
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import (

@@ -8,9 +8,9 @@ from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
 
-from resting_aspects_ros.cli.convergence import Convergence
-from resting_aspects_ros.cli.formatting import surface_text
-from resting_aspects_ros.cli.output_files import whole_file
+from resting_aspects_ros.api.convergence import Convergence
+from resting_aspects_ros.api.formatting import surface_text
+from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.intervals import Counts

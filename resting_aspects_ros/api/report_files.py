@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from resting_aspects_ros.cli.formatting import condition_facts, surface_text, when_text
-from resting_aspects_ros.cli.inputs.counts import GivenCounts, counted_by_class_of
-from resting_aspects_ros.cli.output_files import check_output, make_folder, whole_file
-from resting_aspects_ros.cli.run_result import Answer
+from resting_aspects_ros.api.formatting import condition_facts, surface_text, when_text
+from resting_aspects_ros.api.inputs.counts import GivenCounts, counted_by_class_of
+from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
+from resting_aspects_ros.api.drop_result import Answer
 from resting_aspects_ros.cli.verbs.estimate import recommendation
 from resting_aspects_ros.core.estimators.estimate import METHODS, estimate_each
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
