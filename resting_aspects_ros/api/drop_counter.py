@@ -7,9 +7,9 @@ from contextlib import closing
 from typing import TextIO
 
 from resting_aspects_ros.api.convergence import REFINEMENT, Convergence, check_convergence
-from resting_aspects_ros.api.formatting import warn
 from resting_aspects_ros.api.output_files import write_poses
 from resting_aspects_ros.cli.progress import DropProgress
+from resting_aspects_ros.core.errors import warn
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import (
     Distribution,

@@ -1,12 +1,7 @@
 """A distribution as a command answers it: a table or a JSON document, and a picture."""
 
 import dataclasses
-import sys
 from pathlib import Path
-
-from rich.console import Console
-from rich.measure import Measurement
-from rich.table import Table
 
 from resting_aspects_ros.api.convergence import Convergence
 from resting_aspects_ros.api.formatting import surface_text
@@ -15,46 +10,11 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.intervals import Counts
 from resting_aspects_ros.report.document import distribution_document, to_json
-from resting_aspects_ros.report.rounding import size_text
-from resting_aspects_ros.report.table import distribution_table, never_seen_text
 from resting_aspects_ros.simulation.run_description import RunDescription
-
-# Of a table that goes into a pipe or a file.
-PIPED_WIDTH = 80
-# No table is wider.
-WIDEST = 1000
-
-
-def make_console() -> Console:
-    """Standard output, as wide as its terminal, if it is one."""
-    console = Console()
-    if not console.is_terminal:
-        # Not that of the terminal in which the command was typed.
-        console.width = PIPED_WIDTH
-    return console
-
-
-def show_table(console: Console, table: Table) -> None:
-    """Print a table whole: where it is wider than the terminal no digit is cut off."""
-    before = console.width
-    options = console.options.update(width=WIDEST)
-    console.width = max(before, Measurement.get(console, options, table).maximum)
-    console.print(table)
-    console.width = before
-
-
-def print_table(
-    distribution: Distribution, title: str, part: Part | None = None, *, each: bool = False
-) -> None:
-    """On standard output, with what is known of aspects that were never seen."""
-    console = make_console()
-    show_table(console, distribution_table(distribution, title, part, each=each))
-    if unseen := never_seen_text(distribution, each=each):
-        console.print(unseen, highlight=False)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Answer:
+class DropResult:
     """A distribution with all that says what it is of; the part is None if nobody knows it.
 
     mesh_file : Path or None
@@ -84,7 +44,7 @@ class Answer:
         of = '' if self.complete else f' of {self.run.drops}'
         return f'{self.distribution.drops}{of} drops on {surface}, seed {self.run.seed}'
 
-    def json(self) -> str:
+    def to_json(self) -> str:
         """The document."""
         fields: dict[str, object] = {
             **dataclasses.asdict(self.run),
@@ -105,25 +65,10 @@ class Answer:
             fields['convergence'] = self.convergence
         return to_json(distribution_document(self.distribution, fields, self.part))
 
-    def print(self, *, as_json: bool, each: bool = False) -> None:
-        """On standard output, as a document and nothing else, or as a table.
-
-        ``each`` asks for a row for each aspect, also where several look alike.
-        """
-        if as_json:
-            sys.stdout.write(self.json())
-            return
-        # A mesh that is read in a wrong unit shows by its size.
-        size = f', {size_text(self.part)}' if self.part else ''
-        title = f'{self.run.part}{size}\n{self.words}'
-        print_table(self.distribution, title, self.part, each=each)
-        if self.convergence is not None:
-            print(self.convergence.text())
-
     def save_json(self, path: Path) -> None:
         """Write the document; raises OutputError."""
         with whole_file(path) as part:
-            part.write_text(self.json(), encoding='utf-8')
+            part.write_text(self.to_json(), encoding='utf-8')
 
     def save_picture(self, path: Path) -> None:
         """Write a PNG; raises OutputError."""

@@ -1,7 +1,6 @@
-"""Conditions, times and warnings in words."""
+"""Conditions and times as text."""
 
 import functools
-import sys
 from collections.abc import Iterator
 from datetime import datetime, timezone
 
@@ -11,11 +10,6 @@ from resting_aspects_ros.simulation.config_files import surfaces_file
 from resting_aspects_ros.simulation.surfaces import Surfaces
 
 _NANOSECONDS = 1_000_000_000
-
-
-def warn(text: str) -> None:
-    """Print a warning on standard error."""
-    print(f'warning: {text}', file=sys.stderr)
 
 
 @functools.cache

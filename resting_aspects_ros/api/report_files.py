@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.formatting import condition_facts, surface_text, when_text
 from resting_aspects_ros.api.inputs.counts import GivenCounts, counted_by_class_of
 from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
-from resting_aspects_ros.api.drop_result import Answer
-from resting_aspects_ros.cli.verbs.estimate import recommendation
+from resting_aspects_ros.api.recommended_method import recommended_method
 from resting_aspects_ros.core.estimators.estimate import METHODS, estimate_each
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.core.input_file import printable
@@ -41,7 +41,7 @@ def _figure_files() -> list[str]:
     return [f'{figure}.{ending}' for figure in FIGURES for ending in ENDINGS]
 
 
-def write_report(answer: Answer, folder: Path, against: GivenCounts | None = None) -> Path:
+def write_report(answer: DropResult, folder: Path, against: GivenCounts | None = None) -> Path:
     """Write it; returns where the page is. Raises OutputError."""
     written = set()
     for name, data in report_files(_report(answer, against)):
@@ -54,14 +54,14 @@ def write_report(answer: Answer, folder: Path, against: GivenCounts | None = Non
     return folder / PAGE
 
 
-def _report(answer: Answer, against: GivenCounts | None) -> Report:
+def _report(answer: DropResult, against: GivenCounts | None) -> Report:
     distribution, part = answer.distribution, answer.part
     estimates: dict[str, Array] = {}
     reasons: dict[str, str] = {}
     recommended = ''
     if part is not None and len(distribution.aspects):
         shape = RestingShape(part, distribution.aspects)
-        recommended = recommendation(shape, answer.run.conditions).reason
+        recommended = recommended_method(shape, answer.run.conditions).reason
         found, reasons = estimate_each(shape, METHODS)
         estimates = {name: each.probabilities for name, each in found.items()}
     return Report(
@@ -79,7 +79,7 @@ def _report(answer: Answer, against: GivenCounts | None) -> Report:
     )
 
 
-def _measured(answer: Answer, against: GivenCounts) -> Measured:
+def _measured(answer: DropResult, against: GivenCounts) -> Measured:
     tally = counted_by_class_of(against, answer.distribution.aspects)
     own = answer.distribution.by_class()
     counted = Tally(own.counts, own.unclassified, own.unsettled, own.failed)
@@ -87,7 +87,7 @@ def _measured(answer: Answer, against: GivenCounts) -> Measured:
     return Measured(printable(against.path.name), counted, tally, found)
 
 
-def _notes(answer: Answer) -> Iterator[str]:
+def _notes(answer: DropResult) -> Iterator[str]:
     run, drops = answer.run, answer.distribution.drops
     if not answer.complete:
         asked = f'those to a precision of ±{run.precision:g}' if run.precision else f'{run.drops}'
@@ -103,7 +103,7 @@ def _notes(answer: Answer) -> Iterator[str]:
         yield from (f'{warning[0].upper()}{warning[1:]}.' for warning in answer.part.warnings)
 
 
-def _facts(answer: Answer) -> dict[str, list[tuple[str, str]]]:
+def _facts(answer: DropResult) -> dict[str, list[tuple[str, str]]]:
     run = answer.run
     asked = f'{run.drops}' if not run.precision else f'up to {run.drops}'
     drops = [('made', f'{answer.distribution.drops} of {asked}')]
@@ -132,7 +132,7 @@ def _facts(answer: Answer) -> dict[str, list[tuple[str, str]]]:
     }
 
 
-def _energy_text(answer: Answer) -> str:
+def _energy_text(answer: DropResult) -> str:
     """An energy as the height to which it lifts the part."""
     growth = answer.distribution.energy_growth  # as a height, hull radii
     if answer.part is None:
@@ -140,7 +140,7 @@ def _energy_text(answer: Answer) -> str:
     return f'lifts the part by {1000 * growth * answer.part.hull_radius:.2g} mm'
 
 
-def _part_facts(part: Part | None, answer: Answer) -> list[tuple[str, str]]:
+def _part_facts(part: Part | None, answer: DropResult) -> list[tuple[str, str]]:
     hashes = [('part sha256', answer.run.part_sha256)]
     if part is None:
         return [('name', answer.run.part), *hashes]

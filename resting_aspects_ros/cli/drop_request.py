@@ -4,10 +4,10 @@ import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
-from resting_aspects_ros.api.formatting import shipped_surfaces, warn
+from resting_aspects_ros.api.formatting import shipped_surfaces
 from resting_aspects_ros.api.inputs.part_argument import given_part
 from resting_aspects_ros.cli.options import conditions_of, drops_of
-from resting_aspects_ros.core.errors import InvalidValueError, LogError
+from resting_aspects_ros.core.errors import InvalidValueError, LogError, warn
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, RunDescription, check_seed

@@ -11,14 +11,13 @@ from pathlib import Path
 
 from resting_aspects_ros.api.convergence import Convergence
 from resting_aspects_ros.api.drop_counter import DropCounter, check_in_finer_steps
-from resting_aspects_ros.cli.drop_request import DropRequest
-from resting_aspects_ros.api.formatting import warn
+from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.inputs.part_argument import mesh_file
 from resting_aspects_ros.api.output_files import OutputError, check_output, make_folder, poses_file
-from resting_aspects_ros.api.drop_result import Answer
+from resting_aspects_ros.cli.drop_request import DropRequest
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.core.errors import EngineError, warn
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution, no_drops
 from resting_aspects_ros.core.statistics.stopping import max_drops
 from resting_aspects_ros.simulation.chunks import Workers
@@ -84,7 +83,7 @@ def drop_and_answer(
                 failure = error  # the file of poses has those that were made
     except OutputError as error:
         failure = error
-    answer = Answer(
+    answer = DropResult(
         counter.distribution,
         run,
         part,
@@ -109,7 +108,7 @@ def drop_and_answer(
     return 0 if checked else INTERRUPTED
 
 
-def _write(answer: Answer, out: Path | None, arguments: argparse.Namespace) -> None:
+def _write(answer: DropResult, out: Path | None, arguments: argparse.Namespace) -> None:
     """Save and print the answer, whatever of it fails; the page, which takes longest, at last."""
     files = [DOCUMENT, POSES] if arguments.report else [DOCUMENT, PICTURE, POSES]
     lines = ['Add --report for pictures of the aspects.']
@@ -120,7 +119,7 @@ def _write(answer: Answer, out: Path | None, arguments: argparse.Namespace) -> N
             if not arguments.report:
                 answer.save_picture(out / PICTURE)
     finally:
-        answer.print(as_json=arguments.json, each=arguments.each)
+        print_result(answer, as_json=arguments.json, each=arguments.each)
     if arguments.report and out is not None:
         # All else is saved: nobody has to wait for the page.
         catch(signal.default_int_handler)

@@ -5,12 +5,17 @@ in one line, without control characters, and short whatever the input was.
 """
 
 import reprlib
+import warnings
 
 MAX_SHOWN = 80
 
 
 class RestingAspectsError(Exception):
     """Root of all errors that the suite raises on purpose."""
+
+
+class RestingAspectsWarning(UserWarning):
+    """The result is usable, but something about it may not be what the user expects."""
 
 
 class PartError(RestingAspectsError):
@@ -35,6 +40,11 @@ class LogError(RestingAspectsError):
 
 class NoLogError(LogError):
     """What is given as a log is none."""
+
+
+def warn(text: str) -> None:
+    """Warn the caller of the Python interface; the command line prints it on standard error."""
+    warnings.warn(text, RestingAspectsWarning, stacklevel=3)
 
 
 def shown(value: object, length: int = MAX_SHOWN) -> str:

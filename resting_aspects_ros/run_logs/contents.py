@@ -5,10 +5,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
-from resting_aspects_ros.api.formatting import warn
-from resting_aspects_ros.api.drop_result import Answer
+from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.errors import InvalidValueError, LogError, one_line
+from resting_aspects_ros.core.errors import InvalidValueError, LogError, one_line, warn
 from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
@@ -191,7 +190,7 @@ def _read_by_index(run: LoggedRun) -> bool:
     return True
 
 
-def logged_answer(log: Path) -> Answer:
+def logged_answer(log: Path) -> DropResult:
     """Count the drops of a log again, each once.
 
     Raises InvalidValueError if it is no log of a run with its part, LogError if it cannot be read.
@@ -210,7 +209,7 @@ def logged_answer(log: Path) -> Answer:
         history.add(ids)
         counted += count_poses(counted.aspects, poses, ids)
     whole = logged.outcome.whole and logged.finished
-    return Answer(counted, run, part, METHOD, whole, history=history.points())
+    return DropResult(counted, run, part, METHOD, whole, history=history.points())
 
 
 def _poses(pieces: list[Piece], run: RunDescription) -> Iterator[RestingPoses]:

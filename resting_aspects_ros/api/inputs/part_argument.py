@@ -6,8 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.api.formatting import warn
-from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError, shown
+from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError, shown, warn
 from resting_aspects_ros.core.geometry.mesh_file import FORMATS
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.part_loading import load_part

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from resting_aspects_ros.api.formatting import warn
+from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.inputs.count_files import MAX_BYTES
 from resting_aspects_ros.api.inputs.counts import check_same_part
 from resting_aspects_ros.api.inputs.csv_table import open_text
@@ -17,10 +17,9 @@ from resting_aspects_ros.api.inputs.result_json import (
     counts_of,
     read_document,
 )
-from resting_aspects_ros.api.drop_result import Answer
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet, Sweep
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, warn
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
 from resting_aspects_ros.core.statistics.intervals import Counts
@@ -32,7 +31,7 @@ def document_answer(
     unit: str | None,
     parts: Path | None,
     body: int | None,
-) -> Answer:
+) -> DropResult:
     """Read it; the part is the one that is named, else that of the document, if it is found.
 
     Raises InvalidValueError with file, field, value and what was expected.
@@ -68,7 +67,7 @@ def document_answer(
         history = _history(document, distribution)
     except ValueError as error:
         raise InvalidValueError(f'{str(path)!r}: {error}') from None
-    return Answer(
+    return DropResult(
         distribution,
         given.run,
         part,

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from resting_aspects_ros.api.formatting import warn
 from resting_aspects_ros.api.inputs.part_argument import part_of
 from resting_aspects_ros.api.inputs.pose_csv import PosesFile, read_poses_file
+from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.options import add_output, add_part_place, parse_quantity
-from resting_aspects_ros.api.drop_result import make_console, show_table
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects.clusters import (
@@ -19,7 +18,7 @@ from resting_aspects_ros.core.aspects.clusters import (
     check_tolerance,
     find_clusters,
 )
-from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
+from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown, warn
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import down_in_part
 from resting_aspects_ros.core.statistics.agreement import compare, find_differences

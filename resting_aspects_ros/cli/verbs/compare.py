@@ -6,12 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from resting_aspects_ros.api.formatting import warn
 from resting_aspects_ros.api.inputs.count_files import read_counts
 from resting_aspects_ros.api.inputs.counts import GivenCounts, check_same_part, counted_by_class
+from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.options import add_output, parse_share
-from resting_aspects_ros.api.drop_result import make_console, show_table
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, warn
 from resting_aspects_ros.core.statistics.comparison import compare
 from resting_aspects_ros.core.statistics.intervals import check_confidence
 from resting_aspects_ros.report.comparison_report import (

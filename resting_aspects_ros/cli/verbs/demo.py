@@ -92,7 +92,7 @@ def _ask(namespace: list[str], logs: Path, check: Any) -> Path:
                 PART, drops=DROPS, seed=SEED, progress=progress.update
             )
         answer = answer_from(message, client.get_part(PART))
-    answer.print(as_json=False)
+    print_result(answer, as_json=False)
     sys.stdout.flush()
     run_id = answer.run.run_id
     end = time.monotonic() + LOG_TIMEOUT

@@ -10,12 +10,13 @@ import numpy as np
 
 from resting_aspects_ros.api.formatting import shipped_surfaces
 from resting_aspects_ros.api.inputs.part_argument import part_of
+from resting_aspects_ros.api.recommended_method import recommended_method
+from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.options import add_output, add_part, parse_quantity
-from resting_aspects_ros.api.drop_result import make_console, show_table
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate, estimate_each
-from resting_aspects_ros.core.estimators.recommendation import Recommendation, recommend
+from resting_aspects_ros.core.estimators.recommendation import Recommendation
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.report.document import to_json
@@ -32,8 +33,6 @@ if TYPE_CHECKING:  # imported when there is something to compare with
 
 # Of the tables that are drawn for p values: the same question has the same answer.
 SEED = 1
-# A part is thrown if its speed and its spin have more than this share of the height's energy.
-THROWN_SHARE = 0.25
 ALL = 'all'
 DESCRIPTION = """How probable each aspect of a part is by the analytic methods of the
 literature. They take milliseconds and know the shape alone. The surface and the
@@ -89,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         against = read_counts(arguments.against)
         check_against(against, part.name, part.part_sha256, shape.aspects)
-    recommended = recommendation(shape, _conditions(arguments, against))
+    recommended = recommended_method(shape, _conditions(arguments, against))
     estimates, reasons = _estimates(shape, names)
     show_estimates(
         part,
@@ -102,19 +101,6 @@ def run(arguments: argparse.Namespace) -> int:
         as_json=arguments.json,
     )
     return 0
-
-
-def recommendation(shape: RestingShape, conditions: DropConditions) -> Recommendation:
-    """Return the method to trust for a part that is dropped under conditions."""
-    part = shape.part
-    speeds = 2 * conditions.speed_horizontal**2 + conditions.speed_vertical**2
-    turning = conditions.spin**2 * float(np.trace(part.inertia)) / part.mass
-    kinetic = (speeds + turning) / (2 * conditions.gravity)  # as a height, m
-    return recommend(
-        shape.aspects,
-        conditions.height / part.hull_radius,
-        thrown=kinetic > THROWN_SHARE * conditions.height,
-    )
 
 
 def show_estimates(

@@ -3,12 +3,12 @@
 import argparse
 from pathlib import Path
 
+from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.inputs.count_files import read_counts
 from resting_aspects_ros.api.inputs.counts import check_against
 from resting_aspects_ros.api.inputs.result_document import document_answer
-from resting_aspects_ros.cli.options import add_part_place
 from resting_aspects_ros.api.report_files import check_report, default_folder, write_report
-from resting_aspects_ros.api.drop_result import Answer
+from resting_aspects_ros.cli.options import add_part_place
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.logs.stream_reader import is_log
 
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _answer(arguments: argparse.Namespace) -> Answer:
+def _answer(arguments: argparse.Namespace) -> DropResult:
     path: Path = arguments.result
     if not is_log(path):
         return document_answer(

@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.api.formatting import shipped_surfaces, warn
+from resting_aspects_ros.api.formatting import shipped_surfaces
+from resting_aspects_ros.api.output_files import check_output
 from resting_aspects_ros.cli.options import (
     add_conditions,
     add_output,
@@ -14,14 +15,13 @@ from resting_aspects_ros.cli.options import (
     conditions_of,
     drops_of,
 )
-from resting_aspects_ros.api.output_files import check_output
-from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.errors import InvalidValueError, shown, warn
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, MAX_DROPS
 
 if TYPE_CHECKING:
+    from resting_aspects_ros.api.drop_result import DropResult
     from resting_aspects_ros.cli.progress import DropProgress
-    from resting_aspects_ros.api.drop_result import Answer
     from resting_aspects_ros.client.client import RestingAspectsClient
     from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.simulation.interruption import Interruption
@@ -98,7 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
             answer = answer_from(message, _part(client, arguments.part))
         if arguments.picture is not None:
             answer.save_picture(arguments.picture)
-        answer.print(as_json=arguments.json, each=arguments.each)
+        print_result(answer, as_json=arguments.json, each=arguments.each)
     return 0
 
 
@@ -156,11 +156,11 @@ def _estimate(arguments: argparse.Namespace, stop: Interruption) -> int:
     return 0
 
 
-def answer_from(message: Any, part: 'Part | None') -> 'Answer':
+def answer_from(message: Any, part: 'Part | None') -> 'DropResult':
     """The answer in an AspectDistribution."""
-    from resting_aspects_ros.api.drop_result import Answer
+    from resting_aspects_ros.api.drop_result import DropResult
     from resting_aspects_ros.ros.conversions import run_from
     from resting_aspects_ros.ros.distribution_conversions import distribution_from
 
     distribution, run = distribution_from(message), run_from(message.run)
-    return Answer(distribution, run, part, message.method, message.complete)
+    return DropResult(distribution, run, part, message.method, message.complete)
