@@ -1,14 +1,14 @@
-"""Make drops and count them as they come, until there are enough or somebody asks for an end."""
+"""Make the drops of a run and count them as they arrive, until there are enough."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from contextlib import closing
-from typing import TextIO
+
+import numpy as np
+import numpy.typing as npt
 
 from resting_aspects_ros.api.convergence import REFINEMENT, Convergence, check_convergence
-from resting_aspects_ros.api.output_files import write_poses
-from resting_aspects_ros.cli.progress import DropProgress
 from resting_aspects_ros.core.errors import warn
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import (
@@ -20,18 +20,28 @@ from resting_aspects_ros.core.statistics.distribution import (
 from resting_aspects_ros.core.statistics.history import History
 from resting_aspects_ros.simulation.chunks import Workers, drop_chunks
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.run_description import RunDescription
 
-# How often signals are checked, s.
-LOOK_PERIOD = 0.1
+# Called for each chunk of poses, with the ids of their aspects.
+Consumer = Callable[[RestingPoses, npt.NDArray[np.int64]], None]
+# How often progress is reported while a chunk is simulated, s.
+PROGRESS_PERIOD = 0.1
 
 
 class DropCounter:
-    """The drops of a run made so far: counted, and written to CSV files.
+    """Makes the drops of a run, counts them, and hands them to consumers.
 
-    precision : at which to stop; 0: when all drops are made
-    ranges : which drops they are, if they are not those from the run's first on
+    Parameters
+    ----------
+    distribution : Distribution
+        Without drops.
+    run : RunDescription
+    precision : float
+        Stop when every interval is at most this wide on each side; 0: when all drops are made.
+    ranges : sequence of (int, int)
+        Drops [first, end) to make; by default all of the run.
+    consumers : sequence of callables
+        Called with each chunk of poses and the ids of their aspects.
     """
 
     def __init__(
@@ -40,51 +50,69 @@ class DropCounter:
         run: RunDescription,
         precision: float = 0.0,
         ranges: Sequence[tuple[int, int]] = (),
+        consumers: Sequence[Consumer] = (),
     ) -> None:
         self.distribution = distribution
         self.run = run
         self.precision = precision
         self.ranges = ranges or [(run.first_drop, run.end)]
-        self.tables: list[TextIO] = []
+        self.consumers = list(consumers)
         self.history = History(distribution.aspects)
 
     @property
-    def over(self) -> bool:
-        """All drops are made, or enough."""
+    def complete(self) -> bool:
+        """Whether all drops are made, or enough for the precision."""
         return self.distribution.stops(self.precision, self.run.drops)
 
-    def drop(self, label: str, job: DropJob, workers: Workers, stop: Interruption) -> None:
-        """Make the drops, or those until a signal comes, and show progress; raises EngineError."""
-        with DropProgress(label, self.run.drops) as progress:
-            for first, end in self.ranges:
-                asked = dataclasses.replace(self.run, first_drop=first, drops=end - first)
-                with closing(drop_chunks(job, asked, workers, warn)) as steps:
-                    for step in steps:
-                        if isinstance(step, Future):
-                            while not stop.asked and not wait([step], LOOK_PERIOD).done:
-                                progress.update(self.distribution.drops)
-                        else:
-                            self._count(step)
-                            progress.update(self.distribution.drops)
-                        if stop.asked or self.over:
-                            break
-                if stop.asked or self.over:
-                    break
-            progress.end(self.distribution.drops)
+    def drop(
+        self,
+        job: DropJob,
+        workers: Workers,
+        progress: Callable[[int], None] = lambda _: None,
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Make the drops, until `stopped` returns True; raises EngineError.
+
+        ``progress`` is called often, with the number of drops made.
+        """
+        for first, end in self.ranges:
+            requested = dataclasses.replace(self.run, first_drop=first, drops=end - first)
+            with closing(drop_chunks(job, requested, workers, warn)) as steps:
+                for step in steps:
+                    if isinstance(step, Future):
+                        while not stopped() and not wait([step], PROGRESS_PERIOD).done:
+                            progress(self.distribution.drops)
+                    else:
+                        self._count(step)
+                        progress(self.distribution.drops)
+                    if stopped() or self.complete:
+                        return
 
     def _count(self, poses: RestingPoses) -> None:
         aspects = self.distribution.aspects
         ids = aspect_ids(aspects, poses)
         self.history.add(ids)
         self.distribution += count_poses(aspects, poses, ids)
-        for table in self.tables:
-            write_poses(table, poses, ids)
+        for consume in self.consumers:
+            consume(poses, ids)
 
 
 def check_in_finer_steps(
-    job: DropJob, workers: Workers, counter: DropCounter, stop: Interruption
+    counter: DropCounter,
+    job: DropJob,
+    workers: Workers,
+    progress: Callable[[int], None] = lambda _: None,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> tuple[bool, Convergence | None]:
-    """Make the same drops in finer steps: whether all were made, and what they show."""
+    """Repeat the drops of a counter with a finer time step, and compare the distributions.
+
+    Returns
+    -------
+    complete : bool
+        Whether all drops were made again.
+    convergence : Convergence or None
+        None if it is not complete, or could not be determined.
+    """
     coarse = counter.distribution
     fine = dataclasses.replace(job, refinement=REFINEMENT * job.refinement)
     run = dataclasses.replace(
@@ -92,10 +120,10 @@ def check_in_finer_steps(
     )
     empty = no_drops(coarse.aspects, confidence=coarse.confidence)
     again = DropCounter(empty, run, ranges=() if counter.precision else counter.ranges)
-    again.drop(f'{run.part} in finer steps', fine, workers, stop)
-    if not again.over:
+    again.drop(fine, workers, progress, stopped)
+    if not again.complete:
         return False, None
     found = check_convergence(coarse, again.distribution, run.time_step, run.seed)
     if found is None:
-        warn('the convergence cannot be told: no drop came to rest in an aspect')
+        warn('convergence could not be determined: no drop came to rest in an aspect')
     return True, found

@@ -1,4 +1,4 @@
-"""A distribution as a command answers it: a table or a JSON document, and a picture."""
+"""The result of a run of drops, with its JSON document, picture and report."""
 
 import dataclasses
 from pathlib import Path
@@ -7,6 +7,7 @@ from resting_aspects_ros.api.convergence import Convergence
 from resting_aspects_ros.api.formatting import surface_text
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.intervals import Counts
 from resting_aspects_ros.report.document import distribution_document, to_json
@@ -15,12 +16,28 @@ from resting_aspects_ros.simulation.run_description import RunDescription
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DropResult:
-    """A distribution with all that says what it is of; the part is None if nobody knows it.
+    """The distribution of a run, with the run, its part and its poses.
 
+    Attributes
+    ----------
+    distribution : Distribution
+        Counts, probabilities and intervals over the aspects.
+    run : RunDescription
+        Conditions, seed, engine and versions.
+    part : Part or None
+        None if only its name and hash are known.
+    method : str
+        'drops'.
+    complete : bool
+        Whether all drops that were requested are counted.
+    convergence : Convergence or None
+        How far the distribution moves with a finer time step, if that was checked.
     mesh_file : Path or None
-        Where the part was read from, if a person named a file.
+        The file from which the part was read, if it was given as a file.
     history : ((m,) int, (m, k) int) or None
-        Numbers of drops, ascending, and counts of each aspect after so many.
+        Numbers of drops, ascending, and the counts of the k aspects after so many drops.
+    poses : RestingPoses or None
+        The resting poses, if they were kept.
     """
 
     distribution: Distribution
@@ -31,10 +48,11 @@ class DropResult:
     convergence: Convergence | None = None
     mesh_file: Path | None = None
     history: tuple[Counts, Counts] | None = None
+    poses: RestingPoses | None = None
 
     @property
     def title(self) -> str:
-        """Part, drops, surface and seed in a line."""
+        """Part, drops, surface and seed in one line."""
         return f'{self.run.part}, {self.words}'
 
     @property
@@ -45,7 +63,7 @@ class DropResult:
         return f'{self.distribution.drops}{of} drops on {surface}, seed {self.run.seed}'
 
     def to_json(self) -> str:
-        """The document."""
+        """Return the JSON document that `resting_aspects drop --json` prints."""
         fields: dict[str, object] = {
             **dataclasses.asdict(self.run),
             'mesh_sha256': self.part.mesh_sha256 if self.part else None,
@@ -64,6 +82,17 @@ class DropResult:
         if self.convergence is not None:
             fields['convergence'] = self.convergence
         return to_json(distribution_document(self.distribution, fields, self.part))
+
+    def report(self, folder: str | Path) -> Path:
+        """Write a page with pictures and charts into a folder, which is made if necessary.
+
+        Returns the path of the page; raises OutputError if it cannot be written.
+        """
+        # Its imports take about a second.
+        from resting_aspects_ros.api.report_files import check_report, write_report
+
+        check_report('folder', Path(folder))
+        return write_report(self, Path(folder))
 
     def save_json(self, path: Path) -> None:
         """Write the document; raises OutputError."""

@@ -7,6 +7,8 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.rounding import size_text
 from resting_aspects_ros.report.table import distribution_table, never_seen_text
 
@@ -34,6 +36,16 @@ def show_table(console: Console, table: Table) -> None:
     console.width = before
 
 
+def print_table(
+    distribution: Distribution, title: str, part: Part | None = None, *, each: bool = False
+) -> None:
+    """Print the table of a distribution, with what is known of aspects that were never seen."""
+    console = make_console()
+    show_table(console, distribution_table(distribution, title, part, each=each))
+    if unseen := never_seen_text(distribution, each=each):
+        console.print(unseen, highlight=False)
+
+
 def print_result(result: DropResult, *, as_json: bool, each: bool = False) -> None:
     """Print a result as a document and nothing else, or as a table.
 
@@ -42,13 +54,10 @@ def print_result(result: DropResult, *, as_json: bool, each: bool = False) -> No
     if as_json:
         sys.stdout.write(result.to_json())
         return
-    distribution, part = result.distribution, result.part
+    part = result.part
     # A mesh that is read in a wrong unit shows by its size.
     size = f', {size_text(part)}' if part else ''
     title = f'{result.run.part}{size}\n{result.words}'
-    console = make_console()
-    show_table(console, distribution_table(distribution, title, part, each=each))
-    if unseen := never_seen_text(distribution, each=each):
-        console.print(unseen, highlight=False)
+    print_table(result.distribution, title, part, each=each)
     if result.convergence is not None:
         print(result.convergence.text())

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from resting_aspects_ros.api.formatting import shipped_surfaces
-from resting_aspects_ros.api.inputs.part_argument import given_part
+from resting_aspects_ros.api.parts import load_part
 from resting_aspects_ros.cli.options import conditions_of, drops_of
 from resting_aspects_ros.core.errors import InvalidValueError, LogError, warn
 from resting_aspects_ros.core.part import Part
@@ -84,7 +84,7 @@ def requested_drops(arguments: argparse.Namespace) -> DropRequest:
     seed = DEFAULT_SEED if arguments.seed is None else arguments.seed
     check_seed(seed)
     conditions = conditions_of(arguments, shipped_surfaces())
-    part = given_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
     return DropRequest(part, conditions, seed, drops, precision)
 
 

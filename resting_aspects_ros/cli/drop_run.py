@@ -1,35 +1,38 @@
-"""Make the drops that `resting_aspects drop` is asked for, count them, and save the answer."""
+"""Make the drops that `resting_aspects drop` is asked for, count them, and save the result."""
 
 import argparse
 import signal
 import sys
-import time
-import uuid
 from collections.abc import Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 from resting_aspects_ros.api.convergence import Convergence
+from resting_aspects_ros.api.drop import plan
 from resting_aspects_ros.api.drop_counter import DropCounter, check_in_finer_steps
 from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.inputs.part_argument import mesh_file
-from resting_aspects_ros.api.output_files import OutputError, check_output, make_folder, poses_file
+from resting_aspects_ros.api.output_files import (
+    OutputError,
+    check_output,
+    make_folder,
+    poses_file,
+    write_poses,
+)
+from resting_aspects_ros.api.parts import mesh_file
+from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.cli.console import print_result
 from resting_aspects_ros.cli.drop_request import DropRequest
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.errors import EngineError, warn
-from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution, no_drops
-from resting_aspects_ros.core.statistics.stopping import max_drops
+from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption, catch
-from resting_aspects_ros.simulation.plan import plan_run
-from resting_aspects_ros.simulation.run_description import MAX_DROPS
 
 INTERRUPTED = 130
 DOCUMENT, PICTURE, POSES = 'distribution.json', 'distribution.png', 'poses.csv'
 
 
-def drop_and_answer(
+def drop_and_show(
     arguments: argparse.Namespace,
     request: DropRequest,
     workers: Workers,
@@ -42,91 +45,90 @@ def drop_and_answer(
     saved, if not all could be done.
     """
     part, stop_at = request.part, request.stop_at
-    landscape = Landscape(part)
-    empty = no_drops(
-        find_aspects(part, landscape),
-        interval=arguments.interval,
-        confidence=confidence,
-        by_precision=request.precision > 0,
-    )
-    drops = max_drops(
-        request.drops, stop_at, MAX_DROPS, len(empty.aspects), empty.interval, confidence
-    )
-    job, run = plan_run(
+    planned = plan(
         part,
         request.conditions,
+        drops=request.drops,
         seed=request.seed,
-        drops=drops,
         first_drop=request.first_drop,
         precision=request.precision,
-        run_id=uuid.uuid4().hex[:12],
-        started=time.time_ns(),
-        landscape=landscape,
+        stop_at=stop_at,
+        interval=arguments.interval,
+        confidence=confidence,
     )
+    job, run = planned.job, planned.run
     request.check_engine(run)
     flag, out = _folder(arguments, part.name)
     failure: EngineError | OutputError | None = None
     convergence: Convergence | None = None
     checked = not arguments.check_convergence
-    counter = DropCounter(empty, run, stop_at, request.ranges)
+    counter = DropCounter(planned.empty, run, stop_at, request.ranges)
     try:
         with ExitStack() as stack:
             for option, path in _poses_paths(arguments.poses, flag, out):
-                counter.tables.append(stack.enter_context(poses_file(option, path)))
+                file = stack.enter_context(poses_file(option, path))
+                counter.consumers.append(partial(write_poses, file))
             for warning in part.warnings:
                 warn(warning)
             try:
-                counter.drop(part.name, job, workers, stop)
+                with DropProgress(part.name, run.drops) as progress:
+                    counter.drop(job, workers, progress.update, lambda: stop.asked)
+                    progress.end(counter.distribution.drops)
                 if arguments.check_convergence and not stop.asked:
-                    checked, convergence = check_in_finer_steps(job, workers, counter, stop)
+                    label = f'{part.name} with a finer time step'
+                    with DropProgress(label, counter.distribution.drops) as progress:
+                        checked, convergence = check_in_finer_steps(
+                            counter, job, workers, progress.update, lambda: stop.asked
+                        )
+                        progress.end(progress.done)
             except EngineError as error:
                 failure = error  # the file of poses has those that were made
     except OutputError as error:
         failure = error
-    answer = DropResult(
+    result = DropResult(
         counter.distribution,
         run,
         part,
         METHOD,
-        counter.over,
+        counter.complete,
         convergence,
         mesh_file(arguments.part),
         counter.history.points(),
     )
-    _write(answer, out, arguments)
-    done = answer.distribution.drops
+    _write(result, out, arguments)
+    done = result.distribution.drops
     if failure is not None:
         words = f'{failure}, after {done} of {run.drops} drops, which are in the answer'
         raise type(failure)(words)
-    if not answer.complete:
+    if not result.complete:
         words = f'interrupted after {done} of {run.drops} drops, which are in the answer'
         print(words, file=sys.stderr)
         return INTERRUPTED
-    _warn_if_not_precise(answer.distribution, stop_at)
+    _warn_if_not_precise(result.distribution, stop_at)
     if not checked:
         print('interrupted before the convergence was checked', file=sys.stderr)
     return 0 if checked else INTERRUPTED
 
 
-def _write(answer: DropResult, out: Path | None, arguments: argparse.Namespace) -> None:
-    """Save and print the answer, whatever of it fails; the page, which takes longest, at last."""
+def _write(result: DropResult, out: Path | None, arguments: argparse.Namespace) -> None:
+    """Save and print the result, whatever of it fails; the page, which takes longest, at last."""
     files = [DOCUMENT, POSES] if arguments.report else [DOCUMENT, PICTURE, POSES]
     lines = ['Add --report for pictures of the aspects.']
     try:
         if out is not None:
             lines = [f'Written: {", ".join(str(out / name) for name in files)}']
-            answer.save_json(out / DOCUMENT)
+            result.save_json(out / DOCUMENT)
             if not arguments.report:
-                answer.save_picture(out / PICTURE)
+                result.save_picture(out / PICTURE)
     finally:
-        print_result(answer, as_json=arguments.json, each=arguments.each)
+        print_result(result, as_json=arguments.json, each=arguments.each)
     if arguments.report and out is not None:
         # All else is saved: nobody has to wait for the page.
         catch(signal.default_int_handler)
         _print(lines, arguments)
         from resting_aspects_ros.api.report_files import write_report
 
-        lines = [f'Report: {write_report(answer, out)}']
+        lines = [f'Report: {write_report(result, out)}']
     _print(lines, arguments)
 
 
@@ -136,7 +138,7 @@ def _print(lines: list[str], arguments: argparse.Namespace) -> None:
 
 
 def _folder(arguments: argparse.Namespace, part: str) -> tuple[str, Path | None]:
-    """Where the answer goes, if it is to be saved, and which flag says so.
+    """Where the result goes, if it is to be saved, and which flag says so.
 
     Raises InvalidValueError if it cannot be written there.
     """

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.api.convergence import check_convergence
-from resting_aspects_ros.cli.progress import DropProgress
+from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.statistics.distribution import Distribution, count_poses, no_drops
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk

@@ -10,7 +10,7 @@ import threading
 
 import pytest
 
-from resting_aspects_ros.cli import progress
+from resting_aspects_ros.api import progress
 
 WORDS = ('drop', 'l_bracket', '--drops', 375, '--workers', 2)
 

@@ -10,13 +10,13 @@ from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.inputs.count_files import MAX_BYTES
 from resting_aspects_ros.api.inputs.counts import check_same_part
 from resting_aspects_ros.api.inputs.csv_table import open_text
-from resting_aspects_ros.api.inputs.part_argument import given_part
 from resting_aspects_ros.api.inputs.result_json import (
     FullAspect,
     RunDocument,
     counts_of,
     read_document,
 )
+from resting_aspects_ros.api.parts import load_part
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet, Sweep
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, warn
@@ -88,7 +88,7 @@ def _part(
 ) -> Part | None:
     """The part of the document; raises RestingAspectsError if the one that is named is another."""
     if text is not None:
-        part = given_part(text, unit, parts, body)
+        part = load_part(text, unit, parts, body)
         check_same_part(
             (f'--part {text!r}', part.name, part.part_sha256),
             (repr(str(path)), document.part, document.part_sha256),
@@ -96,10 +96,10 @@ def _part(
         return part
     try:
         if document.mesh_file is None:
-            part = given_part(document.part, unit, parts, body)
+            part = load_part(document.part, unit, parts, body)
         else:
             unit, body = unit or document.unit, body or document.body
-            part = given_part(document.mesh_file, unit, None, body)
+            part = load_part(document.mesh_file, unit, None, body)
     except RestingAspectsError as error:
         why = str(error)
     else:

@@ -3,9 +3,9 @@
 import argparse
 import sys
 
-from resting_aspects_ros.api.inputs.part_argument import part_of
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.options import add_output, add_part
+from resting_aspects_ros.cli.part_argument import part_of
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.report.document import aspects_document, to_json
 from resting_aspects_ros.report.rounding import size_text

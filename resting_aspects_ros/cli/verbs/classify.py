@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from resting_aspects_ros.api.inputs.part_argument import part_of
 from resting_aspects_ros.api.inputs.pose_csv import PosesFile, read_poses_file
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.options import add_output, add_part_place, parse_quantity
+from resting_aspects_ros.cli.part_argument import part_of
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects.clusters import (

@@ -81,8 +81,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _ask(namespace: list[str], logs: Path, check: Any) -> Path:
     """Ask for the distribution, show it, and wait for the log; returns where that is."""
-    from resting_aspects_ros.cli.progress import DropProgress
-    from resting_aspects_ros.cli.verbs.request import answer_from
+    from resting_aspects_ros.api.progress import DropProgress
+    from resting_aspects_ros.cli.console import print_result
+    from resting_aspects_ros.cli.verbs.request import result_from
     from resting_aspects_ros.client.client import RestingAspectsClient
 
     check()
@@ -91,10 +92,10 @@ def _ask(namespace: list[str], logs: Path, check: Any) -> Path:
             message = client.get_distribution(
                 PART, drops=DROPS, seed=SEED, progress=progress.update
             )
-        answer = answer_from(message, client.get_part(PART))
-    print_result(answer, as_json=False)
+        result = result_from(message, client.get_part(PART))
+    print_result(result, as_json=False)
     sys.stdout.flush()
-    run_id = answer.run.run_id
+    run_id = result.run.run_id
     end = time.monotonic() + LOG_TIMEOUT
     while not _logs(logs, run_id) and time.monotonic() < end:
         check()

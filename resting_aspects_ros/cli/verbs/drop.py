@@ -101,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
             workers = processes = ProcessWorkers(count)
             stack.callback(processes.stop)
         from resting_aspects_ros.cli.drop_request import requested_drops
-        from resting_aspects_ros.cli.drop_run import drop_and_answer
+        from resting_aspects_ros.cli.drop_run import drop_and_show
         from resting_aspects_ros.core.statistics.intervals import check_confidence
 
         request = requested_drops(arguments)
@@ -113,4 +113,4 @@ def run(arguments: argparse.Namespace) -> int:
         check_confidence(confidence)
         if not arguments.force:
             request.check_height()
-        return drop_and_answer(arguments, request, workers, confidence, stop)
+        return drop_and_show(arguments, request, workers, confidence, stop)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from resting_aspects_ros.api.formatting import shipped_surfaces
-from resting_aspects_ros.api.inputs.part_argument import part_of
 from resting_aspects_ros.api.recommended_method import recommended_method
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.options import add_output, add_part, parse_quantity
+from resting_aspects_ros.cli.part_argument import part_of
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate, estimate_each

@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.rate is not None:
         given['rate'] = parse_quantity('--rate', arguments.rate, '')
     given |= {name: True for name in ('as_fast_as_possible', 'loop') if getattr(arguments, name)}
-    from resting_aspects_ros.cli.progress import ReplayProgress
+    from resting_aspects_ros.cli.replay_progress import ReplayProgress
     from resting_aspects_ros.nodes.log_replayer.node import LogReplayer
     from resting_aspects_ros.ros.spin import spin_nodes
 

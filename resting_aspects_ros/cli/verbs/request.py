@@ -21,7 +21,7 @@ from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, MAX_DRO
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.drop_result import DropResult
-    from resting_aspects_ros.cli.progress import DropProgress
+    from resting_aspects_ros.api.progress import DropProgress
     from resting_aspects_ros.client.client import RestingAspectsClient
     from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.simulation.interruption import Interruption
@@ -70,7 +70,8 @@ def run(arguments: argparse.Namespace) -> int:
         conditions = conditions_of(arguments, shipped_surfaces())
         drops, precision = drops_of(arguments)
         # A second to import, which --help does not need.
-        from resting_aspects_ros.cli.progress import DropProgress
+        from resting_aspects_ros.api.progress import DropProgress
+        from resting_aspects_ros.cli.console import print_result
         from resting_aspects_ros.client.client import RestingAspectsClient
         from resting_aspects_ros.core.statistics.stopping import max_drops
 
@@ -95,10 +96,10 @@ def run(arguments: argparse.Namespace) -> int:
                     progress.end(message.drops)
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(_interrupted(progress)) from None
-            answer = answer_from(message, _part(client, arguments.part))
+            result = result_from(message, _part(client, arguments.part))
         if arguments.picture is not None:
-            answer.save_picture(arguments.picture)
-        print_result(answer, as_json=arguments.json, each=arguments.each)
+            result.save_picture(arguments.picture)
+        print_result(result, as_json=arguments.json, each=arguments.each)
     return 0
 
 
@@ -156,8 +157,8 @@ def _estimate(arguments: argparse.Namespace, stop: Interruption) -> int:
     return 0
 
 
-def answer_from(message: Any, part: 'Part | None') -> 'DropResult':
-    """The answer in an AspectDistribution."""
+def result_from(message: Any, part: 'Part | None') -> 'DropResult':
+    """Return the result in an AspectDistribution."""
     from resting_aspects_ros.api.drop_result import DropResult
     from resting_aspects_ros.ros.conversions import run_from
     from resting_aspects_ros.ros.distribution_conversions import distribution_from

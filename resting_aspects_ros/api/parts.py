@@ -1,35 +1,56 @@
-"""The part that is meant by what a person typed."""
+"""Load a part, from a mesh file or by its name."""
 
-import argparse
 import os
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError, shown, warn
+from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError, shown
 from resting_aspects_ros.core.geometry.mesh_file import FORMATS
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.part_loading import load_part
+from resting_aspects_ros.core.part_loading import load_part as load_mesh
 from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
 from resting_aspects_ros.simulation.config_files import parts_folder
 from resting_aspects_ros.simulation.part_library import PartLibrary, read_part_yaml
 
 
-def part_of(arguments: argparse.Namespace) -> Part:
-    """Return the part that the flags of add_part mean, and print its warnings."""
-    part = given_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
-    for warning in part.warnings:
-        warn(warning)
-    return part
+def load_part(
+    part: str | Path, unit: str | None = None, folder: Path | None = None, body: int | None = None
+) -> Part:
+    """Load a part from a mesh file, with the YAML file beside it, or by name from a folder.
 
+    Parameters
+    ----------
+    part : str or Path
+        A path with a directory or an ending is a mesh file; anything else is the name of a part.
+    unit : str, optional
+        Of the mesh file: 'um', 'mm', 'cm', 'm', 'in' or 'ft'; by default that of the YAML file,
+        else mm.
+    folder : Path, optional
+        Folder of named parts; by default the example parts.
+    body : int, optional
+        Which body of a mesh file to use, if it has several that do not touch: 1 is the largest.
 
-def given_part(text: str, unit: str | None, folder: Path | None, body: int | None = None) -> Part:
-    """Return the part of a mesh file, with the YAML beside it, or a named part of a folder.
+    Raises
+    ------
+    PartError
+        The mesh is not that of a solid, or cannot be read.
+    UnknownPartError
+        No part of that name is in the folder.
+    InvalidValueError
+        The unit or the body contradicts the YAML file.
 
-    Raises RestingAspectsError.
+    Examples
+    --------
+    >>> import resting_aspects_ros as ra
+    >>> part = ra.load_part('l_bracket')
+    >>> f'{1000 * part.mass:.1f} g'
+    '21.8 g'
     """
-    if mesh := mesh_file(text):
-        return load_part(mesh, **_sheet(mesh.parent / f'{mesh.stem}.yaml', unit, body))
+    text = str(part)
+    mesh = part if isinstance(part, Path) else mesh_file(text)
+    if mesh:
+        return load_mesh(mesh, **_sheet(mesh.parent / f'{mesh.stem}.yaml', unit, body))
     if unit is not None:
         raise InvalidValueError(
             f'--unit is {shown(unit)}, allowed only with a mesh file: {shown(text)} is the name '
@@ -53,8 +74,10 @@ def given_part(text: str, unit: str | None, folder: Path | None, body: int | Non
         raise
 
 
-def mesh_file(text: str | None) -> Path | None:
-    """The file, if a part is given as one and not by its name."""
+def mesh_file(text: str | Path | None) -> Path | None:
+    """Return the file, if a part is given as a file and not by its name."""
+    if isinstance(text, Path):
+        return text
     if text and (os.sep in text or Path(text).suffix or text in ('.', '..')):
         return Path(text)
     return None

@@ -3,24 +3,23 @@
 import sys
 import time
 from types import TracebackType
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn
 
-if TYPE_CHECKING:
-    from resting_aspects_ros.nodes.log_replayer.player import Position
-
-Self = TypeVar('Self', bound='_Shown')  # typing.Self is newer than Python 3.10
+Self = TypeVar('Self', bound='ShownProgress')  # typing.Self is newer than Python 3.10
 LINE_PERIOD = 1.0
 
 
-class _Shown:
+class ShownProgress:
     """A bar on standard error, None where that is no terminal; use it with `with`."""
 
-    def __init__(self, what: str, total: float, *columns: ProgressColumn) -> None:
+    def __init__(
+        self, what: str, total: float, *columns: ProgressColumn, shown: bool = True
+    ) -> None:
         self._bar: Progress | None = None
-        if sys.stderr.isatty():
+        if shown and sys.stderr.isatty():
             text = TextColumn('{task.fields[text]}', markup=False)
             title = TextColumn('{task.description}', markup=False)
             console = Console(stderr=True)
@@ -40,14 +39,18 @@ class _Shown:
             self._bar.stop()
 
 
-class DropProgress(_Shown):
+class DropProgress(ShownProgress):
     """Shows drops done and drops per second.
 
-    done : how many drops are done
+    done : int
+        Drops made so far.
+    shown : bool
+        False for a progress that only counts.
     """
 
-    def __init__(self, what: str, total: int) -> None:
-        super().__init__(what, total, MofNCompleteColumn())
+    def __init__(self, what: str, total: int, *, shown: bool = True) -> None:
+        super().__init__(what, total, MofNCompleteColumn(), shown=shown)
+        self._shown_at_all = shown
         self.done = 0
         self._what = what
         self._total = total
@@ -67,7 +70,7 @@ class DropProgress(_Shown):
                 rate += f', {seconds * (self._total - done) / done:.0f} s left'
             self._bar.update(self._task, completed=done, total=self._total, text=rate)
             self._bar.start()
-        elif now - self._shown >= LINE_PERIOD or done == self._total:
+        elif self._shown_at_all and (now - self._shown >= LINE_PERIOD or done == self._total):
             line = f'{self._what}: {done} of {self._total} drops'
             if line != self._line:  # the rate alone is no news
                 print(f'{line}  {rate}'.rstrip(), file=sys.stderr)
@@ -78,25 +81,3 @@ class DropProgress(_Shown):
         if self._waited:
             self._total = done
             self.update(done)
-
-
-class ReplayProgress(_Shown):
-    """Shows the position of a replay, on a terminal only."""
-
-    def __init__(self) -> None:
-        super().__init__('', 1.0)
-
-    def update(self, position: 'Position') -> None:
-        """Update the position; the bar is shown from the first time on, up to the end."""
-        if self._bar is None:
-            return
-        self._bar.update(
-            self._task,
-            description='paused' if position.paused else 'replay',
-            completed=1.0 if position.over else position.seconds / (position.length or 1.0),
-            text=str(position),
-        )
-        self._bar.start()
-        if position.over:
-            self._bar.stop()
-            self._bar = None

@@ -1,0 +1,210 @@
+"""Drop a part: the composition that the command line and the Python interface share."""
+
+import time
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from resting_aspects_ros.api.convergence import Convergence
+from resting_aspects_ros.api.drop_counter import Consumer, DropCounter, check_in_finer_steps
+from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.formatting import shipped_surfaces
+from resting_aspects_ros.api.parts import load_part, mesh_file
+from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.landscape import Landscape
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution, no_drops
+from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, INTERVAL
+from resting_aspects_ros.core.statistics.stopping import max_drops
+from resting_aspects_ros.simulation.chunks import Workers
+from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.plan import plan_run
+from resting_aspects_ros.simulation.process_workers import ProcessWorkers, default_workers
+from resting_aspects_ros.simulation.run_description import (
+    DEFAULT_DROPS,
+    DEFAULT_SEED,
+    MAX_DROPS,
+    RunDescription,
+)
+from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """A run that is ready to be simulated.
+
+    job : DropJob
+        What the workers need.
+    empty : Distribution
+        Over the aspects of the part, without drops.
+    """
+
+    job: DropJob
+    run: RunDescription
+    empty: Distribution
+
+
+def plan(
+    part: Part,
+    conditions: DropConditions,
+    *,
+    drops: int,
+    seed: int,
+    first_drop: int = 0,
+    precision: float = 0.0,
+    stop_at: float | None = None,
+    interval: str = INTERVAL,
+    confidence: float = CONFIDENCE,
+) -> PlannedRun:
+    """Find the aspects of a part and plan a run; raises InvalidValueError.
+
+    ``stop_at`` is the precision at which to stop, if it is not that of the run.
+    """
+    landscape = Landscape(part)
+    empty = no_drops(
+        find_aspects(part, landscape),
+        interval=interval,
+        confidence=confidence,
+        by_precision=precision > 0,
+    )
+    stop_at = precision if stop_at is None else stop_at
+    count = max_drops(drops, stop_at, MAX_DROPS, len(empty.aspects), interval, confidence)
+    job, run = plan_run(
+        part,
+        conditions,
+        seed=seed,
+        drops=count,
+        first_drop=first_drop,
+        precision=precision,
+        run_id=uuid.uuid4().hex[:12],
+        started=time.time_ns(),
+        landscape=landscape,
+    )
+    return PlannedRun(job, run, empty)
+
+
+def drop(
+    part: Part | str | Path,
+    drops: int | None = None,
+    *,
+    surface: str | DropConditions = DEFAULT_SURFACE,
+    precision: float = 0.0,
+    seed: int = DEFAULT_SEED,
+    interval: str = INTERVAL,
+    confidence: float = CONFIDENCE,
+    check_convergence: bool = False,
+    workers: int | Workers | None = None,
+    keep_poses: bool = True,
+    progress: bool = False,
+    **conditions: Any,
+) -> DropResult:
+    """Drop a part many times, and count in which aspects it comes to rest.
+
+    The same part, conditions and seed give the same poses, bit for bit, for any number of
+    workers. Ctrl-C raises KeyboardInterrupt after the worker processes have ended. A script needs
+    no ``if __name__ == '__main__'``: a worker does not import it.
+
+    Parameters
+    ----------
+    part : Part, str or Path
+        A part, or what `load_part` accepts.
+    drops : int, optional
+        Number of drops, 1000 by default. With ``precision`` the maximum.
+    surface : str or DropConditions
+        Named conditions, or conditions.
+    precision : float
+        Stop when every interval is at most this wide on each side; 0: after all drops.
+    seed : int
+    interval : str
+        'wilson' for each aspect by itself, or 'simultaneous' for all together.
+    confidence : float
+        Of the intervals.
+    check_convergence : bool
+        Repeat the drops with half the time step; see `DropResult.convergence`.
+    workers : int or Workers, optional
+        Number of worker processes, one for each core by default; or workers to use, such as
+        those of a Dask cluster, which are left running.
+    keep_poses : bool
+        Keep the resting poses, about 90 bytes each; without them memory does not grow with
+        ``drops``.
+    progress : bool
+        Show progress on standard error.
+    **conditions : float
+        Conditions that differ from the surface, in SI units, such as ``height=0.1``.
+
+    Returns
+    -------
+    DropResult
+
+    Raises
+    ------
+    InvalidValueError
+        A value is out of bounds, or a name is not known.
+    EngineError
+        The worker processes cannot be started, or died repeatedly.
+
+    Examples
+    --------
+    >>> import resting_aspects_ros as ra
+    >>> result = ra.drop('tetrahedron', drops=100, seed=1, height=0.05)
+    >>> result.distribution.counts.sum()
+    100
+    >>> result.poses.position.shape
+    (100, 3)
+    """
+    given = surface if isinstance(surface, DropConditions) else shipped_surfaces().get(surface)
+    given = given.changed(**conditions) if conditions else given
+    mesh = mesh_file(part) if isinstance(part, str | Path) else None
+    loaded = part if isinstance(part, Part) else load_part(part)
+    count = (0 if precision else DEFAULT_DROPS) if drops is None else drops
+    planned = plan(
+        loaded,
+        given,
+        drops=count,
+        seed=seed,
+        precision=precision,
+        interval=interval,
+        confidence=confidence,
+    )
+    chunks: list[RestingPoses] = []
+    consumers: list[Consumer] = [lambda poses, _: chunks.append(poses)] if keep_poses else []
+    counter = DropCounter(planned.empty, planned.run, precision, consumers=consumers)
+    convergence: Convergence | None = None
+    with _workers(workers) as pool:
+        with DropProgress(loaded.name, planned.run.drops, shown=progress) as bar:
+            counter.drop(planned.job, pool, bar.update)
+            bar.end(counter.distribution.drops)
+        if check_convergence:
+            label = f'{loaded.name} with a finer time step'
+            with DropProgress(label, counter.distribution.drops, shown=progress) as bar:
+                _, convergence = check_in_finer_steps(counter, planned.job, pool, bar.update)
+    return DropResult(
+        counter.distribution,
+        planned.run,
+        loaded,
+        METHOD,
+        counter.complete,
+        convergence,
+        mesh,
+        counter.history.points(),
+        RestingPoses.join(chunks) if keep_poses else None,
+    )
+
+
+@contextmanager
+def _workers(given: int | Workers | None) -> Iterator[Workers]:
+    """Workers that were given, or processes that are stopped at the end."""
+    if given is not None and not isinstance(given, int):
+        yield given
+        return
+    processes = ProcessWorkers(default_workers() if given is None else given)
+    try:
+        yield processes
+    finally:
+        processes.stop()
