@@ -12,12 +12,13 @@ import re
 import resource
 import signal
 import sys
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TextIO
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.core.errors import (
@@ -25,6 +26,7 @@ from resting_aspects_ros.core.errors import (
     NoLogError,
     PartError,
     RestingAspectsError,
+    RestingAspectsWarning,
     UnknownPartError,
     one_line,
     shown,
@@ -116,8 +118,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Stopped by a service manager or a closed terminal: the same orderly end as Ctrl-C.
         catch(signal.default_int_handler)
         try:
-            arguments = make_parser(words).parse_args(words)
-            code = int(arguments.run(arguments))
+            with warnings.catch_warnings():
+                warnings.simplefilter('always', RestingAspectsWarning)
+                warnings.showwarning = _print_warning
+                arguments = make_parser(words).parse_args(words)
+                code = int(arguments.run(arguments))
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
@@ -135,6 +140,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:  # noqa: BLE001 what is not known is raised again
         return _end(*_outcome(error))
     return code
+
+
+def _print_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """Print a warning of the suite as one line, and any other one as Python does."""
+    if issubclass(category, RestingAspectsWarning):
+        print(f'warning: {message}', file=sys.stderr)
+    else:
+        text = warnings.formatwarning(message, category, filename, lineno, line)
+        print(text, file=file or sys.stderr)
 
 
 def _check_memory() -> None:
@@ -227,7 +248,3 @@ def _line(message: str) -> str:
     """One line without control characters, and short whatever was given."""
     message = re.sub(rf'\S{{{MAX_PATH + 1},}}', lambda word: shown(word[0])[1:-1], message)
     return one_line(message, MAX_LINE)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

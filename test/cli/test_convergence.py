@@ -1,4 +1,4 @@
-"""`drop --check-convergence`: the same drops in finer steps, and how far the answer moves."""
+"""`drop --check-convergence`: the same drops with a finer time step, and how far the answer moves."""
 
 import json
 import re
@@ -35,7 +35,7 @@ def test_the_shift_is_that_of_the_same_drops_in_half_the_step(run, part, surface
     assert (found['aspect'], found['drops']) == (moved + 1, DROPS)
     assert found['shift'] == pytest.approx(shift[moved], abs=1e-12)
     assert found['lower'] <= found['shift'] <= found['upper']
-    assert 'in finer steps' in ended.stderr
+    assert 'with a finer time step' in ended.stderr
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_what_was_dropped_is_answered_when_the_check_is_broken_off(run, monkeypa
 
     def interrupt(shown, done):
         update(shown, done)
-        if 'in finer steps' in shown._what:
+        if 'with a finer time step' in shown._what:
             signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(DropProgress, 'update', interrupt)
@@ -94,7 +94,7 @@ def test_a_run_in_which_nothing_rests_is_answered_all_the_same(run, tmp_path):
     document = json.loads(ended.stdout)
     assert document['unsettled'] + document['unclassified'] + document['failed'] == 2
     assert 'convergence' not in document
-    assert 'warning: the convergence cannot be told: no drop came to rest' in ended.stderr
+    assert 'warning: convergence could not be determined: no drop came to rest' in ended.stderr
     assert (tmp_path / 'o' / 'distribution.json').is_file()
 
 

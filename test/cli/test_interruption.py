@@ -13,8 +13,8 @@ from contextlib import suppress
 import pytest
 import trimesh
 
+from resting_aspects_ros.api import report_files
 from resting_aspects_ros.api.progress import DropProgress
-from resting_aspects_ros.cli import report_files
 from resting_aspects_ros.simulation.chunks import MAX_DEATHS
 
 QUICK = ('drop', 'tetrahedron', '--drops', 200_000, '--workers', 2)

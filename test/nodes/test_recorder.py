@@ -167,7 +167,7 @@ def test_a_canceled_run_has_a_whole_log(suite):
     assert batches[-1].last
 
 
-MAIN = 'from resting_aspects_ros.cli import main; raise SystemExit(main())'
+MAIN = 'from resting_aspects_ros.cli.main import main; raise SystemExit(main())'
 
 
 @pytest.mark.parametrize('canceled', [pytest.param(False, marks=pytest.mark.slow), True])

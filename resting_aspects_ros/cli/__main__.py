@@ -1,0 +1,7 @@
+"""`python -m resting_aspects_ros.cli` is the command `resting_aspects`."""
+
+import sys
+
+from resting_aspects_ros.cli.main import main
+
+sys.exit(main())
