@@ -1,4 +1,4 @@
-"""`drop --check-convergence`: the same drops with a finer time step, and how far the answer moves."""
+"""`drop --check-convergence`: how far the result moves with a finer time step."""
 
 import json
 import re

@@ -316,10 +316,15 @@ def test_a_loop_is_counted_once(start, heard, replay, log, recorded, diagnostics
     start('aspect_classifier', client.node.get_namespace())
     replay(log, rate=1000.0, loop=True)
     told.wait('log_replayer', lambda _, __, values: int(values['round']) > 3, 'third round')
+    client.wait(lambda: len(topics['resting_poses']) >= 6, 'two rounds')
     poses = [data for data, _ in topics['resting_poses']]
     assert poses[:6] == 2 * recorded['resting_poses']
-    answer = client.ask('tetrahedron', DROPS, surface='rubber_mat', seed=[1], only_known=True)
-    assert (answer.status.code, answer.distribution.drops) == (Status.OK, DROPS)
+
+    def known():
+        answer = client.ask('tetrahedron', DROPS, surface='rubber_mat', seed=[1], only_known=True)
+        return answer.status.code == Status.OK and answer.distribution
+
+    assert client.wait(known, 'distribution').drops == DROPS
 
 
 @pytest.mark.parametrize(

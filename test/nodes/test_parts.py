@@ -4,9 +4,12 @@ import shutil
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.serialization import serialize_message
+from rclpy.task import Future
 from resting_aspects_interfaces.msg import PartDescription, Status
 
-from resting_aspects_ros.ros.conversions import part_from
+from resting_aspects_ros.nodes.aspect_classifier.parts import KnownParts
+from resting_aspects_ros.ros.conversions import part_from, part_msg
 from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.simulation.config_files import parts_folder
 from resting_aspects_ros.simulation.part_library import PartLibrary
@@ -161,3 +164,39 @@ def test_a_part_that_is_asked_for_while_parts_come_in_is_waited_for(fresh_suite)
     unknown = suite.client.ask('no_such_part', method='rolling').status
     assert unknown.code == Status.UNKNOWN_PART
     assert unknown.message.endswith(', u_bracket, washer')
+
+
+def test_a_description_repeated_faster_than_it_is_read_is_read(part):
+    """As a replay in a loop repeats it for a slow classifier."""
+
+    class Files:
+        """Reads once the gate is open."""
+
+        gate = Future()
+
+        async def run(self, function, *given):
+            await self.gate
+            return function(*given)
+
+    def advance(coroutine):
+        """Run it up to where it waits; whether it has ended."""
+        try:
+            coroutine.send(None)
+        except StopIteration:
+            return True
+        return False
+
+    described = serialize_message(part_msg(part('tetrahedron')))
+    changes = []
+    known = KnownParts(None, Files(), changes.append, None)
+    reading = known.describe('tetrahedron', described)
+    assert not advance(reading)
+    assert advance(known.describe('tetrahedron', described))
+    Files.gate.set_result(None)
+    assert advance(reading)
+    assert known.get('tetrahedron').part_sha256 == part('tetrahedron').part_sha256
+    assert advance(known.describe('tetrahedron', described))
+    assert len(changes) == 1
+    known.remove('tetrahedron')
+    assert advance(known.describe('tetrahedron', described))
+    assert len(changes) == 2

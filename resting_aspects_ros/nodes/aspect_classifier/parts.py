@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
+from hashlib import sha256
 
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -52,6 +53,7 @@ class KnownParts:
         self._changed = changed
         self._rejected = rejected
         self._newest: dict[str, bytes] = {}  # by name: the description that is being read
+        self._described: dict[str, bytes] = {}  # by name: hash of the description read last
         self._parts: dict[str, Part] = {}
         self._last: dict[str, Part] = {}  # by name, also those that are offered no more
         self._versions: dict[str, tuple[Part, AspectSet]] = {}
@@ -60,7 +62,15 @@ class KnownParts:
         self._simulator_was_there = False
 
     async def describe(self, name: str, data: bytes) -> None:
-        """Read a serialised description of a part, unless a newer one comes meanwhile."""
+        """Read a serialised description of a part, unless a newer one comes meanwhile.
+
+        One that is read already is not read again: a replay in a loop repeats it, and could
+        repeat it faster than it is read.
+        """
+        digest = sha256(data).digest()
+        if self._described.get(name) == digest:
+            return
+        self._described[name] = digest
         self._newest[name] = data
         self._last_news = time.monotonic()
         error: RestingAspectsError | None = None
@@ -80,6 +90,7 @@ class KnownParts:
                 self._parts[name] = self._last[name] = part
                 self._changed(part)
         elif newest:
+            self._described.pop(name, None)
             sha = deserialize_message(data, PartDescription).part_sha256
             self._forget(name)
             self._unusable[name] = sha, f'part {name!r} cannot be used: {error}'
@@ -89,6 +100,7 @@ class KnownParts:
     def remove(self, name: str) -> None:
         """The part is offered no more; its aspects stay known."""
         self._newest.pop(name, None)
+        self._described.pop(name, None)
         self._forget(name)
 
     def _forget(self, name: str) -> None:
