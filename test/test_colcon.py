@@ -15,7 +15,7 @@ ROS_DOC = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
 
 IMPORTS = """
 import resting_aspects_interfaces.msg, resting_aspects_ros
-from resting_aspects_ros.config_files import config_folder
+from resting_aspects_ros.simulation.config_files import config_folder
 from rclpy.serialization import serialize_message
 for module in resting_aspects_interfaces.msg, resting_aspects_ros:
     print(module.__file__)

@@ -328,11 +328,11 @@ READ_WITHIN = """
 import sys
 from pathlib import Path
 from resting_aspects_ros.core.errors import LogError
-from resting_aspects_ros.logs.indexed_log import IndexedLog
-from resting_aspects_ros.logs.log_reader import messages
-from resting_aspects_ros.logs.recording import Recording
+from resting_aspects_ros.logs.indexed_reader import IndexedLog
+from resting_aspects_ros.logs.stream_reader import messages
+from resting_aspects_ros.logs.playback_reader import Recording
 from resting_aspects_ros.logs.recovery import recover_log
-from resting_aspects_ros.logs.topics import POSES_TYPE
+from resting_aspects_ros.logs.topic_metadata import POSES_TYPE
 for read in (Recording, recover_log, lambda log: list(messages(log, POSES_TYPE))):
     try:
         read(Path(sys.argv[1]))

@@ -183,8 +183,8 @@ def test_a_disk_that_is_full_leaves_the_log_as_it_was(tmp_path, no_space_after):
 WRITE_UNTIL_KILLED = """
 import sys
 from pathlib import Path
-from resting_aspects_ros.logs.run_log import RunLog
-from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
+from resting_aspects_ros.logs.run_writer import RunLog
+from resting_aspects_ros.logs.topic_metadata import POSES_TYPE, Qos, Topic
 log = RunLog(Path(sys.argv[1]), 'run')
 for i in range(10**9):
     log.write(Topic('/resting_poses', POSES_TYPE, Qos(1)), i.to_bytes(8, 'little') * 2000, i)

@@ -320,8 +320,8 @@ def test_log_times_do_not_run_backwards(tmp_path):
 WRITE_UNTIL_KILLED = """
 import sys
 from pathlib import Path
-from resting_aspects_ros.logs.run_log import RunLog
-from resting_aspects_ros.logs.topics import Qos, Topic
+from resting_aspects_ros.logs.run_writer import RunLog
+from resting_aspects_ros.logs.topic_metadata import Qos, Topic
 topic = Topic('/resting_poses', 'resting_aspects_interfaces/msg/RestingPoses', Qos(1))
 log = RunLog(Path(sys.argv[1]), 'run')
 log.attach('mesh.stl', 'model/stl', b'mesh', 1)

@@ -89,7 +89,7 @@ FORKSERVER.set_forkserver_preload(
 FORKED = """
 import faulthandler, multiprocessing, os, sys
 from multiprocessing import forkserver
-from resting_aspects_ros.nodes import file_worker
+from resting_aspects_ros.ros import file_worker
 
 os.setsid()
 os.chdir(folder)

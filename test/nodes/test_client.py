@@ -243,8 +243,8 @@ import numpy as np
 from geometry_msgs.msg import Quaternion
 from rclpy.serialization import serialize_message
 from resting_aspects_ros.client import RestingAspectsError
-from resting_aspects_ros.nodes.client_requests import distribution_request, pose_request
-from resting_aspects_ros.nodes.client_requests import check_progress, check_timeout
+from resting_aspects_ros.client.request_messages import distribution_request, pose_request
+from resting_aspects_ros.client.request_messages import check_progress, check_timeout
 
 good = dict(
     part='x', drops=5, precision=0.0, surface='', conditions=None, seed=None, method='drops',

@@ -139,7 +139,7 @@ ORPHAN = """
 import sys, rclpy, time
 from pathlib import Path
 from rclpy.executors import SingleThreadedExecutor
-from resting_aspects_ros.nodes.file_worker import FileWorker
+from resting_aspects_ros.ros.file_worker import FileWorker
 sys.path.insert(0, sys.argv[1])
 import hanging
 rclpy.init()

@@ -24,7 +24,7 @@ LATEST = 100
 # Imports once what takes seconds; starts a recorder at each line of input, one after the other.
 RECORDERS = """
 import os, sys
-from resting_aspects_ros.nodes import drop_recorder
+from resting_aspects_ros.nodes.drop_recorder import node as drop_recorder
 for line in sys.stdin:
     output, *words = line.split()
     pid = os.fork()

@@ -56,7 +56,7 @@ READER = """
 import sys
 import rclpy
 from resting_aspects_interfaces.msg import AspectDistribution
-from resting_aspects_ros.nodes.interface import ALL_LATCHED
+from resting_aspects_ros.ros.interface import ALL_LATCHED
 rclpy.init()
 node = rclpy.create_node('reader', namespace=sys.argv[1])
 node.create_subscription(

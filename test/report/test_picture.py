@@ -239,8 +239,8 @@ def test_matplotlib_is_imported_only_for_a_picture_and_pyplot_never():
     code = """
 import sys
 import numpy as np
-from resting_aspects_ros.core.aspect_set import AspectSet
-from resting_aspects_ros.core.distribution import Distribution
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.figure_style import png_bytes
 from resting_aspects_ros.report.page import report_files
 from resting_aspects_ros.report.picture import distribution_figure

@@ -287,11 +287,11 @@ def disc(solid):
 PARENT = """
 import sys
 from pathlib import Path
-from resting_aspects_ros.drops.campaign import submit_drops
-from resting_aspects_ros.drops.part_library import PartLibrary
-from resting_aspects_ros.drops.plan import make_job
-from resting_aspects_ros.drops.surfaces import Surfaces
-from resting_aspects_ros.drops.worker_pool import ProcessWorkers
+from resting_aspects_ros.simulation.chunks import submit_drops
+from resting_aspects_ros.simulation.part_library import PartLibrary
+from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.simulation.process_workers import ProcessWorkers
 
 # At the top of the script: workers do not run it again.
 config = Path(sys.argv[1])
