@@ -16,10 +16,16 @@ from resting_aspects_ros.api.parts import load_part, mesh_file
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.landscape import Landscape
+from resting_aspects_ros.core.errors import warn
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution, no_drops
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, INTERVAL
+from resting_aspects_ros.core.statistics.intervals import (
+    CONFIDENCE,
+    INTERVAL,
+    check_confidence,
+    check_method,
+)
 from resting_aspects_ros.core.statistics.stopping import max_drops
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
@@ -66,6 +72,8 @@ def plan(
 
     ``stop_at`` is the precision at which to stop, if it is not that of the run.
     """
+    check_method(interval)
+    check_confidence(confidence)
     landscape = Landscape(part)
     empty = no_drops(
         find_aspects(part, landscape),
@@ -153,7 +161,7 @@ def drop(
     --------
     >>> import resting_aspects_ros as ra
     >>> result = ra.drop('tetrahedron', drops=100, seed=1, height=0.05)
-    >>> result.distribution.counts.sum()
+    >>> result.distribution.drops
     100
     >>> result.poses.position.shape
     (100, 3)
@@ -162,6 +170,8 @@ def drop(
     given = given.changed(**conditions) if conditions else given
     mesh = mesh_file(part) if isinstance(part, str | Path) else None
     loaded = part if isinstance(part, Part) else load_part(part)
+    for warning in loaded.warnings:
+        warn(warning)
     count = (0 if precision else DEFAULT_DROPS) if drops is None else drops
     planned = plan(
         loaded,

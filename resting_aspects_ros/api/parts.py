@@ -45,7 +45,7 @@ def load_part(
     >>> import resting_aspects_ros as ra
     >>> part = ra.load_part('l_bracket')
     >>> f'{1000 * part.mass:.1f} g'
-    '21.8 g'
+    '94.2 g'
     """
     text = str(part)
     mesh = part if isinstance(part, Path) else mesh_file(text)

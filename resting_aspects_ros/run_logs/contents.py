@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
 
@@ -190,7 +191,7 @@ def _read_by_index(run: LoggedRun) -> bool:
     return True
 
 
-def logged_answer(log: Path) -> DropResult:
+def logged_result(log: Path) -> DropResult:
     """Count the drops of a log again, each once.
 
     Raises InvalidValueError if it is no log of a run with its part, LogError if it cannot be read.
@@ -204,12 +205,22 @@ def logged_answer(log: Path) -> DropResult:
     logged.warn_if_unfinished()
     counted = no_drops(find_aspects(part), by_precision=run.precision > 0)
     history = History(counted.aspects)
-    for poses in _poses(logged.pieces, run):
+    chunks = list(_poses(logged.pieces, run))
+    for poses in chunks:
         ids = aspect_ids(counted.aspects, poses)
         history.add(ids)
         counted += count_poses(counted.aspects, poses, ids)
     whole = logged.outcome.whole and logged.finished
-    return DropResult(counted, run, part, METHOD, whole, history=history.points())
+    gaps = any(before.end != after.first_drop for before, after in pairwise(chunks))
+    return DropResult(
+        counted,
+        run,
+        part,
+        METHOD,
+        whole,
+        history=history.points(),
+        poses=RestingPoses.join(chunks) if chunks and not gaps else None,
+    )
 
 
 def _poses(pieces: list[Piece], run: RunDescription) -> Iterator[RestingPoses]:

@@ -26,7 +26,7 @@ from resting_aspects_ros.logs.topic_metadata import (
 )
 from resting_aspects_ros.ros.conversions import part_msg, poses_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
-from resting_aspects_ros.run_logs.contents import logged_answer
+from resting_aspects_ros.run_logs.contents import logged_result
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.initial_state import CHUNK
@@ -221,7 +221,7 @@ def test_a_log_is_read_once(run, log, monkeypatch, words, closed):
     records = LogFile.records
     monkeypatch.setattr(LogFile, 'records', lambda file: passes.append(1) or records(file))
     if words == 'answer':  # what report and demo show
-        assert logged_answer(folder).distribution.drops == (DROPS if closed else 200)
+        assert logged_result(folder).distribution.drops == (DROPS if closed else 200)
     else:
         assert run(*words.split(), folder).returncode == 0
     by_index = closed and words in ('info', 'drop --from-log')

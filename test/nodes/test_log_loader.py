@@ -213,7 +213,7 @@ def test_until_the_logs_are_read_nothing_is_answered(start, connect, namespace, 
     """A folder that hangs, as a disk of the network can."""
     os.mkfifo(tmp_path / 'pipe')
     hang = {
-        'log_loader.logs_in': Code("__import__('io').open"),
+        'nodes.aspect_classifier.log_loader.logs_in': Code("__import__('io').open"),
         'nodes.aspect_classifier.log_loader.MAX_SECONDS': 0.0,
     }
     logs = {'log_folder': tmp_path / 'pipe'}

@@ -25,7 +25,7 @@ from resting_aspects_ros.core.statistics.distribution import METHOD, Distributio
 from resting_aspects_ros.core.statistics.intervals import Counts
 
 
-def document_answer(
+def document_result(
     path: Path,
     part_text: str | None,
     unit: str | None,

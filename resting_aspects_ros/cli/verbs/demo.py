@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
         check_output('--out', out / f'{node}.log')
     # A second to import, which --help does not need.
     from resting_aspects_ros.api.report_files import check_report, write_report
-    from resting_aspects_ros.run_logs.contents import logged_answer
+    from resting_aspects_ros.run_logs.contents import logged_result
 
     check_report('--out', out)
     # A name of its own keeps it apart from other suites on this machine, and this machine from
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
         log = _ask(namespace, logs, check)
         print(f'Log:    {log}', flush=True)
         stop.check()
-    print(f'Report: {write_report(logged_answer(log), out)}')
+    print(f'Report: {write_report(logged_result(log), out)}')
     return 0
 
 

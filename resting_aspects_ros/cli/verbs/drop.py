@@ -102,7 +102,6 @@ def run(arguments: argparse.Namespace) -> int:
             stack.callback(processes.stop)
         from resting_aspects_ros.cli.drop_request import requested_drops
         from resting_aspects_ros.cli.drop_run import drop_and_show
-        from resting_aspects_ros.core.statistics.intervals import check_confidence
 
         request = requested_drops(arguments)
         if workers is None:
@@ -110,7 +109,6 @@ def run(arguments: argparse.Namespace) -> int:
 
             workers = cluster = ClusterWorkers(arguments.scheduler)
             stack.callback(cluster.stop)
-        check_confidence(confidence)
         if not arguments.force:
             request.check_height()
         return drop_and_show(arguments, request, workers, confidence, stop)

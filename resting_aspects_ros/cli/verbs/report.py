@@ -6,7 +6,7 @@ from pathlib import Path
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.inputs.count_files import read_counts
 from resting_aspects_ros.api.inputs.counts import check_against
-from resting_aspects_ros.api.inputs.result_document import document_answer
+from resting_aspects_ros.api.inputs.result_document import document_result
 from resting_aspects_ros.api.report_files import check_report, default_folder, write_report
 from resting_aspects_ros.cli.options import add_part_place
 from resting_aspects_ros.core.errors import InvalidValueError
@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _answer(arguments: argparse.Namespace) -> DropResult:
     path: Path = arguments.result
     if not is_log(path):
-        return document_answer(
+        return document_result(
             path, arguments.part, arguments.unit, arguments.parts, arguments.body
         )
     for name in ('part', 'unit', 'body', 'parts'):
@@ -82,6 +82,6 @@ def _answer(arguments: argparse.Namespace) -> DropResult:
                 'part'
             )
     # It imports ROS, which a document does not need.
-    from resting_aspects_ros.run_logs.contents import logged_answer
+    from resting_aspects_ros.run_logs.contents import logged_result
 
-    return logged_answer(path)
+    return logged_result(path)

@@ -1,0 +1,32 @@
+"""Read a log of a run."""
+
+from pathlib import Path
+
+from resting_aspects_ros.api.drop_result import DropResult
+
+
+def read_log(log: str | Path) -> DropResult:
+    """Read a log of a run, and count its drops.
+
+    Imports ROS, which the rest of the Python interface does not need.
+
+    Parameters
+    ----------
+    log : str or Path
+        The folder of a run, or its .mcap file.
+
+    Returns
+    -------
+    DropResult
+        Without poses if drops are missing in the log.
+
+    Raises
+    ------
+    LogError
+        It cannot be read.
+    InvalidValueError
+        It is not a log of a run with its part.
+    """
+    from resting_aspects_ros.run_logs.contents import logged_result
+
+    return logged_result(Path(log))

@@ -1,0 +1,136 @@
+"""The Python interface, as a script or a notebook uses it."""
+
+import doctest
+import json
+import subprocess
+import sys
+from importlib import import_module
+
+import numpy as np
+import pytest
+import trimesh
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.process_workers import ProcessWorkers
+
+
+@pytest.fixture(scope='module')
+def workers():
+    """Two processes that all drops of this module share."""
+    workers = ProcessWorkers(2)
+    yield workers
+    workers.stop()
+
+
+@pytest.mark.parametrize('module', ['', '.api.drop', '.api.parts'])
+def test_examples_in_docstrings_hold(module):
+    tested = import_module(f'resting_aspects_ros{module}')
+    failed, attempted = doctest.testmod(tested, optionflags=doctest.ELLIPSIS)
+    assert failed == 0
+    assert attempted > 0
+
+
+def test_every_public_name_exists():
+    assert ra.__all__ == sorted(ra.__all__)
+    for name in ra.__all__:
+        assert getattr(ra, name).__doc__
+    assert set(ra.__all__) <= set(dir(ra))
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        ra.nothing  # noqa: B018
+
+
+def test_no_ros_is_imported():
+    code = (
+        'import sys, resting_aspects_ros as ra\n'
+        "light = 'numpy' in sys.modules\n"
+        "ra.drop('tetrahedron', drops=10, workers=1)\n"
+        "print(light, 'rclpy' in sys.modules)\n"
+    )
+    # No `if __name__ == '__main__'` is needed.
+    ended = subprocess.run(
+        [sys.executable, '-'], input=code, capture_output=True, text=True, check=True
+    )
+    assert ended.stdout.split() == ['False', 'False']
+
+
+def test_poses_are_those_of_the_engine(part, surfaces, workers):
+    result = ra.drop('tetrahedron', drops=50, seed=5, surface='steel', workers=workers)
+    job = make_job(part('tetrahedron'), surfaces.get('steel'), 5)
+    expected = drop_chunk(job, 0, 50)
+    assert np.array_equal(result.poses.orientation, expected.orientation)
+    assert np.array_equal(result.poses.position, expected.position)
+    assert (result.complete, result.distribution.drops) == (True, 50)
+
+
+def test_a_condition_that_is_changed(workers):
+    result = ra.drop('tetrahedron', drops=5, height=0.2, friction=0.3, workers=workers)
+    conditions = result.run.conditions
+    assert (conditions.height, conditions.friction, conditions.surface) == (0.2, 0.3, '')
+    again = ra.drop('tetrahedron', drops=5, surface=conditions, workers=workers)
+    assert np.array_equal(again.poses.position, result.poses.position)
+
+
+def test_it_stops_at_a_precision(workers):
+    result = ra.drop('tetrahedron', precision=0.05, workers=workers, keep_poses=False)
+    widths = [(each.upper - each.lower) / 2 for each in result.distribution.intervals()]
+    assert max(widths) <= 0.05
+    assert result.poses is None
+
+
+def test_the_document_is_that_of_the_command(workers):
+    result = ra.drop('hex_nut', drops=30, seed=3, workers=workers)
+    words = ['drop', 'hex_nut', '--drops', '30', '--seed', '3', '--json']
+    printed = subprocess.run(
+        [sys.executable, '-m', 'resting_aspects_ros.cli', *words],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    documents = [json.loads(text) for text in (result.to_json(), printed)]
+    for document in documents:
+        del document['run_id'], document['started']
+    assert documents[0] == documents[1]
+
+
+def test_a_report_is_written(workers, tmp_path):
+    page = ra.drop('tetrahedron', drops=30, workers=workers).report(tmp_path / 'out')
+    assert page == tmp_path / 'out' / 'report.html'
+    assert 'tetrahedron' in page.read_text('utf-8')
+
+
+def test_convergence_is_checked_if_requested(workers):
+    result = ra.drop('tetrahedron', drops=60, workers=workers, check_convergence=True)
+    assert result.convergence.drops == 60
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        ({'surface': 'ice'}, "surface 'ice'"),
+        ({'drops': 0}, 'drops'),
+        ({'seed': -1}, 'seed'),
+        ({'height': -1.0}, 'height'),
+        ({'workers': 0}, 'workers'),
+        ({'interval': 'wald'}, 'wald'),
+    ],
+    ids=str,
+)
+def test_a_wrong_value_is_named(arguments, words):
+    with pytest.raises(ra.InvalidValueError, match=words):
+        ra.drop('tetrahedron', **{'drops': 5, **arguments})
+
+
+def test_progress_is_shown_if_requested(workers, capsys):
+    ra.drop('tetrahedron', drops=5, workers=workers)
+    assert capsys.readouterr().err == ''
+    ra.drop('tetrahedron', drops=5, workers=workers, progress=True)
+    assert 'tetrahedron: 5 of 5 drops' in capsys.readouterr().err
+
+
+def test_what_is_odd_about_a_part_is_a_warning(workers, tmp_path):
+    mesh = trimesh.creation.box((0.01, 0.02, 0.03))
+    mesh.export(tmp_path / 'box.stl')
+    with pytest.warns(ra.RestingAspectsWarning, match='in metres it would be 10 x 20 x 30 mm'):
+        ra.drop(tmp_path / 'box.stl', drops=2, workers=workers, height=0.001)
