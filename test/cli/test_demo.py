@@ -45,7 +45,9 @@ def nodes_of(processes_of, wait_until):
         def named():
             of = {}
             for pid, words in processes_of(demo).items():
-                for node in NODES & {word.rpartition('.')[2] for word in words}:
+                for node in NODES & {
+                    word.removesuffix('.node').rpartition('.')[2] for word in words
+                }:
                     of[node] = pid
             return of if of.keys() == NODES else None
 

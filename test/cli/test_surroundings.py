@@ -80,8 +80,8 @@ def test_a_deleted_working_folder(environment, tmp_path):
     def here(*words):
         folder = tmp_path / 'gone'
         folder.mkdir()
-        code = f'import os; os.rmdir({str(folder)!r}); from resting_aspects_ros import cli; '
-        call = f'raise SystemExit(cli.main({list(words)!r}))'
+        code = f'import os; os.rmdir({str(folder)!r}); from resting_aspects_ros.cli import main; '
+        call = f'raise SystemExit(main.main({list(words)!r}))'
         return subprocess.run(
             [sys.executable, '-P', '-c', code + call] if sys.version_info >= (3, 11)
             else [sys.executable, '-c', code + call],
