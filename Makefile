@@ -11,6 +11,7 @@ JAVASCRIPT = test/js/node_modules/.package-lock.json
 VERSIONS = 3.10 3.11 3.12
 
 # An installed ROS that is sourced, or another virtual environment, must not leak into this one.
+# PYTHONDONTWRITEBYTECODE would make every process compile the packages again.
 unexport PYTHONDONTWRITEBYTECODE PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PATH PKG_CONFIG_PATH AMENT_PREFIX_PATH \
          CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 

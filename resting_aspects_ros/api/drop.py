@@ -129,6 +129,7 @@ def drop(
     precision : float
         Stop when every interval is at most this wide on each side; 0: after all drops.
     seed : int
+        Of the random orientations and velocities at the release; not negative.
     interval : str
         'wilson' for each aspect by itself, or 'simultaneous' for all together.
     confidence : float
@@ -139,8 +140,7 @@ def drop(
         Number of worker processes, one for each core by default; or workers to use, such as
         those of a Dask cluster, which are left running.
     keep_poses : bool
-        Keep the resting poses, about 90 bytes each; without them memory does not grow with
-        ``drops``.
+        Keep the resting poses, 74 bytes each; without them memory does not grow with ``drops``.
     progress : bool
         Show progress on standard error.
     **conditions : float

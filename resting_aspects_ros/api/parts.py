@@ -15,7 +15,10 @@ from resting_aspects_ros.simulation.part_library import PartLibrary, read_part_y
 
 
 def load_part(
-    part: str | Path, unit: str | None = None, folder: Path | None = None, body: int | None = None
+    part: str | Path,
+    unit: str | None = None,
+    folder: str | Path | None = None,
+    body: int | None = None,
 ) -> Part:
     """Load a part from a mesh file, with the YAML file beside it, or by name from a folder.
 
@@ -26,7 +29,7 @@ def load_part(
     unit : str, optional
         Of the mesh file: 'um', 'mm', 'cm', 'm', 'in' or 'ft'; by default that of the YAML file,
         else mm.
-    folder : Path, optional
+    folder : str or Path, optional
         Folder of named parts; by default the example parts.
     body : int, optional
         Which body of a mesh file to use, if it has several that do not touch: 1 is the largest.
@@ -53,18 +56,20 @@ def load_part(
         return load_mesh(mesh, **_sheet(mesh.parent / f'{mesh.stem}.yaml', unit, body))
     if unit is not None:
         raise InvalidValueError(
-            f'--unit is {shown(unit)}, allowed only with a mesh file: {shown(text)} is the name '
-            f'of a part, whose unit is that of its YAML, else {DEFAULT_UNIT}'
+            f'invalid unit {shown(unit)}: expected only with a mesh file, and {shown(text)} is '
+            f'the name of a part, whose unit is that of its YAML file, else {DEFAULT_UNIT}'
         )
     if body is not None:
         raise InvalidValueError(
-            f'--body is {shown(body)}, allowed only with a mesh file: {shown(text)} is the name '
-            'of a part, whose body is that of its YAML'
+            f'invalid body {shown(body)}: expected only with a mesh file, and {shown(text)} is '
+            'the name of a part, whose body is that of its YAML file'
         )
-    if folder is not None and not folder.is_dir():
-        raise InvalidValueError(f'--parts is {shown(str(folder))}, allowed is a folder of meshes')
+    if folder is not None and not Path(folder).is_dir():
+        raise InvalidValueError(
+            f'invalid folder of parts {shown(str(folder))}: expected a folder of meshes'
+        )
     try:
-        return PartLibrary(folder or parts_folder()).load(text)
+        return PartLibrary(parts_folder() if folder is None else Path(folder)).load(text)
     except UnknownPartError:
         if folder is None and (here := _mesh_here(text)):
             raise UnknownPartError(
@@ -99,23 +104,23 @@ def _sheet(sheet: Path, unit: str | None, body: int | None) -> dict[str, Any]:
     if body is not None:
         if values.get('body') not in (None, body):
             raise InvalidValueError(
-                f'--body is {shown(body)}, allowed is {values["body"]}, the body in '
+                f'invalid body {shown(body)}: expected {values["body"]}, the body in '
                 f'{shown(str(sheet))}'
             )
         values['body'] = body
     if unit is None:
         return values
     if unit not in UNITS:
-        raise InvalidValueError(f'--unit is {shown(unit)}, allowed are {", ".join(UNITS)}')
+        raise InvalidValueError(f'invalid unit {shown(unit)}: expected one of {", ".join(UNITS)}')
     written = values.get('unit')
     if written not in (None, unit):
         raise InvalidValueError(
-            f'--unit is {unit!r}, allowed is {written!r}, the unit in {str(sheet)!r}'
+            f'invalid unit {unit!r}: expected {written!r}, the unit in {str(sheet)!r}'
         )
     # Its numbers were read in the default unit.
     if written is None and 'centre_of_mass' in values and unit != DEFAULT_UNIT:
         raise InvalidValueError(
-            f'--unit is {unit!r}, but {str(sheet)!r} gives a centre_of_mass without a unit: '
+            f'invalid unit {unit!r}: {str(sheet)!r} gives a centre_of_mass without a unit; '
             f'write "unit: {unit}" into it'
         )
     return {**values, 'unit': unit}

@@ -50,7 +50,7 @@ class DropProgress(ShownProgress):
 
     def __init__(self, what: str, total: int, *, shown: bool = True) -> None:
         super().__init__(what, total, MofNCompleteColumn(), shown=shown)
-        self._shown_at_all = shown
+        self._visible = shown
         self.done = 0
         self._what = what
         self._total = total
@@ -70,7 +70,7 @@ class DropProgress(ShownProgress):
                 rate += f', {seconds * (self._total - done) / done:.0f} s left'
             self._bar.update(self._task, completed=done, total=self._total, text=rate)
             self._bar.start()
-        elif self._shown_at_all and (now - self._shown >= LINE_PERIOD or done == self._total):
+        elif self._visible and (now - self._shown >= LINE_PERIOD or done == self._total):
             line = f'{self._what}: {done} of {self._total} drops'
             if line != self._line:  # the rate alone is no news
                 print(f'{line}  {rate}'.rstrip(), file=sys.stderr)

@@ -29,4 +29,4 @@ def read_log(log: str | Path) -> DropResult:
     """
     from resting_aspects_ros.run_logs.contents import logged_result
 
-    return logged_result(Path(log))
+    return logged_result(Path(log), keep_poses=True)

@@ -121,7 +121,7 @@ class LoggedRun:
         return [(run.first_drop, run.first_drop + self.outcome.drops)]
 
     def warn_if_unfinished(self) -> None:
-        """Print on standard error if the log has no end."""
+        """Warn if the log has no end."""
         state = state_text(self.log, being_written=self.being_written, finished=self.finished)
         if state:
             warn(state)
@@ -191,10 +191,11 @@ def _read_by_index(run: LoggedRun) -> bool:
     return True
 
 
-def logged_result(log: Path) -> DropResult:
+def logged_result(log: Path, *, keep_poses: bool = False) -> DropResult:
     """Count the drops of a log again, each once.
 
-    Raises InvalidValueError if it is no log of a run with its part, LogError if it cannot be read.
+    The result has the poses only if ``keep_poses``, and if no drops are missing. Raises
+    InvalidValueError if it is no log of a run with its part, LogError if it cannot be read.
     """
     logged = read_logged_run(log, keep_poses=True)
     run, part = logged.run, logged.part
@@ -219,7 +220,7 @@ def logged_result(log: Path) -> DropResult:
         METHOD,
         whole,
         history=history.points(),
-        poses=RestingPoses.join(chunks) if chunks and not gaps else None,
+        poses=RestingPoses.join(chunks) if keep_poses and chunks and not gaps else None,
     )
 
 

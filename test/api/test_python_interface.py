@@ -2,6 +2,7 @@
 
 import doctest
 import json
+import signal
 import subprocess
 import sys
 import textwrap
@@ -132,6 +133,39 @@ def test_convergence_is_checked_if_requested(workers):
 def test_a_wrong_value_is_named(arguments, words):
     with pytest.raises(ra.InvalidValueError, match=words):
         ra.drop('tetrahedron', **{'drops': 5, **arguments})
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        ({'unit': 'mm'}, "invalid unit 'mm': expected only with a mesh file"),
+        ({'body': 1}, 'invalid body 1: expected only with a mesh file'),
+        ({'folder': 'none'}, "invalid folder of parts 'none': expected a folder"),
+        ({'part': 'box.stl', 'unit': 'x'}, "invalid unit 'x': expected one of um, mm"),
+    ],
+    ids=str,
+)
+def test_a_wrong_argument_of_load_part_is_named(arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    trimesh.creation.box((10, 20, 30)).export('box.stl')
+    with pytest.raises(ra.InvalidValueError, match=words):
+        ra.load_part(**{'part': 'l_bracket', **arguments})
+
+
+def test_ctrl_c_ends_the_drops_and_their_workers():
+    code = (
+        'import multiprocessing, resting_aspects_ros as ra\n'
+        'try:\n'
+        "    ra.drop('l_bracket', drops=1_000_000, workers=2, keep_poses=False, progress=True)\n"
+        'except KeyboardInterrupt:\n'
+        "    print('interrupted', multiprocessing.active_children())\n"
+    )
+    script = subprocess.Popen(
+        [sys.executable, '-c', code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert 'of 1000000 drops' in script.stderr.readline()
+    script.send_signal(signal.SIGINT)
+    assert script.communicate()[0].split(maxsplit=1) == ['interrupted', '[]\n']
 
 
 def test_progress_is_shown_if_requested(workers, capsys):

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 from unittest import mock
 
@@ -61,6 +62,7 @@ def run_in(environment, worker_pools):
         with (
             _folder(folder),
             _handlers_restored(),
+            _default_warnings(),
             mock.patch.dict(os.environ, env or environment, clear=True),
             mock.patch.object(process_workers, 'ProcessWorkers', worker_pools),
             contextlib.redirect_stdout(out),
@@ -87,6 +89,14 @@ def _folder(folder):
         yield
     finally:
         os.chdir(before)
+
+
+@contextlib.contextmanager
+def _default_warnings():
+    """Ignore the warnings that Python ignores by default, and pytest does not."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', DeprecationWarning)
+        yield
 
 
 @contextlib.contextmanager

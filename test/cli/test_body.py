@@ -55,8 +55,12 @@ def test_every_command_that_takes_a_mesh_takes_a_body(two, ended):
     ('words', 'sheet', 'told'),
     [
         (['two.stl', '--body', 3], '', 'invalid body 3 of mesh'),
-        (['two.stl', '--body', 1], 'body: 2', "--body is 1, allowed is 2, the body in 'two.yaml'"),
-        (['l_bracket', '--body', 1], '', '--body is 1, allowed only with a mesh file'),
+        (
+            ['two.stl', '--body', 1],
+            'body: 2',
+            "invalid body 1: expected 2, the body in 'two.yaml'",
+        ),
+        (['l_bracket', '--body', 1], '', 'invalid body 1: expected only with a mesh file'),
     ],
 )
 def test_a_body_that_cannot_be_meant_is_refused(two, ended, words, sheet, told):

@@ -87,14 +87,14 @@ def test_a_unit_that_the_yaml_contradicts_is_refused(refused, box, tmp_path):
     box.export(tmp_path / 'box.stl')
     (tmp_path / 'box.yaml').write_text('unit: cm\n', encoding='utf-8')
     line = refused('drop', 'box.stl', '--unit', 'in')
-    assert line == "error: --unit is 'in', allowed is 'cm', the unit in 'box.yaml'"
+    assert line == "error: invalid unit 'in': expected 'cm', the unit in 'box.yaml'"
 
 
 def test_a_centre_of_mass_in_no_unit_is_not_taken_for_one_in_another(refused, box, tmp_path):
     box.export(tmp_path / 'box.stl')
     (tmp_path / 'box.yaml').write_text('centre_of_mass: [0, 0, 5]\n', encoding='utf-8')
     line = refused('drop', 'box.stl', '--unit', 'in')
-    assert line.endswith('gives a centre_of_mass without a unit: write "unit: in" into it')
+    assert line.endswith('gives a centre_of_mass without a unit; write "unit: in" into it')
 
 
 def test_parts_of_another_folder(heights, refused, box, tmp_path):
