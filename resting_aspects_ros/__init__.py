@@ -28,7 +28,7 @@ _MODULES = {
     'UnknownPartError': 'core.errors',
     'drop': 'api.drop',
     'find_aspects': 'core.aspects.aspect',
-    'load_part': 'api.parts',
+    'load_part': 'api.load_part',
     'read_log': 'api.read_log',
 }
 __all__ = sorted(_MODULES)  # noqa: PLE0605 a list, but ruff cannot see it

@@ -172,7 +172,7 @@ def test_a_breach_is_found(file, line):
         ('core/part.py', 'from resting_aspects_ros.core.errors import PartError'),
         ('core/part.py', 'import numpy as np\nnp.random.default_rng(1)'),
         ('core/yaml_file.py', 'import yaml'),
-        ('api/parts.py', 'def late():\n    import resting_aspects_ros.run_logs.contents'),
+        ('api/load_part.py', 'def late():\n    import resting_aspects_ros.run_logs.contents'),
         ('simulation/plan.py', 'from resting_aspects_ros import __version__'),
         ('simulation/bullet_engine.py', 'import pybullet'),
         ('simulation/dask_workers.py', 'from distributed import Client'),

@@ -14,7 +14,7 @@ from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import (
     CHUNK,
-    Release,
+    InitialState,
     depth_of,
     part_from_body,
     releases,
@@ -26,8 +26,8 @@ from resting_aspects_ros.simulation.settling import (
     REST_MOTION,
     REST_WINDOW,
     TIME_LIMIT,
+    BodyStates,
     Settling,
-    States,
 )
 from resting_aspects_ros.simulation.surfaces import Surfaces
 
@@ -62,7 +62,7 @@ class Body(Protocol):
     def pose(self) -> list[float]:
         """Return x y z of the centre of mass, then the orientation xyzw, tray from body."""
 
-    def states(self) -> States:
+    def states(self) -> BodyStates:
         """Return pose and motion, as arrays with one row."""
 
 
@@ -81,7 +81,7 @@ def example_job() -> DropJob:
     return job_of(example_part())
 
 
-def full_starts(job: DropJob, chunks: range) -> list[Release]:
+def full_starts(job: DropJob, chunks: range) -> list[InitialState]:
     """The orientations that the suite's drops have, each at its full height, not yet falling."""
     c = job.conditions
     if c.height_of is not HeightOf.LOWEST_POINT or c.speed_horizontal or c.speed_vertical:
@@ -92,7 +92,7 @@ def full_starts(job: DropJob, chunks: range) -> list[Release]:
         none = np.zeros((CHUNK, 3))
         position = none.copy()
         position[:, 2] = c.height / job.radius + depth_of(orientation, job.hull)
-        found.append(Release(position, orientation, none, none, np.zeros(CHUNK)))
+        found.append(InitialState(position, orientation, none, none, np.zeros(CHUNK)))
     return found
 
 

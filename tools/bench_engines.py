@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull
 from resting_aspects_ros.core.rotations import Array, rotate, wxyz_from_xyzw, xyzw_from_wxyz
 from resting_aspects_ros.simulation.bullet_engine import OVERLAP_TIME
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.settling import LOOK, REST_MOTION, TIME_LIMIT, States
+from resting_aspects_ros.simulation.settling import LOOK, REST_MOTION, TIME_LIMIT, BodyStates
 
 # As pip names them; Blender has a package for each of its versions for one version of Python, this
 # one for 3.11.
@@ -80,13 +80,13 @@ class MujocoBody:
         x, y, z, qw, qx, qy, qz = self.data.qpos.tolist()
         return [x, y, z, qx, qy, qz, qw]
 
-    def states(self) -> States:
+    def states(self) -> BodyStates:
         """Pose and motion."""
         position, wxyz = np.split(self.data.qpos[None].copy(), [3], axis=1)
         # MuJoCo has the spin in body axes.
         velocity, spin = np.split(self.data.qvel[None].copy(), [3], axis=1)
         orientation = xyzw_from_wxyz(wxyz)
-        return States(position, orientation, velocity, rotate(orientation, spin))
+        return BodyStates(position, orientation, velocity, rotate(orientation, spin))
 
 
 class BlenderBody:
@@ -158,7 +158,7 @@ class BlenderBody:
         w, x, y, z = pose.to_quaternion()
         return [*pose.translation, x, y, z, w]
 
-    def states(self) -> States:
+    def states(self) -> BodyStates:
         """Blender does not tell how bodies move."""
         raise NotImplementedError
 

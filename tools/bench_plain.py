@@ -22,7 +22,12 @@ from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation import bullet_engine
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import CHUNK
-from resting_aspects_ros.simulation.settling import REST_MOTION, REST_WINDOW, TIME_LIMIT, States
+from resting_aspects_ros.simulation.settling import (
+    REST_MOTION,
+    REST_WINDOW,
+    TIME_LIMIT,
+    BodyStates,
+)
 
 # Of all imports the last, when the engine has silenced its greeting.
 import pybullet  # isort:skip
@@ -91,11 +96,11 @@ class PlainBody:
         pose = pybullet.getBasePositionAndOrientation(self.id, physicsClientId=self.client)
         return [*pose[0], *pose[1]]
 
-    def states(self) -> States:
+    def states(self) -> BodyStates:
         """Pose and motion."""
         pose = pybullet.getBasePositionAndOrientation(self.id, physicsClientId=self.client)
         motion = pybullet.getBaseVelocity(self.id, physicsClientId=self.client)
-        return States(*(np.array([numbers]) for numbers in (*pose, *motion)))
+        return BodyStates(*(np.array([numbers]) for numbers in (*pose, *motion)))
 
 
 @contextmanager

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.convergence import Convergence
 from resting_aspects_ros.api.drop_counter import Consumer, DropCounter, check_in_finer_steps
 from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.formatting import shipped_surfaces
-from resting_aspects_ros.api.parts import load_part, mesh_file
+from resting_aspects_ros.api.load_part import load_part, mesh_file
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.landscape import Landscape

@@ -3,8 +3,8 @@
 import dataclasses
 from pathlib import Path
 
+from resting_aspects_ros.api.condition_text import surface_text
 from resting_aspects_ros.api.convergence import Convergence
-from resting_aspects_ros.api.formatting import surface_text
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses

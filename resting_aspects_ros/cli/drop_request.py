@@ -4,8 +4,8 @@ import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
-from resting_aspects_ros.api.formatting import shipped_surfaces
-from resting_aspects_ros.api.parts import load_part
+from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.cli.options import conditions_of, drops_of
 from resting_aspects_ros.core.errors import InvalidValueError, LogError, warn
 from resting_aspects_ros.core.part import Part

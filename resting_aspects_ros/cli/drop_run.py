@@ -12,6 +12,7 @@ from resting_aspects_ros.api.convergence import Convergence
 from resting_aspects_ros.api.drop import plan
 from resting_aspects_ros.api.drop_counter import DropCounter, check_in_finer_steps
 from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.load_part import mesh_file
 from resting_aspects_ros.api.output_files import (
     OutputError,
     check_output,
@@ -19,7 +20,6 @@ from resting_aspects_ros.api.output_files import (
     poses_file,
     write_poses,
 )
-from resting_aspects_ros.api.parts import mesh_file
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.cli.console import print_result
 from resting_aspects_ros.cli.drop_request import DropRequest

@@ -23,7 +23,7 @@ _NUMBER = re.compile(r'\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*
 
 
 def add_part(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
-    """The part, by name or as a file; see api.parts."""
+    """The part, by name or as a file; see `api.load_part`."""
     parser.add_argument(
         'part',
         metavar='PART_OR_MESH',

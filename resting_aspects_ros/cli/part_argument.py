@@ -2,7 +2,7 @@
 
 import argparse
 
-from resting_aspects_ros.api.parts import load_part
+from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.core.errors import warn
 from resting_aspects_ros.core.part import Part
 

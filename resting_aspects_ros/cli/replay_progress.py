@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from resting_aspects_ros.api.progress import ShownProgress
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.nodes.log_replayer.player import Position
+    from resting_aspects_ros.nodes.log_replayer.player import ReplayPosition
 
 
 class ReplayProgress(ShownProgress):
@@ -14,7 +14,7 @@ class ReplayProgress(ShownProgress):
     def __init__(self) -> None:
         super().__init__('', 1.0)
 
-    def update(self, position: 'Position') -> None:
+    def update(self, position: 'ReplayPosition') -> None:
         """Update the position; the bar is shown from the first time on, up to the end."""
         if self._bar is None:
             return

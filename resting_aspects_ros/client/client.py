@@ -14,7 +14,7 @@ from resting_aspects_interfaces.srv import ClassifyPose
 
 from resting_aspects_ros.client.async_client import AsyncClient
 from resting_aspects_ros.client.pending_request import AnswerTimeoutError
-from resting_aspects_ros.client.private_node import ClientUseError, OwnNode
+from resting_aspects_ros.client.private_node import ClientUseError, PrivateNode
 from resting_aspects_ros.client.request_messages import absent_part, check_name
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import METHOD
@@ -78,9 +78,9 @@ class RestingAspectsClient(AsyncClient):
         warn: Callable[[str], object] | None = None,
         check: Callable[[], None] = lambda: None,
     ) -> None:
-        self._own: OwnNode | None = None
+        self._own: PrivateNode | None = None
         if node is None:
-            self._own = OwnNode(ros_args, check)
+            self._own = PrivateNode(ros_args, check)
             node = self._own.node
         super().__init__(node, warn)
 
@@ -223,7 +223,7 @@ class RestingAspectsClient(AsyncClient):
     def _wait(self, ask: Callable[[], Future]) -> Any:
         return self._waiting_node().wait(ask, lambda: self._open)
 
-    def _waiting_node(self) -> OwnNode:
+    def _waiting_node(self) -> PrivateNode:
         if self._own is None:
             raise ClientUseError(
                 f'the node {self._node.get_name()!r} is spun by somebody else, so that to wait '

@@ -28,7 +28,7 @@ class ClientUseError(RestingAspectsError):
     """A client is used in a way in which an answer could never come."""
 
 
-class OwnNode:
+class PrivateNode:
     """It meets no other node, context or signal handler of the process.
 
     Parameters

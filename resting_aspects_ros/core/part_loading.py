@@ -10,7 +10,7 @@ from resting_aspects_ros.core.errors import InvalidValueError, PartError, shown
 from resting_aspects_ros.core.geometry.bodies import one_solid
 from resting_aspects_ros.core.geometry.closed_surface import Surface, closed_surface
 from resting_aspects_ros.core.geometry.hull import convex_hull
-from resting_aspects_ros.core.geometry.mass_properties import Given, mass_properties
+from resting_aspects_ros.core.geometry.mass_properties import GivenMassValues, mass_properties
 from resting_aspects_ros.core.geometry.mesh_file import FORMATS, read_triangles
 from resting_aspects_ros.core.geometry.simplified_hull import simplified
 from resting_aspects_ros.core.input_file import named, read_input
@@ -62,7 +62,7 @@ def load_part(
         valid_name(path.stem) if name is None else name,
         unit,
         body,
-        Given(density, mass, centre_of_mass, inertia),
+        GivenMassValues(density, mass, centre_of_mass, inertia),
     )
 
 
@@ -121,7 +121,7 @@ def part_from_bytes(
         name,
         unit,
         body,
-        Given(density, mass, centre_of_mass, inertia),
+        GivenMassValues(density, mass, centre_of_mass, inertia),
     )
 
 
@@ -140,7 +140,7 @@ def _part(
     name: str,
     unit: str | None,
     chosen: int | None,
-    given: Given,
+    given: GivenMassValues,
 ) -> Part:
     if not isinstance(name, str) or not is_valid_name(name):
         raise InvalidValueError(
@@ -171,7 +171,7 @@ def _solid_part(
     surface: Surface,
     unit: str | None,
     body: int,
-    given: Given,
+    given: GivenMassValues,
     file: tuple[str, bytes, str],
 ) -> Part:
     if not len(surface.faces):

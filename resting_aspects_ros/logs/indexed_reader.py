@@ -4,8 +4,8 @@ from pathlib import Path
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.core.input_file import named
-from resting_aspects_ros.logs.log_reader import LogFile
-from resting_aspects_ros.logs.stream_reader import check_definition, one_file, written_hash
+from resting_aspects_ros.logs.message_reader import check_definition, one_file, written_hash
+from resting_aspects_ros.logs.record_reader import LogFile
 
 
 class NoIndexError(LogError):

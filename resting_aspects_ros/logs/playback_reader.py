@@ -9,8 +9,8 @@ from mcap.records import Channel, Message
 
 from resting_aspects_ros.core.errors import LogError, one_line
 from resting_aspects_ros.core.input_file import named
-from resting_aspects_ros.logs.log_reader import LogFile
-from resting_aspects_ros.logs.stream_reader import one_file, written_hash
+from resting_aspects_ros.logs.message_reader import one_file, written_hash
+from resting_aspects_ros.logs.record_reader import LogFile
 from resting_aspects_ros.logs.topic_metadata import Qos, recorded_qos
 
 

@@ -23,7 +23,6 @@ from resting_aspects_ros.logs.bag_metadata import (
     read_information,
     write_metadata,
 )
-from resting_aspects_ros.logs.log_reader import LogFile
 from resting_aspects_ros.logs.mcap_format import (
     ROSBAG2,
     finish_file,
@@ -31,7 +30,8 @@ from resting_aspects_ros.logs.mcap_format import (
     register_channel,
     start_file,
 )
-from resting_aspects_ros.logs.stream_reader import check_definition, one_file, written_hash
+from resting_aspects_ros.logs.message_reader import check_definition, one_file, written_hash
+from resting_aspects_ros.logs.record_reader import LogFile
 from resting_aspects_ros.logs.topic_metadata import Qos, qos_profiles
 
 # Of a channel that does not say what was offered: what rosbag2 takes for it.
@@ -39,7 +39,7 @@ _DEFAULT_QOS = Qos(10)
 
 
 @dataclass
-class Account:
+class RecoveryCounter:
     """Counts what is in a log while it is recovered.
 
     take : called with type and CDR of each message of the types
@@ -81,7 +81,7 @@ class Account:
 
 
 @dataclass(frozen=True)
-class Recovered:
+class RecoveryResult:
     """What became of a log.
 
     messages : int
@@ -95,7 +95,7 @@ class Recovered:
     closed: bool = False
 
 
-def recover_log(log: Path, account: Account | None = None) -> Recovered:
+def recover_log(log: Path, account: RecoveryCounter | None = None) -> RecoveryResult:
     """Write a log that was broken off anew, with its end, and metadata.yaml if it is a folder.
 
     The new file takes the place of the old one when it is on the disk. Of a log that has its end
@@ -115,7 +115,7 @@ def recover_log(log: Path, account: Account | None = None) -> Recovered:
             )
         # Kept while it is recovered, so that nobody else writes it.
         if not lock_file(file.stream):
-            return Recovered(0, being_written=True)
+            return RecoveryResult(0, being_written=True)
         try:
             return _Recovery(file, log if log.is_dir() else None, account).run()
         except OSError as error:
@@ -125,14 +125,16 @@ def recover_log(log: Path, account: Account | None = None) -> Recovered:
 
 
 class _Recovery:
-    def __init__(self, file: LogFile, folder: Path | None, account: Account | None) -> None:
+    def __init__(
+        self, file: LogFile, folder: Path | None, account: RecoveryCounter | None
+    ) -> None:
         self._file = file
         self._folder = folder
-        self._account = account or Account((), lambda *_: None, dict)
+        self._account = account or RecoveryCounter((), lambda *_: None, dict)
         self._metadata = BagMetadata(file.path.name)
         self._topics: dict[int, TopicCount] = {}  # by channel
 
-    def run(self) -> Recovered:
+    def run(self) -> RecoveryResult:
         closed = self._file.summary() is not None
         if closed:
             for _ in self._contents():
@@ -144,7 +146,7 @@ class _Recovery:
         if folder is not None and read_information(folder) != self._metadata.information():
             closed = False
             write_metadata(folder, self._metadata)
-        return Recovered(self._file.messages, closed=closed)
+        return RecoveryResult(self._file.messages, closed=closed)
 
     def _contents(self) -> Iterator[Message | Attachment]:
         """Read messages and attachments in their order; count the messages, keep the notes."""

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from rich.table import Table
 
-from resting_aspects_ros.core.statistics.comparison import REST, Comparison, Tally
+from resting_aspects_ros.core.statistics.comparison import REST, Comparison, DropCounts
 from resting_aspects_ros.core.statistics.intervals import INTERVAL, Interval, intervals
 from resting_aspects_ros.core.statistics.pearson import TABLES
 from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers
@@ -20,7 +20,7 @@ MAX_DECIMALS = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Sides:
+class ComparedResults:
     """What was compared.
 
     ids : tuple of int
@@ -33,12 +33,12 @@ class Sides:
 
     ids: tuple[int, ...]
     down: npt.NDArray[np.float64] | None
-    a: Tally
-    b: Tally
+    a: DropCounts
+    b: DropCounts
     what: Literal['aspect', 'class'] = 'aspect'
 
     @property
-    def tallies(self) -> tuple[Tally, Tally]:
+    def tallies(self) -> tuple[DropCounts, DropCounts]:
         """Both."""
         return self.a, self.b
 
@@ -56,7 +56,7 @@ class Sides:
         ]
 
 
-def comparison_table(comparison: Comparison, sides: Sides, title: str) -> Table:
+def comparison_table(comparison: Comparison, sides: ComparedResults, title: str) -> Table:
     """A row for each aspect, then for what is in none.
 
     It fits 80 columns, and its cells are ASCII. Shares of aspects are of the drops that are in
@@ -105,7 +105,7 @@ def comparison_table(comparison: Comparison, sides: Sides, title: str) -> Table:
     return table
 
 
-def measures_text(comparison: Comparison, sides: Sides) -> str:
+def measures_text(comparison: Comparison, sides: ComparedResults) -> str:
     """How far they are apart in all, and whether chance explains it, in lines."""
     aspect = sides.ids[comparison.largest_aspect - 1]
     deviation = f'{100 * comparison.largest_deviation + 0.0:+.3g}'
@@ -129,7 +129,7 @@ def measures_text(comparison: Comparison, sides: Sides) -> str:
     return '\n'.join(f'{name:<25}{text}' for name, text in rows.items())
 
 
-def _down_text(sides: Sides, k: int) -> str:
+def _down_text(sides: ComparedResults, k: int) -> str:
     if sides.down is None:
         return NOTHING
     return 'rolls' if np.isnan(sides.down[k]).any() else direction_text(sides.down[k])
@@ -157,7 +157,7 @@ def _deviation_texts(interval: Interval) -> tuple[str, str]:
 
 
 def comparison_document(
-    comparison: Comparison, sides: Sides, said: Mapping[str, Mapping[str, object]]
+    comparison: Comparison, sides: ComparedResults, said: Mapping[str, Mapping[str, object]]
 ) -> dict[str, object]:
     """The comparison as a JSON document; shares from 0 to 1, nothing rounded.
 

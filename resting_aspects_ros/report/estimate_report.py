@@ -9,7 +9,7 @@ from resting_aspects_ros.core.aspects.support import resting_on
 from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate
 from resting_aspects_ros.core.estimators.recommendation import Recommendation
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.comparison import Comparison, Tally
+from resting_aspects_ros.core.statistics.comparison import Comparison, DropCounts
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Array, intervals
 from resting_aspects_ros.report.document import SCHEMA_VERSION, share_fields
 from resting_aspects_ros.report.rounding import interval_text, share_text
@@ -34,7 +34,7 @@ def estimate_table(
     shares: Mapping[str, Array | None],
     title: str,
     recommended: str = '',
-    against: Tally | None = None,
+    against: DropCounts | None = None,
     deviations: Mapping[str, Comparison] | None = None,
 ) -> Table:
     """A row for each aspect or class, a column for each method, in percent; cells are ASCII.
@@ -129,7 +129,7 @@ def estimate_document(
 
 
 def against_fields(
-    path: str, tally: Tally, deviations: Mapping[str, Comparison], *, by_class: bool
+    path: str, tally: DropCounts, deviations: Mapping[str, Comparison], *, by_class: bool
 ) -> dict[str, object]:
     """What the methods were held against, and how far off each is, by aspect or symmetry class.
 

@@ -13,10 +13,11 @@ from resting_aspects_ros.core.estimators.estimate import METHODS
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.intervals import Array, Counts
+from resting_aspects_ros.report.aspect_pose import shown_part
 from resting_aspects_ros.report.colours import rgb
-from resting_aspects_ros.report.comparison_words import (
-    Measured,
-    comparison_words,
+from resting_aspects_ros.report.comparison_text import (
+    ReferenceCounts,
+    comparison_text,
     difference_texts,
 )
 from resting_aspects_ros.report.figure_style import inline_svg, png_bytes, svg_text
@@ -29,12 +30,18 @@ from resting_aspects_ros.report.figures import (
 from resting_aspects_ros.report.page_rows import RowText, row_texts
 from resting_aspects_ros.report.picture import MAX_SHOWN, distribution_figure
 from resting_aspects_ros.report.pie import pie_figure
-from resting_aspects_ros.report.portrait import FROM_ABOVE, OBLIQUE, Image, lay, portraits, reduced
+from resting_aspects_ros.report.posed_part import (
+    FROM_ABOVE,
+    OBLIQUE,
+    Image,
+    lay,
+    portraits,
+    reduced,
+)
 from resting_aspects_ros.report.rounding import interval_text, share_text
 from resting_aspects_ros.report.row_axes import NARROW, WIDE
 from resting_aspects_ros.report.rows import Row, class_rows, outside_rows
 from resting_aspects_ros.report.scene import scene
-from resting_aspects_ros.report.standing import shown_part
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -81,7 +88,7 @@ class Report:
     estimates: Mapping[str, Array] = field(default_factory=dict)
     not_defined: Mapping[str, str] = field(default_factory=dict)
     recommended: str = ''
-    measured: Measured | None = None
+    measured: ReferenceCounts | None = None
 
 
 def report_files(report: Report) -> Iterator[tuple[str, bytes]]:
@@ -183,7 +190,7 @@ def _page(
         narrow={
             name: inline_svg(svg, f'{name}-narrow', labels[name]) for name, svg in narrow.items()
         },
-        comparison=report.measured and comparison_words(report.measured, drawn.rows),
+        comparison=report.measured and comparison_text(report.measured, drawn.rows),
         estimates={
             METHODS[name].label: [share_text(p) for p in _of_rows(drawn.rows, shares)]
             for name, shares in report.estimates.items()

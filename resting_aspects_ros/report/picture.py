@@ -17,7 +17,7 @@ from resting_aspects_ros.report.figure_style import (
     percent_axis,
     plain_axes,
 )
-from resting_aspects_ros.report.portrait import Image, lay, portraits
+from resting_aspects_ros.report.posed_part import Image, lay, portraits
 from resting_aspects_ros.report.rounding import (
     interval_of,
     interval_text,

@@ -8,7 +8,7 @@ import numpy as np
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.report.colours import rgb
 from resting_aspects_ros.report.figure_style import FAINT, PAPER, new_figure
-from resting_aspects_ros.report.portrait import Image
+from resting_aspects_ros.report.posed_part import Image
 from resting_aspects_ros.report.rows import Row, short_name
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ BORDER = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Rendering:
     """What is seen in each pixel; row 0 is the lowest.
 
     face : (size, size) int
@@ -40,7 +40,7 @@ class Seen:
     slope: Array
 
 
-def rasterise(points: Array, faces: Indices, size: int) -> Seen:
+def rasterise(points: Array, faces: Indices, size: int) -> Rendering:
     """Find the nearest triangle in each pixel of a square picture.
 
     Parameters
@@ -73,10 +73,10 @@ def rasterise(points: Array, faces: Indices, size: int) -> Seen:
     seen = np.full(size * size, NOTHING)
     on_top = depth == nearest[pixel]
     seen[pixel[on_top]] = face[on_top]
-    return Seen(seen.reshape(size, size), nearest.reshape(size, size), slope)
+    return Rendering(seen.reshape(size, size), nearest.reshape(size, size), slope)
 
 
-def edges(seen: Seen, normals: Array) -> Mask:
+def edges(seen: Rendering, normals: Array) -> Mask:
     """(size, size) pixels on a drawn edge: outlines, steps in depth, and creases.
 
     Parameters
@@ -96,7 +96,7 @@ def edges(seen: Seen, normals: Array) -> Mask:
     return marked.reshape(size, size)
 
 
-def _is_edge(seen: Seen, normals: Array, a: Indices, b: Indices, axis: int) -> Mask:
+def _is_edge(seen: Rendering, normals: Array, a: Indices, b: Indices, axis: int) -> Mask:
     """Tell whether there is an edge between neighbouring pixels a and b (k,) that differ."""
     face_a, face_b = seen.face.ravel()[a], seen.face.ravel()[b]
     outline = (face_a == NOTHING) | (face_b == NOTHING)

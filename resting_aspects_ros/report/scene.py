@@ -8,11 +8,11 @@ import numpy.typing as npt
 
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import rotate
-from resting_aspects_ros.report.portrait import LyingPart
+from resting_aspects_ros.report.posed_part import PosedPart
 from resting_aspects_ros.report.rows import Row
 
 
-def scene(part: Part, rows: Sequence[Row], lying: Sequence[LyingPart]) -> dict[str, object]:
+def scene(part: Part, rows: Sequence[Row], lying: Sequence[PosedPart]) -> dict[str, object]:
     """Of plain types, for JSON; lengths in hull radii R about the centre of mass.
 
     Parameters
@@ -21,7 +21,7 @@ def scene(part: Part, rows: Sequence[Row], lying: Sequence[LyingPart]) -> dict[s
         As it is to be shown.
     rows : sequence of Row
         Those with aspects.
-    lying : sequence of LyingPart
+    lying : sequence of PosedPart
         The part in the first aspect of each.
 
     Returns
@@ -48,7 +48,7 @@ def scene(part: Part, rows: Sequence[Row], lying: Sequence[LyingPart]) -> dict[s
     }
 
 
-def _lowest(part: Part, lying: LyingPart) -> float:
+def _lowest(part: Part, lying: PosedPart) -> float:
     """Height of the lowest point above the centre of mass, m."""
     return float(rotate(lying.orientation, part.vertices - part.centre_of_mass)[:, 2].min())
 

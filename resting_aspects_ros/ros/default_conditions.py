@@ -23,7 +23,7 @@ SURFACE = Parameter(
 HEAR_TIMEOUT = 10.0
 
 
-class OfferedDefault:
+class DefaultConditionsPublisher:
     """The simulator's: its parameter `surface`, published as default_conditions."""
 
     def __init__(self, node: Node, surfaces: Surfaces) -> None:
@@ -42,7 +42,7 @@ class OfferedDefault:
         self._publisher.publish(conditions_msg(self._conditions))
 
 
-class FollowedDefault:
+class DefaultConditionsSubscriber:
     """What the simulator of a namespace published last as default_conditions."""
 
     def __init__(self, node: Node) -> None:

@@ -10,7 +10,7 @@ from rclpy.node import Node
 
 from resting_aspects_ros.ros.callbacks import advertise, guarded, steady_timer
 from resting_aspects_ros.ros.interface import DIAGNOSTICS
-from resting_aspects_ros.ros.liveliness import Alone
+from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 
 PERIOD = 1.0
 DEPTH = 10
@@ -47,7 +47,7 @@ class Diagnosis:
         return '; '.join(words) or 'idle'
 
 
-class Meter:
+class RateCounter:
     """Counts what a node does, and how much of it in a second."""
 
     def __init__(self) -> None:
@@ -66,7 +66,7 @@ class Meter:
 
 
 def publish_diagnostics(
-    node: Node, diagnose: Callable[[], Diagnosis], alone: Alone | None = None
+    node: Node, diagnose: Callable[[], Diagnosis], alone: DuplicateNodeDetector | None = None
 ) -> None:
     """Publish what ``diagnose`` gives under the node's name, from now on.
 
@@ -92,7 +92,7 @@ def publish_diagnostics(
     steady_timer(node, PERIOD, guarded(node, 'diagnostics are not published', publish))
 
 
-def _with_others(found: Diagnosis, alone: Alone) -> Diagnosis:
+def _with_others(found: Diagnosis, alone: DuplicateNodeDetector) -> Diagnosis:
     words = alone.look()
     if not words:
         return found

@@ -29,7 +29,7 @@ LEASE = 4.0
 SURE = 1.5 * LEASE
 
 
-class Living:
+class LivelinessMonitor:
     """The nodes of a kind that are alive in the namespace of a node, also of its own process.
 
     was_there : bool
@@ -68,7 +68,7 @@ class Living:
         self._dead = event.not_alive_count
 
 
-class Alone:
+class DuplicateNodeDetector:
     """Announces a node, and notices others of its kind in its namespace.
 
     harmless : what it means that there are several; empty: requests are answered by chance
@@ -78,7 +78,7 @@ class Alone:
         announce(node, kind)
         self._node = node
         self._kind = kind
-        self._living = Living(node, kind)
+        self._living = LivelinessMonitor(node, kind)
         self.harmless = harmless
         self._since: float | None = None
         self._told = False

@@ -15,7 +15,7 @@ from resting_aspects_ros.ros.interface import LATCHED
 PERIOD = 0.2
 
 
-class TopicWatch:
+class TopicDiscovery:
     """Latched topics of one type below a prefix, each subscribed to while somebody publishes it.
 
     Parameters

@@ -22,13 +22,13 @@ from resting_aspects_ros.core.statistics.distribution import (
 from resting_aspects_ros.core.statistics.history import History
 from resting_aspects_ros.logs.bag_metadata import Outcome
 from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
-from resting_aspects_ros.logs.log_reader import LogFile
-from resting_aspects_ros.logs.stream_reader import one_file, state_text, typed_messages
+from resting_aspects_ros.logs.message_reader import one_file, state_text, typed_messages
+from resting_aspects_ros.logs.record_reader import LogFile
 from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE
 from resting_aspects_ros.ros.conversions import serialized_batch, serialized_part, serialized_poses
 from resting_aspects_ros.ros.distribution_conversions import serialized_distribution
-from resting_aspects_ros.simulation.index_ranges import Coverage
-from resting_aspects_ros.simulation.merge_runs import Piece, merge_drops
+from resting_aspects_ros.simulation.index_ranges import IndexRanges
+from resting_aspects_ros.simulation.merge_runs import RunPoses, merge_drops
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 T = TypeVar('T')
@@ -66,8 +66,8 @@ class LoggedRun:
         self.finished = self.being_written = False
         self.recorded: Outcome | None = None
         self.run: RunDescription | None = None
-        self.seen = Coverage()
-        self.pieces: list[Piece] = []
+        self.seen = IndexRanges()
+        self.pieces: list[RunPoses] = []
         self._keep_poses = keep_poses
         self._last: dict[str, bytes] = {}
         self._end: int | None = None  # index after the last drop, once it is known
@@ -224,7 +224,7 @@ def logged_result(log: Path, *, keep_poses: bool = False) -> DropResult:
     )
 
 
-def _poses(pieces: list[Piece], run: RunDescription) -> Iterator[RestingPoses]:
+def _poses(pieces: list[RunPoses], run: RunDescription) -> Iterator[RestingPoses]:
     """Give the drops of a run, each once, by index."""
     for merged in merge_drops(pieces, any_engine=True):
         if merged.run.sequence() == run.sequence():

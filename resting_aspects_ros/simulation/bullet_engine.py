@@ -21,8 +21,8 @@ from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import CHUNK, Release, releases
-from resting_aspects_ros.simulation.settling import LOOK, Settling, States, resting_poses
+from resting_aspects_ros.simulation.initial_state import CHUNK, InitialState, releases
+from resting_aspects_ros.simulation.settling import LOOK, BodyStates, Settling, resting_poses
 
 
 @contextmanager
@@ -122,7 +122,9 @@ class _World:
     def _collide(self, body: int, group: int, mask: int) -> None:
         pybullet.setCollisionFilterGroupMask(body, -1, group, mask, physicsClientId=self._client)
 
-    def _add(self, release: Release, slots: npt.NDArray[np.int64], origins: Array) -> list[int]:
+    def _add(
+        self, release: InitialState, slots: npt.NDArray[np.int64], origins: Array
+    ) -> list[int]:
         c = self._job.conditions
         # All at once, and put in place after that: one by one they take a tenth of a drop's time.
         bodies: tuple[int, ...] = pybullet.createMultiBody(
@@ -164,7 +166,7 @@ class _World:
             )
         return list(bodies)
 
-    def drop(self, release: Release, slots: npt.NDArray[np.int64]) -> Settling:
+    def drop(self, release: InitialState, slots: npt.NDArray[np.int64]) -> Settling:
         """Release a body in each slot and step until all rest, failed, or the time is up."""
         origins = _slot_origins(slots)
         bodies = self._add(release, slots, origins)
@@ -180,13 +182,15 @@ class _World:
                 pybullet.removeBody(bodies[i], physicsClientId=self._client)
         return settling
 
-    def _states(self, bodies: list[int], origins: Array, which: npt.NDArray[np.int64]) -> States:
+    def _states(
+        self, bodies: list[int], origins: Array, which: npt.NDArray[np.int64]
+    ) -> BodyStates:
         ids, client = [bodies[i] for i in which], self._client
         poses = [pybullet.getBasePositionAndOrientation(i, physicsClientId=client) for i in ids]
         speeds = [pybullet.getBaseVelocity(i, physicsClientId=client) for i in ids]
         position, orientation = map(np.array, zip(*poses, strict=True))
         velocity, spin = map(np.array, zip(*speeds, strict=True))
-        return States(position - origins[which], orientation, velocity, spin)
+        return BodyStates(position - origins[which], orientation, velocity, spin)
 
 
 @lru_cache(maxsize=16)
@@ -218,11 +222,11 @@ class _Client:
         weakref.finalize(self, pybullet.disconnect, self.number)
 
 
-class _Kept(threading.local):
+class _PerThread(threading.local):
     client: _Client
 
 
-_kept = _Kept()
+_kept = _PerThread()
 
 
 def _slot_origins(slots: npt.NDArray[np.int64]) -> Array:

@@ -1,7 +1,7 @@
 """Which drops of a run have been seen, and which are missing."""
 
 
-class Coverage:
+class IndexRanges:
     """Disjoint ascending ranges [first, end) of indices."""
 
     def __init__(self) -> None:

@@ -17,7 +17,7 @@ START_CLEARANCE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Release:
+class InitialState:
     """How the drops of a chunk start in the world, in R and T. Shapes (n, 3), (n, 4), (n,)."""
 
     position: Array
@@ -34,7 +34,7 @@ class Release:
         return longest
 
 
-def releases(job: DropJob, chunk: int) -> Release:
+def releases(job: DropJob, chunk: int) -> InitialState:
     """The starts of all drops of a chunk: always all, so that a drop's start is its own."""
     c, unit = job.conditions, job.time_unit
     generator = np.random.default_rng(np.random.SeedSequence(job.seed, spawn_key=(chunk,)))
@@ -58,7 +58,7 @@ def releases(job: DropJob, chunk: int) -> Release:
     position = np.zeros((CHUNK, 3))
     position[:, :2] = velocity[:, :2] * elapsed[:, None]
     position[:, 2] = clearance + depth
-    return Release(position, of_body, velocity, spin, elapsed)
+    return InitialState(position, of_body, velocity, spin, elapsed)
 
 
 def body_from_part(of_part: Array, axes: Array) -> Array:

@@ -17,7 +17,7 @@ from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.simulation.run_description import RunDescription
 
-Piece = tuple[RunDescription, RestingPoses]
+RunPoses = tuple[RunDescription, RestingPoses]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class MergedDrops:
         return sum(len(poses) for poses in self.poses)
 
 
-def merge_drops(pieces: Iterable[Piece], *, any_engine: bool = False) -> list[MergedDrops]:
+def merge_drops(pieces: Iterable[RunPoses], *, any_engine: bool = False) -> list[MergedDrops]:
     """All drops of pieces of runs, each once, by sequence in the order in which these appear.
 
     Parameters
@@ -57,7 +57,7 @@ def merge_drops(pieces: Iterable[Piece], *, any_engine: bool = False) -> list[Me
         another engine; if a drop ended otherwise in one piece than in another; if different
         engines made drops of the same start, which are not independent.
     """
-    groups: dict[tuple[object, ...], list[Piece]] = {}
+    groups: dict[tuple[object, ...], list[RunPoses]] = {}
     first: RunDescription | None = None
     for run, poses in pieces:
         first = first or run
@@ -90,9 +90,9 @@ def _engine(run: RunDescription) -> str:
     return f'{run.engine} {run.engine_version} in steps of {run.time_step!r} s'
 
 
-def _merge(group: Sequence[Piece]) -> MergedDrops:
+def _merge(group: Sequence[RunPoses]) -> MergedDrops:
     """The drops of one sequence."""
-    kept: list[Piece] = []
+    kept: list[RunPoses] = []
     end = 0
     # In the order of their drops, so that a piece can overlap only what was last kept.
     for run, poses in sorted(group, key=lambda piece: piece[1].first_drop):

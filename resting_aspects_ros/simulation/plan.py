@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.core.aspects.aspect import SAME_FACET
-from resting_aspects_ros.core.aspects.joining import Joined, join_minima
+from resting_aspects_ros.core.aspects.joining import JoinedMinima, join_minima
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.aspects.rest_rule import RestRule
 from resting_aspects_ros.core.errors import InvalidValueError
@@ -123,7 +123,7 @@ def make_job(
     return job
 
 
-def rolling_length(landscape: Landscape, aspects: list[Joined]) -> float:
+def rolling_length(landscape: Landscape, aspects: list[JoinedMinima]) -> float:
     """The length that rolling friction is a share of, R: 1 but for slender parts.
 
     Rolling friction is there to stop what rolls. Of a slender part a share of R is a lever that

@@ -11,7 +11,7 @@ from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import Array, canonical, down_in_part, rotate, turned_down
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import (
-    Release,
+    InitialState,
     body_from_part,
     depth_of,
     part_from_body,
@@ -38,7 +38,7 @@ MAX_GROWTH = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class States:
+class BodyStates:
     """Of n bodies, in R and T, tray axes.
 
     position, velocity : (n, 3) of the centre of mass, from the slot's origin; orientation : (n, 4)
@@ -50,9 +50,9 @@ class States:
     velocity: Array
     spin: Array
 
-    def of(self, which: npt.NDArray[Any]) -> 'States':
+    def of(self, which: npt.NDArray[Any]) -> 'BodyStates':
         """Of some of them."""
-        return States(
+        return BodyStates(
             self.position[which], self.orientation[which], self.velocity[which], self.spin[which]
         )
 
@@ -76,7 +76,7 @@ class Settling:
         Largest growth of the energy from one look to the next, m g R.
     """
 
-    def __init__(self, job: DropJob, release: Release, slots: npt.NDArray[np.int64]) -> None:
+    def __init__(self, job: DropJob, release: InitialState, slots: npt.NDArray[np.int64]) -> None:
         n = len(slots)
         self._job = job
         self.moving = np.arange(n)
@@ -89,7 +89,7 @@ class Settling:
         self._elapsed = release.elapsed[slots]
         self._limit = TIME_LIMIT + release.flight
         self._still = np.zeros(n, dtype=np.int64)  # looks in a row without motion
-        start = States(release.position, release.orientation, release.velocity, release.spin)
+        start = BodyStates(release.position, release.orientation, release.velocity, release.spin)
         self._energy = self._energies(start.of(slots))
         self._least = self._energy.copy()  # at any look so far
 
@@ -99,7 +99,7 @@ class Settling:
         by_energy = self.minimum >= 0
         return np.where(by_energy, DecidedBy.ENERGY, DecidedBy.STILLNESS).astype(np.uint8)
 
-    def look(self, now: float, states: States) -> npt.NDArray[np.int64]:
+    def look(self, now: float, states: BodyStates) -> npt.NDArray[np.int64]:
         """Look at the bodies that move, ``now`` T from the start; returns those that are over."""
         moving = self.moving
         failed = self._failed(states)
@@ -117,7 +117,7 @@ class Settling:
         self.moving = sound[goes_on]
         return np.concatenate([moving[failed], sound[~goes_on]])
 
-    def _failed(self, states: States) -> npt.NDArray[np.bool_]:
+    def _failed(self, states: BodyStates) -> npt.NDArray[np.bool_]:
         """Note the energies; returns which of the drops that move went numerically wrong."""
         numbers = (states.position, states.orientation, states.velocity, states.spin)
         sound = np.isfinite(np.hstack(numbers)).all(axis=1)
@@ -132,7 +132,9 @@ class Settling:
         sound[sound] = energy - least <= MAX_GROWTH * (least + 1)
         return np.asarray(~sound)
 
-    def _still_ones(self, which: npt.NDArray[np.int64], states: States) -> npt.NDArray[np.bool_]:
+    def _still_ones(
+        self, which: npt.NDArray[np.int64], states: BodyStates
+    ) -> npt.NDArray[np.bool_]:
         """Keep what is seen of drops; returns which of them have been still for long enough."""
         motion = np.maximum(
             np.abs(states.position - self.position[which]).max(axis=1),
@@ -151,7 +153,7 @@ class Settling:
             down = down_in_part(part_from_body(self.orientation[low], self._job.axes))
             self.minimum[low] = rest.decided(down, self._energy[low])
 
-    def _energies(self, states: States) -> Array:
+    def _energies(self, states: BodyStates) -> Array:
         """(n,) kinetic energy and height above the surface, m g R."""
         job = self._job
         v, height = states.velocity, states.position[:, 2]

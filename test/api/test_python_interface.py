@@ -29,7 +29,7 @@ def workers():
     workers.stop()
 
 
-@pytest.mark.parametrize('module', ['', '.api.drop', '.api.parts'])
+@pytest.mark.parametrize('module', ['', '.api.drop', '.api.load_part'])
 def test_examples_in_docstrings_hold(module):
     tested = import_module(f'resting_aspects_ros{module}')
     failed, attempted = doctest.testmod(tested, optionflags=doctest.ELLIPSIS)

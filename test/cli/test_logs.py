@@ -17,8 +17,8 @@ from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING, find_aspec
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import count_poses
 from resting_aspects_ros.logs.bag_metadata import OUTCOME, Outcome
-from resting_aspects_ros.logs.log_reader import LogFile
 from resting_aspects_ros.logs.mcap_format import lock_file
+from resting_aspects_ros.logs.record_reader import LogFile
 from resting_aspects_ros.logs.run_writer import RunLog
 from resting_aspects_ros.logs.topic_metadata import (
     DISTRIBUTION_TYPE,

@@ -19,12 +19,12 @@ from rosbags.rosbag2 import Reader
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.logs import recovery
 from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
-from resting_aspects_ros.logs.log_reader import LogFile
+from resting_aspects_ros.logs.message_reader import messages
 from resting_aspects_ros.logs.playback_reader import Recording
 from resting_aspects_ros.logs.record_format import MAX_RECORD
-from resting_aspects_ros.logs.recovery import Account, recover_log
+from resting_aspects_ros.logs.record_reader import LogFile
+from resting_aspects_ros.logs.recovery import RecoveryCounter, recover_log
 from resting_aspects_ros.logs.run_writer import RunLog
-from resting_aspects_ros.logs.stream_reader import messages
 from resting_aspects_ros.logs.topic_metadata import PART_TYPE, POSES_TYPE, Qos, Topic
 
 POSES = Topic('/resting_poses', POSES_TYPE, Qos(2000))
@@ -91,7 +91,9 @@ def sample(tmp_path_factory):
 def recovered(folder):
     """What is in a log after it was recovered, and what was counted on the way."""
     counted = []
-    account = Account([PART_TYPE, POSES_TYPE], lambda *message: counted.append(message), dict)
+    account = RecoveryCounter(
+        [PART_TYPE, POSES_TYPE], lambda *message: counted.append(message), dict
+    )
     found = recover_log(folder, account)
     assert (found.messages, account.error) == (len(counted), '')
     assert [data for _, data in counted] == [data for *_, data in messages_of(folder)]
@@ -329,7 +331,7 @@ import sys
 from pathlib import Path
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.logs.indexed_reader import IndexedLog
-from resting_aspects_ros.logs.stream_reader import messages
+from resting_aspects_ros.logs.message_reader import messages
 from resting_aspects_ros.logs.playback_reader import Recording
 from resting_aspects_ros.logs.recovery import recover_log
 from resting_aspects_ros.logs.topic_metadata import POSES_TYPE

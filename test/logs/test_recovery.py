@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
 from resting_aspects_ros.core.errors import LogError
-from resting_aspects_ros.logs.recovery import Account, recover_log
+from resting_aspects_ros.logs.recovery import RecoveryCounter, recover_log
 from resting_aspects_ros.logs.run_writer import RunLog
 from resting_aspects_ros.logs.topic_metadata import PART_TYPE, POSES_TYPE, Qos, Topic
 
@@ -71,7 +71,9 @@ def test_a_log_cut_anywhere_is_closed_with_all_that_was_flushed(tmp_path):
         folder = tmp_path / f'cut_{size}' / 'run'
         folder.mkdir(parents=True)
         (folder / 'run_0.mcap').write_bytes(content[:size])
-        assert not recover_log(folder, Account((), lambda *_: None, lambda: OUTCOME)).closed
+        assert not recover_log(
+            folder, RecoveryCounter((), lambda *_: None, lambda: OUTCOME)
+        ).closed
         found = messages_of(folder)
         flushed = sum(end <= size for end in ends)
         # A chunk is whole a few bytes before its index is.

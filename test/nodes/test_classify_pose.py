@@ -17,11 +17,11 @@ from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.nodes.aspect_classifier.classify_pose import answer_pose
 from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
-    KnownDistributions,
-    RunAccount,
+    DistributionStore,
+    RunCounts,
     newest_distribution,
 )
-from resting_aspects_ros.nodes.aspect_classifier.parts import asked_part
+from resting_aspects_ros.nodes.aspect_classifier.part_registry import asked_part
 from resting_aspects_ros.ros.conversions import poses_from
 from resting_aspects_ros.ros.status import NotAvailableError, answering
 from resting_aspects_ros.simulation.config_files import parts_folder
@@ -149,14 +149,14 @@ def run(box, surfaces):
 
 
 def test_the_newest_that_is_complete_goes_before_those_under_way(box, run):
-    known, sha = KnownDistributions(lambda _: None), box.part_sha256
+    known, sha = DistributionStore(lambda _: None), box.part_sha256
     one, two, three = (counted(box, k, 0, 0, 0, 0, 0) for k in (1, 2, 3))
     under_way = [
-        RunAccount(run(7), one),
-        RunAccount(run(8), two),
-        RunAccount(run(9, 'another'), three),
-        RunAccount(run(10), counted(box, 0, 0, 0, 0, 0, 0)),
-        RunAccount(run(11)),
+        RunCounts(run(7), one),
+        RunCounts(run(8), two),
+        RunCounts(run(9, 'another'), three),
+        RunCounts(run(10), counted(box, 0, 0, 0, 0, 0, 0)),
+        RunCounts(run(11)),
     ]
     assert newest_distribution(known, [], sha) is None
     assert newest_distribution(known, under_way, sha) is two
@@ -169,7 +169,7 @@ def test_the_newest_that_is_complete_goes_before_those_under_way(box, run):
 
 def test_only_what_counts_the_aspects_of_the_part_is_known(box, run):
     described = {}
-    known, sha = KnownDistributions(described.get), box.part_sha256
+    known, sha = DistributionStore(described.get), box.part_sha256
     fewer = AspectSet(sha, box.aspects[:5])
     known.add(run(1), counted(box, 1, 0, 0, 0, 0, 0))
     known.add(run(2), counted(fewer, 1, 0, 0, 0, 0))
@@ -185,7 +185,7 @@ def test_only_what_counts_the_aspects_of_the_part_is_known(box, run):
 
 
 def test_another_version_is_named_only_where_one_is_known(box, run):
-    known = KnownDistributions(lambda _: None)
+    known = DistributionStore(lambda _: None)
     known.add(run(1), counted(box, 1, 0, 0, 0, 0, 0))
     words = '1 drops on rubber_mat'
     assert known.others(BOX, box.part_sha256, None) == known.others(BOX, '', None) == [words]

@@ -8,7 +8,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray
 
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.nodes.aspect_classifier.publishers import MAX_SHOWN, CurrentPoses
+from resting_aspects_ros.nodes.aspect_classifier.publishers import MAX_SHOWN, CurrentPosesPublisher
 from resting_aspects_ros.ros.interface import CURRENT_POSES, LATCHED, MIN_BATCH
 
 
@@ -74,7 +74,7 @@ def test_who_comes_when_all_is_over_gets_the_newest_once(suite, connect):
 def current(connect, namespace):
     """The publisher on a node of its own, and a way to hear what it publishes."""
     client, listener = connect(namespace), connect(namespace)
-    poses = CurrentPoses(client.node)
+    poses = CurrentPosesPublisher(client.node)
 
     class Current:
         take = staticmethod(poses.take)

@@ -8,7 +8,7 @@ from rclpy.serialization import serialize_message
 from rclpy.task import Future
 from resting_aspects_interfaces.msg import PartDescription, Status
 
-from resting_aspects_ros.nodes.aspect_classifier.parts import KnownParts
+from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.ros.conversions import part_from, part_msg
 from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.simulation.config_files import parts_folder
@@ -188,7 +188,7 @@ def test_a_description_repeated_faster_than_it_is_read_is_read(part):
 
     described = serialize_message(part_msg(part('tetrahedron')))
     changes = []
-    known = KnownParts(None, Files(), changes.append, None)
+    known = PartRegistry(None, Files(), changes.append, None)
     reading = known.describe('tetrahedron', described)
     assert not advance(reading)
     assert advance(known.describe('tetrahedron', described))

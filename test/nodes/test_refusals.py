@@ -23,9 +23,8 @@ def suite(fresh_suite, tmp_path_factory):
     shutil.copy(parts_folder() / 'tetrahedron.stl', folder)
     whole = (folder / 'tetrahedron.stl').read_bytes()
     (folder / 'cut_short.stl').write_bytes(whole[:-20])
-    return fresh_suite(
-        {'aspect_classifier': {'nodes.aspect_classifier.parts.QUIET': 1.0}}, parts_folder=folder
-    )
+    quiet = {'nodes.aspect_classifier.part_registry.QUIET': 1.0}
+    return fresh_suite({'aspect_classifier': quiet}, parts_folder=folder)
 
 
 @pytest.fixture(params=['get_distribution', 'drop_part'])

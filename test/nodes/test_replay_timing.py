@@ -11,7 +11,7 @@ from resting_aspects_ros.nodes.log_replayer.player import (
     ACK_PERIOD,
     ACK_TIMEOUT,
     PAUSE_BEFORE,
-    Replay,
+    LogPlayer,
 )
 from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
 
@@ -35,7 +35,7 @@ class Player:
         self.acknowledging = True
         recording = Recording(log)
         topics, _ = replayed_topics(recording)
-        self.replay = Replay(
+        self.replay = LogPlayer(
             recording,
             topics,
             lambda message: self.published.append((self.now, message)),

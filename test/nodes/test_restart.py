@@ -37,7 +37,7 @@ def suite(fresh_suite, folder):
             'drop_simulator': {'nodes.drop_simulator.part_publisher.SCAN_PERIOD': 0.2},
             'aspect_classifier': {
                 'nodes.aspect_classifier.drop_part_requests.STARTING': 1.0,
-                'nodes.aspect_classifier.parts.QUIET': 1.0,
+                'nodes.aspect_classifier.part_registry.QUIET': 1.0,
             },
         },
         parts_folder=folder,

@@ -8,7 +8,7 @@ import pytest
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.logs.topic_metadata import POSES_TYPE, Qos, Topic
 from resting_aspects_ros.nodes.drop_recorder.log_folder import absolute_folder
-from resting_aspects_ros.nodes.drop_recorder.run_recorder import OpenLog
+from resting_aspects_ros.nodes.drop_recorder.run_recorder import RunRecorder
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 TOPIC = Topic('/resting_poses', POSES_TYPE, Qos(10))
@@ -25,7 +25,7 @@ def failed(surfaces, tmp_path):
             run_id='4f1c', part='nut', conditions=surfaces.get(''), time_step=1e-3,
             **values, **dict.fromkeys(texts, 'x'),
         )  # fmt: skip
-        log = OpenLog(tmp_path, run)
+        log = RunRecorder(tmp_path, run)
         if recorded:
             log.write_poses(TOPIC, bytes(100), 1, 1, recorded)
         limits = resource.getrlimit(resource.RLIMIT_FSIZE)

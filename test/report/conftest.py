@@ -8,9 +8,9 @@ import trimesh
 from scipy.spatial import HalfspaceIntersection
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.statistics.comparison import Tally, compare
+from resting_aspects_ros.core.statistics.comparison import DropCounts, compare
 from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.report.comparison_words import Measured
+from resting_aspects_ros.report.comparison_text import ReferenceCounts
 from resting_aspects_ros.report.page import Report, report_files
 
 
@@ -38,10 +38,12 @@ def make_report():
             aspects, counts, drops * 2 // 100, drops // 100, 0, interval, confidence
         )
         if measured:
-            own = Tally(distribution.by_class().counts, distribution.unclassified, drops // 100)
-            other = Tally(own.counts // 2 + 3)
+            own = DropCounts(
+                distribution.by_class().counts, distribution.unclassified, drops // 100
+            )
+            other = DropCounts(own.counts // 2 + 3)
             found = compare(own, other, np.random.default_rng(1))
-            more['measured'] = Measured('by hand', own, other, found)
+            more['measured'] = ReferenceCounts('by hand', own, other, found)
         looks = np.array([10, 30, 100, 300, distribution.drops])
         more.setdefault('history', (looks, np.outer(looks, counts) // distribution.drops))
         return Report(part.name, f'{drops} drops on a tray', distribution, part, **more)

@@ -8,9 +8,9 @@ import pytest
 from rich.console import Console
 from scipy.stats import binomtest, chi2_contingency
 
-from resting_aspects_ros.core.statistics.comparison import Tally, compare
+from resting_aspects_ros.core.statistics.comparison import DropCounts, compare
 from resting_aspects_ros.report.comparison_report import (
-    Sides,
+    ComparedResults,
     comparison_document,
     comparison_table,
     measures_text,
@@ -18,13 +18,13 @@ from resting_aspects_ros.report.comparison_report import (
 from resting_aspects_ros.report.document import to_json
 
 # Shares .5 .3 .2 and .4 .2 .4, of the drops in an aspect.
-ONE = Tally(np.array([50, 30, 20]), 60, 30, 10)
-OTHER = Tally(np.array([80, 40, 80]), 0, 50, 0)
+ONE = DropCounts(np.array([50, 30, 20]), 60, 30, 10)
+OTHER = DropCounts(np.array([80, 40, 80]), 0, 50, 0)
 DOWN = np.array([[0, 0, -1.0], [0.6, -0.8, -0.0], [np.nan] * 3])
 
 
 def compared(a, b, down=None, ids=None, confidence=0.95):
-    sides = Sides(ids or tuple(range(1, len(a.counts) + 1)), down, a, b)
+    sides = ComparedResults(ids or tuple(range(1, len(a.counts) + 1)), down, a, b)
     return compare(a, b, np.random.default_rng(1), confidence), sides
 
 
@@ -76,10 +76,10 @@ def test_measures_by_hand():
 
 
 def test_how_p_was_had_is_said():
-    few = compared(Tally(np.array([3, 1, 0])), Tally(np.array([1, 2, 2])))
+    few = compared(DropCounts(np.array([3, 1, 0])), DropCounts(np.array([1, 2, 2])))
     assert re.search(r'^p value +0\.\d+ by Monte Carlo, 9999 tables$', measures_text(*few), re.M)
     assert 'of all drops' not in measures_text(*few)
-    far = compared(Tally(np.array([900, 100])), Tally(np.array([100, 900])))
+    far = compared(DropCounts(np.array([900, 100])), DropCounts(np.array([100, 900])))
     assert re.search(r'^p value +less than 0.0001 by chi-square$', measures_text(*far), re.M)
 
 
@@ -99,8 +99,8 @@ def test_without_directions_there_are_none():
 @pytest.mark.parametrize('factor', [1, 1000, 50_000])
 @pytest.mark.parametrize('confidence', [0.95, 0.9999])
 def test_it_fits_80_columns_whatever_the_drops(factor, confidence):
-    one = Tally(factor * np.array([900, 12, 3, *[1] * 17]), factor, factor, factor)
-    other = Tally(factor * np.array([300, 612, 4, *[1] * 17]), factor, factor, factor)
+    one = DropCounts(factor * np.array([900, 12, 3, *[1] * 17]), factor, factor, factor)
+    other = DropCounts(factor * np.array([300, 612, 4, *[1] * 17]), factor, factor, factor)
     down = np.tile([-0.55, -0.83, -0.1], (20, 1))
     comparison, sides = compared(one, other, down, confidence=confidence)
     shown = lines(comparison, sides)
@@ -113,7 +113,7 @@ def test_it_fits_80_columns_whatever_the_drops(factor, confidence):
 
 
 def test_one_aspect_of_which_all_is_known_fits_too():
-    one, other = Tally(np.array([2_000_000, 0])), Tally(np.array([1_000_000, 1_000_000]))
+    one, other = DropCounts(np.array([2_000_000, 0])), DropCounts(np.array([1_000_000, 1_000_000]))
     down = np.tile([-0.55, -0.83, -0.1], (2, 1))
     shown = lines(*compared(one, other, down))
     assert max(map(len, shown)) <= 80

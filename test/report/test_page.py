@@ -14,11 +14,11 @@ import trimesh
 from PIL import Image
 
 from resting_aspects_ros.core.rotations import rotate
+from resting_aspects_ros.report.aspect_pose import MAX_OF_PICTURES
 from resting_aspects_ros.report.colours import aspect_colour
 from resting_aspects_ros.report.figures import bands
 from resting_aspects_ros.report.page import ENDINGS, FIGURES, MAX_PICTURED, PIXELS, SMALL, Report
 from resting_aspects_ros.report.rounding import chance_text, points_text
-from resting_aspects_ros.report.standing import MAX_OF_PICTURES
 
 VOID = {'meta', 'link', 'br', 'img', 'path', 'use', 'rect', 'input', 'hr', 'image'}
 

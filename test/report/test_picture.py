@@ -17,7 +17,7 @@ from resting_aspects_ros.core.statistics.distribution import Distribution, no_dr
 from resting_aspects_ros.report.colours import COLOURS, GREY
 from resting_aspects_ros.report.figure_style import png_bytes
 from resting_aspects_ros.report.picture import MARGIN, MAX_SHOWN, ROW, _rows, distribution_figure
-from resting_aspects_ros.report.portrait import FROM_ABOVE, OBLIQUE, lay, portraits
+from resting_aspects_ros.report.posed_part import FROM_ABOVE, OBLIQUE, lay, portraits
 
 PIXELS = 160
 BLUE = (0.0, 0.45, 0.7)

@@ -5,7 +5,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from resting_aspects_ros.simulation.index_ranges import Coverage
+from resting_aspects_ros.simulation.index_ranges import IndexRanges
 
 ranges = st.tuples(st.integers(0, 40), st.integers(0, 40))
 
@@ -16,7 +16,7 @@ def members(pieces):
 
 @given(st.lists(ranges, max_size=12), ranges)
 def test_it_knows_what_a_set_knows(added, asked):
-    coverage, model = Coverage(), set()
+    coverage, model = IndexRanges(), set()
     for first, end in added:
         new = coverage.add(first, end)
         # Each index that was not there before, once, in order, in ranges that are not empty.
@@ -33,7 +33,7 @@ def test_it_knows_what_a_set_knows(added, asked):
 
 @given(st.permutations(range(8)), st.integers(0, 2**63))
 def test_pieces_in_any_order_leave_nothing_missing_and_one_range(order, start):
-    coverage = Coverage()
+    coverage = IndexRanges()
     for piece in order:
         assert coverage.missing(start, start + 80)
         coverage.add(start + 10 * piece, start + 10 * piece + 10)
@@ -43,6 +43,6 @@ def test_pieces_in_any_order_leave_nothing_missing_and_one_range(order, start):
 
 
 def test_asking_does_not_add():
-    coverage = Coverage()
+    coverage = IndexRanges()
     assert coverage.missing(3, 5) == coverage.missing(3, 5) == [(3, 5)]
     assert len(coverage) == 0

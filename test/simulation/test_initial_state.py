@@ -30,10 +30,10 @@ def releases(job, chunks):
     Private to the engine, because no number that leaves it tells how a drop began.
     """
     each = [initial_state.releases(job, chunk) for chunk in range(chunks)]
-    return initial_state.Release(
+    return initial_state.InitialState(
         *(
             np.concatenate([getattr(release, field.name) for release in each])
-            for field in dataclasses.fields(initial_state.Release)
+            for field in dataclasses.fields(initial_state.InitialState)
         )
     )
 

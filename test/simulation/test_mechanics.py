@@ -20,7 +20,7 @@ class Flight:
         self.job, self.client = job, world._client
         state = (position, orientation, velocity, spin)
         rows = [np.array([row], dtype=np.float64) for row in state]
-        start = initial_state.Release(*rows, elapsed=np.zeros(1))
+        start = initial_state.InitialState(*rows, elapsed=np.zeros(1))
         (self.body,) = world._add(start, np.array([0]), np.zeros((1, 3)))
 
     def step(self, time):
@@ -52,7 +52,7 @@ def on_the_surface(job, orientation, velocity=(0, 0, 0), spin=(0, 0, 0)):
     """The states, once each T, of a body that is put on the surface and moves."""
     world = bullet_engine._World(job)
     lowest = initial_state.depth_of(np.array([orientation]), job.hull)[0]
-    start = initial_state.Release(
+    start = initial_state.InitialState(
         *(np.array([v], float) for v in ((0, 0, lowest), orientation, velocity, spin)),
         elapsed=np.zeros(1),
     )

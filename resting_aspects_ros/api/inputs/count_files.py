@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from resting_aspects_ros.api.inputs.counts import MAX_COUNTED, GivenCounts, check_counts
+from resting_aspects_ros.api.inputs.counts import MAX_COUNTED, CountsFile, check_counts
 from resting_aspects_ros.api.inputs.csv_table import CsvTable, open_text
 from resting_aspects_ros.core.errors import InvalidValueError, LogError, shown
-from resting_aspects_ros.core.statistics.comparison import REST, Tally
-from resting_aspects_ros.logs.stream_reader import is_log
+from resting_aspects_ros.core.statistics.comparison import REST, DropCounts
+from resting_aspects_ros.logs.message_reader import is_log
 from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE
 
 MAX_BYTES = 1 << 26
@@ -25,7 +25,7 @@ ALLOWED = (
 )
 
 
-def read_counts(path: Path) -> GivenCounts:
+def read_counts(path: Path) -> CountsFile:
     """What is in a file of any of these kinds; raises InvalidValueError."""
     if is_log(path):
         given = _read_log(path)
@@ -43,7 +43,7 @@ def read_counts(path: Path) -> GivenCounts:
     return given
 
 
-def _read_log(path: Path) -> GivenCounts:
+def _read_log(path: Path) -> CountsFile:
     """The last distribution in a log."""
     # A second to import, which other files do not need.
     from resting_aspects_ros.run_logs.contents import read_logged_run
@@ -61,10 +61,10 @@ def _read_log(path: Path) -> GivenCounts:
     logged.warn_if_unfinished()
     distribution, run, complete = counted
     aspects = distribution.aspects.aspects
-    return GivenCounts(
+    return CountsFile(
         path,
         tuple(aspect.id for aspect in aspects),
-        Tally(
+        DropCounts(
             distribution.counts,
             distribution.unclassified,
             distribution.unsettled,
@@ -79,7 +79,7 @@ def _read_log(path: Path) -> GivenCounts:
     )
 
 
-def _read_csv(path: Path, lines: Iterable[str]) -> GivenCounts:
+def _read_csv(path: Path, lines: Iterable[str]) -> CountsFile:
     """Read the columns ``aspect`` or ``class``, and ``count``, wherever they are."""
     table = CsvTable(path, lines)
     names = [name.lower() for name in table.header]
@@ -109,8 +109,8 @@ def _read_csv(path: Path, lines: Iterable[str]) -> GivenCounts:
         found[key] = number
     rest = [found.pop(name, 0) for name in REST]
     ids = sorted(key for key in found if isinstance(key, int))
-    tally = Tally(np.array([found[k] for k in ids], dtype=np.int64), *rest)
-    return GivenCounts(path, tuple(ids), tally, by_class=by_class)
+    tally = DropCounts(np.array([found[k] for k in ids], dtype=np.int64), *rest)
+    return CountsFile(path, tuple(ids), tally, by_class=by_class)
 
 
 def _key(text: str) -> int | str | None:

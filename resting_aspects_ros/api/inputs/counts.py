@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.formatting import surface_text
+from resting_aspects_ros.api.condition_text import surface_text
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
-from resting_aspects_ros.core.statistics.comparison import Tally
+from resting_aspects_ros.core.statistics.comparison import DropCounts
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 # More than a run can have; numpy draws tables of less than 1e9.
@@ -18,7 +18,7 @@ MAX_COUNTED = 100_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class GivenCounts:
+class CountsFile:
     """Where drops ended, and all that the file says of them.
 
     ids : tuple of int
@@ -39,7 +39,7 @@ class GivenCounts:
 
     path: Path
     ids: tuple[int, ...]
-    tally: Tally
+    tally: DropCounts
     down: npt.NDArray[np.float64] | None = None
     part: str = ''
     part_sha256: str = ''
@@ -63,7 +63,7 @@ class GivenCounts:
         return ', '.join([*words, f'{self.drops} drops on {surface}', f'seed {self.run.seed}'])
 
 
-def counted_by_class(given: GivenCounts) -> GivenCounts:
+def counted_by_class(given: CountsFile) -> CountsFile:
     """The same drops counted by symmetry class; each class shows the first of its aspects.
 
     Raises InvalidValueError if the file does not say which aspects are alike.
@@ -87,7 +87,7 @@ def counted_by_class(given: GivenCounts) -> GivenCounts:
     )
 
 
-def check_counts(given: GivenCounts) -> None:
+def check_counts(given: CountsFile) -> None:
     """Raises InvalidValueError if there is nothing, or too much, to compare."""
     if not given.tally.counts.any():
         raise InvalidValueError(
@@ -121,7 +121,7 @@ def check_same_part(one: tuple[str, str, str], other: tuple[str, str, str]) -> N
     raise InvalidValueError(f'these are different parts: {names}')
 
 
-def check_against(given: GivenCounts, part: str, part_sha256: str, aspects: AspectSet) -> None:
+def check_against(given: CountsFile, part: str, part_sha256: str, aspects: AspectSet) -> None:
     """Raises InvalidValueError if counts given with --against are not of the aspects of a part."""
     path = str(given.path)
     check_same_part(
@@ -140,7 +140,7 @@ def check_against(given: GivenCounts, part: str, part_sha256: str, aspects: Aspe
         )
 
 
-def counted_by_class_of(given: GivenCounts, aspects: AspectSet) -> Tally:
+def counted_by_class_of(given: CountsFile, aspects: AspectSet) -> DropCounts:
     """The drops by symmetry class of the aspects; of counts that check_against let pass."""
     if given.by_class:
         return given.tally

@@ -11,12 +11,12 @@ from resting_aspects_ros.api.inputs.count_files import MAX_BYTES
 from resting_aspects_ros.api.inputs.counts import check_same_part
 from resting_aspects_ros.api.inputs.csv_table import open_text
 from resting_aspects_ros.api.inputs.result_json import (
-    FullAspect,
+    ReportAspect,
     RunDocument,
     counts_of,
     read_document,
 )
-from resting_aspects_ros.api.parts import load_part
+from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet, Sweep
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, warn
@@ -110,7 +110,7 @@ def _part(
     return None
 
 
-def _check_aspects(path: Path, aspects: Sequence[FullAspect]) -> None:
+def _check_aspects(path: Path, aspects: Sequence[ReportAspect]) -> None:
     """Raise InvalidValueError for aspects that no page can show."""
     ids = {each.id for each in aspects}
     for each in aspects:
@@ -128,7 +128,7 @@ def _check_aspects(path: Path, aspects: Sequence[FullAspect]) -> None:
             )
 
 
-def _aspect(fields: FullAspect) -> Aspect:
+def _aspect(fields: ReportAspect) -> Aspect:
     down = np.array(fields.down_in_part, dtype=np.float64)
     barrier = fields.least_barrier
     return Aspect(

@@ -24,12 +24,12 @@ from pydantic import (
 )
 
 from resting_aspects_ros.api.convergence import Convergence
-from resting_aspects_ros.api.inputs.counts import MAX_COUNTED, GivenCounts
+from resting_aspects_ros.api.inputs.counts import MAX_COUNTED, CountsFile
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
 from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.core.input_file import MAX_PATH
 from resting_aspects_ros.core.part import is_valid_name
-from resting_aspects_ros.core.statistics.comparison import REST, Tally
+from resting_aspects_ros.core.statistics.comparison import REST, DropCounts
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.simulation.run_description import MAX_SEED, RunDescription
@@ -63,7 +63,7 @@ class CountedAspect(BaseModel):
     symmetry_class: Id | None = None
 
 
-class FullAspect(CountedAspect):
+class ReportAspect(CountedAspect):
     """An aspect with what a page needs of it."""
 
     symmetry_class: Id
@@ -113,7 +113,7 @@ class RunDocument(CountsDocument):
     suite_version: StrictStr
     time_step: Number
     started: Seed
-    aspects: Sequence[FullAspect]
+    aspects: Sequence[ReportAspect]
     interval: Literal['wilson', 'simultaneous']
     confidence: Number
     energy_growth: Number
@@ -156,7 +156,7 @@ def read_document(path: Path, text: str) -> CountsDocument:
         raise _refusal(path, document, error.errors()[0]) from None
 
 
-def counts_of(path: Path, document: CountsDocument) -> GivenCounts:
+def counts_of(path: Path, document: CountsDocument) -> CountsFile:
     """Return the counts in a document; raises InvalidValueError for what contradicts itself."""
     if document.part and not is_valid_name(document.part):
         raise _wrong(path, 'part', document.part, 'a name of lower case letters, digits and _')
@@ -171,10 +171,10 @@ def counts_of(path: Path, document: CountsDocument) -> GivenCounts:
         run = document.description() if isinstance(document, RunDocument) else None
     except InvalidValueError as error:
         raise InvalidValueError(f'invalid conditions in {_file(path)}: {error}') from None
-    given = GivenCounts(
+    given = CountsFile(
         path,
         ids,
-        Tally(counts, *(getattr(document, name) for name in REST)),
+        DropCounts(counts, *(getattr(document, name) for name in REST)),
         np.array(down, dtype=np.float64).reshape(-1, 3),
         document.part,
         document.part_sha256,

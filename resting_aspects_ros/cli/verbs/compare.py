@@ -7,19 +7,19 @@ from pathlib import Path
 import numpy as np
 
 from resting_aspects_ros.api.inputs.count_files import read_counts
-from resting_aspects_ros.api.inputs.counts import GivenCounts, check_same_part, counted_by_class
+from resting_aspects_ros.api.inputs.counts import CountsFile, check_same_part, counted_by_class
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.options import add_output, parse_share
 from resting_aspects_ros.core.errors import InvalidValueError, warn
 from resting_aspects_ros.core.statistics.comparison import compare
 from resting_aspects_ros.core.statistics.intervals import check_confidence
 from resting_aspects_ros.report.comparison_report import (
-    Sides,
+    ComparedResults,
     comparison_document,
     comparison_table,
     measures_text,
 )
-from resting_aspects_ros.report.comparison_words import verdict
+from resting_aspects_ros.report.comparison_text import verdict
 from resting_aspects_ros.report.document import to_json
 
 # Of the tables that are drawn: the same question has the same answer.
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     _warn_if_dependent(a, b)
     comparison = compare(a.tally, b.tally, np.random.default_rng(SEED), confidence)
     down = a.down if a.down is not None else b.down
-    sides = Sides(a.ids, down, a.tally, b.tally, 'class' if a.by_class else 'aspect')
+    sides = ComparedResults(a.ids, down, a.tally, b.tally, 'class' if a.by_class else 'aspect')
     if arguments.json:
         said = {'a': _fields(a), 'b': _fields(b)}
         sys.stdout.write(to_json(comparison_document(comparison, sides, said)))
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _check_same_aspects(a: GivenCounts, b: GivenCounts) -> None:
+def _check_same_aspects(a: CountsFile, b: CountsFile) -> None:
     """Raises InvalidValueError if an aspect of one is not one of the other."""
     check_same_part(
         (f'A, {str(a.path)!r},', a.part, a.part_sha256),
@@ -95,7 +95,7 @@ def _check_same_aspects(a: GivenCounts, b: GivenCounts) -> None:
     )
 
 
-def _differences(one: GivenCounts, other: GivenCounts) -> str:
+def _differences(one: CountsFile, other: CountsFile) -> str:
     """Which ids make the difference, and what can be done."""
     words = []
     if unknown := set(one.ids) - set(other.ids):
@@ -108,14 +108,14 @@ def _differences(one: GivenCounts, other: GivenCounts) -> str:
     return '; '.join(words)
 
 
-def _warn_if_incomplete(given: GivenCounts) -> None:
+def _warn_if_incomplete(given: CountsFile) -> None:
     if not given.complete:
         known = given.run is not None and given.run.precision == 0
         asked = f' of {given.run.drops}' if given.run and known else ''
         warn(f'{str(given.path)!r} is not complete: it counts {given.drops}{asked} drops')
 
 
-def _warn_if_dependent(a: GivenCounts, b: GivenCounts) -> None:
+def _warn_if_dependent(a: CountsFile, b: CountsFile) -> None:
     """Say if the drops of one tell something of those of the other."""
     if a.run is None or b.run is None or a.run.seed != b.run.seed:
         return
@@ -135,7 +135,7 @@ def _warn_if_dependent(a: GivenCounts, b: GivenCounts) -> None:
         )
 
 
-def _fields(given: GivenCounts) -> dict[str, object]:
+def _fields(given: CountsFile) -> dict[str, object]:
     return {
         'file': str(given.path),
         'part': given.part or None,

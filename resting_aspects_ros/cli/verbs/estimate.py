@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from resting_aspects_ros.api.formatting import shipped_surfaces
+from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.recommended_method import recommended_method
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.options import add_output, add_part, parse_quantity
@@ -29,7 +29,7 @@ from resting_aspects_ros.report.estimate_report import (
 from resting_aspects_ros.simulation.conditions import DropConditions
 
 if TYPE_CHECKING:  # imported when there is something to compare with
-    from resting_aspects_ros.api.inputs.counts import GivenCounts
+    from resting_aspects_ros.api.inputs.counts import CountsFile
 
 # Of the tables that are drawn for p values: the same question has the same answer.
 SEED = 1
@@ -109,7 +109,7 @@ def show_estimates(
     estimates: Mapping[str, Estimate | None],
     reasons: Mapping[str, str],
     recommended: Recommendation | None = None,
-    against: 'GivenCounts | None' = None,
+    against: 'CountsFile | None' = None,
     *,
     each: bool = False,
     as_json: bool,
@@ -150,7 +150,7 @@ def show_estimates(
         console.print(line, markup=False, highlight=False)
 
 
-def _conditions(arguments: argparse.Namespace, against: 'GivenCounts | None') -> DropConditions:
+def _conditions(arguments: argparse.Namespace, against: 'CountsFile | None') -> DropConditions:
     """Those that flags ask for, else those of the drops, else the default ones."""
     if against is not None and against.run is not None and not arguments.surface:
         conditions = against.run.conditions
@@ -183,6 +183,6 @@ def _estimates(
     return {name: found.get(name) for name in names}, reasons
 
 
-def _title(part: Part, against: 'GivenCounts | None') -> str:
+def _title(part: Part, against: 'CountsFile | None') -> str:
     title = f'{part.name}: probability by method, %'
     return title if against is None else f'{title}\nagainst {against.title}'

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from resting_aspects_ros.api.formatting import condition_facts, surface_text, when_text
+from resting_aspects_ros.api.condition_text import condition_facts, surface_text, when_text
 from resting_aspects_ros.cli.console import print_table
 from resting_aspects_ros.cli.options import add_output
 from resting_aspects_ros.core.errors import one_line

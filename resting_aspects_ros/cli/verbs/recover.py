@@ -6,7 +6,7 @@ from pathlib import Path
 
 from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.logs.bag_metadata import OUTCOME
-from resting_aspects_ros.logs.recovery import Account, recover_log
+from resting_aspects_ros.logs.recovery import RecoveryCounter, recover_log
 from resting_aspects_ros.run_logs.contents import TYPES, LoggedRun, rest_of_run
 
 DESCRIPTION = """Rebuild index, summary and metadata.yaml of logs whose recorder was killed.
@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _recover(log: Path) -> str:
     """Recover a log; returns what was done."""
     logged = LoggedRun(log)
-    account = Account(TYPES, logged.take, lambda: _notes(logged))
+    account = RecoveryCounter(TYPES, logged.take, lambda: _notes(logged))
     recovered = recover_log(log, account)
     if recovered.being_written:
         return 'is being written, left as it is'

@@ -10,7 +10,7 @@ from resting_aspects_ros.api.inputs.result_document import document_result
 from resting_aspects_ros.api.report_files import check_report, default_folder, write_report
 from resting_aspects_ros.cli.options import add_part_place
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.logs.stream_reader import is_log
+from resting_aspects_ros.logs.message_reader import is_log
 
 DESCRIPTION = """Write report.html, one file that needs no network, with the part in 3D, a
 picture and the probability of each aspect, charts, and all conditions; and

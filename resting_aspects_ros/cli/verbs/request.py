@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.api.formatting import shipped_surfaces
+from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.output_files import check_output
 from resting_aspects_ros.cli.options import (
     add_conditions,

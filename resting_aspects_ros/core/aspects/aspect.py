@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.spatial import ConvexHull
 
 from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet, Sweep
-from resting_aspects_ros.core.aspects.joining import Joined, join_minima
+from resting_aspects_ros.core.aspects.joining import JoinedMinima, join_minima
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.aspects.symmetry import Symmetry, find_symmetry
 from resting_aspects_ros.core.geometry.polyhedron import Indices, Polyhedron
@@ -34,7 +34,7 @@ _HOLLOW = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class _UnnumberedAspect:
     """An aspect before it has a number: its minima, and what they are together."""
 
     minima: Indices  # the one that shows it first
@@ -102,7 +102,7 @@ def _with_classes(aspects: AspectSet, symmetry: Symmetry, reach: float) -> Aspec
     )
 
 
-def _found(landscape: Landscape, part: Part, joined: Joined) -> _Found:
+def _found(landscape: Landscape, part: Part, joined: JoinedMinima) -> _UnnumberedAspect:
     minima = joined.minima
     directions = landscape.directions[minima]
     share = float(landscape.basin_shares[minima].sum())
@@ -110,14 +110,16 @@ def _found(landscape: Landscape, part: Part, joined: Joined) -> _Found:
     # A flat side that takes in a flat of the fillet beside it is one that is much lower; and flats
     # that only noise parts are no curve.
     if joined.level == 1 or not joined.curved:
-        return _Found(minima, lowest, lowest, share, Sweep.POINT, np.zeros(3), directions[0])
+        return _UnnumberedAspect(
+            minima, lowest, lowest, share, Sweep.POINT, np.zeros(3), directions[0]
+        )
     level = directions[: joined.level]
     sweep, axis, middle = _sweep(level, joined.step, part.principal_axes)
     shown = _shown(level, middle, part.principal_axes)
     order = np.concatenate([[shown], np.delete(np.arange(len(minima)), shown)])
     rolls = bool(angle_between(level, level[shown]).max() > CURVED_STEP)
     height = joined.height * landscape.radius
-    return _Found(minima[order], lowest, height, share, sweep, axis, middle, rolls)
+    return _UnnumberedAspect(minima[order], lowest, height, share, sweep, axis, middle, rolls)
 
 
 def _sweep(directions: Array, step: float, frame: Array) -> tuple[Sweep, Array, Array]:
@@ -162,13 +164,13 @@ def _shown(directions: Array, middle: Array, frame: Array) -> int:
     return max(range(len(directions)), key=lambda k: tuple(along[k]))
 
 
-def _in_order(found: list[_Found], part: Part) -> list[_Found]:
+def _in_order(found: list[_UnnumberedAspect], part: Part) -> list[_UnnumberedAspect]:
     """By centre of mass height, then basin, then direction in the part's intrinsic frame.
 
     The keys are compared in steps, so that noise does not reorder aspects that are equal; those
     that no key tells apart are mapped onto each other by a symmetry of the part.
     """
-    keys: list[Callable[[_Found], float]] = [
+    keys: list[Callable[[_UnnumberedAspect], float]] = [
         lambda each: each.height / part.hull_radius,
         lambda each: -each.share,
         *(lambda each, axis=axis: -float(each.middle @ axis) for axis in part.principal_axes.T),
@@ -179,9 +181,11 @@ def _in_order(found: list[_Found], part: Part) -> list[_Found]:
     return [each for group in groups for each in group]
 
 
-def _steps(found: Sequence[_Found], key: Callable[[_Found], float]) -> list[list[_Found]]:
+def _steps(
+    found: Sequence[_UnnumberedAspect], key: Callable[[_UnnumberedAspect], float]
+) -> list[list[_UnnumberedAspect]]:
     """In ascending steps of a key."""
-    groups: list[list[_Found]] = []
+    groups: list[list[_UnnumberedAspect]] = []
     for each in sorted(found, key=key):
         if groups and key(each) - key(groups[-1][0]) <= ORDER_STEP:
             groups[-1].append(each)
@@ -191,7 +195,7 @@ def _steps(found: Sequence[_Found], key: Callable[[_Found], float]) -> list[list
 
 
 def _barriers(
-    landscape: Landscape, owner: Indices, found: Sequence[_Found]
+    landscape: Landscape, owner: Indices, found: Sequence[_UnnumberedAspect]
 ) -> dict[int, tuple[float, int]]:
     """For each number the least rise to leave the aspect, m, and the one to which that leads."""
     least = dict.fromkeys(range(1, len(found) + 1), (np.inf, 0))
@@ -206,7 +210,7 @@ def _barriers(
 
 def _aspect(
     landscape: Landscape,
-    found: _Found,
+    found: _UnnumberedAspect,
     number: int,
     owner: Indices,
     barrier: tuple[float, int],

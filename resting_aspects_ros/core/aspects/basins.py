@@ -21,7 +21,7 @@ from resting_aspects_ros.core.geometry.solid_angle import triangle_angles
 from resting_aspects_ros.core.rotations import Array
 
 
-class Piece(NamedTuple):
+class BorderArc(NamedTuple):
     """Part of a border between two cones, an arc, and the stable facet to which it leads."""
 
     begin: Array
@@ -37,7 +37,7 @@ def basin_areas(body: Polyhedron, rest: Indices) -> Array:
     rest : (f,) int
         For each facet the stable one to which the descent leads from it.
     """
-    pieces: list[list[Piece]] = [[] for _ in body.ends]
+    pieces: list[list[BorderArc]] = [[] for _ in body.ends]
     triangles: list[tuple[Array, Array, Array]] = []
     onto: list[int] = []
     for corner in np.argsort(np.linalg.norm(body.points, axis=1), kind='stable').tolist():
@@ -57,7 +57,7 @@ def basin_areas(body: Polyhedron, rest: Indices) -> Array:
             lowest = int(rest[around[body.heights[around].argmin()]])
             for edge in entries:
                 begin, end = body.normals[body.sides[edge]]
-                pieces[edge] = [Piece(begin, end, lowest)]
+                pieces[edge] = [BorderArc(begin, end, lowest)]
         elif entries:
             _lead_on(body, point, entries, exits, pieces)
         for edge in body.edges_of_points[corner]:
@@ -76,7 +76,7 @@ def basin_areas(body: Polyhedron, rest: Indices) -> Array:
     return area
 
 
-def _rolled_over(body: Polyhedron, edge: int, rest: Indices) -> Iterator[Piece]:
+def _rolled_over(body: Polyhedron, edge: int, rest: Indices) -> Iterator[BorderArc]:
     """The border over an edge that carries the part: it rolls to the facets at its sides."""
     (first, second), (one, other) = body.sides[edge].tolist(), body.margins[edge].tolist()
     begin, end = body.normals[first], body.normals[second]
@@ -84,25 +84,25 @@ def _rolled_over(body: Polyhedron, edge: int, rest: Indices) -> Iterator[Piece]:
         a, b = body.points[body.ends[edge]]
         top = a + body.feet[edge] * (b - a)
         top /= np.sqrt(top @ top)
-        yield Piece(begin, top, int(rest[first]))
-        yield Piece(top, end, int(rest[second]))
+        yield BorderArc(begin, top, int(rest[first]))
+        yield BorderArc(top, end, int(rest[second]))
     else:
         # One foot is beyond the edge: the part rolls from its facet onto the other one.
-        yield Piece(begin, end, int(rest[first if one > other else second]))
+        yield BorderArc(begin, end, int(rest[first if one > other else second]))
 
 
 def _lead_on(
     body: Polyhedron,
     point: Array,
     entries: list[int],
-    exits: list[Piece],
-    pieces: list[list[Piece]],
+    exits: list[BorderArc],
+    pieces: list[list[BorderArc]],
 ) -> None:
     """Cut the borders through which the descent comes in where it parts on the way out."""
     if len({piece.onto for piece in exits}) == 1:
         for edge in entries:
             begin, end = body.normals[body.sides[edge]]
-            pieces[edge] = [Piece(begin, end, exits[0].onto)]
+            pieces[edge] = [BorderArc(begin, end, exits[0].onto)]
         return
     forward = np.sum([piece.begin + piece.end for piece in exits], axis=0)
     forward = forward - (forward @ point) * point
@@ -114,7 +114,7 @@ def _lead_on(
     fan = []
     for piece in exits:
         begin, end = sorted((piece.begin, piece.end), key=azimuth)
-        fan.append(Piece(begin, end, piece.onto))
+        fan.append(BorderArc(begin, end, piece.onto))
     fan.sort(key=lambda piece: azimuth(piece.begin) + azimuth(piece.end))
     parting = [after.begin for before, after in pairwise(fan) if before.onto != after.onto]
     angles = [azimuth(direction) for direction in parting]
@@ -129,7 +129,9 @@ def _lead_on(
             mark = _cross(_cross(point, direction), b - a)
             marks.append(mark * np.sign(mark @ (begin + end)) / np.sqrt(mark @ mark))
         marks.append(end)
-        pieces[edge] = [Piece(x, y, onto[first + k]) for k, (x, y) in enumerate(pairwise(marks))]
+        pieces[edge] = [
+            BorderArc(x, y, onto[first + k]) for k, (x, y) in enumerate(pairwise(marks))
+        ]
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -15,7 +15,7 @@ from resting_aspects_ros.core.rotations import Array, rotate
 
 
 @dataclass(frozen=True, eq=False)
-class ContactPiece:
+class ContactRegion:
     """A connected piece of the mesh that touches the surface.
 
     points : (n, 3) float
@@ -38,7 +38,7 @@ class ContactPiece:
     sizes: Array
 
 
-def contact_pieces(part: Part, aspect: Aspect) -> list[ContactPiece]:
+def contact_pieces(part: Part, aspect: Aspect) -> list[ContactRegion]:
     """Return the pieces of the mesh that touch the surface in a pose that shows the aspect."""
     down = aspect.down_in_part
     height = part.vertices @ -down
@@ -66,7 +66,7 @@ def contact_pieces(part: Part, aspect: Aspect) -> list[ContactPiece]:
         joined = touching[here].sum(axis=1) >= min(len(own), 2)
         beside = here[~flat[here] & joined & (double[here] > 0)]
         found.append(
-            ContactPiece(
+            ContactRegion(
                 points[own],
                 outline[own],
                 float(double[on_surface].sum() / 2),

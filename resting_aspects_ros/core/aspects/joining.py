@@ -39,7 +39,7 @@ NOISE_BARRIER = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Joined:
+class JoinedMinima:
     """Minima that are one aspect.
 
     minima : (k,) int
@@ -64,7 +64,7 @@ class Joined:
 
 # For a run of drops both its aspects and its job are made of them.
 @lru_cache(maxsize=1)
-def join_minima(landscape: Landscape) -> list[Joined]:
+def join_minima(landscape: Landscape) -> list[JoinedMinima]:
     """The aspects as groups of minima, each minimum in one of them.
 
     Saddles are taken from the lowest up, and each joins what is on its sides if it is one of a
@@ -110,7 +110,7 @@ def join_minima(landscape: Landscape) -> list[Joined]:
         level = low[k] + DOME_DEPTH * depth[k] * curved[k]
         inner = (group[saddles.between] == k).all(axis=1) & (heights <= level)
         joined.append(
-            Joined(
+            JoinedMinima(
                 minima=np.flatnonzero(group == k),
                 curved=bool(curved[k]),
                 step=float(step[k] * curved[k]),

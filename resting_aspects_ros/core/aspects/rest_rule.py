@@ -15,7 +15,7 @@ from resting_aspects_ros.core.geometry.polyhedron import Indices
 from resting_aspects_ros.core.rotations import Array
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.core.aspects.joining import Joined
+    from resting_aspects_ros.core.aspects.joining import JoinedMinima
 
 # Below the saddle by this, m g R: at impacts an engine can add a little energy. Without it 3 of
 # 800 drops of an L bracket were decided wrongly, with it none.
@@ -31,7 +31,7 @@ class RestRule:
         margin: there only stillness tells.
     """
 
-    def __init__(self, landscape: Landscape, aspects: 'list[Joined]') -> None:
+    def __init__(self, landscape: Landscape, aspects: 'list[JoinedMinima]') -> None:
         self._landscape = landscape
         aspect = np.empty(len(landscape.minima), dtype=np.int64)
         for number, joined in enumerate(aspects):

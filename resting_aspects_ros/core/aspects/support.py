@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from resting_aspects_ros.core.aspects.aspect_set import Aspect, Sweep
-from resting_aspects_ros.core.aspects.contact import ContactPiece, contact_pieces
+from resting_aspects_ros.core.aspects.contact import ContactRegion, contact_pieces
 from resting_aspects_ros.core.geometry.polyhedron import COPLANAR
 from resting_aspects_ros.core.geometry.tessellation import CURVED_STEP
 from resting_aspects_ros.core.part import Part
@@ -84,7 +84,7 @@ def _support_text(aspect: Aspect) -> str:
     }[aspect.sweep]
 
 
-def _kind(piece: ContactPiece, down: Array) -> str:
+def _kind(piece: ContactRegion, down: Array) -> str:
     """Which of _KINDS it is, among other pieces."""
     on_curve = piece.beside @ down > np.cos(CURVED_STEP)
     if piece.area:
@@ -107,7 +107,7 @@ def _count_text(kinds: Counter[str]) -> str:
     return ', '.join([*words[:-2], ' and '.join(words[-2:])])
 
 
-def _one_text(piece: ContactPiece) -> str:
+def _one_text(piece: ContactRegion) -> str:
     """Of a piece that is all on which the part rests."""
     diameter = _diameter(piece)
     if not diameter:
@@ -175,7 +175,7 @@ def _is_straight(outline: Array) -> bool:
     return bool(size[1] <= _ROUND * size[0])
 
 
-def _diameter(piece: ContactPiece) -> float:
+def _diameter(piece: ContactRegion) -> float:
     """Of its outline, m; 0 if that is not round."""
     if len(piece.outline) < _MIN_ROUND_CORNERS or _is_straight(piece.outline):
         return 0.0

@@ -25,7 +25,7 @@ CONCENTRATED = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
+class GivenMassValues:
     """What somebody says about a part's mass; None is unsaid. SI units, part frame, unchecked."""
 
     density: Any = None
@@ -45,7 +45,7 @@ class MassProperties:
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class SolidProperties:
     """Volume (m^3), centroid (3,) (m) and inertia (3, 3) at density 1 about the centroid (m^5)."""
 
     volume: float
@@ -59,7 +59,7 @@ def mass_properties(
     faces: Faces,
     hull_vertices: Array,
     defect: str | None,
-    given: Given,
+    given: GivenMassValues,
 ) -> tuple[MassProperties, str | None]:
     """Return the mass properties of a part, and why its mesh is no solid, None if it is.
 
@@ -115,7 +115,7 @@ def mass_properties(
     return MassProperties(float(mass), centre + 0.0, inertia + 0.0, volume), defect
 
 
-def solid_integrals(vertices: Array, faces: Faces) -> Solid:
+def solid_integrals(vertices: Array, faces: Faces) -> SolidProperties:
     """Return the volume integrals of the solid inside a closed, outward surface.
 
     The mesh is moved to the middle of its box and scaled to about 1 first (by a power of two,
@@ -139,7 +139,7 @@ def solid_integrals(vertices: Array, faces: Faces) -> Solid:
         inertia[0, 1] = inertia[1, 0] = -(xy - volume * (cx * cy))
         inertia[1, 2] = inertia[2, 1] = -(yz - volume * (cy * cz))
         inertia[0, 2] = inertia[2, 0] = -(zx - volume * (cx * cz))
-    return Solid(float(volume * scale**3), centroid * scale + middle, inertia * scale**5)
+    return SolidProperties(float(volume * scale**3), centroid * scale + middle, inertia * scale**5)
 
 
 def _integrals(triangles: Array) -> Array:
@@ -166,7 +166,7 @@ def _integrals(triangles: Array) -> Array:
     return np.asarray(products.sum(axis=1) / [6, 24, 24, 24, 60, 60, 60, 120, 120, 120])
 
 
-def _flaw(solid: Solid, vertices: Array, hull_vertices: Array) -> str | None:
+def _flaw(solid: SolidProperties, vertices: Array, hull_vertices: Array) -> str | None:
     """Say why no solid has these mass properties, as those of a mesh that intersects itself."""
     if not solid.volume > NO_VOLUME * float(np.ptp(vertices, axis=0).max()) ** 3:
         return 'encloses no volume'

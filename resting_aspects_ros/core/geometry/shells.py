@@ -28,7 +28,7 @@ ASKEW = Rotation.from_rotvec((0.7, 1.1, 0.3)).as_matrix()
 
 
 @dataclass(frozen=True, eq=False)
-class Facing:
+class FacingCheck:
     """Which triangles face the wrong way, (m,), and what there is to say about it.
 
     body : (m,) int64
@@ -41,7 +41,7 @@ class Facing:
     defect: str | None = None
 
 
-def facing(corners: Array, shell: Indices, mended: Flags) -> Facing:
+def facing(corners: Array, shell: Indices, mended: Flags) -> FacingCheck:
     """Tell which triangles belong to shells that face the wrong way.
 
     A shell in the open must face outward. A shell inside another one is a cavity if it faces
@@ -66,7 +66,9 @@ def facing(corners: Array, shell: Indices, mended: Flags) -> Facing:
     boxed = _boxed(triangles, largest_first)
     if boxed is None:
         none = np.zeros(len(shell), dtype=bool)
-        return Facing(none, shell * 0, [], f'has more than {DEEPEST} bodies inside each other')
+        return FacingCheck(
+            none, shell * 0, [], f'has more than {DEEPEST} bodies inside each other'
+        )
     around: dict[int, dict[int, int]] = {}
     for o, inner in boxed.items():
         points = np.array([_inner_point(triangles[s], volumes[s]) for s in inner])
@@ -83,7 +85,7 @@ def facing(corners: Array, shell: Indices, mended: Flags) -> Facing:
         if (volumes[s] < 0) != flip[s]:
             # A cavity: the smallest body around it is the one it is in.
             body[s] = [o for o in turns if turns[o] and body[o] == o][-1]
-    return Facing(flip[shell], body[shell], _warnings(flip & ~doubtful))
+    return FacingCheck(flip[shell], body[shell], _warnings(flip & ~doubtful))
 
 
 def _boxed(triangles: list[Array], largest_first: Indices) -> dict[int, list[int]] | None:

@@ -27,7 +27,7 @@ REST = ('unclassified', 'unsettled', 'failed')
 
 
 @dataclass(frozen=True, eq=False)
-class Tally:
+class DropCounts:
     """Where drops ended, counted by whatever means; `Distribution` has the same fields.
 
     counts : (k,) int
@@ -104,8 +104,8 @@ class Comparison:
 
 
 def compare(
-    first: Tally | Distribution,
-    second: Tally | Distribution,
+    first: DropCounts | Distribution,
+    second: DropCounts | Distribution,
     generator: np.random.Generator,
     confidence: float = CONFIDENCE,
 ) -> Comparison:
@@ -128,7 +128,7 @@ def compare(
 
 
 def compare_with_exact(
-    first: Tally | Distribution,
+    first: DropCounts | Distribution,
     probabilities: npt.ArrayLike,
     generator: np.random.Generator,
     confidence: float = CONFIDENCE,
@@ -159,7 +159,7 @@ def square_and_add(
     return difference - below, difference + above
 
 
-def _counts(name: str, given: Tally | Distribution) -> Counts:
+def _counts(name: str, given: DropCounts | Distribution) -> Counts:
     counts = np.asarray(given.counts, dtype=np.int64)
     if (counts < 0).any() or counts.sum() < 1:
         raise InvalidValueError(

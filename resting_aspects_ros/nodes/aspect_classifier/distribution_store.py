@@ -18,7 +18,7 @@ Known = tuple[RunDescription, Distribution]
 
 
 @dataclass
-class RunAccount:
+class RunCounts:
     """The distribution of one run so far; poses wait until the part's aspects are known.
 
     over : the run has ended
@@ -47,7 +47,7 @@ class RunAccount:
         self.distribution, self.waiting = total, []
 
 
-class KnownDistributions:
+class DistributionStore:
     """Finished distributions; of those that begin with the same drop the one with most drops.
 
     What is known, and what is answered of it, depends on the runs alone, not on the order in which
@@ -179,7 +179,7 @@ def _most_drops(known: Known) -> tuple[int, int, str]:
 
 
 def newest_distribution(
-    known: KnownDistributions, under_way: Iterable[RunAccount], part_sha256: str
+    known: DistributionStore, under_way: Iterable[RunCounts], part_sha256: str
 ) -> Distribution | None:
     """The newest of a part that is finished, else of its newest run that has counted a drop."""
     counted = [

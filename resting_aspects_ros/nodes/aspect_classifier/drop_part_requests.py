@@ -14,11 +14,11 @@ from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.ros.callbacks import sleep_for, wait_for
 from resting_aspects_ros.ros.drop_part_client import drop_result
 from resting_aspects_ros.ros.interface import ACTION_SERVICES, DROP_PART
-from resting_aspects_ros.ros.liveliness import Living
+from resting_aspects_ros.ros.liveliness import LivelinessMonitor
 from resting_aspects_ros.ros.status import NotAvailableError, status_error
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.nodes.aspect_classifier.distribution_store import RunAccount
+    from resting_aspects_ros.nodes.aspect_classifier.distribution_store import RunCounts
 
 # A simulator that is started together with the node may be ready this long after it, s. Later it
 # exists, or nobody has started it: it is discovered within DISCOVERY, s.
@@ -39,7 +39,9 @@ class DropRequests:
     over : gives for a run id the future of its account, done when the run is over
     """
 
-    def __init__(self, node: Node, simulators: Living, over: Callable[[str], Future]) -> None:
+    def __init__(
+        self, node: Node, simulators: LivelinessMonitor, over: Callable[[str], Future]
+    ) -> None:
         self._node = node
         self._simulators = simulators
         self._over = over
@@ -54,7 +56,7 @@ class DropRequests:
         """Whether a goal can be sent now."""
         return bool(self._simulators.count and self._client.server_is_ready())
 
-    async def drop(self, goal: DropPart.Goal) -> 'RunAccount':
+    async def drop(self, goal: DropPart.Goal) -> 'RunCounts':
         """Return the account of a run of these drops; raises what the simulator answers."""
         await self.simulator()
         result = await drop_result(self._node, self._client, goal)
@@ -63,7 +65,7 @@ class DropRequests:
         over = self._over(result.run_id)
         if not await wait_for(self._node, over, BATCHES_TIMEOUT):
             raise EngineError(f'the poses of run {result.run_id} did not arrive')
-        account: RunAccount = over.result()
+        account: RunCounts = over.result()
         if account.problem:
             raise EngineError(account.problem)
         return account

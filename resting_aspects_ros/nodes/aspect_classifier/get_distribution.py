@@ -14,11 +14,11 @@ from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.stopping import max_drops
-from resting_aspects_ros.nodes.aspect_classifier.distribution_store import KnownDistributions
+from resting_aspects_ros.nodes.aspect_classifier.distribution_store import DistributionStore
 from resting_aspects_ros.nodes.aspect_classifier.drop_part_requests import DropRequests
-from resting_aspects_ros.nodes.aspect_classifier.parts import KnownParts, asked_part
+from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, asked_part
 from resting_aspects_ros.ros.conversions import conditions_msg
-from resting_aspects_ros.ros.default_conditions import FollowedDefault
+from resting_aspects_ros.ros.default_conditions import DefaultConditionsSubscriber
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg, estimate_msg
 from resting_aspects_ros.ros.parameters import FRAME_ID, check_frame
 from resting_aspects_ros.ros.status import NotAvailableError, asked_conditions, asked_estimator
@@ -37,17 +37,17 @@ MAX_NAMED = 5
 MESSAGES_KEPT = 100
 
 
-class DistributionAnswers:
+class DistributionService:
     """Finds the distribution that a request asks for."""
 
     def __init__(
         self,
         node: Node,
         surfaces: Surfaces,
-        default: FollowedDefault,
-        known: KnownDistributions,
+        default: DefaultConditionsSubscriber,
+        known: DistributionStore,
         requests: DropRequests,
-        parts: KnownParts,
+        parts: PartRegistry,
     ) -> None:
         self._node = node
         self._surfaces = surfaces

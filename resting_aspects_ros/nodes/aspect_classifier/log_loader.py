@@ -16,9 +16,9 @@ from resting_aspects_ros.core.input_file import is_folder, printable
 from resting_aspects_ros.core.statistics.distribution import Distribution, count_poses
 from resting_aspects_ros.logs.bag_metadata import Outcome
 from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
-from resting_aspects_ros.logs.stream_reader import is_being_written, messages
+from resting_aspects_ros.logs.message_reader import is_being_written, messages
 from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE
-from resting_aspects_ros.nodes.aspect_classifier.distribution_store import KnownDistributions
+from resting_aspects_ros.nodes.aspect_classifier.distribution_store import DistributionStore
 from resting_aspects_ros.ros.callbacks import guarded_task
 from resting_aspects_ros.ros.conversions import run_from, serialized_part, serialized_poses
 from resting_aspects_ros.ros.distribution_conversions import distribution_from
@@ -117,7 +117,7 @@ class LogLoader:
     """
 
     def __init__(
-        self, node: Node, folder: Path | None, files: FileWorker, known: KnownDistributions
+        self, node: Node, folder: Path | None, files: FileWorker, known: DistributionStore
     ) -> None:
         self._node = node
         self._folder = folder

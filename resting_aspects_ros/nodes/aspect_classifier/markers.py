@@ -9,9 +9,9 @@ from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.report.aspect_pose import AspectPose, sent_faces, stand
 from resting_aspects_ros.report.colours import aspect_colour, rgb
 from resting_aspects_ros.report.rounding import probability_text
-from resting_aspects_ros.report.standing import Standing, sent_faces, stand
 from resting_aspects_ros.ros.interface import FRAME
 
 # Namespaces of the meshes and of the texts; in both the id is the aspect's.
@@ -66,7 +66,7 @@ def labels(distribution: Distribution) -> list[str]:
     ]
 
 
-def _mesh(standing: Standing, colour: str, points: list[Point]) -> Marker:
+def _mesh(standing: AspectPose, colour: str, points: list[Point]) -> Marker:
     orientation = standing.orientation.tolist()
     return Marker(
         ns=MESHES,
@@ -83,7 +83,7 @@ def _mesh(standing: Standing, colour: str, points: list[Point]) -> Marker:
     )
 
 
-def _text(standing: Standing, radius: float) -> Marker:
+def _text(standing: AspectPose, radius: float) -> Marker:
     x, y, _ = standing.centre_of_mass.tolist()
     return Marker(
         ns=TEXTS,

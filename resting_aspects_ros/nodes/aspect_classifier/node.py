@@ -16,24 +16,24 @@ from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, ListPa
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.nodes.aspect_classifier.classify_pose import answer_pose
 from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
-    KnownDistributions,
-    RunAccount,
+    DistributionStore,
+    RunCounts,
     newest_distribution,
 )
 from resting_aspects_ros.nodes.aspect_classifier.drop_part_requests import DropRequests
-from resting_aspects_ros.nodes.aspect_classifier.get_distribution import DistributionAnswers
+from resting_aspects_ros.nodes.aspect_classifier.get_distribution import DistributionService
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import LogLoader
-from resting_aspects_ros.nodes.aspect_classifier.parts import KnownParts, asked_part
+from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, asked_part
 from resting_aspects_ros.nodes.aspect_classifier.publishers import (
     PUBLISH_PERIOD,
-    DistributionOutputs,
+    DistributionPublisher,
 )
 from resting_aspects_ros.nodes.run_tracking.health import RunHealth
 from resting_aspects_ros.nodes.run_tracking.tracker import RunProgress, RunTracker
 from resting_aspects_ros.ros.callbacks import guarded_task, steady_timer, subscribe
 from resting_aspects_ros.ros.conversions import poses_from, status
-from resting_aspects_ros.ros.default_conditions import FollowedDefault
-from resting_aspects_ros.ros.diagnostics import Diagnosis, Meter, publish_diagnostics
+from resting_aspects_ros.ros.default_conditions import DefaultConditionsSubscriber
+from resting_aspects_ros.ros.diagnostics import Diagnosis, RateCounter, publish_diagnostics
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import (
     ASPECT_CLASSIFIER,
@@ -45,11 +45,11 @@ from resting_aspects_ros.ros.interface import (
     RESTING_POSES,
     SERVICES,
 )
-from resting_aspects_ros.ros.liveliness import Alone
+from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, declare
 from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.ros.status import NotAvailableError, answering
-from resting_aspects_ros.ros.topic_discovery import TopicWatch
+from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.simulation.config_files import surfaces_file
 from resting_aspects_ros.simulation.run_description import RunDescription
 from resting_aspects_ros.simulation.surfaces import Surfaces
@@ -80,19 +80,24 @@ class AspectClassifier(Node):
         values = declare(self, PARAMETERS)
         surfaces = Surfaces.read(Path(values['surfaces_file'] or surfaces_file()))
         self._files = FileWorker(self)
-        self._parts = KnownParts(self, self._files, self._part_known, self._part_rejected)
-        self._known = KnownDistributions(self._parts.aspects)
-        self._accounts: dict[str, RunAccount] = {}  # of runs that are not over
+        self._parts = PartRegistry(self, self._files, self._part_known, self._part_rejected)
+        self._known = DistributionStore(self._parts.aspects)
+        self._accounts: dict[str, RunCounts] = {}  # of runs that are not over
         self._over: dict[str, Future] = {}  # run id -> done when the run is over
-        self._outputs = DistributionOutputs(self, self._parts)
+        self._outputs = DistributionPublisher(self, self._parts)
         self._tracker = RunTracker(self, self._run_over, self._is_known)
         self._health = RunHealth(self, self._tracker)
         self._requests = DropRequests(self, self._tracker.simulators, self._over_future)
-        self._answers = DistributionAnswers(
-            self, surfaces, FollowedDefault(self), self._known, self._requests, self._parts
+        self._answers = DistributionService(
+            self,
+            surfaces,
+            DefaultConditionsSubscriber(self),
+            self._known,
+            self._requests,
+            self._parts,
         )
-        self._drops = Meter()
-        self._watch = TopicWatch(
+        self._drops = RateCounter()
+        self._watch = TopicDiscovery(
             self, PARTS, PartDescription, self._part_described, gone=self._parts.remove, raw=True
         )
         subscribe(self, RestingPoses, RESTING_POSES, self._batch, POSES)
@@ -125,7 +130,7 @@ class AspectClassifier(Node):
         """All logs have been read."""
         for _, part_sha256 in self._parts.offered():
             self._show_known(part_sha256)
-        publish_diagnostics(self, self._diagnose, Alone(self, ASPECT_CLASSIFIER))
+        publish_diagnostics(self, self._diagnose, DuplicateNodeDetector(self, ASPECT_CLASSIFIER))
         self.get_logger().info('ready')
 
     def _check_ready(self) -> None:
@@ -175,7 +180,7 @@ class AspectClassifier(Node):
         if arrived is None:
             return
         progress, new = arrived
-        account = self._accounts.setdefault(progress.run.run_id, RunAccount(progress.run))
+        account = self._accounts.setdefault(progress.run.run_id, RunCounts(progress.run))
         account.waiting.extend(poses.between(first, end) for first, end in new)
         self._drops.add(sum(end - first for first, end in new))
         self._advance(account)
@@ -197,7 +202,7 @@ class AspectClassifier(Node):
             account.problem, account.gap = progress.loss, not progress.broken_off
         self._advance(account)
 
-    def _advance(self, account: RunAccount) -> None:
+    def _advance(self, account: RunCounts) -> None:
         """Count what can be counted; end the account if its run is over."""
         run = account.run
         aspects = self._parts.aspects(run.part_sha256)
@@ -221,7 +226,7 @@ class AspectClassifier(Node):
             self._outputs.publish()
             self._end(account)
 
-    def _end(self, account: RunAccount) -> None:
+    def _end(self, account: RunCounts) -> None:
         """Tell those who wait for it that a run is over."""
         del self._accounts[account.run.run_id]
         self._over_future(account.run.run_id).set_result(account)

@@ -11,9 +11,9 @@ from visualization_msgs.msg import MarkerArray
 
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.nodes.aspect_classifier.distribution_store import RunAccount
+from resting_aspects_ros.nodes.aspect_classifier.distribution_store import RunCounts
 from resting_aspects_ros.nodes.aspect_classifier.markers import PartMarkers
-from resting_aspects_ros.nodes.aspect_classifier.parts import KnownParts
+from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.ros.callbacks import advertise, guarded, steady_timer
 from resting_aspects_ros.ros.conversions import NANOSECONDS, pose_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
@@ -39,21 +39,21 @@ PUBLISH_PERIOD = Parameter(
 MAX_SHOWN = 100
 
 
-class DistributionOutputs:
+class DistributionPublisher:
     """Publishes aspect_distributions/<part>, markers of the part that changed last, current_poses.
 
     Every publish_period, a parameter of the node; the end of a run at once.
     """
 
-    def __init__(self, node: Node, parts: KnownParts) -> None:
+    def __init__(self, node: Node, parts: PartRegistry) -> None:
         self._node = node
         self._parts = parts
         self._outputs: dict[str, Publisher] = {}
-        self._changed: dict[str, RunAccount] = {}  # by part; what changed last is last
+        self._changed: dict[str, RunCounts] = {}  # by part; what changed last is last
         self._published: dict[str, str] = {}  # part -> part_sha256
         self._markers = advertise(node, MarkerArray, MARKERS, LATCHED)
         self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
-        self.poses = CurrentPoses(node, self._frame)
+        self.poses = CurrentPosesPublisher(node, self._frame)
         self._shown: tuple[str, PartMarkers] | None = None  # part_sha256, its markers
         period = node.get_parameter(PUBLISH_PERIOD.name).value
         publish = guarded(node, 'distributions are not published', self.publish)
@@ -67,7 +67,7 @@ class DistributionOutputs:
             self._outputs[part] = advertise(self._node, AspectDistribution, topic, LATCHED)
         return self._outputs[part]
 
-    def change(self, account: RunAccount) -> None:
+    def change(self, account: RunCounts) -> None:
         """Take a distribution that is to be published next."""
         self._changed.pop(account.run.part, None)
         self._changed[account.run.part] = account
@@ -76,7 +76,7 @@ class DistributionOutputs:
         """Take one of an earlier run, unless one of that version of the part is published."""
         published = self._published.get(run.part) == run.part_sha256
         if not published and run.part not in self._changed:
-            self.change(RunAccount(run, distribution, over=True))
+            self.change(RunCounts(run, distribution, over=True))
 
     def publish(self) -> None:
         """Publish what changed."""
@@ -105,7 +105,7 @@ class DistributionOutputs:
         return self._shown[1]
 
 
-class CurrentPoses:
+class CurrentPosesPublisher:
     """Publishes current_poses: the newest drops of a run that came to rest, as they came.
 
     Nothing is made while nobody listens; who comes later gets the newest.

@@ -15,12 +15,12 @@ from resting_aspects_ros.nodes.drop_recorder.log_folder import (
     absolute_folder,
     check_log_folder,
 )
-from resting_aspects_ros.nodes.drop_recorder.run_recorder import LogReports, OpenLog
+from resting_aspects_ros.nodes.drop_recorder.run_recorder import RecordedRunsPublisher, RunRecorder
 from resting_aspects_ros.nodes.run_tracking.health import RunHealth
 from resting_aspects_ros.nodes.run_tracking.tracker import RunProgress, RunTracker
 from resting_aspects_ros.ros.callbacks import guarded, steady_timer, subscribe
 from resting_aspects_ros.ros.conversions import check_description, nanoseconds, poses_from
-from resting_aspects_ros.ros.diagnostics import Diagnosis, Meter, publish_diagnostics
+from resting_aspects_ros.ros.diagnostics import Diagnosis, RateCounter, publish_diagnostics
 from resting_aspects_ros.ros.formatting import counted
 from resting_aspects_ros.ros.interface import (
     ALL_LATCHED,
@@ -31,10 +31,10 @@ from resting_aspects_ros.ros.interface import (
     POSES,
     RESTING_POSES,
 )
-from resting_aspects_ros.ros.liveliness import Alone
+from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import Parameter, declare, on_change
 from resting_aspects_ros.ros.spin import run_node
-from resting_aspects_ros.ros.topic_discovery import TopicWatch
+from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 PARAMETERS = (
@@ -61,16 +61,18 @@ class DropRecorder(Node):
         self._lock = FolderLock(self.get_namespace())
         self._take_folder(values['log_folder'])
         on_change(self, 'log_folder', self._check_folder, self._take_folder)
-        self._logs: dict[str, OpenLog] = {}
+        self._logs: dict[str, RunRecorder] = {}
         self._parts: dict[str, tuple[PartDescription, bytes]] = {}
         # Distributions can come before the poses that they count.
         self._early: deque[tuple[AspectDistribution, bytes]] = deque(maxlen=MAX_EARLY)
-        self._drops = Meter()
-        self._reports = LogReports(self)
+        self._drops = RateCounter()
+        self._reports = RecordedRunsPublisher(self)
         self._tracker = RunTracker(self, self._run_over, self._is_recorded)
         self._health = RunHealth(self, self._tracker)
-        self._part_watch = TopicWatch(self, PARTS, PartDescription, self._part_described, raw=True)
-        self._distribution_watch = TopicWatch(
+        self._part_watch = TopicDiscovery(
+            self, PARTS, PartDescription, self._part_described, raw=True
+        )
+        self._distribution_watch = TopicDiscovery(
             self,
             ASPECT_DISTRIBUTIONS,
             AspectDistribution,
@@ -82,7 +84,9 @@ class DropRecorder(Node):
         subscribe(self, RestingPoses, RESTING_POSES, self._batch, POSES, raw=True)
         close = guarded(self, 'logs are not closed', self._close_whole)
         steady_timer(self, CLOSE_PERIOD, close)
-        alone = Alone(self, DROP_RECORDER, harmless='each writes a log of every run')
+        alone = DuplicateNodeDetector(
+            self, DROP_RECORDER, harmless='each writes a log of every run'
+        )
         publish_diagnostics(self, self._diagnose, alone)
         self.get_logger().info(f'ready: logs go to {self._folder}')
 
@@ -116,11 +120,11 @@ class DropRecorder(Node):
             self._reports.written(log, always=message.last)
         self._tracker.settle(progress)
 
-    def _log(self, progress: RunProgress) -> OpenLog:
+    def _log(self, progress: RunProgress) -> RunRecorder:
         """The log of a run; begun if this is the first batch of it."""
         run = progress.run
         if run.run_id not in self._logs:
-            log = self._logs[run.run_id] = OpenLog(self._folder, run)
+            log = self._logs[run.run_id] = RunRecorder(self._folder, run)
             self._reports.begun(log)
             if run.part in self._parts:
                 self._write_part(log, *self._parts[run.part])
@@ -136,7 +140,7 @@ class DropRecorder(Node):
             if log.run.part == name:
                 self._write_part(log, *self._parts[name])
 
-    def _write_part(self, log: OpenLog, part: PartDescription, data: bytes) -> None:
+    def _write_part(self, log: RunRecorder, part: PartDescription, data: bytes) -> None:
         if log.has_part or part.part_sha256 != log.run.part_sha256:
             return
         topic = Topic(
@@ -155,7 +159,9 @@ class DropRecorder(Node):
             if log.done:  # a result waits for it
                 self._close(log.run.run_id)
 
-    def _write_distribution(self, log: OpenLog, message: AspectDistribution, data: bytes) -> None:
+    def _write_distribution(
+        self, log: RunRecorder, message: AspectDistribution, data: bytes
+    ) -> None:
         if (log.run.run_id, log.run.part) != (message.run.run_id, message.run.part):
             return
         watch = self._distribution_watch

@@ -23,7 +23,7 @@ from resting_aspects_ros.simulation.run_description import RunDescription
 END_TIMEOUT = 10.0
 
 
-class OpenLog:
+class RunRecorder:
     """The log of a run and what it still waits for.
 
     A log that cannot be written takes nothing more; ``error`` says why. Nothing here raises.
@@ -165,7 +165,7 @@ class OpenLog:
                 self._log.close()
 
 
-class LogReports:
+class RecordedRunsPublisher:
     """Publishes recorded_runs.
 
     error : what went wrong last, in words, until a log is whole again; else empty
@@ -176,14 +176,14 @@ class LogReports:
         self._recorded = advertise(node, RecordedRun, RECORDED_RUNS, ALL_LATCHED)
         self.error = ''
 
-    def begun(self, log: OpenLog) -> None:
+    def begun(self, log: RunRecorder) -> None:
         """A log is begun, or found to be there already."""
         self.written(log, always=True)
         if log.earlier is not None:
             run = log.run
             self._logger.info(f'run {run.run_id} of {run.part} is in {log.earlier} already')
 
-    def written(self, log: OpenLog, *, always: bool = False) -> None:
+    def written(self, log: RunRecorder, *, always: bool = False) -> None:
         """Tell how far the log is, at its turning points; and once what went wrong."""
         self._logger.debug(f'{log.drops} drops are in {log.folder}')
         new_error = bool(log.error) and not log.reported
@@ -196,7 +196,7 @@ class LogReports:
         if new_error or always:
             self._recorded.publish(log.message())
 
-    def closed(self, log: OpenLog, folder: Path | None) -> None:
+    def closed(self, log: RunRecorder, folder: Path | None) -> None:
         """A log is closed; folder : None if that went wrong, or there was none to close."""
         self.written(log, always=True)
         if folder is None:

@@ -15,7 +15,7 @@ from resting_aspects_ros.simulation.process_workers import ProcessWorkers
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 
-class Workers:
+class AsyncWorkers:
     """Processes that are shared by all goals of a node, chunk by chunk.
 
     count : int
@@ -59,7 +59,7 @@ async def _done(node: Node, chunk: 'PoolFuture[RestingPoses]') -> None:
         await result_of(node, chunk)
 
 
-class Batches:
+class UnpublishedPoses:
     """Poses that have not been published yet.
 
     Some are always held back, so that the batch which turns out to be the last is not empty.

@@ -24,17 +24,17 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import count_poses, no_drops
 from resting_aspects_ros.core.statistics.stopping import max_drops
-from resting_aspects_ros.nodes.drop_simulator.async_workers import Batches, Workers
-from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartOffers
+from resting_aspects_ros.nodes.drop_simulator.async_workers import AsyncWorkers, UnpublishedPoses
+from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
 from resting_aspects_ros.nodes.drop_simulator.shared_drops import (
     GoalDrops,
+    PublishedRuns,
     SharedDrops,
-    SimulatedRuns,
 )
 from resting_aspects_ros.ros.callbacks import advertise
 from resting_aspects_ros.ros.conversions import poses_msg, status
-from resting_aspects_ros.ros.default_conditions import SURFACE, OfferedDefault
-from resting_aspects_ros.ros.diagnostics import Diagnosis, Meter, publish_diagnostics
+from resting_aspects_ros.ros.default_conditions import SURFACE, DefaultConditionsPublisher
+from resting_aspects_ros.ros.diagnostics import Diagnosis, RateCounter, publish_diagnostics
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.formatting import counted, listed, of_run, run_values
 from resting_aspects_ros.ros.formatting import under_way as runs_text
@@ -46,7 +46,7 @@ from resting_aspects_ros.ros.interface import (
     RESTING_POSES,
     batch_size,
 )
-from resting_aspects_ros.ros.liveliness import Alone
+from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, declare
 from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.ros.status import BusyError, CanceledError, asked_conditions, error_status
@@ -79,15 +79,15 @@ class DropSimulator(Node):
         folder = _folder(values['parts_folder'] or parts_folder())
         self._surfaces = Surfaces.read(Path(values['surfaces_file'] or surfaces_file()))
         self._frame = check_frame(values[FRAME_ID.name])
-        self._default = OfferedDefault(self, self._surfaces)
-        self._workers = Workers(self, values['workers'] or default_workers())
+        self._default = DefaultConditionsPublisher(self, self._surfaces)
+        self._workers = AsyncWorkers(self, values['workers'] or default_workers())
         self._files = FileWorker(self)
-        self._runs = SimulatedRuns()
+        self._runs = PublishedRuns()
         self._shared = SharedDrops(self)
         self._counted_with = AspectSet('', ())
-        self._drops = Meter()
+        self._drops = RateCounter()
         self._poses = advertise(self, RestingPosesMsg, RESTING_POSES, POSES)
-        self._parts = PartOffers(self, folder, self._files)
+        self._parts = PartPublisher(self, folder, self._files)
         self._server = ActionServer(
             self,
             DropPart,
@@ -109,7 +109,7 @@ class DropSimulator(Node):
 
     def _announce(self, _: Future) -> None:
         """All parts have been read."""
-        publish_diagnostics(self, self._diagnose, Alone(self, DROP_SIMULATOR))
+        publish_diagnostics(self, self._diagnose, DuplicateNodeDetector(self, DROP_SIMULATOR))
         parts = counted(len(self._parts), 'part', 'parts')
         workers = counted(self._workers.count, 'worker', 'workers')
         self.get_logger().info(f'ready: {parts}, {workers}')
@@ -172,7 +172,7 @@ class DropSimulator(Node):
         if is_new:
             self._runs.begin(run)
         asked = drops.asked
-        batches = Batches(batch_size(asked.drops))
+        batches = UnpublishedPoses(batch_size(asked.drops))
         total = no_drops(await self._aspects(part)) if asked.precision else None
         try:
             async with aclosing(self._workers.chunks(job, asked)) as chunks:

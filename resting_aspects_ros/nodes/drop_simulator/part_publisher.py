@@ -28,7 +28,7 @@ READY_TIMEOUT = 60.0
 
 
 @dataclass(frozen=True)
-class Folder:
+class PartsFolder:
     """What a folder of parts holds, without the parts themselves."""
 
     stamps: dict[str, Stamp]
@@ -36,10 +36,10 @@ class Folder:
     problems: list[str]
 
 
-def look_at(folder: Path) -> Folder:
+def look_at(folder: Path) -> PartsFolder:
     """Return what is in a folder of parts; for a FileWorker."""
     library = PartLibrary(folder)
-    return Folder(library.stamps(), library.not_registered(), library.problems())
+    return PartsFolder(library.stamps(), library.not_registered(), library.problems())
 
 
 def load(folder: Path, name: str) -> Part:
@@ -47,7 +47,7 @@ def load(folder: Path, name: str) -> Part:
     return PartLibrary(folder).load(name)
 
 
-class PartOffers:
+class PartPublisher:
     """Publishes parts/<part> for every part of a folder, now and when the folder changes.
 
     ready : whether the folder has been read once
@@ -121,7 +121,7 @@ class PartOffers:
 
     async def _scan_folder(self) -> None:
         try:
-            found: Folder = await self._files.run(look_at, self._folder)
+            found: PartsFolder = await self._files.run(look_at, self._folder)
         except RestingAspectsError as error:
             self._complain(f'folder of parts {str(self._folder)!r}: {error}')
             return

@@ -126,7 +126,7 @@ class SharedDrops:
             over.set_result(error)
 
 
-class SimulatedRuns:
+class PublishedRuns:
     """The runs that a simulator has begun, so that it can publish drops of them again."""
 
     def __init__(self) -> None:

@@ -12,15 +12,15 @@ from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import Trigger
 
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.logs.message_reader import unfinished
 from resting_aspects_ros.logs.playback_reader import RecordedMessage, Recording
-from resting_aspects_ros.logs.stream_reader import unfinished
-from resting_aspects_ros.nodes.log_replayer.player import Position, Replay
+from resting_aspects_ros.nodes.log_replayer.player import LogPlayer, ReplayPosition
 from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
 from resting_aspects_ros.ros.callbacks import steady_timer
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
 from resting_aspects_ros.ros.formatting import counted
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, LOG_REPLAYER, PAUSE, RESUME, SERVICES
-from resting_aspects_ros.ros.liveliness import Living, announce
+from resting_aspects_ros.ros.liveliness import LivelinessMonitor, announce
 from resting_aspects_ros.ros.parameters import Parameter, declare
 from resting_aspects_ros.ros.spin import run_node
 
@@ -49,7 +49,7 @@ class LogReplayer(Node):
     def __init__(
         self,
         given: Mapping[str, Any] | None = None,
-        watch: Callable[[Position], object] = lambda _: None,
+        watch: Callable[[ReplayPosition], object] = lambda _: None,
     ) -> None:
         overrides = [RosParameter(name, value=value) for name, value in (given or {}).items()]
         super().__init__(LOG_REPLAYER, parameter_overrides=overrides)
@@ -64,7 +64,7 @@ class LogReplayer(Node):
         }
         self._watch = watch
         self._begun = time.monotonic()
-        self._replay = Replay(
+        self._replay = LogPlayer(
             recording,
             topics,
             self._publish,
@@ -75,7 +75,7 @@ class LogReplayer(Node):
         )
         self.create_service(Trigger, PAUSE, self._pause, qos_profile=SERVICES)
         self.create_service(Trigger, RESUME, self._resume, qos_profile=SERVICES)
-        self._simulators = Living(self, DROP_SIMULATOR)
+        self._simulators = LivelinessMonitor(self, DROP_SIMULATOR)
         announce(self, LOG_REPLAYER)
         publish_diagnostics(self, self._diagnose)
         if words := unfinished(recording.path):

@@ -21,7 +21,7 @@ ACK_TIMEOUT = 60 * NANOSECONDS
 
 
 @dataclass(frozen=True)
-class Position:
+class ReplayPosition:
     """Where a replay is.
 
     seconds : time in the log, s
@@ -41,7 +41,7 @@ class Position:
         return f'{self.seconds:.3f} s of {self.length:.3f} s, message {self.messages}'
 
 
-class Replay:
+class LogPlayer:
     """Publishes a log, once or in a loop. Parts come first.
 
     publish : called with each message
@@ -93,11 +93,11 @@ class Replay:
         return self._paused_at is not None
 
     @property
-    def position(self) -> Position:
+    def position(self) -> ReplayPosition:
         """The current position; with a rate, it advances between two messages as well."""
         length = self._span.end - self._span.start
         done = length if self.over else min(length, self._elapsed())
-        return Position(
+        return ReplayPosition(
             done / NANOSECONDS,
             length / NANOSECONDS,
             self._sent,

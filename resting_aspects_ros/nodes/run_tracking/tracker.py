@@ -22,8 +22,8 @@ from resting_aspects_ros.ros.interface import (
     DROP_SIMULATOR,
     LOG_REPLAYER,
 )
-from resting_aspects_ros.ros.liveliness import Living
-from resting_aspects_ros.simulation.index_ranges import Coverage
+from resting_aspects_ros.ros.liveliness import LivelinessMonitor
+from resting_aspects_ros.simulation.index_ranges import IndexRanges
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 # Missing drops are asked for so many times in a row without getting any, then they are lost.
@@ -48,7 +48,7 @@ class RunProgress:
     end: int
     ended: bool = False
     abandoned: bool = False
-    seen: Coverage = field(default_factory=Coverage)
+    seen: IndexRanges = field(default_factory=IndexRanges)
     repairs: int = 0
     repairing: bool = False
     closed: bool = False
@@ -119,8 +119,8 @@ class RunTracker:
         self._known = known
         self.problem = ''
         self.lost = 0
-        self.simulators = Living(node, DROP_SIMULATOR)
-        self.replayers = Living(node, LOG_REPLAYER)
+        self.simulators = LivelinessMonitor(node, DROP_SIMULATOR)
+        self.replayers = LivelinessMonitor(node, LOG_REPLAYER)
         self._client = ActionClient(node, DropPart, DROP_PART, **ACTION_SERVICES)
         self._runs: OrderedDict[str, RunProgress] = OrderedDict()
         steady_timer(

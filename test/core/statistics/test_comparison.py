@@ -12,7 +12,7 @@ from scipy.stats import binomtest, chi2_contingency, chisquare
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.statistics.comparison import (
-    Tally,
+    DropCounts,
     compare,
     compare_with_exact,
     square_and_add,
@@ -26,7 +26,7 @@ pairs = st.integers(1, 8).flatmap(
 
 
 def tally(numbers, *rest):
-    return Tally(np.array(numbers, dtype=np.int64), *rest)
+    return DropCounts(np.array(numbers, dtype=np.int64), *rest)
 
 
 def compared(one, other, **options):

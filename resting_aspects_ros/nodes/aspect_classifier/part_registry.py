@@ -31,7 +31,7 @@ def read_part(data: bytes, name: str) -> tuple[Part, AspectSet]:
     return part, find_aspects(part)
 
 
-class KnownParts:
+class PartRegistry:
     """The parts as they are described now, and the aspects of every version that was seen.
 
     Parameters

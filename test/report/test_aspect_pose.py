@@ -10,7 +10,7 @@ from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.report.standing import MAX_TRIANGLES, PITCH, ROW, sent_faces, stand
+from resting_aspects_ros.report.aspect_pose import MAX_TRIANGLES, PITCH, ROW, sent_faces, stand
 
 EXAMPLES = ('l_bracket', 'hex_nut', 'washer', 'tetrahedron', 'cylinder_d20_h20')
 

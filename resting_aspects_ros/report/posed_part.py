@@ -44,7 +44,7 @@ SOFT = 7  # fine pixels of the shadow's border
 
 
 @dataclass(frozen=True, eq=False)
-class LyingPart:
+class PosedPart:
     """A part as it is shown in an aspect, on the surface z = 0; tray frame.
 
     points : (n, 3) float
@@ -65,7 +65,7 @@ class LyingPart:
     orientation: Array
 
 
-def lay(part: Part, aspects: Sequence[Aspect]) -> list[LyingPart]:
+def lay(part: Part, aspects: Sequence[Aspect]) -> list[PosedPart]:
     """The part in each aspect as people draw parts.
 
     A pose is free to turn about the vertical; each is turned so that the part's sides run along
@@ -77,7 +77,7 @@ def lay(part: Part, aspects: Sequence[Aspect]) -> list[LyingPart]:
 
 
 def portraits(
-    lying: Sequence[LyingPart],
+    lying: Sequence[PosedPart],
     colours: Sequence[tuple[float, float, float]],
     pixels: int,
     view: Array = OBLIQUE,
@@ -86,7 +86,7 @@ def portraits(
 
     Parameters
     ----------
-    lying : sequence of LyingPart
+    lying : sequence of PosedPart
     colours : sequence of (r, g, b)
         Of each, 0 to 1.
     pixels : int
@@ -110,7 +110,7 @@ def portraits(
     ]
 
 
-def _solid(part: Part) -> LyingPart:
+def _solid(part: Part) -> PosedPart:
     """As its mesh has it."""
     points, faces = np.array(part.vertices), np.array(part.faces)
     if np.isnan(part.volume):
@@ -120,10 +120,10 @@ def _solid(part: Part) -> LyingPart:
     twice = np.linalg.norm(normals, axis=1)
     upright = np.array([0.0, 0.0, 0.0, 1.0])
     normals /= np.maximum(twice, 1e-300)[:, None]
-    return LyingPart(points, faces, normals, twice / 2, upright)
+    return PosedPart(points, faces, normals, twice / 2, upright)
 
 
-def _laid(solid: LyingPart, aspect: Aspect) -> LyingPart:
+def _laid(solid: PosedPart, aspect: Aspect) -> PosedPart:
     lying = _on_tray(solid, aspect.orientation)
     # The direction of the upright sides, of period 90 degrees: sides that stand square to each
     # other, or face each other, agree.
@@ -137,7 +137,7 @@ def _laid(solid: LyingPart, aspect: Aspect) -> LyingPart:
     return max((_on_tray(solid, orientation) for orientation in both), key=_edges_to_see)
 
 
-def _on_tray(solid: LyingPart, orientation: Array) -> LyingPart:
+def _on_tray(solid: PosedPart, orientation: Array) -> PosedPart:
     """The part with this orientation, on the surface."""
     points = rotate(orientation, solid.points)
     points[:, 2] -= points[:, 2].min()
@@ -145,7 +145,7 @@ def _on_tray(solid: LyingPart, orientation: Array) -> LyingPart:
     return dataclasses.replace(solid, points=points, normals=normals, orientation=orientation)
 
 
-def _edges_to_see(solid: LyingPart) -> int:
+def _edges_to_see(solid: PosedPart) -> int:
     """How much a viewer learns of the part: the length of the edges seen, pixels."""
     points = solid.points @ OBLIQUE.T
     low, span = points.min(axis=0), np.ptp(points[:, :2], axis=0).max()
@@ -158,7 +158,7 @@ def _on_surface(points: Array) -> Array:
     return points - points[:, 2:] * (LIGHT / LIGHT[2])
 
 
-def _portrait(solid: LyingPart, colour: Array, scale: float, pixels: int, view: Array) -> Image:
+def _portrait(solid: PosedPart, colour: Array, scale: float, pixels: int, view: Array) -> Image:
     size = pixels * FINE
     shadow_points = _on_surface(solid.points)
     both = np.concatenate([solid.points, shadow_points]) @ view[:2].T * scale

@@ -7,9 +7,9 @@ from mcap.records import Channel, Message
 
 from resting_aspects_ros.core.errors import LogError, NoLogError, shown
 from resting_aspects_ros.core.input_file import is_file, is_folder, named
-from resting_aspects_ros.logs.log_reader import ALLOWED, LogFile
 from resting_aspects_ros.logs.mcap_format import MAGIC
 from resting_aspects_ros.logs.message_definitions import load_schema
+from resting_aspects_ros.logs.record_reader import ALLOWED, LogFile
 
 _SUFFIX = '.mcap'
 _BEGINS = MAGIC[:5]

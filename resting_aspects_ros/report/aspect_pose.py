@@ -29,7 +29,7 @@ _AZIMUTHS = np.arange(8) * (np.pi / 4)
 
 
 @dataclass(frozen=True, eq=False)
-class Standing:
+class AspectPose:
     """A pose of the part on the surface z = 0 that shows an aspect; tray frame.
 
     position : (3,) float
@@ -49,7 +49,7 @@ class Standing:
     top: float
 
 
-def stand(part: Part, aspects: Sequence[Aspect]) -> list[Standing]:
+def stand(part: Part, aspects: Sequence[Aspect]) -> list[AspectPose]:
     """Each aspect on its place: in order from left to right (x), row after row towards -y.
 
     The places are PITCH R apart, and their middle is the tray's origin.
@@ -95,11 +95,11 @@ def _places(count: int) -> Array:
     return np.stack([x - (columns - 1) / 2, y + (rows - 1) / 2], axis=-1)
 
 
-def _standing(part: Part, aspect: Aspect, place: Array) -> Standing:
+def _standing(part: Part, aspect: Aspect, place: Array) -> AspectPose:
     heights = _heights(part, aspect)
     centre = rotate(aspect.orientation, part.centre_of_mass[None])[0]
     position = np.append(place - centre[:2], -heights.min())
-    return Standing(
+    return AspectPose(
         aspect.id, position, aspect.orientation, position + centre, float(np.ptp(heights))
     )
 

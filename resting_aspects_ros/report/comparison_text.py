@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from resting_aspects_ros.core.statistics.comparison import REST, Comparison, Tally
+from resting_aspects_ros.core.statistics.comparison import REST, Comparison, DropCounts
 from resting_aspects_ros.core.statistics.intervals import Interval, intervals
 from resting_aspects_ros.report.rounding import (
     chance_text,
@@ -17,7 +17,7 @@ from resting_aspects_ros.report.rows import Row
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class ReferenceCounts:
     """What the drops are held against, counted by symmetry class.
 
     name : str
@@ -29,8 +29,8 @@ class Measured:
     """
 
     name: str
-    own: Tally
-    tally: Tally
+    own: DropCounts
+    tally: DropCounts
     comparison: Comparison
 
     def sides(self) -> list[tuple[str, list[Interval]]]:
@@ -46,7 +46,7 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class ComparisonWords:
+class ComparisonText:
     """A comparison as a reader sees it, in percent and percentage points.
 
     rows : tuple of (str, str, str, str)
@@ -60,7 +60,7 @@ class ComparisonWords:
     chance: str
 
 
-def comparison_words(measured: Measured, rows: Sequence[Row]) -> ComparisonWords:
+def comparison_text(measured: ReferenceCounts, rows: Sequence[Row]) -> ComparisonText:
     """The comparison in words; ``rows`` are those of the classes."""
     found = measured.comparison
     differences = difference_texts(found)
@@ -76,7 +76,7 @@ def comparison_words(measured: Measured, rows: Sequence[Row]) -> ComparisonWords
             shares = [intervals([c], n)[0] for c, n in zip(counts, drops, strict=True)]
             lines.append((f'{name}, of all drops', *map(probability_text, shares), ''))
     largest = found.largest_aspect - 1
-    return ComparisonWords(
+    return ComparisonText(
         verdict(found, [row.name for row in rows]),
         tuple(lines),
         f'{100 * found.mean_deviation:.1f}',
