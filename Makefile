@@ -57,13 +57,13 @@ lint: dev  ## set up and run ruff and mypy
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 
-bench: dev  ## time what has to be fast; writes out/bench.json and docs/bench.md
+bench: dev  ## time what has to be fast; writes out/bench.json and docs/explanation/bench.md
 	$(BIN)/python tools/bench.py
 
-validate: setup  ## hold the drops to themselves and to measurements, and write docs/validation.md
+validate: setup  ## hold the drops to themselves and to measurements, and write docs/explanation/validation.md
 	$(BIN)/python tools/validate.py
 
-estimators: setup  ## hold the analytic methods to measurements and drops, and write docs/estimators.md
+estimators: setup  ## hold the analytic methods to measurements and drops, and write docs/explanation/estimators.md
 	$(BIN)/python tools/estimators.py
 
 parts: setup  ## make the example parts in config/parts again

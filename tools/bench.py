@@ -1,6 +1,6 @@
 """Time what has to be fast, side by side in one run.
 
-Prints tables, and writes out/bench.json and docs/bench.md.
+Prints tables, and writes out/bench.json and docs/explanation/bench.md.
 """
 
 import json
@@ -22,7 +22,7 @@ from rich.console import Console
 from resting_aspects_ros.simulation.process_workers import default_workers
 
 FIGURES = ROOT / 'out' / 'bench.json'
-DOCUMENT = ROOT / 'docs' / 'bench.md'
+DOCUMENT = ROOT / 'docs' / 'explanation' / 'bench.md'
 
 
 def main() -> None:

@@ -69,7 +69,7 @@ def machine() -> dict[str, Any]:
 
 
 def markdown(conditions: dict[str, Any], sections: list[Section]) -> str:
-    """The whole of docs/bench.md."""
+    """The whole of docs/explanation/bench.md."""
     return '\n'.join([*_heading(conditions), *(line for s in sections for line in _lines(s))])
 
 

@@ -1,4 +1,6 @@
-"""Hold the analytic methods to what was counted and to the drops; writes docs/estimators.md.
+"""Hold the analytic methods to what was counted and to the drops.
+
+Writes docs/explanation/estimators.md.
 
 Takes some minutes on two cores.
 """
@@ -19,7 +21,7 @@ from resting_aspects_ros.core.statistics.comparison import Comparison, compare_w
 from resting_aspects_ros.simulation.plan import ENGINE, ENGINE_VERSION, make_job
 from resting_aspects_ros.simulation.process_workers import ProcessWorkers, default_workers
 
-RESULT = ROOT / 'docs' / 'estimators.md'
+RESULT = ROOT / 'docs' / 'explanation' / 'estimators.md'
 # Of each part on each surface: a standard error of 0.006 for a share of 0.25.
 DROPS = 5_000
 # Parts with flat sides, and heights of release in their hull radii.

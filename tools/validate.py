@@ -1,4 +1,6 @@
-"""Hold the drops to themselves and to the world; prints tables and writes docs/validation.md.
+"""Hold the drops to themselves and to the world.
+
+Prints tables and writes docs/explanation/validation.md.
 
 Takes about an hour on two cores. `tools/validate.py world` prints one section alone.
 """
@@ -17,7 +19,7 @@ from validate_world import world
 from resting_aspects_ros.simulation.plan import ENGINE, ENGINE_VERSION
 from resting_aspects_ros.simulation.process_workers import ProcessWorkers, default_workers
 
-RESULT = ROOT / 'docs' / 'validation.md'
+RESULT = ROOT / 'docs' / 'explanation' / 'validation.md'
 SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
     'time_step': time_step,
     'decision': decision,

@@ -173,7 +173,7 @@ def test_the_interface_that_is_listed_is_in_docs_ros_too():
     assert all(f'\n| `{name}` | ' in rows for name in listed)
 
 
-@pytest.mark.parametrize('name', ['README.md', 'docs/ros.md', 'docs/design.md'])
+@pytest.mark.parametrize('name', ['README.md', 'docs/ros.md', 'docs/explanation/design.md'])
 def test_files_that_are_linked_are_there(name):
     path = ROOT / name
     links = re.findall(r'\]\(([^)#]+)#?[^)]*\)', path.read_text(encoding='utf-8'))

@@ -36,7 +36,7 @@ SEED = 1
 ALL = 'all'
 DESCRIPTION = """How probable each aspect of a part is by the analytic methods of the
 literature. They take milliseconds and know the shape alone. The surface and the
-height of release decide which method is recommended; docs/estimators.md says
+height of release decide which method is recommended; docs/explanation/estimators.md says
 how far off each is. With --against the drops of a log (or a JSON document of
 drop or request, or a CSV of counts, as compare takes them) are shown beside
 them."""

@@ -24,10 +24,10 @@ from resting_aspects_ros.core.rotations import angle_between
 Array = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int64]
 
-# Steps up to this are within a cluster, degrees. In the published runs of three printed parts
-# (docs/seed_runs.md) poses of an aspect are up to 2.6 from the next one, poses that still tip up
-# to 4.5, then nothing comes until 6.3; our own engine's scatter by hundredths. Less would need
-# more drops to close the ring of a rolling part (5 degrees take some 500); more would let the
+# Steps up to this are within a cluster, degrees (docs/explanation/seed_runs.md). In the published
+# runs of three printed parts, poses of an aspect are up to 2.6 from the next one, poses that still
+# tip up to 4.5, then nothing comes until 6.3; our own engine's scatter by hundredths. Less would
+# need more drops to close the ring of a rolling part (5 degrees take some 500); more would let the
 # flats of a coarse mesh, or strays, join what is not the same.
 DEFAULT_TOLERANCE_DEGREES = 5.0
 # Below, poses of one aspect fall apart; above, aspects of common parts run together.

@@ -1,4 +1,7 @@
-"""Which method to trust for a part and a height of release; docs/estimators.md has the figures."""
+"""Which method to trust for a part and a height of release.
+
+The figures behind it are in docs/explanation/estimators.md.
+"""
 
 from dataclasses import dataclass
 

@@ -9,7 +9,7 @@ from resting_aspects_ros.core.estimators.recommendation import recommend
 @pytest.mark.parametrize(
     ('height', 'thrown', 'method'),
     [
-        # The heights of the table in docs/estimators.md, and what deviates least there.
+        # The heights in docs/explanation/estimators.md, and the method that deviates least.
         (0.1, False, 'rolling'),
         (0.5, False, 'csa'),
         (3, False, 'csa'),
