@@ -217,7 +217,7 @@ def test_a_mesh_file_with_its_unit(sorted_by, box, tmp_path):
         (['p.csv', '--tolerance', 'wide'], "--tolerance is 'wide', allowed is a number"),
         (['p.csv', '--unit', 'mm'], "--unit is 'mm', allowed only with --part"),
         (['p.csv', '--parts', '.'], "--parts is '.', allowed only with --part"),
-        (['p.csv', '--part', 'l_bracket', '--unit', 'mm'], '--unit'),
+        (['p.csv', '--part', 'l_bracket', '--unit', 'mm'], "invalid unit 'mm'"),
         (['p.csv', '--part', 'spoon'], "part 'spoon' is not known"),
         (['p.csv', '--part', 'spoon.stl'], "'spoon.stl' does not exist"),
         ([], 'POSES.csv'),
