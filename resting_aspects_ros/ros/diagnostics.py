@@ -1,4 +1,4 @@
-"""What a node says of itself on /diagnostics, once a second."""
+"""The status of a node, published on /diagnostics once a second."""
 
 import dataclasses
 import time
@@ -14,18 +14,18 @@ from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 
 PERIOD = 1.0
 DEPTH = 10
-# As diagnostic_updater has it for what is no device.
+# The value that diagnostic_updater uses without a device.
 HARDWARE_ID = 'none'
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """How a node is.
+    """The status of a node.
 
-    state : what it does, in words; empty: nothing
-    values : by name
-    warnings : it works, and somebody should know
-    errors : something is lost, or will be
+    state : text describing the current work; empty if the node is idle
+    values : further values by name
+    warnings : problems that do not stop the node from working
+    errors : problems through which data are lost
     """
 
     state: str
@@ -35,55 +35,57 @@ class Diagnosis:
 
     @property
     def level(self) -> bytes:
-        """As in DiagnosticStatus."""
+        """The level, a constant of DiagnosticStatus."""
         if self.errors:
             return bytes(DiagnosticStatus.ERROR)
         return bytes(DiagnosticStatus.WARN if self.warnings else DiagnosticStatus.OK)
 
     @property
     def message(self) -> str:
-        """A line for a person: what is wrong first."""
-        words = [*self.errors, *self.warnings, *([self.state] if self.state else [])]
-        return '; '.join(words) or 'idle'
+        """One line of text: errors, then warnings, then the state."""
+        parts = [*self.errors, *self.warnings, *([self.state] if self.state else [])]
+        return '; '.join(parts) or 'idle'
 
 
 class RateCounter:
-    """Counts what a node does, and how much of it in a second."""
+    """A counter of events, and of their rate per second."""
 
     def __init__(self) -> None:
         self.total = 0
-        self._before = (0, time.monotonic())
+        self._previous = (0, time.monotonic())
 
     def add(self, number: int) -> None:
-        """So many more."""
+        """Count a number of further events."""
         self.total += number
 
     def rate(self) -> str:
-        """Per second, since this was asked last."""
-        (total, then), now = self._before, time.monotonic()
-        self._before = (self.total, now)
+        """Return the events per second since the previous call."""
+        (total, then), now = self._previous, time.monotonic()
+        self._previous = (self.total, now)
         return f'{(self.total - total) / max(now - then, 1e-9):.0f}'
 
 
 def publish_diagnostics(
-    node: Node, diagnose: Callable[[], Diagnosis], alone: DuplicateNodeDetector | None = None
+    node: Node, diagnose: Callable[[], Diagnosis], duplicates: DuplicateNodeDetector | None = None
 ) -> None:
-    """Publish what ``diagnose`` gives under the node's name, from now on.
+    """Publish the result of ``diagnose`` once a second from now on, under the node's name.
 
-    alone : adds what is wrong if there are others of the node's kind
+    duplicates : detector of other nodes of the same kind, which the status then reports
     """
     publisher = advertise(node, DiagnosticArray, DIAGNOSTICS, DEPTH)
 
     def publish() -> None:
-        found = diagnose()
-        if alone is not None:
-            found = _with_others(found, alone)
+        diagnosis = diagnose()
+        if duplicates is not None:
+            diagnosis = _with_duplicates(diagnosis, duplicates)
         status = DiagnosticStatus(
-            level=found.level,
+            level=diagnosis.level,
             name=node.get_fully_qualified_name().removeprefix('/'),
-            message=found.message,
+            message=diagnosis.message,
             hardware_id=HARDWARE_ID,
-            values=[KeyValue(key=key, value=str(value)) for key, value in found.values.items()],
+            values=[
+                KeyValue(key=key, value=str(value)) for key, value in diagnosis.values.items()
+            ],
         )
         message = DiagnosticArray(status=[status])
         message.header.stamp = node.get_clock().now().to_msg()
@@ -92,10 +94,10 @@ def publish_diagnostics(
     steady_timer(node, PERIOD, guarded(node, 'diagnostics are not published', publish))
 
 
-def _with_others(found: Diagnosis, alone: DuplicateNodeDetector) -> Diagnosis:
-    words = alone.look()
-    if not words:
-        return found
-    if alone.harmless:
-        return dataclasses.replace(found, warnings=[words, *found.warnings])
-    return dataclasses.replace(found, errors=[words, *found.errors])
+def _with_duplicates(diagnosis: Diagnosis, duplicates: DuplicateNodeDetector) -> Diagnosis:
+    problem = duplicates.check()
+    if not problem:
+        return diagnosis
+    if duplicates.harmless_reason:
+        return dataclasses.replace(diagnosis, warnings=[problem, *diagnosis.warnings])
+    return dataclasses.replace(diagnosis, errors=[problem, *diagnosis.errors])

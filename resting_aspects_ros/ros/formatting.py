@@ -1,44 +1,44 @@
-"""Numbers and runs in words, as logs and diagnostics have them."""
+"""Text for numbers and runs in log lines and diagnostics."""
 
 from collections.abc import Mapping, Sequence
 
 from resting_aspects_ros.simulation.run_description import RunDescription
 
-# Of a list that can be long so many are named.
+# Maximum number of entries of a mapping that diagnostics show.
 MAX_LISTED = 10
 
 
-def counted(number: int, one: str, more: str) -> str:
-    """'1 run', '2 runs'."""
+def count_text(number: int, one: str, more: str) -> str:
+    """Return a number with its noun: '1 run', '2 runs'."""
     return f'{number} {one if number == 1 else more}'
 
 
-def of_run(run: RunDescription, drops: int) -> str:
-    """'3000 of 20000 drops', as far as a run is."""
-    most = 'at most ' if run.precision else ''
-    return f'{drops} of {most}{counted(run.drops, "drop", "drops")}'
+def progress_text(run: RunDescription, drops: int) -> str:
+    """Return the progress of a run, such as '3000 of 20000 drops'."""
+    bound = 'at most ' if run.precision else ''
+    return f'{drops} of {bound}{count_text(run.drops, "drop", "drops")}'
 
 
-def under_way(runs: Sequence[tuple[RunDescription, int]]) -> str:
-    """What is dropped, and how far that is; empty if there is no run. Of several the first."""
+def active_runs_text(runs: Sequence[tuple[RunDescription, int]]) -> str:
+    """Return the progress of the first run and the number of others; empty without a run."""
     if not runs:
         return ''
     run, drops = runs[0]
-    more = f', and {counted(len(runs) - 1, "more run", "more runs")}' if runs[1:] else ''
-    return f'{run.part}: {of_run(run, drops)}{more}'
+    more = f', and {count_text(len(runs) - 1, "more run", "more runs")}' if runs[1:] else ''
+    return f'{run.part}: {progress_text(run, drops)}{more}'
 
 
 def run_values(runs: Sequence[tuple[RunDescription, int]]) -> dict[str, object]:
-    """How many runs are under way, and how far each is, by name."""
+    """Return the number of active runs and the progress of each, for diagnostics."""
     each = {
-        f'run {k}': f'{run.part}: {of_run(run, drops)}, run {run.run_id}'
+        f'run {k}': f'{run.part}: {progress_text(run, drops)}, run {run.run_id}'
         for k, (run, drops) in enumerate(runs, 1)
     }
-    return {'runs under way': len(runs), **listed(each)}
+    return {'runs under way': len(runs), **truncated(each)}
 
 
-def listed(values: Mapping[str, str]) -> dict[str, str]:
-    """The first of them, and how many more there are."""
+def truncated(values: Mapping[str, str]) -> dict[str, str]:
+    """Return the first MAX_LISTED entries, and the number of entries left out."""
     shown = dict(list(values.items())[:MAX_LISTED])
     if len(values) > MAX_LISTED:
         shown['not shown'] = f'{len(values) - MAX_LISTED} more'

@@ -18,7 +18,7 @@ MARKERS = 'markers'
 RECORDED_RUNS = 'recorded_runs'
 # Not relative: where ROS looks for it.
 DIAGNOSTICS = '/diagnostics'
-# Hidden, + /<kind of node>, see presence.py.
+# Hidden, + /<kind of node>, see liveliness.py.
 PRESENCE = '_present'
 # Of log_replayer, below its name.
 PAUSE = '~/pause'

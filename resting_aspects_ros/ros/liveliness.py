@@ -1,8 +1,8 @@
-"""Which nodes of the suite are alive in a namespace, as DDS notices it, within seconds.
+"""Node liveliness, detected through DDS within seconds.
 
-In the graph of ROS a node that was killed is there for 20 s more. So each node has a publisher on
-a hidden topic of its kind, which never publishes, and DDS tells who subscribes how many of those
-are alive.
+The ROS graph lists a killed node for another 20 s. Therefore each node has a publisher on a hidden
+topic for its kind of node. It never publishes; DDS reports the number of alive publishers to
+subscribers of the topic.
 """
 
 import math
@@ -22,88 +22,93 @@ from std_msgs.msg import Empty
 from resting_aspects_ros.ros.callbacks import advertise
 from resting_aspects_ros.ros.interface import PRESENCE
 
-# A node that was killed, or is held up as a whole, is taken for alive so long, s.
+# Time for which a killed or blocked node still counts as alive, s.
 LEASE = 4.0
-# One that was killed and the one that was started in its place are not two: both are alive for
-# LEASE at most. Two are two after so long, s.
-SURE = 1.5 * LEASE
+# Time after which two alive nodes are reported as duplicates, s. A killed node and its replacement
+# both count as alive for at most LEASE.
+DUPLICATE_DELAY = 1.5 * LEASE
 
 
 class LivelinessMonitor:
-    """The nodes of a kind that are alive in the namespace of a node, also of its own process.
+    """The alive nodes of one kind in the namespace of a node, including its own process.
 
-    was_there : bool
-        Whether there has been one.
-    replaced : float
-        When a further one appeared after the first, on the monotonic clock, s.
+    was_seen : bool
+        Whether any node of this kind has been alive.
+    replaced_at : float
+        Time at which the most recent node after the first one appeared, on the monotonic clock, s.
     """
 
     def __init__(self, node: Node, kind: str) -> None:
-        self.was_there = False
-        self.replaced = -math.inf
-        self._there = self._dead = 0
+        self.was_seen = False
+        self.replaced_at = -math.inf
+        self._matched = self._dead = 0
         node.create_subscription(
             Empty,
             f'{PRESENCE}/{kind}',
             lambda _: None,
             _qos(),
             event_callbacks=SubscriptionEventCallbacks(
-                matched=self._matched, liveliness=self._changed, use_default_callbacks=False
+                matched=self._on_matched,
+                liveliness=self._on_liveliness,
+                use_default_callbacks=False,
             ),
         )
 
     @property
     def count(self) -> int:
-        """How many there are now."""
-        return max(0, self._there - self._dead)
+        """The number of nodes that are alive now."""
+        return max(0, self._matched - self._dead)
 
-    def _matched(self, event: QoSSubscriptionMatchedInfo) -> None:
-        self._there = event.current_count
-        if self.was_there and event.total_count_change > 0:
-            self.replaced = time.monotonic()
-        self.was_there = True
+    def _on_matched(self, event: QoSSubscriptionMatchedInfo) -> None:
+        self._matched = event.current_count
+        if self.was_seen and event.total_count_change > 0:
+            self.replaced_at = time.monotonic()
+        self.was_seen = True
 
-    def _changed(self, event: QoSLivelinessChangedInfo) -> None:
-        # Those of its own process are not among the living here: DDS knows that they are.
+    def _on_liveliness(self, event: QoSLivelinessChangedInfo) -> None:
+        # alive_count excludes the nodes of this process: DDS knows that they are alive.
         self._dead = event.not_alive_count
 
 
 class DuplicateNodeDetector:
-    """Announces a node, and notices others of its kind in its namespace.
+    """Announces a node, and detects other nodes of the same kind in its namespace.
 
-    harmless : what it means that there are several; empty: requests are answered by chance
+    harmless_reason : why duplicates do no harm; empty: any of them may answer a request
     """
 
-    def __init__(self, node: Node, kind: str, harmless: str = '') -> None:
+    def __init__(self, node: Node, kind: str, harmless_reason: str = '') -> None:
         announce(node, kind)
         self._node = node
         self._kind = kind
-        self._living = LivelinessMonitor(node, kind)
-        self.harmless = harmless
+        self._monitor = LivelinessMonitor(node, kind)
+        self.harmless_reason = harmless_reason
         self._since: float | None = None
-        self._told = False
+        self._logged = False
 
-    def look(self) -> str:
-        """What is wrong, in words; to be asked often. Logged once, and again if it comes back."""
+    def check(self) -> str:
+        """Return a description of the duplicates, or ''; call this often.
+
+        The description is logged once each time that duplicates appear.
+        """
         now = time.monotonic()
-        if self._living.count < 2:
-            self._since, self._told = None, False
+        if self._monitor.count < 2:
+            self._since, self._logged = None, False
             return ''
         self._since = now if self._since is None else self._since
-        if now - self._since < SURE:
+        if now - self._since < DUPLICATE_DELAY:
             return ''
-        words = (
-            f'{self._living.count} {self._kind}s in namespace {self._node.get_namespace()}: '
-            f'{self.harmless or "use another namespace or ROS_DOMAIN_ID"}'
+        problem = (
+            f'{self._monitor.count} {self._kind}s in namespace {self._node.get_namespace()}: '
+            f'{self.harmless_reason or "use another namespace or ROS_DOMAIN_ID"}'
         )
-        if not self._told:
-            self._node.get_logger().warning(words)
-            self._told = True
-        return words
+        if not self._logged:
+            self._node.get_logger().warning(problem)
+            self._logged = True
+        return problem
 
 
 def announce(node: Node, kind: str) -> Publisher:
-    """Let others see that the node is alive, until it is destroyed."""
+    """Return the publisher that shows that the node is alive, until it is destroyed."""
     return advertise(node, Empty, f'{PRESENCE}/{kind}', _qos())
 
 

@@ -116,7 +116,7 @@ def test_two_of_a_kind_tell_of_each_other(
 
     def begin():
         parameters = {} if node == 'drop_simulator' else {'log_folder': next(folders)}
-        return start(node, namespace, parameters, {'ros.liveliness.SURE': 0.5})
+        return start(node, namespace, parameters, {'ros.liveliness.DUPLICATE_DELAY': 0.5})
 
     words = f'2 {node}s in namespace {namespace}: {words}'
     first, second = begin(), begin()

@@ -23,7 +23,7 @@ from resting_aspects_ros.ros.callbacks import guarded_task
 from resting_aspects_ros.ros.conversions import run_from, serialized_part, serialized_poses
 from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.ros.file_worker import FileWorker
-from resting_aspects_ros.ros.formatting import counted
+from resting_aspects_ros.ros.formatting import count_text
 from resting_aspects_ros.simulation.merge_runs import merge_drops
 from resting_aspects_ros.simulation.run_description import RunDescription
 
@@ -164,21 +164,22 @@ class LogLoader:
     def _tell(self, logs: int, left: int, seconds: float) -> None:
         if not logs:
             return
-        known = counted(len(self._known), 'distribution is', 'distributions are')
+        known = count_text(len(self._known), 'distribution is', 'distributions are')
         self._node.get_logger().info(
-            f'{self._used} of {counted(logs, "log of an earlier run", "logs of earlier runs")} '
+            f'{self._used} of {count_text(logs, "log of an earlier run", "logs of earlier runs")} '
             f'in {self._folder} read in {seconds:.1f} s: {known} known'
         )
         if left:
             self._node.get_logger().warning(
-                f'{counted(left, "log", "logs")} in {self._folder} not read: of each part the '
+                f'{count_text(left, "log", "logs")} in {self._folder} not read: of each part the '
                 f'newest are, at most {MAX_LOGS} logs or {MAX_SECONDS:g} s in all'
             )
         if self._unused:
             named = list(self._unused.items())[:MAX_NAMED]
             more = len(self._unused) - len(named)
+            unused = count_text(len(self._unused), 'log', 'logs')
             self._node.get_logger().warning(
-                f'{counted(len(self._unused), "log", "logs")} in {self._folder} cannot be used: '
+                f'{unused} in {self._folder} cannot be used: '
                 + '; '.join(f'{name}: {why}' for name, why in named)
                 + (f'; and {more} more' if more else '')
             )

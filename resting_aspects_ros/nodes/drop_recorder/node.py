@@ -21,7 +21,7 @@ from resting_aspects_ros.nodes.run_tracking.tracker import RunProgress, RunTrack
 from resting_aspects_ros.ros.callbacks import guarded, steady_timer, subscribe
 from resting_aspects_ros.ros.conversions import check_description, nanoseconds, poses_from
 from resting_aspects_ros.ros.diagnostics import Diagnosis, RateCounter, publish_diagnostics
-from resting_aspects_ros.ros.formatting import counted
+from resting_aspects_ros.ros.formatting import count_text
 from resting_aspects_ros.ros.interface import (
     ALL_LATCHED,
     ASPECT_DISTRIBUTIONS,
@@ -85,7 +85,7 @@ class DropRecorder(Node):
         close = guarded(self, 'logs are not closed', self._close_whole)
         steady_timer(self, CLOSE_PERIOD, close)
         alone = DuplicateNodeDetector(
-            self, DROP_RECORDER, harmless='each writes a log of every run'
+            self, DROP_RECORDER, harmless_reason='each writes a log of every run'
         )
         publish_diagnostics(self, self._diagnose, alone)
         self.get_logger().info(f'ready: logs go to {self._folder}')
@@ -196,7 +196,7 @@ class DropRecorder(Node):
         }
         state = self._health.state
         if files and not state:
-            state = counted(len(files), 'log open', 'logs open')
+            state = count_text(len(files), 'log open', 'logs open')
         errors = [self._reports.error] if self._reports.error else []
         return Diagnosis(state, values, self._health.warnings(), errors)
 

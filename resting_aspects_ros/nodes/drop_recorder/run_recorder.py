@@ -15,7 +15,7 @@ from resting_aspects_ros.logs.run_writer import RunLog, run_folder_name
 from resting_aspects_ros.logs.topic_metadata import Topic
 from resting_aspects_ros.ros.callbacks import advertise
 from resting_aspects_ros.ros.conversions import NANOSECONDS
-from resting_aspects_ros.ros.formatting import of_run
+from resting_aspects_ros.ros.formatting import progress_text
 from resting_aspects_ros.ros.interface import ALL_LATCHED, RECORDED_RUNS
 from resting_aspects_ros.simulation.run_description import RunDescription
 
@@ -204,7 +204,7 @@ class RecordedRunsPublisher:
         words = f'is in {folder}'
         if not log.closed_whole:
             what = 'is not whole' if log.run_over else 'was broken off'
-            words = f'{what}: {of_run(log.run, log.drops)} are in {folder}, which is closed'
+            words = f'{what}: {progress_text(log.run, log.drops)} are in {folder}, which is closed'
         self._logger.info(f'run {log.run.run_id} of {log.run.part} {words}')
 
 

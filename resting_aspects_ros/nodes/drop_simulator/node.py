@@ -36,8 +36,13 @@ from resting_aspects_ros.ros.conversions import poses_msg, status
 from resting_aspects_ros.ros.default_conditions import SURFACE, DefaultConditionsPublisher
 from resting_aspects_ros.ros.diagnostics import Diagnosis, RateCounter, publish_diagnostics
 from resting_aspects_ros.ros.file_worker import FileWorker
-from resting_aspects_ros.ros.formatting import counted, listed, of_run, run_values
-from resting_aspects_ros.ros.formatting import under_way as runs_text
+from resting_aspects_ros.ros.formatting import (
+    active_runs_text,
+    count_text,
+    progress_text,
+    run_values,
+    truncated,
+)
 from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,
     DROP_PART,
@@ -110,8 +115,8 @@ class DropSimulator(Node):
     def _announce(self, _: Future) -> None:
         """All parts have been read."""
         publish_diagnostics(self, self._diagnose, DuplicateNodeDetector(self, DROP_SIMULATOR))
-        parts = counted(len(self._parts), 'part', 'parts')
-        workers = counted(self._workers.count, 'worker', 'workers')
+        parts = count_text(len(self._parts), 'part', 'parts')
+        workers = count_text(self._workers.count, 'worker', 'workers')
         self.get_logger().info(f'ready: {parts}, {workers}')
 
     async def _execute(self, handle: ServerGoalHandle) -> DropPart.Result:
@@ -188,7 +193,7 @@ class DropSimulator(Node):
                     done = drops.result.drops
                     if not drops.wanted and done < asked.drops:
                         raise CanceledError(
-                            f'canceled after {of_run(asked, done)}; those are kept'
+                            f'canceled after {progress_text(asked, done)}; those are kept'
                         )
         finally:
             self._publish(batches.rest(asked.first_drop), run, last=is_new)
@@ -209,11 +214,11 @@ class DropSimulator(Node):
             'workers that died': self._workers.died,
             'parts offered': len(self._parts),
             **run_values(runs),
-            **listed(rates),
-            **listed({f'not offered: {name}': why for name, why in not_offered.items()}),
+            **truncated(rates),
+            **truncated({f'not offered: {name}': why for name, why in not_offered.items()}),
         }
-        words = counted(len(not_offered), 'mesh is not offered', 'meshes are not offered')
-        return Diagnosis(runs_text(runs), values, [words] if not_offered else [])
+        words = count_text(len(not_offered), 'mesh is not offered', 'meshes are not offered')
+        return Diagnosis(active_runs_text(runs), values, [words] if not_offered else [])
 
     async def _aspects(self, part: Part) -> AspectSet:
         """Return the aspects of a part; kept, since a large mesh takes seconds."""

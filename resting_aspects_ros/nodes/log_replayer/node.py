@@ -18,7 +18,7 @@ from resting_aspects_ros.nodes.log_replayer.player import LogPlayer, ReplayPosit
 from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
 from resting_aspects_ros.ros.callbacks import steady_timer
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
-from resting_aspects_ros.ros.formatting import counted
+from resting_aspects_ros.ros.formatting import count_text
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, LOG_REPLAYER, PAUSE, RESUME, SERVICES
 from resting_aspects_ros.ros.liveliness import LivelinessMonitor, announce
 from resting_aspects_ros.ros.parameters import Parameter, declare
@@ -83,7 +83,7 @@ class LogReplayer(Node):
         for words in skipped:
             self.get_logger().warning(f'not replayed: {words}')
         self.get_logger().info(
-            f'ready: {recording.path}, {counted(len(topics), "topic", "topics")}, '
+            f'ready: {recording.path}, {count_text(len(topics), "topic", "topics")}, '
             f'{self._replay.position.length:.3f} s'
         )
         self._timer = steady_timer(self, 0.0, self._step)
@@ -103,7 +103,7 @@ class LogReplayer(Node):
         if position.over:
             self.get_logger().info(
                 f'replayed in {time.monotonic() - self._begun:.3f} s: '
-                f'{counted(position.messages, "message", "messages")}; '
+                f'{count_text(position.messages, "message", "messages")}; '
                 'latched topics stay available until Ctrl-C'
             )
 

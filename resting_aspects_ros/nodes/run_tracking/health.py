@@ -3,7 +3,7 @@
 from rclpy.node import Node
 
 from resting_aspects_ros.nodes.run_tracking.tracker import RunTracker
-from resting_aspects_ros.ros.formatting import counted, run_values, under_way
+from resting_aspects_ros.ros.formatting import active_runs_text, count_text, run_values
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR
 
 
@@ -18,7 +18,7 @@ class RunHealth:
     @property
     def state(self) -> str:
         """What is dropped, in words; empty if nothing is."""
-        return under_way(self._tracker.under_way())
+        return active_runs_text(self._tracker.under_way())
 
     def values(self) -> dict[str, object]:
         """For the diagnostics."""
@@ -36,7 +36,7 @@ class RunHealth:
         if gone:
             found.append(f'no {DROP_SIMULATOR}')
         if missing := self._tracker.missing():
-            words = counted(missing, 'drop is missing', 'drops are missing')
+            words = count_text(missing, 'drop is missing', 'drops are missing')
             found.append(words if gone else f'{words} and asked for again')
         if self._tracker.problem:
             found.append(self._tracker.problem)
@@ -51,4 +51,4 @@ class RunHealth:
         Where there never was one they come from elsewhere, such as a log that is replayed.
         """
         alive = self._tracker.simulators.count or self._tracker.replayers.count
-        return self._tracker.simulators.was_there and not alive
+        return self._tracker.simulators.was_seen and not alive

@@ -15,7 +15,7 @@ from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsErr
 from resting_aspects_ros.ros.callbacks import guarded, steady_timer
 from resting_aspects_ros.ros.conversions import conditions_msg, run_from
 from resting_aspects_ros.ros.drop_part_client import drop_result
-from resting_aspects_ros.ros.formatting import counted, of_run
+from resting_aspects_ros.ros.formatting import count_text, progress_text
 from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,
     DROP_PART,
@@ -86,9 +86,9 @@ class RunProgress:
         """What of it is lost, in words."""
         name = f'run {self.run.run_id} of {self.run.part}'
         if self.abandoned:
-            return f'{name} was broken off: {of_run(self.run, len(self.seen))}'
+            return f'{name} was broken off: {progress_text(self.run, len(self.seen))}'
         lost = sum(end - first for first, end in self.missing())
-        total = counted(self.end - self.run.first_drop, 'drop', 'drops')
+        total = count_text(self.end - self.run.first_drop, 'drop', 'drops')
         return f'{name} has lost {lost} of {total}, which could not be recovered'
 
 
@@ -195,12 +195,12 @@ class RunTracker:
         Where there never was one, nor a replayer, the batches come from elsewhere.
         """
         alive = self.simulators.count
-        was_there = self.simulators.was_there or self.replayers.was_there
-        if not was_there or time.monotonic() - heard < GRACE:
+        was_seen = self.simulators.was_seen or self.replayers.was_seen
+        if not was_seen or time.monotonic() - heard < GRACE:
             return False
         if not alive:
             return not self.replayers.count
-        return alive == 1 and heard < self.simulators.replaced
+        return alive == 1 and heard < self.simulators.replaced_at
 
     def _repair(self, progress: RunProgress) -> None:
         if progress.repairing or not self._client.server_is_ready():
