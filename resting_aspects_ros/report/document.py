@@ -42,7 +42,7 @@ def distribution_document(
         ``schema_version``, the fields of ``run``, the counts of drops, what the intervals are,
         and ``aspects`` by id with the fields of the message Aspect: ``com_height`` m,
         ``support`` m on the surface below the centre of mass, ``orientation`` xyzw, tray from
-        part, ``down_in_part`` a unit vector, part frame, ``least_barrier`` m, null without another
+        part, ``down_in_part`` a unit vector, part frame, ``min_barrier`` m, null without another
         aspect. And ``classes``, the symmetry classes, whose counts are sums.
     """
     rows = zip(
@@ -119,7 +119,7 @@ def aspect_fields(aspect: Aspect, part: Part | None) -> dict[str, object]:
         'down_in_part': numbers(aspect.down_in_part),
         'orientation': numbers(aspect.orientation),
         'com_height': float(aspect.com_height),
-        'least_barrier': plain(float(aspect.least_barrier)),
+        'min_barrier': plain(float(aspect.min_barrier)),
         'neighbour': aspect.neighbour,
         'basin_share': float(aspect.basin_share),
         'support': numbers(aspect.support),

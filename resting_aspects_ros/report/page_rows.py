@@ -136,9 +136,9 @@ def _facts(
         ('rests on', resting_on(part, row.aspects[0]), 'where the part touches the surface'),
         ('centre of mass', f'{height} mm high', 'above the surface'),
         (
-            'least barrier',
+            'minimum barrier',
             _barrier(row, classes),
-            'the least rise of the centre of mass that tips the part over, and into which aspect',
+            'how far the centre of mass must rise to tip the part over, and into which aspect',
         ),
         (
             'basin',
@@ -154,4 +154,4 @@ def _barrier(row: Row, classes: Sequence[tuple[Aspect, ...]]) -> str:
         return 'none'
     members = class_of(aspect.neighbour, classes)
     to = 'one that looks alike' if members == row.aspects else ids_text(members)
-    return f'{1000 * aspect.least_barrier:.3g} mm, into {to}'
+    return f'{1000 * aspect.min_barrier:.3g} mm, into {to}'

@@ -165,14 +165,14 @@ def aspect_table(aspects: AspectSet, part: Part, title: str, *, each: bool = Fal
             *([down_text(aspect)] if each else []),
             height,
             basin,
-            f'{1000 * aspect.least_barrier:.3g}' if aspect.neighbour else '-',
+            f'{1000 * aspect.min_barrier:.3g}' if aspect.neighbour else '-',
             _to_text(aspect, None if each else classes),
         )
     return table
 
 
 def _to_text(aspect: Aspect, classes: list[tuple[Aspect, ...]] | None) -> str:
-    """The aspect to which the least barrier leads, or all of its class."""
+    """The aspect to which the minimum barrier leads, or all of its class."""
     if not aspect.neighbour:
         return '-'
     if classes is None:

@@ -37,7 +37,7 @@ _ASPECT_FIELDS = [
     'multiplicity',
     'rolls',
     'com_height',
-    'least_barrier',
+    'min_barrier',
     'neighbour',
     'basin_share',
 ]

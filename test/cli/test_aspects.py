@@ -34,7 +34,7 @@ def test_a_box_has_its_six_sides_in_three_classes(document):
     )
     # Over the nearest edge: from 5 over sqrt(5^2 + 10^2), from 10 and 15 over an edge 5 away.
     rise = np.sqrt([125, 125, 125, 125, 250, 250]) - [5, 5, 10, 10, 15, 15]
-    assert [a['least_barrier'] for a in found['aspects']] == pytest.approx(rise * 1e-3, rel=1e-5)
+    assert [a['min_barrier'] for a in found['aspects']] == pytest.approx(rise * 1e-3, rel=1e-5)
     assert sum(a['basin_share'] for a in found['aspects']) == pytest.approx(1)
     assert not any(a['rolls'] for a in found['aspects'])
 
@@ -63,7 +63,7 @@ def test_a_sphere_cannot_leave_its_only_aspect(document, tmp_path):
     found = document(tmp_path / 'ball.stl')
     (only,) = found['aspects']
     assert (found['symmetry'], only['sweep'], only['rolls']) == ('spherical', 'SPHERE', True)
-    assert (only['least_barrier'], only['neighbour']) == (None, 0)
+    assert (only['min_barrier'], only['neighbour']) == (None, 0)
 
 
 @pytest.mark.parametrize('name', ['hex_nut', 'cylinder_d20_h20', 'l_bracket'])

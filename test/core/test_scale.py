@@ -49,7 +49,7 @@ def assert_alike(found, expected, part, usual):
         assert one.id == other.id
         assert one.sweep is other.sweep
         assert (one.symmetry_class, one.multiplicity) == (other.symmetry_class, other.multiplicity)
-        for length in ('com_height', 'least_barrier'):
+        for length in ('com_height', 'min_barrier'):
             in_radii = [
                 getattr(aspect, length) / of.hull_radius
                 for aspect, of in ((one, part), (other, usual))

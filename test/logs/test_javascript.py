@@ -71,7 +71,7 @@ def messages(filled):
     poses.poses[2].pose.position.y = 5e-324
     poses.poses[2].pose.position.z = 1.7976931348623157e308
     distribution.drops = 2**53 + 1
-    distribution.aspects[0].least_barrier = -math.inf
+    distribution.aspects[0].min_barrier = -math.inf
     distribution.aspects[1].com_height = 2.0
     distribution.aspects[1].basin_share = 2.0**60
     distribution.aspects[2].support.points[0].x = 0.10000000149011612  # of 32 bits

@@ -266,7 +266,7 @@ def test_a_distribution_makes_the_round_trip(part):
     for one, other in zip(again.aspects.aspects, aspects.aspects, strict=True):
         for field in ('id', 'symmetry_class', 'multiplicity', 'rolls', 'sweep', 'neighbour'):
             assert getattr(one, field) == getattr(other, field)
-        for field in ('com_height', 'basin_share', 'least_barrier'):
+        for field in ('com_height', 'basin_share', 'min_barrier'):
             assert getattr(one, field) == getattr(other, field)
         for field in ('down_in_part', 'orientation', 'axis'):
             np.testing.assert_array_equal(getattr(one, field), getattr(other, field))

@@ -143,8 +143,8 @@ def test_numbers_are_those_of_the_distribution(page, bracket):
         assert share == pytest.approx(count / 10, abs=0.06) or 'never seen' in said
         height = float(re.search(r'centre of mass ?([\d.]+) mm', said)[1])
         assert height == pytest.approx(1000 * aspect.com_height, abs=0.006)
-        rise, to = re.search(r'least barrier ?([\d.]+) mm, into (\d+)', said).groups()
-        assert float(rise) == pytest.approx(1000 * aspect.least_barrier, rel=0.006)
+        rise, to = re.search(r'minimum barrier ?([\d.]+) mm, into (\d+)', said).groups()
+        assert float(rise) == pytest.approx(1000 * aspect.min_barrier, rel=0.006)
         assert int(to) == aspect.neighbour
 
 

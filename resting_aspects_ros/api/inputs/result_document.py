@@ -130,7 +130,7 @@ def _check_aspects(path: Path, aspects: Sequence[ReportAspect]) -> None:
 
 def _aspect(fields: ReportAspect) -> Aspect:
     down = np.array(fields.down_in_part, dtype=np.float64)
-    barrier = fields.least_barrier
+    barrier = fields.min_barrier
     return Aspect(
         id=fields.id,
         down_in_part=down,
@@ -138,7 +138,7 @@ def _aspect(fields: ReportAspect) -> Aspect:
         orientation=np.array(fields.orientation, dtype=np.float64),
         support=np.array(fields.support, dtype=np.float64).reshape(-1, 2),
         basin_share=fields.basin_share,
-        least_barrier=math.inf if barrier is None else barrier,
+        min_barrier=math.inf if barrier is None else barrier,
         neighbour=fields.neighbour,
         symmetry_class=fields.symmetry_class,
         multiplicity=fields.multiplicity,

@@ -72,7 +72,7 @@ class ReportAspect(CountedAspect):
     axis: Vector
     orientation: tuple[Number, Number, Number, Number]
     com_height: Number
-    least_barrier: Number | None
+    min_barrier: Number | None
     neighbour: Count
     basin_share: Number
     support: list[Pair]

@@ -197,15 +197,15 @@ def _steps(
 def _barriers(
     landscape: Landscape, owner: Indices, found: Sequence[_UnnumberedAspect]
 ) -> dict[int, tuple[float, int]]:
-    """For each number the least rise to leave the aspect, m, and the one to which that leads."""
-    least = dict.fromkeys(range(1, len(found) + 1), (np.inf, 0))
+    """Return, by number, each aspect's minimum barrier, m, and the neighbour to which it leads."""
+    min_rises = dict.fromkeys(range(1, len(found) + 1), (np.inf, 0))
     saddles = landscape.saddles
     for height, pair in zip(saddles.heights, owner[saddles.between], strict=True):
         for one, other in (pair, pair[::-1]):
             rise = float(height) - found[one - 1].low
-            if one != other and rise < least[int(one)][0]:
-                least[int(one)] = (rise, int(other))
-    return least
+            if one != other and rise < min_rises[int(one)][0]:
+                min_rises[int(one)] = (rise, int(other))
+    return min_rises
 
 
 def _aspect(
@@ -227,7 +227,7 @@ def _aspect(
         orientation=orientation,
         support=polygon[ConvexHull(polygon).vertices],  # counter-clockwise
         basin_share=found.share,
-        least_barrier=barrier[0],
+        min_barrier=barrier[0],
         neighbour=barrier[1],
         symmetry_class=number,
         multiplicity=1,

@@ -55,7 +55,7 @@ class Aspect:
         Contact polygon on the surface in that pose, m, tray axes, origin below the centre of mass.
     basin_share : float
         Share of all directions of gravity from which the part rolls into this aspect.
-    least_barrier : float
+    min_barrier : float
         Rise of the centre of mass that takes the part out of it, m; infinite if there is no other.
     neighbour : int
         Id of the aspect to which it then rolls; 0 if it is the only one.
@@ -79,7 +79,7 @@ class Aspect:
     orientation: Array
     support: Array
     basin_share: float
-    least_barrier: float
+    min_barrier: float
     neighbour: int
     symmetry_class: int
     multiplicity: int

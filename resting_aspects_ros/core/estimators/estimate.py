@@ -65,7 +65,7 @@ def stability(shape: RestingShape) -> Array:
 
 def energy_barrier(shape: RestingShape) -> Array:
     """The least energy that takes the part out of the aspect, m g = 1."""
-    return np.array([aspect.least_barrier for aspect in shape.aspects.aspects])
+    return np.array([aspect.min_barrier for aspect in shape.aspects.aspects])
 
 
 def quasi_static(shape: RestingShape) -> Array:

@@ -317,7 +317,7 @@ def test_the_barrier_of_a_box_is_over_its_nearest_edge_to_the_lower_side(solid):
         axis = int(np.abs(aspect.down_in_part).argmax())
         rises = {k: np.hypot(h, half[axis]) - half[axis] for k, h in half.items() if k != axis}
         nearest = min(rises, key=rises.get)
-        assert aspect.least_barrier == pytest.approx(rises[nearest], rel=1e-5)  # float32
+        assert aspect.min_barrier == pytest.approx(rises[nearest], rel=1e-5)  # float32
         over = aspects.aspects[aspect.neighbour - 1].down_in_part
         assert int(np.abs(over).argmax()) == nearest
         # It rests on the rectangle of the other two sides.
@@ -333,10 +333,10 @@ def test_a_pin_on_its_end_falls_on_its_side_and_a_sphere_has_no_neighbour(solids
     for end in ends:
         # From 10 mm to the edge of the end: of a 64-gon, up to 1 - cos(pi / 64).
         rise = np.hypot(10e-3, 1e-3 * np.cos(np.pi / 64)) - 10e-3
-        assert end.least_barrier == pytest.approx(rise, rel=1e-3)
+        assert end.min_barrier == pytest.approx(rise, rel=1e-3)
         assert end.neighbour == side.id
     (sphere,) = find_aspects(solid(solids.icosphere(2))).aspects
-    assert (sphere.neighbour, sphere.least_barrier) == (0, np.inf)
+    assert (sphere.neighbour, sphere.min_barrier) == (0, np.inf)
 
 
 def test_the_flats_of_a_curved_side_are_linked_all_around(solids, solid):
@@ -385,7 +385,7 @@ def test_a_part_that_is_too_thin_is_refused_in_words(solid):
 def test_a_very_thin_part_knows_how_it_is_turned_over(solid):
     found = find_aspects(solid(trimesh.creation.box((100, 100, 0.01))))
     assert [(a.multiplicity, a.neighbour) for a in found.aspects] == [(2, 2), (2, 1)]
-    assert found.aspects[0].least_barrier == pytest.approx(0.05, rel=1e-3)
+    assert found.aspects[0].min_barrier == pytest.approx(0.05, rel=1e-3)
 
 
 def test_the_sides_of_a_bar_with_an_axis_are_one_class(solid):

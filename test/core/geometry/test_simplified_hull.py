@@ -134,7 +134,7 @@ def test_a_cylinder_of_1700_sides_has_the_aspects_of_one_of_256(solids, solid):
     for sweep, one in fine.items():
         assert one.multiplicity == coarse[sweep].multiplicity
         assert one.com_height == pytest.approx(coarse[sweep].com_height, abs=sagitta)
-        assert one.least_barrier == pytest.approx(coarse[sweep].least_barrier, abs=sagitta)
+        assert one.min_barrier == pytest.approx(coarse[sweep].min_barrier, abs=sagitta)
         assert one.basin_share == pytest.approx(coarse[sweep].basin_share, abs=1e-4)
 
 
