@@ -149,7 +149,7 @@ class BlenderBody:
     def step(self, steps: int) -> None:
         """Let time pass, a frame."""
         if steps != self._look:
-            raise ValueError(f'steps is {steps}, allowed is {self._look}, a frame')
+            raise ValueError(f'invalid steps {steps}: expected {self._look}, the steps of a frame')
         self._scene.frame_set(self._scene.frame_current + 1)
 
     def pose(self) -> list[float]:

@@ -9,7 +9,7 @@ from resting_aspects_ros.core.errors import LogError, NoLogError, shown
 from resting_aspects_ros.core.input_file import is_file, is_folder, named
 from resting_aspects_ros.logs.mcap_format import MAGIC
 from resting_aspects_ros.logs.message_definitions import load_schema
-from resting_aspects_ros.logs.record_reader import ALLOWED, LogFile
+from resting_aspects_ros.logs.record_reader import EXPECTED, LogFile
 
 _SUFFIX = '.mcap'
 _BEGINS = MAGIC[:5]
@@ -68,12 +68,14 @@ def one_file(path: Path) -> Path:
         return path
     found = list(filter(is_file, path.glob(f'*{_SUFFIX}')))
     if len(found) > 1:
-        raise LogError(f'{named("folder", path)} has {len(found)} {_SUFFIX} files, allowed is one')
+        raise LogError(
+            f'invalid {named("log", path)}: expected one {_SUFFIX} file, found {len(found)}'
+        )
     if not found:
-        words = f'{named("folder", path)} is no log: no {_SUFFIX} file is in it'
+        message = f'{named("folder", path)} is not a log: it has no {_SUFFIX} file'
         if logs := len({file.parent for file in path.glob(f'*/*{_SUFFIX}')}):
-            words += f', but in {logs} folders in it'
-        raise NoLogError(f'{words}, {ALLOWED}')
+            message += f', but {logs} of its subfolders have one'
+        raise NoLogError(f'{message}; {EXPECTED}')
     return found[0]
 
 
@@ -95,11 +97,11 @@ def unfinished(path: Path) -> str:
 def state_text(path: Path, *, being_written: bool, finished: bool) -> str:
     """Return the warning for a log that is used in this state; empty if it is closed."""
     if being_written:
-        return f'{named("log", path)} is being written: what it holds by now is used'
+        return f'{named("log", path)} is being written: the messages in it so far are used'
     if finished:
         return ''
     return (
-        f'{named("log", path)} was broken off: what it holds is used '
+        f'{named("log", path)} was not closed: the messages in it are used '
         '("resting_aspects recover" closes it)'
     )
 

@@ -83,9 +83,9 @@ class Recording:
             if (topic.type, topic.type_hash) != (known.type, known.type_hash):
                 raise LogError(
                     one_line(
-                        f'log {str(path)!r} has topic {topic.name} as {topic.type} '
-                        f'({topic.type_hash}) and as {known.type} ({known.type_hash}), '
-                        'allowed is one',
+                        f'invalid log {str(path)!r}: expected one type for topic {topic.name}, '
+                        f'found {topic.type} ({topic.type_hash}) and {known.type} '
+                        f'({known.type_hash})',
                         600,
                     )
                 )
@@ -94,7 +94,7 @@ class Recording:
             span.messages += 1
             self._count += 1
         if not self._count:
-            raise LogError(f'log {str(path)!r} holds no message, allowed is at least one')
+            raise LogError(f'invalid log {str(path)!r}: expected at least one message, found none')
 
     def span(self, topics: Collection[str]) -> Span:
         """That of the messages of some topics, at least one."""

@@ -40,7 +40,7 @@ from resting_aspects_ros.logs.record_format import (
 )
 
 Self = TypeVar('Self', bound='LogFile')  # typing.Self is newer than Python 3.10
-ALLOWED = 'allowed is the folder of a run, or an .mcap file'
+EXPECTED = 'expected the folder of a run, or an .mcap file'
 # A loss of power leaves a file with zeros at its end, more than any record ends in.
 _ZEROS = 16
 
@@ -75,8 +75,8 @@ class LogFile:
                 raise NoLogError(f'{named("log", path)} is neither a file nor a folder')
             self.stream: BinaryIO = path.open('rb')
         except OSError as error:
-            words = f'{named("log", path)} cannot be read: {error.strerror}'
-            raise NoLogError(f'{words}, {ALLOWED}') from None
+            message = f'{named("log", path)} cannot be read: {error.strerror}; {EXPECTED}'
+            raise NoLogError(message) from None
         try:
             with self._checked():
                 self.being_written = is_locked(self.stream)
@@ -84,8 +84,8 @@ class LogFile:
                 begins = self._at(0, len(MAGIC))
                 ends = self._at(max(0, self._size - len(MAGIC)), len(MAGIC))
             if not MAGIC.startswith(begins):
-                words = f'{named("log", path)} is damaged, or no MCAP file: it begins with'
-                raise NoLogError(f'{words} {begins!r}, {ALLOWED}')
+                message = f'{named("log", path)} is damaged, or not an MCAP file: it begins with'
+                raise NoLogError(f'{message} {begins!r}; {EXPECTED}')
             self.finished = ends == MAGIC and self._size > len(MAGIC)
         except BaseException:
             self.stream.close()

@@ -110,8 +110,8 @@ def recover_log(log: Path, account: RecoveryCounter | None = None) -> RecoveryRe
     with LogFile(one_file(log)) as file:
         if not is_printable(file.path.name):
             raise LogError(
-                f'{named("log", file.path)} cannot be recovered: allowed is a file with a name in '
-                'UTF-8, which its metadata repeat'
+                f'{named("log", file.path)} cannot be recovered: expected a file name in UTF-8, '
+                'because the metadata contain it'
             )
         # Kept while it is recovered, so that nobody else writes it.
         if not lock_file(file.stream):

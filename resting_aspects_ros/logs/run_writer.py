@@ -206,7 +206,7 @@ class RunLog:
 
     def _check_time(self, what: str, value: int) -> None:
         if not 0 <= value <= _LAST_TIME:
-            raise LogError(f'{what} {value} is not allowed: ns since 1970, 0 to 2**63 - 1')
+            raise LogError(f'invalid {what} {value}: expected ns since 1970, from 0 to 2**63 - 1')
 
     @contextmanager
     def _guard(self) -> Iterator[None]:
@@ -241,7 +241,7 @@ class RunLog:
 def _checked_name(name: str) -> str:
     if not _FOLDER_NAME.fullmatch(name):
         raise LogError(
-            f'log name {name!r} is not allowed: '
-            'letters, digits, "_", "-" and ".", and neither "-" nor "." first'
+            f'invalid log name {name!r}: expected letters, digits, "_", "-" and ".", with neither '
+            '"-" nor "." first'
         )
     return name

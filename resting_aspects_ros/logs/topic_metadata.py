@@ -54,7 +54,9 @@ class Qos:
 
     def __post_init__(self) -> None:
         if type(self.depth) is not int or not 0 <= self.depth < 2**31:
-            raise LogError(f'QoS depth {shown(self.depth)} is not allowed: expected one from 0 on')
+            raise LogError(
+                f'invalid QoS depth {shown(self.depth)}: expected an integer from 0 to 2**31 - 1'
+            )
         _require_one_of('reliability', self.reliability, _RELIABILITIES)
         _require_one_of('durability', self.durability, _DURABILITIES)
         _require_one_of('history', self.history, _HISTORIES)
@@ -77,13 +79,11 @@ class Topic:
     def __post_init__(self) -> None:
         if not _TOPIC_NAME.fullmatch(self.name):
             raise LogError(
-                f'topic name {self.name!r} is not allowed: '
-                'it must be absolute, like /resting_poses'
+                f'invalid topic name {self.name!r}: expected an absolute name like /resting_poses'
             )
         if not _TYPE_NAME.fullmatch(self.type):
             raise LogError(
-                f'type {self.type!r} of topic {self.name} is not allowed: '
-                'it must look like package/msg/Type'
+                f'invalid type {self.type!r} of topic {self.name}: expected package/msg/Type'
             )
 
 
@@ -128,7 +128,7 @@ def recorded_qos(text: str) -> Qos | None:
         ]
     except (LookupError, TypeError) as error:
         raise LogError(
-            f'QoS {shown(text)} is not allowed: no profiles of rosbag2: {shown(error)}'
+            f'invalid QoS {shown(text)}: expected profiles as rosbag2 writes them; {shown(error)}'
         ) from None
     if not offered:
         return None
@@ -159,6 +159,4 @@ def _told(word: str, words: tuple[str, ...]) -> str:
 
 def _require_one_of(what: str, value: str, allowed: Collection[str]) -> None:
     if value not in allowed:
-        raise LogError(
-            f'QoS {what} {shown(value)} is not allowed: it must be {" or ".join(allowed)}'
-        )
+        raise LogError(f'invalid QoS {what} {shown(value)}: expected {" or ".join(allowed)}')

@@ -94,5 +94,5 @@ def asked_estimator(method: str) -> str | None:
 
 def unknown_part(name: str, known: Iterable[str]) -> UnknownPartError:
     """The error for a name that is none of those."""
-    none = 'none: no simulator has offered any yet'
+    none = 'none, because no simulator has offered any yet'
     return UnknownPartError(unknown_part_text(name, known, none))

@@ -79,7 +79,7 @@ def drop_chunks(
                 first, deaths = chunk.end, 0
                 yield chunk
         except CancelledError:
-            raise EngineError(f'the workers went away {_near(first, asked)}') from None
+            raise EngineError(f'the workers became unavailable {_near(first, asked)}') from None
         except Exception as error:
             died = workers.deaths(error)
             if died == 0:

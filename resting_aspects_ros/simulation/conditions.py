@@ -43,8 +43,8 @@ class Quantity:
     def allowed(self) -> str:
         """What is allowed, in words."""
         unit = f' {self.unit}' if self.unit else ''
-        lower = f'more than {self.low:g}' if self.above else f'{self.low:g}'
-        return f'{lower} to {self.high:g}{unit}'
+        lower = f'more than {self.low:g} and at most' if self.above else f'{self.low:g} to'
+        return f'{lower} {self.high:g}{unit}'
 
     def check(self, name: str, value: Any) -> float:
         """The value as a float, or an InvalidValueError that says what was allowed."""
@@ -53,7 +53,7 @@ class Quantity:
         within = number and self.low <= value <= self.high and math.isfinite(value)
         if within and (value > self.low or not self.above):
             return float(value)
-        raise InvalidValueError(f'{name} is {shown(value)}, allowed is {self.allowed()}')
+        raise InvalidValueError(f'invalid {name} {shown(value)}: expected {self.allowed()}')
 
 
 def _quantity(label: str, unit: str, text: str, **bounds: Any) -> Any:
@@ -115,9 +115,9 @@ class DropConditions:
         try:
             object.__setattr__(self, 'height_of', HeightOf(self.height_of))
         except ValueError:
-            allowed = ', '.join(f'{h.value} ({h.name})' for h in HeightOf)
+            allowed = ' or '.join(f'{h.value} ({h.name})' for h in HeightOf)
             raise InvalidValueError(
-                f'height_of is {shown(self.height_of)}, allowed is {allowed}'
+                f'invalid height_of {shown(self.height_of)}: expected {allowed}'
             ) from None
 
     def values(self) -> tuple[float, ...]:

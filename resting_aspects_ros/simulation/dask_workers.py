@@ -107,7 +107,7 @@ def _connect(scheduler: str) -> Any:
         from distributed import Client
     except ImportError:
         raise InvalidValueError(
-            f'scheduler is {scheduler!r}, which needs Dask: pip install distributed'
+            f'scheduler {scheduler!r} needs Dask, which is not installed: pip install distributed'
         ) from None
     # What goes wrong is said in our words.
     for name in ('distributed', 'distributed.client', 'tornado.application'):
@@ -119,17 +119,17 @@ def _connect(scheduler: str) -> Any:
             raise InvalidValueError(f'this is a {role.lower()}')
         client = Client(scheduler, timeout=PATIENCE, set_as_default=False)
     except Exception as error:  # noqa: BLE001 - it may be a web server, or nobody, that answers
-        reason = str(error) or f'nobody answers within {PATIENCE:g} s'
+        reason = str(error) or f'no answer within {PATIENCE:g} s'
         raise InvalidValueError(
-            f'scheduler is {scheduler!r}, allowed is the address of a Dask scheduler: {reason}'
+            f'invalid scheduler {scheduler!r}: expected the address of a Dask scheduler; {reason}'
         ) from None
     try:
         client.wait_for_workers(1, timeout=PATIENCE)
     except asyncio.TimeoutError:
         client.close(timeout=PATIENCE)
         raise InvalidValueError(
-            f'scheduler is {scheduler!r}, allowed is one that has workers: none came within '
-            f'{PATIENCE:g} s'
+            f'invalid scheduler {scheduler!r}: expected a scheduler that has workers; none '
+            f'connected within {PATIENCE:g} s'
         ) from None
     return client
 

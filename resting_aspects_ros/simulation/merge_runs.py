@@ -81,8 +81,8 @@ def _check_same(first: RunDescription, run: RunDescription, any_engine: bool) ->
     for name, value, allowed in compared:
         if value != allowed:
             raise InvalidValueError(
-                f'{name} of run {run.run_id} is {value}, allowed is that of run '
-                f'{first.run_id}: {allowed}'
+                f'invalid {name} {value} of run {run.run_id}: expected {allowed}, as in run '
+                f'{first.run_id}'
             )
 
 
@@ -128,9 +128,9 @@ def _check_equal(
     if differs.any():
         drop = low + int(differs.argmax())
         raise InvalidValueError(
-            f'drop {drop} of seed {run.seed} ended otherwise in run {run.run_id} than in run '
-            f'{other.run_id}, allowed is the same pose, bit for bit: one of them was made on '
-            'another platform, or is damaged'
+            f'drop {drop} of seed {run.seed} has different results in run {run.run_id} and in run '
+            f'{other.run_id}: expected identical bits; one of the runs was simulated on another '
+            'platform, or its log is damaged'
         )
 
 
@@ -158,7 +158,7 @@ def _check_starts(merged: Sequence[MergedDrops]) -> None:
     for (seed, _, end, one), (next_seed, first, _, other) in pairwise(ranges):
         if seed == next_seed and first < end:
             raise InvalidValueError(
-                f'drop {first} of seed {seed} is in run {one} and, of another engine or suite, in '
-                f'run {other}, allowed are other seeds or drops: those that start alike are not '
-                'independent'
+                f'drop {first} of seed {seed} is in run {one} and in run {other}, which differ in '
+                'engine, version or timestep: expected different seeds or drops, because drops '
+                'with the same initial state are not independent'
             )

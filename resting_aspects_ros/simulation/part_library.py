@@ -140,13 +140,13 @@ class PartLibrary:
         hint = f'; did you mean {close[0]!r}?' if close else ''
         unfit = [sentence for sentence in self.problems() if printable(str(name)) in sentence]
         hint += ''.join(f'; {sentence}' for sentence in unfit)
-        return unknown_part_text(name, names, f'none, in {str(self.folder)!r}') + hint
+        return unknown_part_text(name, names, f'none in {str(self.folder)!r}') + hint
 
 
 def unknown_part_text(name: str, known: Iterable[str], none: str) -> str:
-    """What is said of a name that no part has; none : the words if there are no parts."""
+    """Return the error message for an unknown part name; ``none`` replaces an empty list."""
     names = ', '.join(sorted(known)) or none
-    return f'part {shown(str(name))} is not known, known are {names}'
+    return f'part {shown(str(name))} is not known; known parts: {names}'
 
 
 def _read(mesh: Path, sheet: Path | None) -> Part | RestingAspectsError:
@@ -171,13 +171,13 @@ def read_part_yaml(path: Path) -> dict[str, Any]:
         return {}
     if not isinstance(content, Mapping):
         raise PartError(
-            f'{label} is a {type(content).__name__}: it must be a mapping with the '
-            f'keys {", ".join(KEYS)}'
+            f'invalid content of {label}: expected a mapping with the keys {", ".join(KEYS)}, '
+            f'not a {type(content).__name__}'
         )
     for key in content:
         if key not in KEYS:
             raise PartError(
-                f'{label} has the unknown key {shown(key)}: allowed are {", ".join(KEYS)}'
+                f'invalid key {shown(key)} in {label}: expected one of {", ".join(KEYS)}'
             )
     given = {key: _checked(value, key, label) for key, value in content.items()}
     if 'centre_of_mass' in given:
@@ -191,7 +191,7 @@ def _checked(value: Any, key: str, label: str) -> Any:
     if takes == 'unit':
         good, expected = isinstance(value, str) and value in UNITS, f'one of {", ".join(UNITS)}'
     elif takes == 'body':
-        good, expected = type(value) is int and value > 0, 'an integer from 1 on'
+        good, expected = type(value) is int and value > 0, 'an integer of at least 1'
     elif takes == 1:
         value, given = _number(value), value
         good, expected = value is not None and value > 0, 'a finite number above 0'

@@ -57,7 +57,7 @@ def plan_run(
         check_precision(precision)
         if first_drop != 0:
             raise InvalidValueError(
-                f'first_drop is {first_drop}, allowed is 0 for a run that stops at a precision'
+                f'invalid first_drop {first_drop}: expected 0 for a run that stops at a precision'
             )
     check_seed(seed)
     check_first_drop(first_drop, drops)
@@ -95,8 +95,8 @@ def make_job(
     radius = part.hull_radius
     if conditions.height_of is HeightOf.CENTRE_OF_MASS and conditions.height <= radius:
         raise InvalidValueError(
-            f'height of the centre of mass is {conditions.height:g} m, allowed for {part.name} is '
-            f'more than {radius:.4g} m: lower, the part could touch the surface when released'
+            f'invalid height of the centre of mass {conditions.height:g} m: expected more than '
+            f'{radius:.4g} m for {part.name}, which could otherwise touch the surface at release'
         )
     landscape = Landscape(part) if landscape is None else landscape
     aspects = join_minima(landscape)
@@ -117,8 +117,9 @@ def make_job(
     fastest = MAX_IMPACT * job.radius / job.time_unit
     if job.impact > fastest:
         raise InvalidValueError(
-            f'height, speed and spin of release let {part.name} meet the surface at '
-            f'{job.impact:.4g} m/s, allowed for its size and gravity is up to {fastest:.4g} m/s'
+            f'invalid impact speed {job.impact:.4g} m/s of {part.name}, which follows from '
+            'height, speed and spin at release: expected at most '
+            f'{fastest:.4g} m/s for its size and gravity'
         )
     return job
 

@@ -29,7 +29,7 @@ class Surfaces:
         name = name or DEFAULT_SURFACE
         if name not in self._sets:
             raise InvalidValueError(
-                f'surface {shown(name)} is not known, allowed is {", ".join(self.names())}'
+                f'invalid surface {shown(name)}: expected one of {", ".join(self.names())}'
             )
         return self._sets[name]
 
@@ -90,9 +90,9 @@ def _conditions(label: str, name: object, entry: object) -> DropConditions:
         values['height_of'] = HeightOf.__members__[values['height_of']]
         return DropConditions(surface=name, **values)
     except (KeyError, TypeError):
-        allowed = ', '.join(h.name for h in HeightOf)
+        allowed = ' or '.join(h.name for h in HeightOf)
         raise InvalidValueError(
-            f'{where}: height_of is {shown(entry["height_of"])}, allowed is {allowed}'
+            f'{where}: invalid height_of {shown(entry["height_of"])}: expected {allowed}'
         ) from None
     except InvalidValueError as error:
         raise InvalidValueError(f'{where}: {error}') from None

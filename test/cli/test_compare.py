@@ -201,7 +201,7 @@ def test_a_log_that_was_broken_off_has_what_was_written_and_that_is_said(
     write_csv(tmp_path, BY_HAND)
     found, said = compared('run', 'm.csv')
     assert counts_of(found, 'a') == [70, 50, 40, 20, 4]
-    being_written = "warning: log 'run' is being written: what it holds by now is used\n"
+    being_written = "warning: log 'run' is being written: the messages in it so far are used\n"
     incomplete = "warning: 'run' is not complete: it counts {} of 200 drops\n"
     assert said == being_written + incomplete.format(185)
     content = log.path.read_bytes()
@@ -210,7 +210,7 @@ def test_a_log_that_was_broken_off_has_what_was_written_and_that_is_said(
     found, said = compared('run', 'm.csv')
     assert counts_of(found, 'a') == [7, 5, 4, 2, 1]
     broken_off = (
-        "warning: log 'run' was broken off: what it holds is used "
+        "warning: log 'run' was not closed: the messages in it are used "
         '("resting_aspects recover" closes it)\n'
     )
     assert said == broken_off + incomplete.format(20)
@@ -230,7 +230,7 @@ def test_what_is_no_log_with_a_distribution(refused, write_log, tmp_path):
     (tmp_path / 'folder').mkdir()
     assert "folder 'folder' is no log" in refused('compare', 'm.csv', 'folder')
     (tmp_path / 'x.mcap').write_text(BY_HAND, encoding='utf-8')
-    assert "log 'x.mcap' is damaged, or no MCAP file" in refused('compare', 'x.mcap', 'm.csv')
+    assert "log 'x.mcap' is damaged, or not an MCAP file" in refused('compare', 'x.mcap', 'm.csv')
 
 
 # -- drops that are not independent --------------------------------------------------------------

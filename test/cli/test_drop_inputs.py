@@ -103,7 +103,7 @@ def test_parts_of_another_folder(heights, refused, box, tmp_path):
     (tmp_path / 'mine' / 'brick.yaml').write_text('unit: cm\n', encoding='utf-8')
     assert heights('brick', '--parts', 'mine') == pytest.approx([10 * h for h in BOX])
     line = refused('drop', 'l_bracket', '--parts', 'mine')
-    assert line == "error: part 'l_bracket' is not known, known are brick"
+    assert line == "error: part 'l_bracket' is not known; known parts: brick"
 
 
 def test_a_warning_leaves_standard_output_to_the_answer(run, box, tmp_path):

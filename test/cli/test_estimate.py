@@ -174,7 +174,7 @@ def test_against_a_count_of_what_looks_alike(run, document, tmp_path):
         ),
         (['cylinder_d20_h20', '--method', 'crsa'], 'crsa is not defined for cylinder_d20_h20'),
         (['washer', '--method', 'crsa,stability'], '; stability is not defined for washer'),
-        (['no_such_part'], "part 'no_such_part' is not known, known are"),
+        (['no_such_part'], "part 'no_such_part' is not known; known parts:"),
         (['l_bracket', '--against', 'no.csv'], "'no.csv'"),
     ],
 )

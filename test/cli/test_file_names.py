@@ -59,8 +59,8 @@ def test_a_file_whose_name_its_metadata_cannot_repeat_is_not_recovered(strict, l
     ended = strict('recover', ODD)
     assert ended.returncode == 1
     assert ended.stderr == (
-        f"error: log '{SHOWN}/{SHOWN}.mcap' cannot be recovered: allowed is a file with a name in "
-        'UTF-8, which its metadata repeat\n'
+        f"error: log '{SHOWN}/{SHOWN}.mcap' cannot be recovered: expected a file name in UTF-8, "
+        'because the metadata contain it\n'
     )
     assert [file.name for file in log.glob('*.mcap')] == [f'{ODD}.mcap']
 

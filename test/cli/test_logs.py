@@ -224,7 +224,7 @@ def test_a_log_is_read_once(run, log, monkeypatch, words, closed):
     records = LogFile.records
     monkeypatch.setattr(LogFile, 'records', lambda file: passes.append(1) or records(file))
     if words == 'answer':  # what report and demo show
-        with nullcontext() if closed else pytest.warns(match='was broken off'):
+        with nullcontext() if closed else pytest.warns(match='was not closed'):
             assert logged_result(folder).distribution.drops == (DROPS if closed else 200)
     else:
         assert run(*words.split(), folder).returncode == 0
@@ -278,9 +278,9 @@ def test_recover_says_what_each_log_holds(run, log, tmp_path):
     assert ended.returncode == 2
     nowhere = str(tmp_path / 'nowhere')
     of_long, of_nowhere = ended.stderr.splitlines()
-    assert 'cannot be read: File name too long, allowed is ' in of_long
+    assert 'cannot be read: File name too long; expected ' in of_long
     assert of_nowhere == (
-        f'error: log {nowhere!r} cannot be read: No such file or directory, allowed is the folder '
+        f'error: log {nowhere!r} cannot be read: No such file or directory; expected the folder '
         'of a run, or an .mcap file'
     )
     assert (whole / 'whole_0.mcap').read_bytes() == before
@@ -371,16 +371,16 @@ def test_of_a_log_without_its_end_a_line_says_what_is_used(run, log, words):
         return ended.stderr
 
     assert 'being written' not in said(closed)
-    assert 'broken off' not in said(closed)
+    assert 'not closed' not in said(closed)
     assert (
-        f"warning: log '{cut}' was broken off: what it holds is used "
+        f"warning: log '{cut}' was not closed: the messages in it are used "
         '("resting_aspects recover" closes it)\n'
     ) in said(cut)
     (file,) = cut.glob('*.mcap')
     with file.open('rb') as writer:
         lock_file(writer)
-        words_of_it = f"warning: log '{cut}' is being written: what it holds by now is used\n"
-        assert words_of_it in said(cut)
+        being_written = f"log '{cut}' is being written: the messages in it so far are used\n"
+        assert f'warning: {being_written}' in said(cut)
 
 
 @pytest.mark.parametrize('command', ['info', 'recover', 'merge', 'report', 'replay', 'drop'])
@@ -547,7 +547,7 @@ def test_a_log_without_drops_or_part_is_refused(run, log, refused):
     assert f'no drops are in {str(empty)!r}, allowed' in refused('drop', '--from-log', empty)
     assert f'no drops are in {str(empty)!r}, allowed' in refused('merge', empty)
     assert refused('drop', '--from-log', bare).endswith('which does not describe its part')
-    assert 'no .mcap file is in it' in refused('drop', '--from-log', empty.parent)
+    assert 'it has no .mcap file' in refused('drop', '--from-log', empty.parent)
     assert refused('drop').startswith('error: no part is given, ')
 
 
@@ -565,9 +565,9 @@ def test_another_version_is_told(run, dropped, part, tmp_path):
 
 NO_LOGS = {
     'nowhere': "log 'nowhere' cannot be read: No such file or directory",
-    'folder': "folder 'folder' is no log: no .mcap file is in it",
-    'logs': "folder 'logs' is no log: no .mcap file is in it, but in 2 folders in it",
-    'text.txt': "log 'text.txt' is damaged, or no MCAP file: it begins with b'hello'",
+    'folder': "folder 'folder' is not a log: it has no .mcap file",
+    'logs': "folder 'logs' is not a log: it has no .mcap file, but 2 of its subfolders have one",
+    'text.txt': "log 'text.txt' is damaged, or not an MCAP file: it begins with b'hello'",
 }
 
 
@@ -580,4 +580,4 @@ def test_what_is_no_log_is_refused_in_the_same_words(refused, tmp_path, words):
     (tmp_path / 'text.txt').write_text('hello')
     for path, says in NO_LOGS.items():
         line = refused(*words.split(), path).replace('--from-log: ', '')
-        assert line == f'error: {says}, allowed is the folder of a run, or an .mcap file'
+        assert line == f'error: {says}; expected the folder of a run, or an .mcap file'

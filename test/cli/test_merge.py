@@ -99,6 +99,6 @@ def test_logs_that_do_not_describe_their_part_are_refused(run, log):
 def test_what_is_no_log_is_refused_in_words(run, tmp_path):
     (tmp_path / 'x.mcap').write_text('nothing of the kind', encoding='utf-8')
     ended = run('merge', 'x.mcap')
-    assert 'is damaged, or no MCAP file' in ended.stderr
+    assert 'is damaged, or not an MCAP file' in ended.stderr
     assert ended.returncode == 2
     assert 'cannot be read' in run('merge', 'gone.mcap').stderr

@@ -42,8 +42,8 @@ ROS = ('--ros-args', '-r', f'__ns:=/replay_{os.getpid()}')
     ('words', 'says'),
     [
         (['nowhere.mcap'], "log 'nowhere.mcap' cannot be read: No such file or directory"),
-        (['folder'], "folder 'folder' is no log: no .mcap file is in it"),
-        (['text.mcap'], "log 'text.mcap' is damaged, or no MCAP file"),
+        (['folder'], "folder 'folder' is not a log: it has no .mcap file"),
+        (['text.mcap'], "log 'text.mcap' is damaged, or not an MCAP file"),
         (['log', '--rate', '0'], 'Min: 0.001, Max: 1000.0, value: 0.0'),
         (['log', '--rate', '1001'], 'Min: 0.001, Max: 1000.0, value: 1001.0'),
         (['log', '--rate', '-1'], 'Min: 0.001, Max: 1000.0, value: -1.0'),

@@ -58,7 +58,7 @@ def test_a_running_suite_answers_in_every_form(begin, run, read_until, wait_unti
     unknown = run('request', 'nothing', *ros)
     assert (unknown.returncode, unknown.stdout) == (2, '')
     (line,) = unknown.stderr.splitlines()
-    assert line.startswith("error: part 'nothing' is not known, known are angle_45x30x8")
+    assert line.startswith("error: part 'nothing' is not known; known parts: angle_45x30x8")
 
     never = run('request', 'washer', '--only-known', *ros)
     assert (never.returncode, never.stdout) == (1, '')

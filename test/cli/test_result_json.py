@@ -125,7 +125,7 @@ def test_every_field_that_is_missing_is_named(original, refusal):
         (('schema_version',), 2, 'invalid schema_version 2 in f.json: expected 1'),
         (('interval',), 'bayes', "invalid interval 'bayes' in f.json: expected 'wilson' or"),
         (('part',), '<b>', "invalid part '<b>' in f.json: expected a name of lower case letters"),
-        (('conditions', 'height'), -1.0, 'invalid conditions in f.json: height is -1.0, allowed'),
+        (('conditions', 'height'), -1.0, 'invalid conditions in f.json: invalid height -1.0'),
         (('aspects', 0, 'id'), 0, 'invalid aspects[0].id 0 in f.json: expected greater than'),
         (('aspects', 0, 'id'), 2, 'in f.json: expected each aspect once'),
         (('aspects', 0, 'count'), 2.5, 'invalid aspects[0].count 2.5 in f.json: expected'),

@@ -66,15 +66,15 @@ def test_a_cluster_that_goes_away_ends_it_in_words(make_cluster, begin, ended, r
     done = document['drops']
     assert done > 0
     assert lines[-1] == (
-        f'error: the workers went away near drop {done} of tetrahedron, after {done} of 200000 '
-        'drops, which are in the answer'
+        f'error: the workers became unavailable near drop {done} of tetrahedron, after {done} of '
+        '200000 drops, which are in the answer'
     )
 
 
 def test_a_scheduler_that_is_not_there_is_refused_in_a_line(make_cluster, refused):
     line = refused(*WORDS, '--scheduler', 'tcp://127.0.0.1:1', '--out', 'o')
     assert line.startswith(
-        "error: scheduler is 'tcp://127.0.0.1:1', allowed is the address of a Dask scheduler: "
+        "error: invalid scheduler 'tcp://127.0.0.1:1': expected the address of a Dask scheduler; "
     )
 
 
@@ -88,5 +88,8 @@ def test_without_dask_it_says_what_to_install(run_process, tmp_path):
     # The folder in which the command is run is looked at before what is installed.
     (tmp_path / 'distributed.py').write_text('raise ImportError\n', encoding='utf-8')
     ended = run_process(*WORDS, '--scheduler', 'tcp://127.0.0.1:1')
-    words = "error: scheduler is 'tcp://127.0.0.1:1', which needs Dask: pip install distributed\n"
+    words = (
+        "error: scheduler 'tcp://127.0.0.1:1' needs Dask, which is not installed: "
+        'pip install distributed\n'
+    )
     assert (ended.returncode, ended.stdout, ended.stderr) == (2, '', words)

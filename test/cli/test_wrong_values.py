@@ -13,8 +13,8 @@ from resting_aspects_ros.simulation.conditions import QUANTITIES
     [
         (['--height', '60parsec'], ['--height', "'60parsec'", 'mm, cm']),
         (['--height', 'nan'], ['--height', "'nan'", 'a number']),
-        (['--height', '-3mm'], ['height', '-0.003', 'more than 0 to 100 m']),
-        (['--height=-3mm'], ['height', '-0.003', 'more than 0 to 100 m']),
+        (['--height', '-3mm'], ['height', '-0.003', 'more than 0 and at most 100 m']),
+        (['--height=-3mm'], ['height', '-0.003', 'more than 0 and at most 100 m']),
         (['--friction', '-.5'], ['friction', '-0.5', '0 to 10']),
         (['--restitution', '1e999'], ['restitution', 'inf', '0 to 1']),
         (['--drops', '0'], ['drops', '0', '1 to 2000000']),
@@ -52,7 +52,7 @@ def test_every_condition_has_a_flag_with_its_bounds(refused, name):
     flag = '--' + name.replace('_', '-')
     allowed = QUANTITIES[name].allowed()
     assert refused('drop', 'tetrahedron', flag, '1e6') == (
-        f'error: {name} is 1000000.0, allowed is {allowed}'
+        f'error: invalid {name} 1000000.0: expected {allowed}'
     )
 
 

@@ -83,7 +83,7 @@ def test_a_log_with_a_wrong_byte_in_its_index_is_damaged(log):
 
 def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / 'a.mcap')
-    with pytest.raises(LogError, match=r'no \.mcap file is in it'):
+    with pytest.raises(LogError, match=r'it has no \.mcap file'):
         IndexedLog(tmp_path)
     with pytest.raises(LogError, match='is neither a file nor a folder'):
         IndexedLog(tmp_path / 'a.mcap')
@@ -92,5 +92,5 @@ def test_a_pipe_is_not_waited_for(tmp_path):
 def test_what_is_not_there(tmp_path):
     with pytest.raises(LogError, match='cannot be read: No such file'):
         IndexedLog(tmp_path / 'a.mcap')
-    with pytest.raises(LogError, match=r'no \.mcap file is in it'):
+    with pytest.raises(LogError, match=r'it has no \.mcap file'):
         IndexedLog(tmp_path)

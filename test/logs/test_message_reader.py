@@ -109,8 +109,8 @@ def test_another_definition_of_the_type_is_refused(tmp_path, monkeypatch):
     ('name', 'says'),
     [
         ('nowhere.mcap', "log '{}' cannot be read: No such file or directory"),
-        ('folder', "folder '{}' is no log: no .mcap file is in it"),
-        ('other.mcap', "log '{}' is damaged, or no MCAP file: it begins with b'aspect,c'"),
+        ('folder', "folder '{}' is not a log: it has no .mcap file"),
+        ('other.mcap', "log '{}' is damaged, or not an MCAP file: it begins with b'aspect,c'"),
     ],
 )
 def test_what_is_no_log(tmp_path, name, says):

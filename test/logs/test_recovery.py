@@ -147,7 +147,7 @@ def test_a_log_of_any_topics_of_ros_can_be_recovered(tmp_path):
         (
             'no.mcap',
             b'solid nut\nfacet',
-            "log '{}' is damaged, or no MCAP file: it begins with b'solid nu'",
+            "log '{}' is damaged, or not an MCAP file: it begins with b'solid nu'",
         ),
         ('nowhere.mcap', None, "log '{}' cannot be read: No such file or directory"),
     ],
@@ -158,7 +158,7 @@ def test_what_is_no_log_is_refused_and_kept(tmp_path, name, content, says):
         path.write_bytes(content)
     with pytest.raises(LogError) as caught:
         recover_log(path)
-    words = ', allowed is the folder of a run, or an .mcap file'
+    words = '; expected the folder of a run, or an .mcap file'
     assert str(caught.value) == says.format(path) + words
     assert content is None or path.read_bytes() == content
 
@@ -166,7 +166,7 @@ def test_what_is_no_log_is_refused_and_kept(tmp_path, name, content, says):
 def test_a_folder_with_two_files_is_told_from_a_log(tmp_path):
     for name in 'ab':
         (tmp_path / f'{name}.mcap').touch()
-    with pytest.raises(LogError, match=r'has 2 \.mcap files, allowed is one$'):
+    with pytest.raises(LogError, match=r'expected one \.mcap file, found 2$'):
         recover_log(tmp_path)
 
 

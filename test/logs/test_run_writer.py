@@ -472,8 +472,8 @@ def test_a_name_that_is_not_one_folder(tmp_path, name):
     with pytest.raises(LogError) as caught:
         RunLog(tmp_path, name)
     assert str(caught.value) == (
-        f'log name {name!r} is not allowed: '
-        'letters, digits, "_", "-" and ".", and neither "-" nor "." first'
+        f'invalid log name {name!r}: expected letters, digits, "_", "-" and ".", with neither '
+        '"-" nor "." first'
     )
     assert list(tmp_path.iterdir()) == []
 
@@ -488,11 +488,11 @@ def test_what_is_refused_leaves_the_log_as_it_was(tmp_path):
         with pytest.raises(LogError, match=r'depth=1, .* differs from .*depth=2000, '):
             log.write(changed, b'', 2)
         for time in (-1, 2**63):
-            with pytest.raises(LogError, match=f'log_time {time} is not allowed: ns since 1970'):
+            with pytest.raises(LogError, match=f'invalid log_time {time}: expected ns since 1970'):
                 log.write(POSES, b'', time)
-            with pytest.raises(LogError, match=f'publish_time {time} is not allowed'):
+            with pytest.raises(LogError, match=f'invalid publish_time {time}: expected'):
                 log.write(POSES, b'', 2, time)
-            with pytest.raises(LogError, match=f'log_time {time} is not allowed'):
+            with pytest.raises(LogError, match=f'invalid log_time {time}: expected'):
                 log.attach('mesh.stl', 'model/stl', b'', time)
         log.write(POSES, b'batch 01', 2)
     with Reader(log.path.parent) as reader:
@@ -520,20 +520,20 @@ def test_run_folder_name():
     assert run_folder_name('l_bracket', started, '4f1c') == 'l_bracket_20250201T015958Z_4f1c'
     with pytest.raises(LogError, match="start 2025-01-31 00:00:00 of run '4f1c' has no time zone"):
         run_folder_name('l_bracket', datetime(2025, 1, 31), '4f1c')  # noqa: DTZ001
-    with pytest.raises(LogError, match=r'log name .* is not allowed'):
+    with pytest.raises(LogError, match=r'invalid log name .*: expected'):
         run_folder_name('../l_bracket', started, '4f1c')
 
 
 @pytest.mark.parametrize(
     ('make', 'words'),
     [
-        (lambda: Qos(-1), 'QoS depth -1 is not allowed: expected one from 0 on'),
-        (lambda: Qos(1, '1'), "QoS reliability '1' is not allowed: it must be reliable or"),
-        (lambda: Qos(1, durability='x'), "durability 'x' is not allowed: it must be volatile or"),
-        (lambda: Qos(1, history='x'), "history 'x' is not allowed: it must be keep_last or keep"),
-        (lambda: Topic('parts/nut', PART.type, LATCHED), "name 'parts/nut' is not allowed: it mu"),
-        (lambda: Topic('/a', 'std_msgs/String', LATCHED), 'must look like package/msg/Type'),
-        (lambda: Topic('/a', '../msg/X', LATCHED), "type '../msg/X' of topic /a is not allowed"),
+        (lambda: Qos(-1), 'invalid QoS depth -1: expected an integer from 0 to'),
+        (lambda: Qos(1, '1'), "invalid QoS reliability '1': expected reliable or"),
+        (lambda: Qos(1, durability='x'), "invalid QoS durability 'x': expected volatile or"),
+        (lambda: Qos(1, history='x'), "invalid QoS history 'x': expected keep_last or"),
+        (lambda: Topic('parts/nut', PART.type, LATCHED), "invalid topic name 'parts/nut'"),
+        (lambda: Topic('/a', 'std_msgs/String', LATCHED), 'expected package/msg/Type'),
+        (lambda: Topic('/a', '../msg/X', LATCHED), "invalid type '../msg/X' of topic /a: "),
     ],
 )
 def test_topics_that_cannot_be(make, words):

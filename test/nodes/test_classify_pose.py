@@ -106,9 +106,9 @@ def test_a_part_without_aspects():
 def test_a_part_that_is_not_known_lists_those_that_are(part):
     box = part(BOX)
     assert asked_part({BOX: box}, BOX) is box
-    with pytest.raises(UnknownPartError, match=r"^part 'gizmo' is not known, known are a, b$"):
+    with pytest.raises(UnknownPartError, match=r"^part 'gizmo' is not known; known parts: a, b$"):
         asked_part({'b': box, 'a': box}, 'gizmo')
-    with pytest.raises(UnknownPartError, match=r"^part 'x+[.x]*' is not known, known are none: "):
+    with pytest.raises(UnknownPartError, match=r"^part 'x+[.x]*' is not known; .* none, because "):
         asked_part({}, 'x' * 300)
 
 
@@ -290,7 +290,7 @@ def test_an_unknown_part_lists_those_that_are_known(classify, name):
     found = classify(name, (0, 0, 0, 1))
     assert found.status.code == Status.UNKNOWN_PART
     assert found.status.message.startswith('part ')
-    assert ' is not known, known are angle_45' in found.status.message
+    assert ' is not known; known parts: angle_45' in found.status.message
     assert len(found.status.message) < 400
     assert found.status.message.endswith(', u_bracket, washer')
     assert math.isnan(found.probability)
@@ -328,4 +328,4 @@ def test_the_part_is_the_one_that_is_offered_now_or_was_last(
     suite.processes['drop_simulator'].end()
     suite.client.wait(lambda: not suite.client.parts(), 'no part offered')
     assert agrees(now)
-    assert 'known are thing' in classify('other', face.orientation).status.message
+    assert 'known parts: thing' in classify('other', face.orientation).status.message

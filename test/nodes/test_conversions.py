@@ -237,7 +237,7 @@ def test_a_description_of_no_part_is_refused(part):
 def test_conditions_that_are_not_allowed_are_refused():
     message = conversions.conditions_msg(CONDITIONS)
     message.friction = math.nan
-    with pytest.raises(InvalidValueError, match='friction is nan, allowed is'):
+    with pytest.raises(InvalidValueError, match='invalid friction nan: expected'):
         conversions.conditions_from(message)
 
 

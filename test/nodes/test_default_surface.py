@@ -98,5 +98,5 @@ def test_the_default_may_be_a_surface_that_the_classifier_does_not_know(fresh_su
     assert (conditions.surface, conditions.friction) == ('granite', 0.17)
     refused = suite.client.ask(drops=2, surface='granite').status
     assert (
-        refused.message == "surface 'granite' is not known, allowed is rubber_mat, steel, thrown"
+        refused.message == "invalid surface 'granite': expected one of rubber_mat, steel, thrown"
     )

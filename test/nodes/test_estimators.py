@@ -56,4 +56,4 @@ def test_a_method_that_is_not_defined_for_a_part(suite, method):
 def test_a_part_that_is_not_known(suite):
     answer = suite.client.ask('no_such_part', method='rolling')
     assert answer.status.code == Status.UNKNOWN_PART
-    assert answer.status.message.startswith("part 'no_such_part' is not known, known are ")
+    assert answer.status.message.startswith("part 'no_such_part' is not known; known parts: ")

@@ -78,7 +78,7 @@ def test_only_known_drops_nothing(suite, first, fields, words):
 def test_only_known_of_a_part_that_is_not_offered(suite, first):
     answer = suite.client.ask('gizmo', only_known=True)
     assert answer.status.code == Status.UNKNOWN_PART
-    assert answer.status.message.startswith("part 'gizmo' is not known, known are ")
+    assert answer.status.message.startswith("part 'gizmo' is not known; known parts: ")
     assert 'tetrahedron' in answer.status.message
 
 

@@ -229,7 +229,7 @@ def test_a_log_that_was_broken_off_is_replayed_as_far_as_it_is_whole(
 
     found = client.wait(counted, 'two batches')[0]
     assert not found.complete
-    assert f"log '{cut}' was broken off: what it holds is used" in replayer.said
+    assert f"log '{cut}' was not closed: the messages in it are used" in replayer.said
 
 
 def test_other_topics_are_replayed_in_the_namespace_of_the_suite(
@@ -332,9 +332,9 @@ def test_a_loop_is_counted_once(start, heard, replay, log, recorded, diagnostics
     [
         ({}, "log is '', allowed is the folder of a run, or an .mcap file"),
         ({'log': '/no/such.mcap'}, "log '/no/such.mcap' cannot be read: No such file"),
-        ({'log': '{tmp}'}, "folder '{tmp}' is no log: no .mcap file is in it"),
-        ({'log': '{tmp}/text/a.mcap'}, "'{tmp}/text/a.mcap' is damaged, or no MC"),
-        ({'log': '{tmp}/empty'}, "log '{tmp}/empty' holds no message"),
+        ({'log': '{tmp}'}, "folder '{tmp}' is not a log: it has no .mcap file"),
+        ({'log': '{tmp}/text/a.mcap'}, "'{tmp}/text/a.mcap' is damaged, or not an MCAP file"),
+        ({'log': '{tmp}/empty'}, "log '{tmp}/empty': expected at least one message"),
         ({'log': '{log}', 'rate': '0.0'}, 'rate out of range Min: 0.001, Max: 1000.0, value: 0.0'),
         (
             {'log': '{log}', 'rate': '.nan'},

@@ -255,7 +255,7 @@ def test_those_that_can_be_set_are_these():
     }
 
 
-NO_SURFACE = "surface '{}' is not known, allowed is rubber_mat, steel, thrown"
+NO_SURFACE = "invalid surface '{}': expected one of rubber_mat, steel, thrown"
 NO_FOLDER = "log_folder is '{}', allowed is a folder that is there or can be made"
 
 

@@ -121,7 +121,7 @@ def test_a_part_can_be_added_changed_and_removed(suite, listed, folder):
     listed('box_10x20x30', 'tetrahedron')
     answer = suite.client.ask('hex_nut', 3, seed=[1])
     assert answer.status.code == Status.UNKNOWN_PART
-    assert 'known are box_10x20x30, tetrahedron' in answer.status.message
+    assert 'known parts: box_10x20x30, tetrahedron' in answer.status.message
 
 
 def test_a_mesh_that_is_broken_is_told_once_and_harms_no_other_part(suite, listed, folder):

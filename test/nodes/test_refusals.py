@@ -57,7 +57,7 @@ def refused(request, suite):
 def test_a_name_that_is_not_registered(refused, name):
     kind, words = refused(part=name)
     assert kind == 'UNKNOWN_PART'
-    assert ' is not known, known are cut_short, tetrahedron' in words
+    assert ' is not known; known parts: cut_short, tetrahedron' in words
     assert len(words) < 300
 
 
@@ -69,7 +69,7 @@ def test_a_part_whose_mesh_is_broken(refused):
 
 @pytest.mark.parametrize('drops', [0, 10**12, 2**64 - 1])
 def test_drops_out_of_bounds(refused, drops):
-    words = f'drops is {drops}, allowed is a whole number from 1 to 2000000'
+    words = f'invalid drops {drops}: expected an integer from 1 to 2000000'
     assert refused(drops=drops) == ('INVALID', words)
 
 
@@ -80,7 +80,7 @@ def test_conditions_that_are_no_finite_numbers_within_bounds(refused, surfaces, 
     setattr(conditions, name, value)
     kind, words = refused(conditions=[conditions])
     assert kind == 'INVALID'
-    assert words.startswith(f'{name} is {value!r}, allowed is ')
+    assert words.startswith(f'invalid {name} {value!r}: expected ')
 
 
 def test_a_height_of_nothing_known(refused, surfaces):
@@ -89,7 +89,7 @@ def test_a_height_of_nothing_known(refused, surfaces):
     kind, words = refused(conditions=[conditions])
     assert (kind, words) == (
         'INVALID',
-        'height_of is 7, allowed is 0 (LOWEST_POINT), 1 (CENTRE_OF_MASS)',
+        'invalid height_of 7: expected 0 (LOWEST_POINT) or 1 (CENTRE_OF_MASS)',
     )
 
 
@@ -99,14 +99,14 @@ def test_a_centre_of_mass_so_low_that_the_part_could_touch(refused, surfaces):
     conditions.height = 0.001
     kind, words = refused(conditions=[conditions])
     assert kind == 'INVALID'
-    assert 'height of the centre of mass is 0.001 m' in words
+    assert 'invalid height of the centre of mass 0.001 m' in words
     assert 'more than' in words
 
 
 def test_a_surface_that_is_not_known(refused):
     assert refused(surface='ice') == (
         'INVALID',
-        "surface 'ice' is not known, allowed is rubber_mat, steel, thrown",
+        "invalid surface 'ice': expected one of rubber_mat, steel, thrown",
     )
 
 
@@ -119,7 +119,7 @@ def test_a_precision_that_cannot_be(refused, precision):
 def test_a_run_that_stops_at_a_precision_begins_with_its_first_drop(suite):
     result = suite.client.drop(drops=1000, first_drop=125, precision=0.05).result
     assert result.status.code == Status.INVALID
-    assert result.status.message.startswith('first_drop is 125, allowed is 0 for a run that stops')
+    assert result.status.message.startswith('invalid first_drop 125: expected 0 for a run that')
 
 
 def test_a_method_that_is_not_known(suite):

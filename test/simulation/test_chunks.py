@@ -236,7 +236,7 @@ def test_one_error_may_tell_of_many_deaths(campaign):
     [
         (KeyError('hull'), "a worker failed near drop 125 of tetrahedron: KeyError('hull')"),
         (EngineError('Bullet has no room'), 'Bullet has no room'),
-        (CancelledError(), 'the workers went away near drop 125 of tetrahedron'),
+        (CancelledError(), 'the workers became unavailable near drop 125 of tetrahedron'),
     ],
 )
 def test_a_worker_that_fails_is_not_asked_again(campaign, end, words):

@@ -72,13 +72,13 @@ def test_what_is_no_finite_number_within_bounds_is_refused_in_words(name, value)
     with pytest.raises(InvalidValueError) as caught:
         dataclasses.replace(PLAIN, **{name: value})
     allowed = QUANTITIES[name].allowed()
-    assert str(caught.value) == f'{name} is {shown(value)}, allowed is {allowed}'
+    assert str(caught.value) == f'invalid {name} {shown(value)}: expected {allowed}'
 
 
 @pytest.mark.parametrize(
     ('name', 'allowed'),
     [
-        ('height', 'more than 0 to 100 m'),
+        ('height', 'more than 0 and at most 100 m'),
         ('restitution', '0 to 1'),
         ('gravity', '1e-06 to 1000 m/s2'),
         ('spin', '0 to 10000 rad/s'),
@@ -105,7 +105,7 @@ def test_another_height_of_is_refused_in_words(value):
     with pytest.raises(InvalidValueError) as caught:
         dataclasses.replace(PLAIN, height_of=value)
     assert str(caught.value) == (
-        f'height_of is {value!r}, allowed is 0 (LOWEST_POINT), 1 (CENTRE_OF_MASS)'
+        f'invalid height_of {value!r}: expected 0 (LOWEST_POINT) or 1 (CENTRE_OF_MASS)'
     )
 
 
@@ -130,7 +130,7 @@ def test_a_change_of_what_height_means_loses_the_name_too():
 
 
 def test_a_change_that_is_not_allowed_is_refused():
-    with pytest.raises(InvalidValueError, match=r'^friction is -1, allowed is 0 to 10$'):
+    with pytest.raises(InvalidValueError, match=r'^invalid friction -1: expected 0 to 10$'):
         PLAIN.changed(friction=-1)
 
 

@@ -115,7 +115,7 @@ def test_a_cluster_that_is_gone_ends_it_in_words(make_cluster, planned, monkeypa
         steps = chunks.drop_chunks(*planned, workers, pytest.fail)
         next(steps)
     try:
-        with pytest.raises(EngineError, match='went away near drop'):
+        with pytest.raises(EngineError, match='became unavailable near drop'):
             list(steps)
     finally:
         workers.stop()
@@ -126,7 +126,7 @@ def refused():
     """Be refused as a client; gives the reason."""
 
     def check(address, allowed):
-        start = f'scheduler is {address!r}, allowed is {allowed}: '
+        start = f'invalid scheduler {address!r}: expected {allowed}; '
         with pytest.raises(InvalidValueError) as caught:
             ClusterWorkers(address)
         assert str(caught.value).startswith(start)
@@ -142,8 +142,8 @@ A_SCHEDULER = 'the address of a Dask scheduler'
 def test_an_address_where_nobody_answers_is_refused(make_cluster, refused):
     with socket.create_server(('127.0.0.1', 0)) as silent:
         address = f'127.0.0.1:{silent.getsockname()[1]}'
-        assert refused(address, A_SCHEDULER) == f'nobody answers within {PATIENCE:g} s'
-    assert refused(f'tcp://{address}', A_SCHEDULER) == f'nobody answers within {PATIENCE:g} s'
+        assert refused(address, A_SCHEDULER) == f'no answer within {PATIENCE:g} s'
+    assert refused(f'tcp://{address}', A_SCHEDULER) == f'no answer within {PATIENCE:g} s'
 
 
 @pytest.mark.parametrize('address', ['', 'somewhere', 'nonsense://127.0.0.1:1'])
@@ -159,12 +159,12 @@ def test_the_address_of_a_worker_is_refused(cluster, refused):
 @pytest.mark.slow
 def test_a_scheduler_without_workers_is_refused(make_cluster, refused):
     with make_cluster(0) as cluster:
-        reason = refused(cluster.scheduler_address, 'one that has workers')
-        assert reason == f'none came within {PATIENCE:g} s'
+        reason = refused(cluster.scheduler_address, 'a scheduler that has workers')
+        assert reason == f'none connected within {PATIENCE:g} s'
 
 
 def test_without_dask_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, 'distributed', None)
-    words = r"^scheduler is 'there:1', which needs Dask: pip install distributed$"
+    words = r"^scheduler 'there:1' needs Dask, which is not installed: pip install distributed$"
     with pytest.raises(InvalidValueError, match=words):
         ClusterWorkers('there:1')

@@ -127,7 +127,7 @@ def test_the_last_drops_that_there_can_be():
 
 def test_another_part_is_refused_in_words():
     pieces = [(RUN, poses(0, 5)), (run(run_id='b', part_sha256='cd34', seed=2), poses(0, 5))]
-    assert refusal(pieces) == ('part_sha256 of run b is cd34, allowed is that of run a: ab12')
+    assert refusal(pieces) == ('invalid part_sha256 cd34 of run b: expected ab12, as in run a')
 
 
 @pytest.mark.parametrize('name', sorted(QUANTITIES))
@@ -135,7 +135,7 @@ def test_other_conditions_are_refused_in_words(name):
     value = getattr(CONDITIONS, name)
     other = run(run_id='b', seed=2, conditions=CONDITIONS.changed(**{name: value / 2}))
     assert refusal([(RUN, poses(0, 5)), (other, poses(0, 5))]) == (
-        f'{name} of run b is {value / 2}, allowed is that of run a: {value}'
+        f'invalid {name} {value / 2} of run b: expected {value}, as in run a'
     )
 
 
@@ -143,7 +143,7 @@ def test_another_meaning_of_height_is_refused_in_words():
     conditions = CONDITIONS.changed(height_of=HeightOf.CENTRE_OF_MASS)
     pieces = [(RUN, poses(0, 5)), (run(run_id='b', seed=2, conditions=conditions), poses(0, 5))]
     assert refusal(pieces) == (
-        'height_of of run b is CENTRE_OF_MASS, allowed is that of run a: LOWEST_POINT'
+        'invalid height_of CENTRE_OF_MASS of run b: expected LOWEST_POINT, as in run a'
     )
 
 
@@ -159,7 +159,7 @@ def test_another_engine_is_refused_in_words_unless_asked_for(changes, words):
     other = run(run_id='b', seed=2, **changes)
     pieces = [(RUN, poses(0, 5)), (other, poses(2, 9, seed=2))]
     assert refusal(pieces) == (
-        f'engine of run b is {words}, allowed is that of run a: bullet 3.2.7 in steps of 0.001 s'
+        f'invalid engine {words} of run b: expected bullet 3.2.7 in steps of 0.001 s, as in run a'
     )
     merged = merge_drops(pieces, any_engine=True)
     assert [(each.run.run_id, ranges(each)) for each in merged] == [
@@ -171,8 +171,9 @@ def test_another_engine_is_refused_in_words_unless_asked_for(changes, words):
 def test_drops_that_start_alike_are_not_counted_for_two_engines():
     other = run(run_id='b', engine_version='3.2.8')
     assert refusal([(RUN, poses(0, 5)), (other, poses(3, 9))], any_engine=True) == (
-        'drop 3 of seed 1 is in run a and, of another engine or suite, in run b, allowed are '
-        'other seeds or drops: those that start alike are not independent'
+        'drop 3 of seed 1 is in run a and in run b, which differ in engine, version or timestep: '
+        'expected different seeds or drops, because drops with the same initial state are not '
+        'independent'
     )
     after = merge_drops([(RUN, poses(0, 5)), (other, poses(5, 9))], any_engine=True)
     assert [len(each) for each in after] == [5, 4]
@@ -211,8 +212,9 @@ def test_a_drop_that_ended_otherwise_is_refused_in_words(name, change, span):
     for order in (pieces, pieces[::-1]):
         words = refusal(order)
         assert words in {
-            f'drop 7 of seed 1 ended otherwise in run {one} than in run {other}, allowed is the '
-            'same pose, bit for bit: one of them was made on another platform, or is damaged'
+            f'drop 7 of seed 1 has different results in run {one} and in run {other}: expected '
+            'identical bits; one of the runs was simulated on another platform, or its log is '
+            'damaged'
             for one, other in ('ab', 'ba')
         }
 

@@ -46,26 +46,26 @@ def test_a_run_is_described_in_full(plan, part, surfaces):
 @pytest.mark.parametrize(
     ('asked', 'words'),
     [
-        ({'drops': 0}, f'drops is 0, allowed is a whole number from 1 to {MAX_DROPS}'),
-        ({'drops': -5}, f'drops is -5, allowed is a whole number from 1 to {MAX_DROPS}'),
+        ({'drops': 0}, f'invalid drops 0: expected an integer from 1 to {MAX_DROPS}'),
+        ({'drops': -5}, f'invalid drops -5: expected an integer from 1 to {MAX_DROPS}'),
         (
             {'drops': 10**12},
-            f'drops is 1000000000000, allowed is a whole number from 1 to {MAX_DROPS}',
+            f'invalid drops 1000000000000: expected an integer from 1 to {MAX_DROPS}',
         ),
-        ({'drops': 1.5}, f'drops is 1.5, allowed is a whole number from 1 to {MAX_DROPS}'),
-        ({'drops': True}, f'drops is True, allowed is a whole number from 1 to {MAX_DROPS}'),
-        ({'drops': '5'}, f"drops is '5', allowed is a whole number from 1 to {MAX_DROPS}"),
-        ({'seed': -1}, f'seed is -1, allowed is a whole number from 0 to {MAX_SEED}'),
-        ({'seed': 2**64}, f'seed is {2**64}, allowed is a whole number from 0 to {MAX_SEED}'),
-        ({'seed': 0.5}, f'seed is 0.5, allowed is a whole number from 0 to {MAX_SEED}'),
-        ({'seed': float('nan')}, f'seed is nan, allowed is a whole number from 0 to {MAX_SEED}'),
+        ({'drops': 1.5}, f'invalid drops 1.5: expected an integer from 1 to {MAX_DROPS}'),
+        ({'drops': True}, f'invalid drops True: expected an integer from 1 to {MAX_DROPS}'),
+        ({'drops': '5'}, f"invalid drops '5': expected an integer from 1 to {MAX_DROPS}"),
+        ({'seed': -1}, f'invalid seed -1: expected an integer from 0 to {MAX_SEED}'),
+        ({'seed': 2**64}, f'invalid seed {2**64}: expected an integer from 0 to {MAX_SEED}'),
+        ({'seed': 0.5}, f'invalid seed 0.5: expected an integer from 0 to {MAX_SEED}'),
+        ({'seed': float('nan')}, f'invalid seed nan: expected an integer from 0 to {MAX_SEED}'),
         (
             {'first_drop': -1},
-            f'first_drop is -1, allowed is a whole number from 0 to {MAX_SEED - 100}',
+            f'invalid first_drop -1: expected an integer from 0 to {MAX_SEED - 100}',
         ),
         (
             {'first_drop': 2**64},
-            f'first_drop is {2**64}, allowed is a whole number from 0 to {MAX_SEED - 100}',
+            f'invalid first_drop {2**64}: expected an integer from 0 to {MAX_SEED - 100}',
         ),
     ],
 )

@@ -53,7 +53,7 @@ def test_an_unknown_surface_is_refused_with_those_that_are_known(surfaces):
     with pytest.raises(InvalidValueError) as caught:
         surfaces.get('ice')
     assert str(caught.value) == (
-        f"surface 'ice' is not known, allowed is {', '.join(surfaces.names())}"
+        f"invalid surface 'ice': expected one of {', '.join(surfaces.names())}"
     )
 
 
@@ -76,15 +76,15 @@ def test_a_file_reads_back_what_was_written(file):
 @pytest.mark.parametrize(
     ('changes', 'words'),
     [
-        ({'height': -1}, 'rubber_mat: height is -1, allowed is more than 0 to 100 m'),
-        ({'friction': 'low'}, "rubber_mat: friction is 'low', allowed is 0 to 10"),
-        ({'spin': float('nan')}, 'rubber_mat: spin is nan, allowed is 0 to 10000 rad/s'),
-        ({'gravity': True}, 'rubber_mat: gravity is True, allowed is 1e-06 to 1000 m/s2'),
+        ({'height': -1}, 'rubber_mat: invalid height -1: expected more than 0 and at most 100 m'),
+        ({'friction': 'low'}, "rubber_mat: invalid friction 'low': expected 0 to 10"),
+        ({'spin': float('nan')}, 'rubber_mat: invalid spin nan: expected 0 to 10000 rad/s'),
+        ({'gravity': True}, 'rubber_mat: invalid gravity True: expected 1e-06 to 1000 m/s2'),
         (
             {'height_of': 'TOP'},
-            "rubber_mat: height_of is 'TOP', allowed is LOWEST_POINT, CENTRE_OF_MASS",
+            "rubber_mat: invalid height_of 'TOP': expected LOWEST_POINT or CENTRE_OF_MASS",
         ),
-        ({'height_of': [1]}, 'rubber_mat: height_of is [1], allowed is LOWEST_POINT, '),
+        ({'height_of': [1]}, 'rubber_mat: invalid height_of [1]: expected LOWEST_POINT or '),
         ({'frction': 1}, 'rubber_mat: must have exactly friction, gravity, height, height_of, '),
         ({'drop': ('spin',)}, 'rubber_mat: must have exactly friction, gravity, height, '),
     ],
@@ -102,7 +102,7 @@ def test_a_number_of_thousands_of_digits_is_refused_in_one_line(file, key):
     if key == 'source':
         assert Surfaces.read(path).names() == [DEFAULT_SURFACE]
         return
-    with pytest.raises(InvalidValueError, match=f'rubber_mat: {key} is ') as caught:
+    with pytest.raises(InvalidValueError, match=f'rubber_mat: invalid {key} ') as caught:
         Surfaces.read(path)
     assert len(str(caught.value)) < 600
 
