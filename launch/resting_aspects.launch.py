@@ -32,7 +32,7 @@ def generate_launch_description() -> LaunchDescription:
     descriptions = {
         'log_folder': 'folder of the logs',
         'parts_folder': 'folder of meshes',
-        'surface': 'surface of requests that name none',
+        'surface': 'surface of requests that do not name one',
         'workers': 'number of simulation processes',
     }
     return LaunchDescription(

@@ -22,7 +22,7 @@ from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.core.statistics.stopping import max_drops
 from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, PARTS
-from resting_aspects_ros.ros.status import asked_estimator, unknown_part
+from resting_aspects_ros.ros.status import requested_estimator, unknown_part
 from resting_aspects_ros.ros.topic_discovery import published_parts
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.run_description import (
@@ -60,7 +60,7 @@ def distribution_request(
         raise InvalidValueError(
             f'method is {method!r}, allowed is drops or the name of an estimator'
         )
-    if asked_estimator(method) is not None:
+    if requested_estimator(method) is not None:
         return GetDistribution.Request(part=part, method=method)
     if surface and conditions is not None:
         raise InvalidValueError(

@@ -1,4 +1,4 @@
-"""What all ROS nodes and clients of the suite share.
+"""Shared code of all ROS nodes and clients of the suite.
 
 Contains names and QoS, conversions between domain types and messages, parameters, diagnostics
 and guarded callbacks. May import `core`, `simulation`, `logs` and rclpy, but neither nodes nor the

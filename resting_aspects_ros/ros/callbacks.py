@@ -1,9 +1,10 @@
-"""Publishers, subscriptions and timers whose callbacks cannot end or delay a node, and waiting.
+"""Guarded publishers, subscriptions and timers, and functions that wait.
 
-An exception that leaves a callback ends the process in rclpy, and rclpy's timers stand still while
-nobody publishes simulated time. In every turn, rclpy checks all event handlers; those for
-incompatible QoS, two for each publisher and subscription, took longer than the rest of an answer.
-The QoS of the suite's nodes is compatible, and a peer with other QoS is warned on its own side.
+In rclpy, an exception that leaves a callback ends the process, and timers that use simulated time
+stop while no clock is published. rclpy also checks all event handlers in every iteration: the
+handlers for incompatible QoS, two for each publisher and subscription, took longer than the rest
+of a response. The QoS of the suite's nodes is compatible, and a peer with other QoS is warned on
+its own side.
 """
 
 from collections.abc import Awaitable, Callable
@@ -23,7 +24,7 @@ from rclpy.timer import Timer
 
 from resting_aspects_ros.core.errors import RestingAspectsError
 
-# Further errors of the same callback are not logged for so long, s.
+# Minimum time between two logged errors of the same callback, s.
 LOG_PERIOD = 60.0
 
 
@@ -31,21 +32,21 @@ def subscribe(
     node: Node,
     kind: Any,
     topic: str,
-    take: Callable[[Any], object],
+    callback: Callable[[Any], object],
     qos: QoSProfile,
     *,
     raw: bool = False,
 ) -> Subscription:
-    """Subscribe; a message for which ``take`` raises is dropped, and the error is logged.
+    """Return a subscription that ignores a message for which ``callback`` raises; logs the error.
 
     raw : bool
-        Whether ``take`` is called with the message's bytes.
+        Whether ``callback`` is called with the bytes of the message.
     """
-    lost = f'a message on {node.resolve_topic_name(topic)} is not used'
+    failure = f'ignored a message on {node.resolve_topic_name(topic)}'
     return node.create_subscription(
         kind,
         topic,
-        guarded(node, lost, take),
+        guarded(node, failure, callback),
         qos,
         event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         raw=raw,
@@ -53,38 +54,38 @@ def subscribe(
 
 
 def advertise(node: Node, kind: Any, topic: str, qos: QoSProfile | int) -> Publisher:
-    """Return a publisher without handlers of QoS events."""
+    """Return a publisher without handlers for QoS events."""
     return node.create_publisher(
         kind, topic, qos, event_callbacks=PublisherEventCallbacks(use_default_callbacks=False)
     )
 
 
-def guarded(node: Node, lost: str, act: Callable[..., object]) -> Callable[..., None]:
-    """Return the callback with its exceptions logged, at most one within LOG_PERIOD.
+def guarded(node: Node, failure: str, callback: Callable[..., object]) -> Callable[..., None]:
+    """Return a callback whose exceptions are logged, at most one within LOG_PERIOD.
 
-    lost : str
-        What is not done after an exception, for the log.
+    failure : str
+        Beginning of the log line: the consequence of an exception.
     """
-    report = _reporter(node, lost)
+    report = _reporter(node, failure)
 
-    def callback(*given: Any) -> None:
+    def guarded_callback(*arguments: Any) -> None:
         try:
-            act(*given)
+            callback(*arguments)
         except Exception as error:  # noqa: BLE001 - the edge: nothing that comes in ends the node
             report(error)
 
-    return callback
+    return guarded_callback
 
 
 def guarded_task(
-    node: Node, lost: str, act: Callable[..., Awaitable[None]]
+    node: Node, failure: str, function: Callable[..., Awaitable[None]]
 ) -> Callable[..., Awaitable[None]]:
-    """As guarded, for a coroutine function that the executor runs as a task."""
-    report = _reporter(node, lost)
+    """Return a guarded coroutine function, which the executor runs as a task; see ``guarded``."""
+    report = _reporter(node, failure)
 
-    async def task(*given: Any) -> None:
+    async def task(*arguments: Any) -> None:
         try:
-            await act(*given)
+            await function(*arguments)
         except Exception as error:  # noqa: BLE001 - the edge: an exception of a task ends the node
             report(error)
 
@@ -92,23 +93,23 @@ def guarded_task(
 
 
 def steady_timer(
-    node: Node, seconds: float, act: Callable[[], object], group: CallbackGroup | None = None
+    node: Node, seconds: float, callback: Callable[[], object], group: CallbackGroup | None = None
 ) -> Timer:
-    """Return a timer that does not depend on simulated time."""
+    """Return a timer on the steady clock, which does not depend on simulated time."""
     clock = Clock(clock_type=ClockType.STEADY_TIME)
-    return node.create_timer(seconds, act, group, clock)
+    return node.create_timer(seconds, callback, group, clock)
 
 
-def _reporter(node: Node, lost: str) -> Callable[[Exception], None]:
+def _reporter(node: Node, failure: str) -> Callable[[Exception], None]:
     """Return a function that logs errors of one callback, at most one within LOG_PERIOD."""
-    # rclpy throttles each line of code per logger object: callbacks with loggers of their own do
-    # not silence each other.
+    # rclpy throttles each line of code per logger object: each callback has its own logger, so
+    # that callbacks do not throttle each other.
     logger = get_logger(node.get_logger().name)
 
     def report(error: Exception) -> None:
         known = isinstance(error, RestingAspectsError)
-        words = str(error) if known else f'unexpected: {error!r}'
-        logger.error(f'{lost}: {words}', throttle_duration_sec=LOG_PERIOD)
+        text = str(error) if known else f'unexpected error {error!r}'
+        logger.error(f'{failure}: {text}', throttle_duration_sec=LOG_PERIOD)
 
     return report
 
@@ -116,38 +117,38 @@ def _reporter(node: Node, lost: str) -> Callable[[Exception], None]:
 async def wait_for(
     node: Node, future: Future, seconds: float, group: CallbackGroup | None = None
 ) -> bool:
-    """Wait until the future is done, but not longer; returns whether it is done.
+    """Wait until a future is done, up to a timeout; return whether it is done.
 
-    group : the timer's callback group; None: the node's own
+    group : callback group of the timer; None: the group of the node
     """
     if future.done():
         return True
-    either = Future(executor=node.executor)
+    done_or_timeout = Future(executor=node.executor)
 
     def finish(_: Future) -> None:
-        _finish(either)
+        _finish(done_or_timeout)
 
     future.add_done_callback(finish)
-    timer = steady_timer(node, seconds, lambda: _finish(either), group)
+    timer = steady_timer(node, seconds, lambda: _finish(done_or_timeout), group)
     try:
-        await either
+        await done_or_timeout
     finally:
         node.destroy_timer(timer)
-        future.remove_done_callback(finish)  # frequent waits would leave many
+        future.remove_done_callback(finish)  # repeated waits would accumulate callbacks
     return bool(future.done())
 
 
 async def sleep_for(node: Node, seconds: float, group: CallbackGroup | None = None) -> None:
-    """Wait for a time on the steady clock."""
+    """Wait for a duration on the steady clock."""
     await wait_for(node, Future(executor=node.executor), seconds, group)
 
 
-async def result_of(node: Node, future: 'PoolFuture[Any]') -> Any:
-    """Return the result of work in another thread or process, or raise its error."""
+async def await_future(node: Node, future: 'PoolFuture[Any]') -> Any:
+    """Return the result of a future of another thread or process, or raise its error."""
     done = Future(executor=node.executor)
 
     def wake(_: object) -> None:
-        # Called by a thread of the pool; the node may have ended by then.
+        # A thread of the pool calls this; the node may have been destroyed by then.
         if (executor := node.executor) is not None:
             done.set_result(None)
             executor.wake()

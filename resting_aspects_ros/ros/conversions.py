@@ -1,4 +1,4 @@
-"""Between the suite's own types and ROS messages."""
+"""Conversions between the types of the suite and ROS messages."""
 
 from dataclasses import fields
 
@@ -32,27 +32,27 @@ from resting_aspects_ros.simulation.run_description import (
 )
 
 NANOSECONDS = 1_000_000_000
-# Fields of a run that are the same in its message.
+# Fields with the same name and type in RunDescription and its message.
 _RUN_FIELDS = {field.name for field in fields(Run)} - {'conditions', 'started'}
 
 
 def status(code: int, message: str = '') -> Status:
-    """A status; the message is for a person."""
+    """Return a status message; its text is for the user."""
     return Status(code=code, message=message)
 
 
 def time_msg(nanoseconds: int) -> Time:
-    """Nanoseconds since the epoch as a stamp."""
+    """Return a time message from nanoseconds since the epoch."""
     return Time(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
 
 
 def nanoseconds(stamp: Time) -> int:
-    """A stamp as nanoseconds since the epoch."""
+    """Return the nanoseconds since the epoch of a time message."""
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
 def conditions_msg(conditions: drop_conditions.DropConditions) -> DropConditions:
-    """Conditions as a message."""
+    """Return the message for conditions."""
     values = {name: getattr(conditions, name) for name in drop_conditions.QUANTITIES}
     return DropConditions(
         surface=conditions.surface, height_of=int(conditions.height_of), **values
@@ -60,13 +60,13 @@ def conditions_msg(conditions: drop_conditions.DropConditions) -> DropConditions
 
 
 def conditions_from(msg: DropConditions) -> drop_conditions.DropConditions:
-    """Raises InvalidValueError if a value is not allowed."""
+    """Return the conditions in a message; raises InvalidValueError for an invalid value."""
     values = {name: getattr(msg, name) for name in drop_conditions.QUANTITIES}
     return drop_conditions.DropConditions(surface=msg.surface, height_of=msg.height_of, **values)
 
 
 def run_msg(run: Run) -> RunDescription:
-    """A run's description as a message."""
+    """Return the message for the description of a run."""
     same = {name: getattr(run, name) for name in _RUN_FIELDS}
     return RunDescription(
         conditions=conditions_msg(run.conditions), started=time_msg(run.started), **same
@@ -74,13 +74,13 @@ def run_msg(run: Run) -> RunDescription:
 
 
 def run_from(msg: RunDescription) -> Run:
-    """Raises InvalidValueError if no run has this description."""
+    """Return the run description in a message; raises InvalidValueError for an invalid value."""
     if not msg.run_id:
-        raise InvalidValueError("run_id is '', allowed is that of a run")
+        raise InvalidValueError("invalid run_id '': expected the id of a run")
     check_run_id(msg.run_id)
     if not is_valid_name(msg.part):
         raise InvalidValueError(
-            f'part of run {msg.run_id} is {shown(msg.part)}, allowed is a name'
+            f'invalid part {shown(msg.part)} of run {msg.run_id}: expected the name of a part'
         )
     check_drops(msg.drops)
     check_first_drop(msg.first_drop, msg.drops)
@@ -93,7 +93,7 @@ def run_from(msg: RunDescription) -> Run:
 def poses_msg(
     poses: RestingPoses, run: Run, stamp: Time, last: bool, frame: str = FRAME
 ) -> RestingPosesMsg:
-    """A batch of poses as a message."""
+    """Return the message for a batch of poses."""
     rows = zip(
         poses.position.tolist(),
         poses.orientation.tolist(),
@@ -122,14 +122,14 @@ def poses_msg(
 
 
 def pose_msg(position: list[float], orientation: list[float]) -> Pose:
-    """A pose; the orientation is xyzw."""
+    """Return the message for a pose; the orientation is a quaternion xyzw."""
     x, y, z = position
     qx, qy, qz, qw = orientation
     return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
 
 
 def poses_from(msg: RestingPosesMsg) -> RestingPoses:
-    """The poses of a batch; raises InvalidValueError if a part cannot lie so."""
+    """Return the poses of a batch; raises InvalidValueError for an invalid pose or code."""
     position = [(p.pose.position.x, p.pose.position.y, p.pose.position.z) for p in msg.poses]
     orientation = [(o.x, o.y, o.z, o.w) for o in (entry.pose.orientation for entry in msg.poses)]
     poses = RestingPoses(
@@ -146,15 +146,25 @@ def poses_from(msg: RestingPosesMsg) -> RestingPoses:
 
 
 def _check_poses(poses: RestingPoses) -> None:
-    """Raises InvalidValueError for codes that are none, and for a part at rest nowhere."""
+    """Raise InvalidValueError for unknown codes, and for invalid poses of settled drops."""
     check_first_drop(poses.first_drop, len(poses))
     settled = poses.status == RestStatus.SETTLED
-    with np.errstate(over='ignore', invalid='ignore'):  # what is as long as that is refused
+    with np.errstate(over='ignore', invalid='ignore'):  # an infinite norm is rejected below
         norm = np.linalg.norm(poses.orientation, axis=1)
-    for name, values, allowed, right in (
-        ('status', poses.status, 'a code', np.isin(poses.status, list(RestStatus))),
-        ('decided_by', poses.decided_by, 'a code', np.isin(poses.decided_by, list(DecidedBy))),
-        ('position', poses.position, 'finite', np.isfinite(poses.position).all(1) | ~settled),
+    for name, values, expected, is_valid in (
+        ('status', poses.status, 'a RestStatus code', np.isin(poses.status, list(RestStatus))),
+        (
+            'decided_by',
+            poses.decided_by,
+            'a DecidedBy code',
+            np.isin(poses.decided_by, list(DecidedBy)),
+        ),
+        (
+            'position',
+            poses.position,
+            'finite numbers',
+            np.isfinite(poses.position).all(1) | ~settled,
+        ),
         (
             'orientation',
             poses.orientation,
@@ -162,15 +172,15 @@ def _check_poses(poses: RestingPoses) -> None:
             (np.abs(norm - 1) <= LENGTH_TOLERANCE) | ~settled,
         ),
     ):
-        for k in np.flatnonzero(~right)[:1].tolist():
-            found = values[k].tolist()
+        for k in np.flatnonzero(~is_valid)[:1].tolist():
             raise InvalidValueError(
-                f'{name} of drop {poses.first_drop + k} is {found}, allowed is {allowed}'
+                f'invalid {name} {values[k].tolist()} of drop {poses.first_drop + k}: '
+                f'expected {expected}'
             )
 
 
 def part_msg(part: Part) -> PartDescription:
-    """All that makes the part, as a message."""
+    """Return the message that describes a part completely."""
     x, y, z = part.centre_of_mass.tolist()
     return PartDescription(
         name=part.name,
@@ -187,16 +197,16 @@ def part_msg(part: Part) -> PartDescription:
 
 
 def check_description(msg: PartDescription, name: str) -> None:
-    """Raises InvalidValueError if a description on parts/<name> is of another part."""
+    """Raise InvalidValueError if a description on parts/<name> is not of that part."""
     if msg.name != name or msg.format not in FORMATS:
         raise InvalidValueError(
-            f'part {name!r} is described as {shown(msg.name)} in the format {shown(msg.format)}, '
-            f'allowed is its own name, and {", ".join(FORMATS)}'
+            f'invalid description of part {name!r}: expected this name and a format of '
+            f'{", ".join(FORMATS)}; it has name {shown(msg.name)} and format {shown(msg.format)}'
         )
 
 
 def part_from(msg: PartDescription) -> Part:
-    """Raises PartError or InvalidValueError if the description is of no part."""
+    """Return the part in a message; raises PartError or InvalidValueError if it is invalid."""
     centre = msg.centre_of_mass
     return part_from_bytes(
         bytes(msg.mesh),
@@ -211,17 +221,17 @@ def part_from(msg: PartDescription) -> Part:
 
 
 def serialized_poses(data: bytes) -> tuple[Run, RestingPoses, bool]:
-    """Run, poses and whether it is the last, of a batch in a log; RuntimeError if unreadable."""
+    """Return run, poses and `last` of a serialized batch; RuntimeError if it is unreadable."""
     msg = deserialize_message(data, RestingPosesMsg)
     return run_from(msg.run), poses_from(msg), bool(msg.last)
 
 
 def serialized_batch(data: bytes) -> tuple[Run, int, int, bool]:
-    """Run, first drop, number of drops, and whether it is the last, of a batch in a log."""
+    """Return run, first drop, number of drops and `last` of a serialized batch."""
     msg = deserialize_message(data, RestingPosesMsg)
     return run_from(msg.run), int(msg.first_drop), len(msg.poses), bool(msg.last)
 
 
 def serialized_part(data: bytes) -> Part:
-    """The part of a description as a log has it; RuntimeError if it cannot be read."""
+    """Return the part of a serialized description; RuntimeError if it is unreadable."""
     return part_from(deserialize_message(data, PartDescription))

@@ -1,4 +1,4 @@
-"""What a request means that names no surface: the simulator's parameter, published latched."""
+"""Default conditions of requests without a surface: a simulator parameter, published latched."""
 
 from rclpy.node import Node
 from rclpy.task import Future
@@ -15,54 +15,55 @@ from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE, Surfaces
 SURFACE = Parameter(
     'surface',
     DEFAULT_SURFACE,
-    'surface of requests that name none',
+    'surface of requests that do not name one',
     allowed='a name in surfaces_file',
     changeable=True,
 )
-# The latched message of a simulator that has been discovered comes within this, s.
-HEAR_TIMEOUT = 10.0
+# Timeout for the latched message of a discovered simulator, s.
+RECEIVE_TIMEOUT = 10.0
 
 
 class DefaultConditionsPublisher:
-    """The simulator's: its parameter `surface`, published as default_conditions."""
+    """Publishes the conditions of the parameter `surface` as default_conditions."""
 
     def __init__(self, node: Node, surfaces: Surfaces) -> None:
         self._surfaces = surfaces
         self._publisher = advertise(node, DropConditionsMsg, DEFAULT_CONDITIONS, LATCHED)
-        on_change(node, SURFACE.name, surfaces.get, self._take)
-        self._take(node.get_parameter(SURFACE.name).value)
+        on_change(node, SURFACE.name, surfaces.get, self._publish)
+        self._publish(node.get_parameter(SURFACE.name).value)
 
     @property
     def conditions(self) -> DropConditions:
-        """Those of a request that names no surface."""
+        """The conditions of a request that does not name a surface."""
         return self._conditions
 
-    def _take(self, name: str) -> None:
+    def _publish(self, name: str) -> None:
         self._conditions = self._surfaces.get(name)
         self._publisher.publish(conditions_msg(self._conditions))
 
 
 class DefaultConditionsSubscriber:
-    """What the simulator of a namespace published last as default_conditions."""
+    """Receives default_conditions of the simulator in the namespace of a node."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._conditions: DropConditions | None = None
-        self._heard = Future()  # done with the first message of a simulator
-        subscribe(node, DropConditionsMsg, DEFAULT_CONDITIONS, self._hear, LATCHED)
+        self._received = Future()  # done with the first message
+        subscribe(node, DropConditionsMsg, DEFAULT_CONDITIONS, self._receive, LATCHED)
 
     @property
-    def is_heard(self) -> bool:
-        """Whether a simulator has published it."""
+    def is_received(self) -> bool:
+        """Whether a simulator has published its default conditions."""
         return self._conditions is not None
 
     async def conditions(self) -> DropConditions:
-        """Return those of a request that names no surface; a simulator that exists is heard first.
+        """Return the conditions of a request that does not name a surface.
 
-        Raises NotAvailableError if no simulator was heard yet.
+        Waits for the message of a discovered simulator. Raises NotAvailableError if no simulator
+        has published the conditions yet.
         """
         if self._node.count_publishers(DEFAULT_CONDITIONS):
-            await wait_for(self._node, self._heard, HEAR_TIMEOUT)
+            await wait_for(self._node, self._received, RECEIVE_TIMEOUT)
         if self._conditions is None:
             raise NotAvailableError(
                 'no drop_simulator has published its default surface yet: name a surface, or '
@@ -70,7 +71,7 @@ class DefaultConditionsSubscriber:
             )
         return self._conditions
 
-    def _hear(self, message: DropConditionsMsg) -> None:
+    def _receive(self, message: DropConditionsMsg) -> None:
         self._conditions = conditions_from(message)
-        if not self._heard.done():
-            self._heard.set_result(None)
+        if not self._received.done():
+            self._received.set_result(None)

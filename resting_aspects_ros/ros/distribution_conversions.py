@@ -1,4 +1,4 @@
-"""Between distributions over aspects and ROS messages."""
+"""Conversions between distributions over aspects and ROS messages."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -28,9 +28,9 @@ from resting_aspects_ros.ros.conversions import run_from, run_msg
 from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.simulation.run_description import RunDescription as Run
 
-# By their codes in the message Aspect.
+# Indexed by their codes in the message Aspect.
 SWEEPS = (Sweep.POINT, Sweep.ARC, Sweep.RING, Sweep.DOME, Sweep.SPHERE)
-# Fields of an aspect that are the same in its message.
+# Fields with the same name and type in Aspect and its message.
 _ASPECT_FIELDS = [
     'id',
     'symmetry_class',
@@ -46,7 +46,7 @@ _ASPECT_FIELDS = [
 def distribution_msg(
     distribution: Distribution, run: Run, stamp: Time, complete: bool, frame: str = FRAME
 ) -> AspectDistribution:
-    """A distribution with all aspects of the part, seen or not."""
+    """Return the message for a distribution over all aspects of the part, seen or not."""
     classes = distribution.by_class()
     return AspectDistribution(
         header=Header(stamp=stamp, frame_id=frame),
@@ -70,12 +70,14 @@ def distribution_msg(
 
 
 def estimate_msg(
-    found: Estimate, part: Part, stamp: Time, frame: str = FRAME
+    prediction: Estimate, part: Part, stamp: Time, frame: str = FRAME
 ) -> AspectDistribution:
-    """What an estimator predicts: without drops, so without counts and bounds (NaN)."""
-    single = found.probabilities.tolist()
-    summed = [sum(single[each.id - 1] for each in members) for members in found.aspects.classes()]
-    predicted = [
+    """Return the message for a prediction; without drops, its counts are 0 and its bounds NaN."""
+    single = prediction.probabilities.tolist()
+    summed = [
+        sum(single[each.id - 1] for each in members) for members in prediction.aspects.classes()
+    ]
+    shares = [
         _shares([0] * len(each), [Interval(p, math.nan, math.nan) for p in each])
         for each in (single, summed)
     ]
@@ -83,14 +85,14 @@ def estimate_msg(
         header=Header(stamp=stamp, frame_id=frame),
         run=RunDescription(part=part.name, part_sha256=part.part_sha256),
         aspect_numbering=ASPECT_NUMBERING,
-        method=found.method,
+        method=prediction.method,
         complete=True,
-        **_rows(found.aspects, *predicted),
+        **_rows(prediction.aspects, *shares),
     )
 
 
 def estimate_from(msg: AspectDistribution) -> Estimate:
-    """What an estimator predicted, of a message with its name as the method."""
+    """Return the prediction in a message whose method is the name of an estimator."""
     return Estimate(
         _aspects_from(msg), msg.method, np.array([aspect.probability for aspect in msg.aspects])
     )
@@ -104,9 +106,9 @@ def _shares(counts: list[int], intervals: Sequence[Interval]) -> list[dict[str, 
 
 
 def _rows(
-    aspects: AspectSet, shares: list[dict[str, object]], of_classes: list[dict[str, object]]
+    aspects: AspectSet, shares: list[dict[str, object]], class_shares: list[dict[str, object]]
 ) -> dict[str, object]:
-    """The fields `aspects` and `classes` of a distribution."""
+    """Return the fields `aspects` and `classes` of a distribution."""
     return {
         'aspects': [
             Aspect(**_aspect_fields(aspect), **share)
@@ -118,7 +120,7 @@ def _rows(
                 aspects=[aspect.id for aspect in members],
                 **share,
             )
-            for members, share in zip(aspects.classes(), of_classes, strict=True)
+            for members, share in zip(aspects.classes(), class_shares, strict=True)
         ],
     }
 
@@ -137,14 +139,16 @@ def _aspect_fields(aspect: aspect_set.Aspect) -> dict[str, object]:
 
 
 def distribution_from(msg: AspectDistribution) -> Distribution:
-    """The counts and aspects of a message; its probabilities follow from them.
+    """Return the distribution in a message; its probabilities are computed from the counts.
 
-    Raises InvalidValueError if they cannot be those of a distribution.
+    Raises InvalidValueError if the fields of the message are inconsistent.
     """
     counts = [a.count for a in msg.aspects]
     if max(counts, default=0) >= 2**63:
-        raise InvalidValueError(f'invalid count {max(counts)}: expected at most the drops')
-    found = Distribution(
+        raise InvalidValueError(
+            f'invalid count {max(counts)}: expected at most the number of drops'
+        )
+    distribution = Distribution(
         _aspects_from(msg),
         np.array(counts, dtype=np.int64),
         unclassified=msg.unclassified,
@@ -156,52 +160,53 @@ def distribution_from(msg: AspectDistribution) -> Distribution:
         by_precision=msg.run.precision > 0,
     )
     ids = [aspect.id for aspect in msg.aspects]
-    if found.drops != msg.drops or ids != list(range(1, len(ids) + 1)):
+    if distribution.drops != msg.drops or ids != list(range(1, len(ids) + 1)):
         raise InvalidValueError(
-            f'distribution of run {msg.run.run_id} has {found.drops} drops in the aspects {ids}, '
-            f'allowed are its {msg.drops} drops, in aspects from 1 on'
+            f'invalid distribution of run {msg.run.run_id}: expected {msg.drops} drops in aspects '
+            f'numbered from 1; it has {distribution.drops} drops in aspects {ids}'
         )
-    found.intervals()  # raises, too
-    return found
+    distribution.intervals()  # raises for an invalid interval method or confidence
+    return distribution
 
 
 def probability_of(distribution: AspectDistribution, aspects: Iterable[int]) -> Interval:
-    """How probable it is that a part comes to rest in any of some aspects.
+    """Return the probability that a part comes to rest in any of the given aspects.
 
-    The interval is that of their sum, which is narrower than the intervals added up: they are
-    counted together.
+    The interval is computed from the sum of the counts; it is narrower than the sum of the
+    intervals of the aspects.
 
     Parameters
     ----------
     distribution : AspectDistribution
-        As it is answered and published.
+        From get_distribution or from a topic aspect_distributions/<part>.
     aspects : iterable of int
-        Their ids; one that comes twice counts once.
+        Their ids; a repeated id counts once.
 
     Returns
     -------
     Interval
-        ``probability``, ``lower`` and ``upper``, 0 to 1, with the message's confidence. Before the
-        first drop 0 in 0 to 1; of an analytic method, which counts no drops, the ends are NaN.
+        ``probability``, ``lower`` and ``upper``, 0 to 1, with the confidence of the message.
+        Before the first drop, they are 0, 0 and 1. For an analytic method, which counts no drops,
+        ``lower`` and ``upper`` are NaN.
 
     Raises
     ------
     InvalidValueError
-        The part has no aspect of an id, or it is no distribution.
+        The part does not have one of the aspects, or the message is inconsistent.
     """
     if distribution.method in ('', METHOD):
         return distribution_from(distribution).together(aspects)
     shares = {aspect.id: aspect.probability for aspect in distribution.aspects}
     ids = set(aspects)
     for k in ids - shares.keys():
-        raise InvalidValueError(f'aspect is {k!r}, allowed is 1 to {len(shares)}')
+        raise InvalidValueError(f'invalid aspect {k!r}: expected 1 to {len(shares)}')
     return Interval(sum(shares[k] for k in ids), math.nan, math.nan)
 
 
 def serialized_distribution(data: bytes) -> tuple[Distribution, Run, bool]:
-    """The distribution, its run and whether that was over, of a message as a log has it.
+    """Return distribution, run and `complete` of a serialized message.
 
-    Raises InvalidValueError if its aspects do not have the ids that they have today.
+    Raises InvalidValueError if its aspects are numbered by another version of the rule.
     """
     msg = deserialize_message(data, AspectDistribution)
     if msg.aspect_numbering != ASPECT_NUMBERING:
@@ -219,7 +224,7 @@ def _aspects_from(msg: AspectDistribution) -> AspectSet:
 def _aspect_from(msg: Aspect) -> aspect_set.Aspect:
     if msg.sweep >= len(SWEEPS):
         raise InvalidValueError(
-            f'sweep of aspect {msg.id} is {msg.sweep}, allowed is 0 to {len(SWEEPS) - 1}'
+            f'invalid sweep {msg.sweep} of aspect {msg.id}: expected 0 to {len(SWEEPS) - 1}'
         )
     return aspect_set.Aspect(
         **{name: getattr(msg, name) for name in _ASPECT_FIELDS},
@@ -228,7 +233,8 @@ def _aspect_from(msg: Aspect) -> aspect_set.Aspect:
         down_in_part=_vector(msg.down_in_part),
         orientation=np.array([getattr(msg.orientation, axis) for axis in 'xyzw']),
         support=np.array([(p.x, p.y) for p in msg.support.points]).reshape(-1, 2),
-        # The flats of a curved side do not travel: nothing is classified with this.
+        # The message does not contain the flat sides that approximate a curved side, since
+        # nothing is classified with the result.
         directions=_vector(msg.down_in_part)[None],
         links=np.zeros((0, 2), dtype=np.int64),
     )

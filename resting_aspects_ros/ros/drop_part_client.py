@@ -1,4 +1,4 @@
-"""One drop_part goal followed to its end, also if that is the end of the simulator."""
+"""Client of one drop_part goal, which also detects that the simulator stopped or restarted."""
 
 import time
 from collections.abc import Awaitable, Callable
@@ -16,15 +16,15 @@ from unique_identifier_msgs.msg import UUID
 from resting_aspects_ros.ros.callbacks import wait_for
 from resting_aspects_ros.ros.status import CanceledError, NotAvailableError
 
-# A simulator accepts a goal within this, s; else the goal is sent again, so often: a simulator can
-# be discovered before it has discovered the client, and then its answer is lost.
+# Timeout after which a goal is sent again, s, and maximum number of attempts. The response is lost
+# if a client discovers a simulator before the simulator discovers the client.
 GOAL_TIMEOUT = 3.0
 MAX_SENDS = 10
-# How often it is checked whether the simulator still exists and the result is still wanted, s.
-LOOK_PERIOD = 0.5
-# After so long without feedback the result is requested again, s: a simulator that was restarted
-# answers at once that it does not know the goal; a slow one answers both in the end.
-ASK_PERIOD = 5.0
+# Interval of checks that the simulator still exists and that the result is still needed, s.
+CHECK_PERIOD = 0.5
+# Time without feedback after which the result is requested again, s. A restarted simulator answers
+# at once that it does not know the goal; a slow one eventually answers both requests.
+RETRY_PERIOD = 5.0
 
 
 async def drop_result(
@@ -36,49 +36,49 @@ async def drop_result(
     feedback: Callable[[DropPart.Feedback], object] = lambda _: None,
     wanted: Callable[[], bool] = lambda: True,
 ) -> DropPart.Result:
-    """Send a goal and wait for its result.
+    """Send a goal, wait for its result and return it.
 
     Parameters
     ----------
-    group : callback group of the timers; None: the node's own
+    group : callback group of the timers; None: the group of the node
     feedback : called with each feedback message
-    wanted : the goal is canceled when this is false
+    wanted : the goal is canceled when this returns False
 
     Raises
     ------
     NotAvailableError
-        The simulator is gone before the result came.
+        The simulator stopped before it sent the result.
     CanceledError
-        The goal is not wanted any more.
+        ``wanted`` returned False.
     """
-    heard = time.monotonic()
+    last_feedback = time.monotonic()
 
-    def hear(message: DropPart.Impl.FeedbackMessage) -> None:
-        nonlocal heard
-        heard = time.monotonic()
+    def on_feedback(message: DropPart.Impl.FeedbackMessage) -> None:
+        nonlocal last_feedback
+        last_feedback = time.monotonic()
         feedback(message.feedback)
 
     async def arrived(future: Future) -> bool:
-        if await wait_for(node, future, LOOK_PERIOD, group):
+        if await wait_for(node, future, CHECK_PERIOD, group):
             return True
         if not client.server_is_ready():
-            raise NotAvailableError(f'the simulator went away while it dropped {goal.part}')
+            raise NotAvailableError(f'the simulator stopped while it dropped {goal.part}')
         return False
 
-    handle = await _accepted(client, goal, hear, arrived)
+    handle = await _accepted(client, goal, on_feedback, arrived)
     answer = handle.get_result_async()
     while not await arrived(answer):
         if not wanted():
             await arrived(handle.cancel_goal_async())
-            raise CanceledError(f'the drops of {goal.part} are not wanted any more')
-        if time.monotonic() - heard > ASK_PERIOD:
-            heard = time.monotonic()
+            raise CanceledError(f'the drops of {goal.part} were canceled')
+        if time.monotonic() - last_feedback > RETRY_PERIOD:
+            last_feedback = time.monotonic()
             again = handle.get_result_async()
             if await arrived(again):
                 answer = again
     if answer.result().status == GoalStatus.STATUS_UNKNOWN:
         raise NotAvailableError(
-            f'the simulator was started again while it dropped {goal.part}: ask again'
+            f'the simulator was restarted while it dropped {goal.part}: try again'
         )
     result: DropPart.Result = answer.result().result
     return result
@@ -87,19 +87,21 @@ async def drop_result(
 async def _accepted(
     client: ActionClient,
     goal: DropPart.Goal,
-    hear: Callable[[DropPart.Impl.FeedbackMessage], None],
+    on_feedback: Callable[[DropPart.Impl.FeedbackMessage], None],
     arrived: Callable[[Future], Awaitable[bool]],
 ) -> ClientGoalHandle:
-    """Send the goal until the simulator answers that it has it."""
+    """Send the goal until the simulator accepts it; return the handle."""
     goal_id = UUID(uuid=list(uuid4().bytes))
     for sends in range(MAX_SENDS):
-        asked = client.send_goal_async(goal, hear, goal_id)
+        response = client.send_goal_async(goal, on_feedback, goal_id)
         end = time.monotonic() + GOAL_TIMEOUT
-        while not await arrived(asked) and time.monotonic() < end:
+        while not await arrived(response) and time.monotonic() < end:
             pass
-        # One that the simulator has already is not accepted a second time.
-        if asked.done() and (asked.result().accepted or sends):
-            return asked.result()
-        if asked.done():
+        # The simulator does not accept a goal a second time.
+        if response.done() and (response.result().accepted or sends):
+            return response.result()
+        if response.done():
             raise NotAvailableError('the simulator did not accept the goal')
-    raise NotAvailableError(f'the simulator accepted no goal in {MAX_SENDS * GOAL_TIMEOUT} s')
+    raise NotAvailableError(
+        f'the simulator did not accept the goal within {MAX_SENDS * GOAL_TIMEOUT:g} s'
+    )

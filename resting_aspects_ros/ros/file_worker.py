@@ -15,23 +15,23 @@ from typing import Any, TypeVar
 from rclpy.node import Node
 
 from resting_aspects_ros.core.errors import RestingAspectsError
-from resting_aspects_ros.ros.callbacks import result_of
+from resting_aspects_ros.ros.callbacks import await_future
 
 T = TypeVar('T')
 
-# What reading one file may take, s, and in bytes above what the process takes for itself.
+# Limits for reading one file: time, s, and memory in addition to that of the process, bytes.
 MAX_SECONDS = 30.0
 MAX_MEMORY = 2 * 1024**3
-# Python and its modules are loaded within this even on a very busy machine, s.
+# Timeout for loading Python and its modules; sufficient on a very busy machine, s.
 START_TIMEOUT = 120.0
 
 
 class FileLimitError(RestingAspectsError):
-    """A file takes too long to read, too much memory, or ends the process that reads it."""
+    """A file takes too long to read, needs too much memory, or ends the process that reads it."""
 
 
 class FileWorker:
-    """Runs plain functions one at a time in a spawned process, under limits of time and memory.
+    """Runs functions one at a time in a spawned process, with limits of time and memory.
 
     A process that exceeds a limit, or dies, is replaced; only the function that it ran fails.
 
@@ -40,7 +40,7 @@ class FileWorker:
     seconds : float
         Time limit of each function, s.
     memory : int
-        What a function may allocate, bytes.
+        Memory that a function may allocate, bytes.
     """
 
     def __init__(self, node: Node, seconds: float = MAX_SECONDS, memory: int = MAX_MEMORY) -> None:
@@ -52,51 +52,53 @@ class FileWorker:
         self._connection: Connection | None = None
         self._stopped = False
 
-    async def run(self, function: Callable[..., T], *given: Any) -> T:
-        """Return what a function of a module returns, or raise what it raises.
+    async def run(self, function: Callable[..., T], *arguments: Any) -> T:
+        """Return the result of a module-level function, or raise its RestingAspectsError.
 
-        Raises FileLimitError also for what the function raises that is no RestingAspectsError.
+        Raises FileLimitError for any other exception of the function.
         """
-        found: T = await result_of(self._node, self._thread.submit(self._call, function, given))
-        return found
+        future = self._thread.submit(self._call, function, arguments)
+        result: T = await await_future(self._node, future)
+        return result
 
     def stop(self) -> None:
-        """End the process; a function that runs is given up."""
+        """End the process and abandon the function that it runs."""
         self._stopped = True
         if (process := self._process) is not None:
             process.kill()
         self._thread.shutdown(wait=False, cancel_futures=True)
 
-    def _call(self, function: Callable[..., T], given: tuple[Any, ...]) -> T:
-        """In the thread: send the function to the process and wait for its result."""
+    def _call(self, function: Callable[..., T], arguments: tuple[Any, ...]) -> T:
+        """Send the function to the process and wait for its result; runs in the thread."""
         try:
             connection = self._ready()
-            connection.send((function, given))
+            connection.send((function, arguments))
             if not connection.poll(START_TIMEOUT):  # until its module is imported
                 raise EOFError
             connection.recv()
             if not connection.poll(self._seconds):
-                raise FileLimitError(f'it takes longer than {self._seconds:g} s to read')
+                raise FileLimitError(f'reading takes longer than {self._seconds:g} s')
             outcome = connection.recv()
         except (EOFError, OSError):
             self._replace()
-            raise FileLimitError('the process that read it died') from None
+            raise FileLimitError('the process that reads it died') from None
         except FileLimitError:
             self._replace()
             raise
         if isinstance(outcome, BaseException):
             raise outcome
-        found: T = outcome
-        return found
+        result: T = outcome
+        return result
 
     def _ready(self) -> Connection:
-        """The connection to a process that has started."""
+        """Return the connection to a running process."""
         if self._process is not None and not self._process.is_alive():
-            self._replace()  # it was killed meanwhile, by no file
+            self._replace()  # it was killed between two files
         if self._connection is not None:
             return self._connection
-        # The process inherits this: Ctrl-C in a terminal reaches it too, and the node ends it.
-        # The tracker of resources, which starts with the first process, would unblock the signal.
+        # The process inherits the blocked signal: Ctrl-C in a terminal reaches it too, but the
+        # node ends it. The resource tracker, which starts with the first process, would unblock
+        # the signal; therefore it starts before.
         resource_tracker.ensure_running()
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         context = get_context('spawn')
@@ -104,8 +106,8 @@ class FileWorker:
         process = context.Process(target=_serve, args=(theirs, self._memory), daemon=True)
         process.start()
         self._process = process
-        theirs.close()  # else the end of the process would not be noticed
-        # The node may have stopped it meanwhile, when there was no process to end yet.
+        theirs.close()  # otherwise the end of the process would not be detected
+        # stop() may have been called before the process existed.
         if self._stopped or not ours.poll(START_TIMEOUT):
             raise EOFError
         ours.recv()
@@ -113,7 +115,7 @@ class FileWorker:
         return ours
 
     def _replace(self) -> None:
-        """End the process; the next function gets a new one."""
+        """End the process; the next function starts a new one."""
         if self._process is not None:
             self._process.kill()
             self._process.join(1.0)
@@ -123,29 +125,29 @@ class FileWorker:
 
 
 def _serve(connection: Connection, memory: int) -> None:
-    """In the process: run what comes, until the node closes the connection or ends."""
+    """Run the received functions until the node closes the connection; runs in the process."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     connection.send(None)
     while True:
         try:
-            function, given = connection.recv()
+            function, arguments = connection.recv()
         except EOFError:
             return
         connection.send(None)
         _limit_memory(memory)
         try:
-            outcome: Any = function(*given)
+            outcome: Any = function(*arguments)
         except RestingAspectsError as error:
             outcome = error
         except MemoryError:
-            outcome = FileLimitError(f'it takes more than {memory / 1024**2:.0f} MiB to read')
-        except Exception as error:  # noqa: BLE001 - whatever is in a file, the others are read
+            outcome = FileLimitError(f'reading takes more than {memory / 1024**2:.0f} MiB')
+        except Exception as error:  # noqa: BLE001 - other files must still be read
             outcome = FileLimitError(f'it cannot be read: {error!r:.300}')
         connection.send(outcome)
 
 
 def _limit_memory(memory: int) -> None:
-    """Allow so many bytes above what is mapped now."""
+    """Limit the memory to a number of bytes above the currently mapped size."""
     pages = int(Path('/proc/self/statm').read_text().split()[0])
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     limit = pages * resource.getpagesize() + memory

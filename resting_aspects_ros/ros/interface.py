@@ -1,4 +1,4 @@
-"""Names and qualities of service of the suite's topics, services and action: one place for all."""
+"""Names and QoS of the topics, services and actions of the suite."""
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
@@ -16,11 +16,11 @@ RESTING_POSES = 'resting_poses'
 ASPECT_DISTRIBUTIONS = 'aspect_distributions'  # + /<part>
 MARKERS = 'markers'
 RECORDED_RUNS = 'recorded_runs'
-# Not relative: where ROS looks for it.
+# Absolute: ROS tools expect this name.
 DIAGNOSTICS = '/diagnostics'
-# Hidden, + /<kind of node>, see liveliness.py.
+# Hidden topic, + /<kind of node>; see liveliness.py.
 PRESENCE = '_present'
-# Of log_replayer, below its name.
+# Services of log_replayer, below its name.
 PAUSE = '~/pause'
 RESUME = '~/resume'
 CURRENT_POSES = 'current_poses'
@@ -28,35 +28,36 @@ DEFAULT_CONDITIONS = 'default_conditions'
 
 FRAME = 'tray'
 
-# The newest message, also for those who come later.
+# Late subscribers receive the newest message.
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
-# For a reader that wants each of them, also those that come while it is busy.
+# For a subscriber that needs every message, including those that arrive while it is busy.
 ALL_LATCHED = QoSProfile(
     depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
-# ROS keeps 10 requests of a service: the 11th at once would be lost, and its client wait for ever.
+# By default ROS queues 10 requests of a service: the 11th concurrent request would be lost, and
+# its client would wait forever.
 SERVICES = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-# The same for the services that an action is made of.
+# The same QoS for the services of an action.
 ACTION_SERVICES = {
     'goal_service_qos_profile': SERVICES,
     'result_service_qos_profile': SERVICES,
     'cancel_service_qos_profile': SERVICES,
 }
-# All batches of the largest run, on both sides: reliable alone does not hold a publisher back, and
-# a reader that is slow or late would lose batches.
+# Holds all batches of the largest run, on both sides: reliable QoS alone does not throttle a
+# publisher, so a slow or late subscriber would lose batches.
 POSES_DEPTH = 2000
 POSES = QoSProfile(
     depth=POSES_DEPTH,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-# Poses in a batch: at least this, so that small runs are few messages, and more for large ones, so
-# that no run has more than POSES_DEPTH batches.
+# Minimum number of poses in a batch, so that small runs need few messages. Large runs have larger
+# batches, so that no run has more than POSES_DEPTH batches.
 MIN_BATCH = 250
 
 
 def batch_size(drops: int) -> int:
-    """Poses in each batch but the last of a run of so many drops."""
+    """Return the number of poses in each batch, except the last, of a run of ``drops`` drops."""
     return max(MIN_BATCH, -(-drops // POSES_DEPTH))

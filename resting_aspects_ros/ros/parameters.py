@@ -1,4 +1,4 @@
-"""The nodes' parameters: each declared once, with unit, bounds and description."""
+"""Parameters of the nodes: each is declared once, with unit, bounds and description."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ from resting_aspects_ros.ros.interface import FRAME
 class Parameter:
     """A parameter of a node.
 
-    description : with the unit
-    bounds : inclusive, of a number
-    allowed : in words, of a text that cannot be just any; the node checks it
-    changeable : it can be set while the node runs, see `on_change`; else it is read-only
+    description : includes the unit
+    bounds : inclusive bounds of a number
+    allowed : description of the valid values of a text parameter, which the node checks
+    changeable : whether it can be set while the node runs, see `on_change`; else it is read-only
     """
 
     name: str
@@ -39,26 +39,26 @@ class Parameter:
             self.check(self.default)
 
     def check(self, value: float) -> None:
-        """Raise InvalidValueError if a number is out of bounds, or NaN.
+        """Raise InvalidValueError if a number is out of bounds or NaN.
 
-        ROS checks the same, but lets pass what is just beyond a bound.
+        ROS checks the bounds too, but accepts values just beyond them.
         """
         assert self.bounds is not None
         low, high = self.bounds
         if not low <= value <= high:
-            raise InvalidValueError(f'{self.name} is {value!r}, allowed is {low:g} to {high:g}')
+            raise InvalidValueError(f'invalid {self.name} {value!r}: expected {low:g} to {high:g}')
 
 
 FRAME_ID = Parameter(
     'frame_id',
     FRAME,
     'frame of all poses and markers: z up, z = 0 is the surface',
-    allowed='the name of a frame, without a slash at the front',
+    allowed='the name of a frame, without a leading slash',
 )
 
 
 def check_frame(name: str) -> str:
-    """Return the name; raises InvalidValueError if no frame can have it."""
+    """Return the name; raises InvalidValueError if it is not a valid frame name."""
     if not name or name.startswith('/') or not name.isprintable():
         raise InvalidValueError(f'invalid {FRAME_ID.name} {name!r}: expected {FRAME_ID.allowed}')
     return name
@@ -71,18 +71,18 @@ def declare(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
     """
     declared = {p.name: p for p in parameters}
 
-    def as_declared(given: Iterable[RosParameter]) -> list[RosParameter]:
-        return [_as_declared(declared[p.name], p) if p.name in declared else p for p in given]
+    def convert(values: Iterable[RosParameter]) -> list[RosParameter]:
+        return [_as_declared(declared[p.name], p) if p.name in declared else p for p in values]
 
-    def within_bounds(name: str, value: Any) -> None:
+    def check_bounds(name: str, value: Any) -> None:
         if name in declared and declared[name].bounds is not None:
             declared[name].check(value)
 
-    _refuse(node, within_bounds)
-    node.add_pre_set_parameters_callback(as_declared)
-    # Those that are given at the start do not come by there.
+    _reject_invalid(node, check_bounds)
+    node.add_pre_set_parameters_callback(convert)
+    # ROS does not call the callback for values given at the start.
     overrides = node._parameter_overrides  # noqa: SLF001
-    overrides.update({p.name: p for p in as_declared(list(overrides.values()))})
+    overrides.update({p.name: p for p in convert(list(overrides.values()))})
     return {
         name: node.declare_parameter(name, p.default, _descriptor(p)).value
         for name, p in declared.items()
@@ -90,49 +90,47 @@ def declare(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
 
 
 def on_change(
-    node: Node, name: str, check: Callable[[Any], object], then: Callable[[Any], object]
+    node: Node, name: str, check: Callable[[Any], object], callback: Callable[[Any], object]
 ) -> None:
-    """Follow a declared parameter that can be set while the node runs.
+    """Call ``callback`` with each new value of a declared parameter.
 
-    check : raises a RestingAspectsError, whose words are the answer, for a value that is not
-        allowed
-    then : called with each new value
+    check : raises a RestingAspectsError for an invalid value; its text is returned to the client
     """
 
-    def changed(parameters: Iterable[RosParameter]) -> None:
+    def post_set(parameters: Iterable[RosParameter]) -> None:
         for parameter in parameters:
             if parameter.name == name:
-                then(parameter.value)
+                callback(parameter.value)
 
-    _refuse(node, lambda other, value: check(value) if other == name else None)
-    # Not before all parameters that are set with it are found to be allowed.
-    node.add_post_set_parameters_callback(changed)
+    _reject_invalid(node, lambda other, value: check(value) if other == name else None)
+    # ROS calls this after all parameters of the same request have been accepted.
+    node.add_post_set_parameters_callback(post_set)
 
 
 def unknown_parameters(nodes: Sequence[Node]) -> list[str]:
-    """Names that were given when the nodes were started and that none of them has."""
+    """Return the names of parameters that were given at the start and that no node declares."""
     known = {name for node in nodes for name in node._parameters}  # noqa: SLF001
     given = {name for node in nodes for name in node._parameter_overrides}  # noqa: SLF001
     return sorted(name for name in given - known if not name.startswith('qos_overrides.'))
 
 
-def help_text(program: str, does: str, parameters: Iterable[Parameter]) -> str:
-    """What a node's program says of itself; does : what the node does, in a line or more."""
+def help_text(program: str, description: str, parameters: Iterable[Parameter]) -> str:
+    """Return the help text of the program of a node."""
     usage = f'usage: {program} [--ros-args -p name:=value ... -r __ns:=/namespace]'
-    lines = [usage, '', does, '', 'parameters:']
-    lines += [f'  {p.name:19} {_words(p)} (default {p.default!r})' for p in parameters]
+    lines = [usage, '', description, '', 'parameters:']
+    lines += [f'  {p.name:19} {_help_line(p)} (default {p.default!r})' for p in parameters]
     return '\n'.join([*lines, '', 'Ctrl-C ends it.'])
 
 
-def _as_declared(parameter: Parameter, given: RosParameter) -> RosParameter:
-    """ROS takes no 10 for 10.0, which is easily written, and clear."""
-    if given.type_ == RosParameter.Type.INTEGER and isinstance(parameter.default, float):
-        return RosParameter(given.name, value=float(given.value))
-    return given
+def _as_declared(parameter: Parameter, value: RosParameter) -> RosParameter:
+    """Return the value with an integer converted to float if needed; ROS rejects 10 for 10.0."""
+    if value.type_ == RosParameter.Type.INTEGER and isinstance(parameter.default, float):
+        return RosParameter(value.name, value=float(value.value))
+    return value
 
 
-def _words(parameter: Parameter) -> str:
-    """The description, with what is allowed, and when."""
+def _help_line(parameter: Parameter) -> str:
+    """Return the description of a parameter with its valid values."""
     allowed = parameter.allowed
     if parameter.bounds is not None:
         allowed = '{:g} to {:g}'.format(*parameter.bounds)
@@ -140,10 +138,10 @@ def _words(parameter: Parameter) -> str:
     return '; '.join(filter(None, (parameter.description, allowed, when)))
 
 
-def _refuse(node: Node, check: Callable[[str, Any], object]) -> None:
-    """Refuse to set what the check raises for, in its words."""
+def _reject_invalid(node: Node, check: Callable[[str, Any], object]) -> None:
+    """Reject parameter values for which the check raises, with the text of its error."""
 
-    def answer(parameters: Iterable[RosParameter]) -> SetParametersResult:
+    def validate(parameters: Iterable[RosParameter]) -> SetParametersResult:
         try:
             for parameter in parameters:
                 check(parameter.name, parameter.value)
@@ -151,7 +149,7 @@ def _refuse(node: Node, check: Callable[[str, Any], object]) -> None:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    node.add_on_set_parameters_callback(answer)
+    node.add_on_set_parameters_callback(validate)
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:

@@ -1,4 +1,4 @@
-"""Run nodes in a process until it is told to stop."""
+"""Run nodes in a process until it receives a signal to stop."""
 
 import inspect
 import os
@@ -20,67 +20,69 @@ from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsErr
 from resting_aspects_ros.ros.parameters import Parameter, help_text, unknown_parameters
 from resting_aspects_ros.simulation.interruption import catch
 
-# Its ports are the last that UDP has.
+# The domain with the highest UDP ports.
 MAX_DOMAIN = 232
 
 
 def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
-    """Make the nodes and spin them in one thread; returns the process's exit code.
+    """Create the nodes and spin them in one thread; return the exit code of the process.
 
-    Ctrl-C, SIGTERM and a terminal that closes end it in order, with exit code 0: that is how a
-    node is stopped. A node that cannot start (a parameter that is not allowed, no such folder)
-    ends it with 2, one that cannot go on (its log is damaged meanwhile) with 1.
+    Ctrl-C, SIGTERM and a closed terminal stop the nodes, with exit code 0. The exit code is 2 if a
+    node cannot start (an invalid parameter, a missing folder), and 1 if a node cannot continue (a
+    log that became damaged).
     """
-    told = _signalled()
+    stopped = _stop_signal()
     try:
         check_domain()
-        # rclpy's own handlers shut its context down at once, in the middle of a callback that
-        # publishes; Python's would raise there, where rclpy's C++ makes a TypeError of it.
+        # The handlers of rclpy would shut its context down at once, in the middle of a callback
+        # that publishes. Those of Python would raise there, and rclpy's C++ code would turn the
+        # exception into a TypeError.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except (InvalidValueError, RuntimeError) as error:  # the latter is what rclpy raises
-        return _refuse(error)
+    except (InvalidValueError, RuntimeError) as error:  # rclpy raises the latter
+        return _print_error(error)
     except UnicodeEncodeError as error:
-        return _refuse(not_utf8(error))
-    return _spin(factories, told)
+        return _print_error(not_utf8(error))
+    return _spin(factories, stopped)
 
 
 def run_node(factory: Callable[[], Node], parameters: Iterable[Parameter]) -> int:
-    """The program of one node: what follows its name is for ROS, but for --help."""
+    """Run one node as a program; return the exit code. Accepts --help and ROS arguments."""
     program = Path(sys.argv[0]).name
-    words = list(takewhile(lambda word: word != '--ros-args', sys.argv[1:]))
-    if '--help' in words or '-h' in words:
-        does = inspect.getdoc(factory) or ''
-        print(help_text(program, does.partition('\n\nParameters\n')[0], parameters))
+    arguments = list(takewhile(lambda argument: argument != '--ros-args', sys.argv[1:]))
+    if '--help' in arguments or '-h' in arguments:
+        description = inspect.getdoc(factory) or ''
+        print(help_text(program, description.partition('\n\nParameters\n')[0], parameters))
         return 0
-    if words:
-        print(f'error: {words[0]!r} is not known, see {program} --help', file=sys.stderr)
+    if arguments:
+        print(f'error: unknown argument {arguments[0]!r}: see {program} --help', file=sys.stderr)
         return 2
     return spin_nodes([factory])
 
 
-def _signalled() -> Future:
-    """Done as soon as the process is told to stop.
+def _stop_signal() -> Future:
+    """Return a future that is done as soon as the process receives a signal to stop.
 
-    Python's handlers do not run while rclpy waits, and to look for signals between short waits
-    doubles the time of an answer. So a thread waits for what Python writes of each signal.
+    Signal handlers of Python do not run while rclpy waits, and checking for signals between short
+    waits doubles the response time. Therefore a thread waits on the wakeup descriptor, to which
+    Python writes the number of each signal.
     """
-    told = Future()
+    stopped = Future()
     read, write = os.pipe()
     os.set_blocking(write, False)
     signal.set_wakeup_fd(write)
-    # A shell has SIGINT ignored by what it starts in the background, and nodes are ended with it.
-    signal.signal(signal.SIGINT, _note)
-    catch(_note)
-    waits = threading.Thread(target=lambda: told.set_result(os.read(read, 1)), daemon=True)
-    waits.start()
-    return told
+    # A shell makes background processes ignore SIGINT, but it must stop nodes there too.
+    signal.signal(signal.SIGINT, _handle_signal)
+    catch(_handle_signal)
+    thread = threading.Thread(target=lambda: stopped.set_result(os.read(read, 1)), daemon=True)
+    thread.start()
+    return stopped
 
 
-def _note(*_: object) -> None:
-    """The thread that waits for signals does what there is to do."""
+def _handle_signal(*_: object) -> None:
+    """Do nothing: the waiting thread handles the signal."""
 
 
-def _spin(factories: Sequence[Callable[[], Node]], told: Future) -> int:
+def _spin(factories: Sequence[Callable[[], Node]], stopped: Future) -> int:
     nodes: list[Node] = []
     executor = SingleThreadedExecutor()
     code = 2
@@ -89,14 +91,14 @@ def _spin(factories: Sequence[Callable[[], Node]], told: Future) -> int:
             nodes.append(factory())
             executor.add_node(nodes[-1])
         for name in unknown_parameters(nodes):
-            nodes[0].get_logger().warning(f'parameter {name!r} is not known and not used')
+            nodes[0].get_logger().warning(f'ignored unknown parameter {name!r}')
         code = 1
-        # A task ends a wait; spin_until_future_complete would keep a callback of each turn.
-        told.add_done_callback(lambda _: executor.create_task(lambda: None))
-        while not told.done():
+        # A task ends the wait; spin_until_future_complete would add a callback in each iteration.
+        stopped.add_done_callback(lambda _: executor.create_task(lambda: None))
+        while not stopped.done():
             executor.spin_once()
     except (RestingAspectsError, ParameterException) as error:
-        return _refuse(error, code)
+        return _print_error(error, code)
     finally:
         for node in nodes:
             node.destroy_node()
@@ -106,7 +108,7 @@ def _spin(factories: Sequence[Callable[[], Node]], told: Future) -> int:
 
 
 def check_domain() -> None:
-    """Raise InvalidValueError for a domain with which Fast DDS would end the process."""
+    """Raise InvalidValueError for a ROS domain with which Fast DDS would end the process."""
     domain = os.environ.get('ROS_DOMAIN_ID') or '0'
     if not (
         domain.isascii() and domain.isdigit() and len(domain) < 20 and int(domain) <= MAX_DOMAIN
@@ -117,10 +119,12 @@ def check_domain() -> None:
 
 
 def not_utf8(error: UnicodeEncodeError) -> InvalidValueError:
-    """What it means that ROS does not take an argument."""
-    return InvalidValueError(f'{error.object!r} is given, allowed is UTF-8: ROS takes no other')
+    """Return the error for an argument that is not UTF-8."""
+    return InvalidValueError(
+        f'invalid argument {error.object!r}: expected UTF-8, which ROS requires'
+    )
 
 
-def _refuse(error: Exception, code: int = 2) -> int:
+def _print_error(error: Exception, code: int = 2) -> int:
     print('error:', one_line(str(error), 2000), file=sys.stderr)
     return code

@@ -1,4 +1,4 @@
-"""What services and actions share: what may be asked for, and how errors are answered."""
+"""Errors and statuses of services and actions, and checks of their requests."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -24,15 +24,15 @@ from resting_aspects_ros.simulation.surfaces import Surfaces
 
 
 class NotAvailableError(RestingAspectsError):
-    """What is asked for is allowed, but not to be had now, or not in this version."""
+    """A valid request cannot be answered now, or not by this version."""
 
 
 class BusyError(RestingAspectsError):
-    """Too much is under way."""
+    """Too many requests are active."""
 
 
 class CanceledError(RestingAspectsError):
-    """It was canceled before it was done."""
+    """A request was canceled before it was done."""
 
 
 _CODES: dict[type[RestingAspectsError], int] = {
@@ -47,52 +47,54 @@ _CODES: dict[type[RestingAspectsError], int] = {
 
 
 def error_status(error: RestingAspectsError) -> Status:
-    """The status that tells a client of an error."""
+    """Return the status that reports an error to a client."""
     return status(_CODES.get(type(error), Status.FAILED), str(error))
 
 
 @contextmanager
-def answering(service: str, response: Any, complain: Callable[[str], object]) -> Iterator[None]:
-    """The edge of a service: what goes wrong within becomes the response's status."""
+def status_from_errors(
+    service: str, response: Any, log_error: Callable[[str], object]
+) -> Iterator[None]:
+    """Context manager of a service: an error within becomes the status of the response."""
     try:
         yield
     except RestingAspectsError as error:
         response.status = error_status(error)
     except Exception as error:  # noqa: BLE001 - the edge: a defect must not stop the node
-        complain(f'{service} failed: {error!r}')
-        response.status = status(Status.FAILED, f'unexpected: {error!r}')
+        log_error(f'{service} failed: {error!r}')
+        response.status = status(Status.FAILED, f'unexpected error {error!r}')
 
 
 def status_error(answer: Status) -> RestingAspectsError:
-    """The error that a status tells of."""
+    """Return the error that a status reports."""
     kinds = {code: kind for kind, code in reversed(_CODES.items())}
     return kinds.get(answer.code, RestingAspectsError)(answer.message)
 
 
-def asked_conditions(
+def requested_conditions(
     surfaces: Surfaces,
     surface: str,
-    given: Sequence[DropConditionsMsg],
+    conditions: Sequence[DropConditionsMsg],
     default: DropConditions,
 ) -> DropConditions:
-    """Those given, else those of the named surface, else the default."""
-    if given:
-        return surfaces.named(conditions_from(given[0]))
+    """Return the given conditions, else those of the named surface, else the default."""
+    if conditions:
+        return surfaces.named(conditions_from(conditions[0]))
     return surfaces.get(surface) if surface else default
 
 
-def asked_estimator(method: str) -> str | None:
-    """The estimator that is asked for by name, or None for drops; raises InvalidValueError."""
+def requested_estimator(method: str) -> str | None:
+    """Return the requested estimator, or None for drops; raises InvalidValueError."""
     if method in ('', METHOD):
         return None
     if method not in METHODS:
         raise InvalidValueError(
-            f'method {shown(method)} is not known, allowed are {METHOD}, {", ".join(METHODS)}'
+            f'invalid method {shown(method)}: expected {METHOD} or one of {", ".join(METHODS)}'
         )
     return method
 
 
 def unknown_part(name: str, known: Iterable[str]) -> UnknownPartError:
-    """The error for a name that is none of those."""
+    """Return the error for a name that is not one of the known parts."""
     none = 'none, because no simulator has offered any yet'
     return UnknownPartError(unknown_part_text(name, known, none))

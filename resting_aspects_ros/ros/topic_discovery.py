@@ -1,4 +1,4 @@
-"""Subscribe to every topic <prefix>/<part> that there is, and to those that come later."""
+"""Subscriptions to all topics <prefix>/<part>, including topics that appear later."""
 
 from collections.abc import Callable
 from functools import partial
@@ -11,20 +11,20 @@ from resting_aspects_ros.core.part import is_valid_name
 from resting_aspects_ros.ros.callbacks import guarded, steady_timer, subscribe
 from resting_aspects_ros.ros.interface import LATCHED
 
-# How often new topics are looked for, s. rclpy has no event for it.
+# Interval of the search for new topics, s. rclpy has no event for them.
 PERIOD = 0.2
 
 
 class TopicDiscovery:
-    """Latched topics of one type below a prefix, each subscribed to while somebody publishes it.
+    """Subscribes to each latched topic of one type below a prefix while it has a publisher.
 
     Parameters
     ----------
     prefix : str
-        Relative to the node's namespace, such as 'parts'.
-    received : called with the part's name and the message (bytes if ``raw``)
-    gone : called with the part's name when nobody publishes the topic any more
-    qos : deeper than the publisher's for who must not miss what comes in quick succession
+        Relative to the namespace of the node, such as 'parts'.
+    received : called with the name of the part and the message (bytes if ``raw``)
+    gone : called with the name of the part when the topic has no publisher any more
+    qos : for a subscriber that needs every message, deeper than the QoS of the publisher
     """
 
     def __init__(
@@ -46,19 +46,19 @@ class TopicDiscovery:
         self._raw = raw
         self._qos = qos
         self._subscriptions: dict[str, Any] = {}
-        steady_timer(node, PERIOD, guarded(node, 'topics are not looked for', self.look))
+        steady_timer(node, PERIOD, guarded(node, 'topic discovery failed', self.update))
 
     def topic(self, part: str) -> str:
-        """The topic's full name."""
+        """Return the full name of the topic of a part."""
         return self._node.resolve_topic_name(f'{self._prefix}/{part}')
 
     @property
     def type_name(self) -> str:
-        """Such as resting_aspects_interfaces/msg/PartDescription."""
+        """The message type, such as resting_aspects_interfaces/msg/PartDescription."""
         return _type_name(self._type)
 
-    def look(self) -> None:
-        """Look for new topics now."""
+    def update(self) -> None:
+        """Subscribe to new topics, and remove subscriptions to topics without a publisher."""
         published = published_parts(self._node, self._prefix, self._type)
         for part in published - set(self._subscriptions):
             self._subscriptions[part] = subscribe(
@@ -75,13 +75,13 @@ class TopicDiscovery:
 
 
 def published_parts(node: Node, prefix: str, message_type: Any) -> set[str]:
-    """The parts of which somebody publishes a topic <prefix>/<part> of that type."""
-    beginning = node.resolve_topic_name(f'{prefix}/part').removesuffix('part')
+    """Return the parts whose topic <prefix>/<part> of the message type has a publisher."""
+    parent = node.resolve_topic_name(f'{prefix}/part').removesuffix('part')
     return {
-        name.removeprefix(beginning)
+        name.removeprefix(parent)
         for name, types in node.get_topic_names_and_types()
-        if name.startswith(beginning)
-        and is_valid_name(name.removeprefix(beginning))
+        if name.startswith(parent)
+        and is_valid_name(name.removeprefix(parent))
         and _type_name(message_type) in types
         and node.count_publishers(name)
     }

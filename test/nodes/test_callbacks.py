@@ -57,7 +57,7 @@ def test_repeated_errors_of_a_callback_are_logged_once_in_a_while(node, logged):
     errors = logged(publisher, range(50), taken)
     assert taken == list(range(50))
     topic = '/test_callbacks/numbers'
-    assert errors == [f'a message on {topic} is not used: invalid number 0']
+    assert errors == [f'ignored a message on {topic}: invalid number 0']
 
 
 def test_callbacks_do_not_silence_each_other(node, logged):
@@ -66,8 +66,8 @@ def test_callbacks_do_not_silence_each_other(node, logged):
     second, taken = listen(node, 'second', RuntimeError)
     _, error = logged(second, [3, 4], taken)
     assert error == (
-        'a message on /test_callbacks/second is not used: '
-        "unexpected: RuntimeError('invalid number 3')"
+        'ignored a message on /test_callbacks/second: '
+        "unexpected error RuntimeError('invalid number 3')"
     )
 
 

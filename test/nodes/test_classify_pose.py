@@ -21,9 +21,9 @@ from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
     RunCounts,
     newest_distribution,
 )
-from resting_aspects_ros.nodes.aspect_classifier.part_registry import asked_part
+from resting_aspects_ros.nodes.aspect_classifier.part_registry import requested_part
 from resting_aspects_ros.ros.conversions import poses_from
-from resting_aspects_ros.ros.status import NotAvailableError, answering
+from resting_aspects_ros.ros.status import NotAvailableError, status_from_errors
 from resting_aspects_ros.simulation.config_files import parts_folder
 from resting_aspects_ros.simulation.run_description import RunDescription
 
@@ -105,20 +105,20 @@ def test_a_part_without_aspects():
 
 def test_a_part_that_is_not_known_lists_those_that_are(part):
     box = part(BOX)
-    assert asked_part({BOX: box}, BOX) is box
+    assert requested_part({BOX: box}, BOX) is box
     with pytest.raises(UnknownPartError, match=r"^part 'gizmo' is not known; known parts: a, b$"):
-        asked_part({'b': box, 'a': box}, 'gizmo')
+        requested_part({'b': box, 'a': box}, 'gizmo')
     with pytest.raises(UnknownPartError, match=r"^part 'x+[.x]*' is not known; .* none, because "):
-        asked_part({}, 'x' * 300)
+        requested_part({}, 'x' * 300)
 
 
 def test_what_goes_wrong_in_a_service_becomes_its_status(box):
     response, complaints = ClassifyPose.Response(), []
-    with answering('classify_pose', response, complaints.append):
+    with status_from_errors('classify_pose', response, complaints.append):
         raise UnknownPartError('no such part')
     assert response.status == Status(code=Status.UNKNOWN_PART, message='no such part')
     assert complaints == []
-    with answering('classify_pose', response, complaints.append):
+    with status_from_errors('classify_pose', response, complaints.append):
         raise ZeroDivisionError('a defect')
     assert response.status.code == Status.FAILED
     assert complaints == ["classify_pose failed: ZeroDivisionError('a defect')"]

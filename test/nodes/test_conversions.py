@@ -139,12 +139,12 @@ def test_any_poses_keep_every_bit(rows):
 @pytest.mark.parametrize(
     ('field', 'value', 'words'),
     [
-        ('pose.orientation.x', math.nan, 'orientation of drop 1099511627776 is [nan, '),
-        ('pose.orientation.w', 1e308, 'orientation of drop 1099511627776 is ['),
-        ('pose.orientation.w', 1.01, 'allowed is a unit quaternion'),
-        ('pose.position.z', math.inf, 'position of drop 1099511627776 is ['),
-        ('status', 77, 'status of drop 1099511627776 is 77, allowed is a code'),
-        ('decided_by', 99, 'decided_by of drop 1099511627776 is 99, allowed is a code'),
+        ('pose.orientation.x', math.nan, 'invalid orientation [nan, '),
+        ('pose.orientation.w', 1e308, ' of drop 1099511627776: expected a unit quaternion'),
+        ('pose.orientation.w', 1.01, 'expected a unit quaternion'),
+        ('pose.position.z', math.inf, 'of drop 1099511627776: expected finite numbers'),
+        ('status', 77, 'invalid status 77 of drop 1099511627776: expected a RestStatus code'),
+        ('decided_by', 99, 'invalid decided_by 99 of drop 1099511627776: expected a DecidedBy'),
     ],
 )
 def test_poses_in_which_nothing_can_rest_are_refused(field, value, words):
@@ -182,7 +182,8 @@ def test_a_description_of_another_part_than_its_topic_s_is_refused(part, field, 
     message = conversions.part_msg(part('tetrahedron'))
     conversions.check_description(message, 'tetrahedron')
     setattr(message, field, value)
-    with pytest.raises(InvalidValueError, match=r"^part 'tetrahedron' is described as .{,200}$"):
+    expected = r"^invalid description of part 'tetrahedron': .{,200}$"
+    with pytest.raises(InvalidValueError, match=expected):
         conversions.check_description(message, 'tetrahedron')
 
 
@@ -191,8 +192,8 @@ def test_a_description_of_another_part_than_its_topic_s_is_refused(part, field, 
     [
         ('interval', '', "interval is '', allowed is"),
         ('confidence', 7.0, 'confidence is 7.0, allowed is'),
-        ('failed', 1, 'allowed are its 1010 drops'),
-        ('aspects', [], 'in the aspects []'),
+        ('failed', 1, 'expected 1010 drops in aspects numbered from 1'),
+        ('aspects', [], '0 drops in aspects []'),
     ],
 )
 def test_a_distribution_that_cannot_be_is_refused(part, field, value, words):

@@ -12,13 +12,13 @@ from resting_aspects_ros.ros.interface import MIN_BATCH
 QUICK = {
     'aspect_classifier': {
         'nodes.run_tracking.tracker.CHECK_PERIOD': 0.2,
-        'ros.drop_part_client.ASK_PERIOD': 1.0,
+        'ros.drop_part_client.RETRY_PERIOD': 1.0,
         'nodes.aspect_classifier.drop_part_requests.STARTING': 1.0,
         'nodes.aspect_classifier.drop_part_requests.DISCOVERY': 1.0,
     },
     'drop_recorder': {
         'nodes.run_tracking.tracker.CHECK_PERIOD': 0.2,
-        'ros.drop_part_client.ASK_PERIOD': 1.0,
+        'ros.drop_part_client.RETRY_PERIOD': 1.0,
         'nodes.drop_recorder.run_recorder.END_TIMEOUT': 2.0,
     },
 }
@@ -106,9 +106,7 @@ def test_without_a_simulator_the_answer_is_that_there_is_none(suite):
     assert suite.processes['drop_simulator'].end(signal.SIGTERM) == 0
     suite.client.wait(asked.done, 'answer of the interrupted request')
     assert asked.result().status.code == Status.NOT_AVAILABLE
-    assert asked.result().status.message == (
-        'the simulator went away while it dropped tetrahedron'
-    )
+    assert asked.result().status.message == ('the simulator stopped while it dropped tetrahedron')
     answer = suite.client.ask(drops=5, seed=[46])
     assert answer.status.code == Status.NOT_AVAILABLE
     why, _, known_are = answer.status.message.partition('; known are ')
@@ -143,7 +141,7 @@ def test_a_simulator_that_is_killed_and_started_again_ends_no_other_node(suite, 
     answer = asked.result()
     assert answer.status.code == Status.NOT_AVAILABLE
     assert answer.status.message == (
-        'the simulator was started again while it dropped tetrahedron: ask again'
+        'the simulator was restarted while it dropped tetrahedron: try again'
     )
     again = suite.client.ask('tetrahedron', 500, seed=[43])
     assert again.status.code == Status.OK

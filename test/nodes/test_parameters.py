@@ -78,11 +78,11 @@ def test_a_number_out_of_bounds_is_refused_strictly(value):
         parameter.check(allowed)
     with pytest.raises(InvalidValueError) as refused:
         parameter.check(value)
-    assert str(refused.value) == f'rate is {value!r}, allowed is 0.5 to 2'
+    assert str(refused.value) == f'invalid rate {value!r}: expected 0.5 to 2'
 
 
 def test_a_default_is_within_its_bounds():
-    with pytest.raises(InvalidValueError, match='rate is 3'):
+    with pytest.raises(InvalidValueError, match='invalid rate 3'):
         Parameter('rate', 3, 'a rate', bounds=(1, 2))
 
 
@@ -272,7 +272,7 @@ NO_FOLDER = "log_folder is '{}', allowed is a folder that is there or can be mad
             'aspect_classifier',
             'publish_period',
             10.0 + 1e-8,  # which ROS lets pass
-            'publish_period is 10.00000001, allowed is 0.05 to 10',
+            'invalid publish_period 10.00000001: expected 0.05 to 10',
         ),
         ('aspect_classifier', 'publish_period', 11, 'Min: 0.05, Max: 10.0, value: 11.0'),
         ('aspect_classifier', 'publish_period', True, "expected 'Type.DOUBLE' got 'Type.BOOL'"),

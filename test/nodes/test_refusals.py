@@ -126,7 +126,7 @@ def test_a_method_that_is_not_known(suite):
     answer = suite.client.ask(method='guess')
     assert answer.status.code == Status.INVALID
     assert answer.status.message == (
-        "method 'guess' is not known, allowed are drops, solid_angle, csa, crsa, stability, "
+        "invalid method 'guess': expected drops or one of solid_angle, csa, crsa, stability, "
         'energy_barrier, quasi_static, rolling'
     )
     assert suite.client.ask(method='drops', drops=5).status.code == Status.OK

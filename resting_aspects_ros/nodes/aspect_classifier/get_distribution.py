@@ -16,12 +16,16 @@ from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.stopping import max_drops
 from resting_aspects_ros.nodes.aspect_classifier.distribution_store import DistributionStore
 from resting_aspects_ros.nodes.aspect_classifier.drop_part_requests import DropRequests
-from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, asked_part
+from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, requested_part
 from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.ros.default_conditions import DefaultConditionsSubscriber
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg, estimate_msg
 from resting_aspects_ros.ros.parameters import FRAME_ID, check_frame
-from resting_aspects_ros.ros.status import NotAvailableError, asked_conditions, asked_estimator
+from resting_aspects_ros.ros.status import (
+    NotAvailableError,
+    requested_conditions,
+    requested_estimator,
+)
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.run_description import (
     DEFAULT_SEED,
@@ -59,11 +63,11 @@ class DistributionService:
 
     async def answer(self, request: GetDistribution.Request) -> AspectDistribution:
         """Return the distribution; raises RestingAspectsError."""
-        method = asked_estimator(request.method)
+        method = requested_estimator(request.method)
         if method is None:
             return await self._find_or_drop(request)
         offered = await self._usable(request.part)
-        part, aspects = self._parts.version(asked_part(offered, request.part).part_sha256)
+        part, aspects = self._parts.version(requested_part(offered, request.part).part_sha256)
         found = estimate(RestingShape(part, aspects), method)
         return estimate_msg(found, part, self._node.get_clock().now().to_msg(), self._frame)
 
@@ -79,7 +83,7 @@ class DistributionService:
             return self._message(*known)
         if request.only_known:
             if parts and not sha:
-                asked_part(parts, request.part)
+                requested_part(parts, request.part)
             raise self._nothing_known(request, sha)
         await self._simulator(request, sha)
         seed = DEFAULT_SEED if seed is None else seed
@@ -106,8 +110,10 @@ class DistributionService:
     async def _conditions(self, request: GetDistribution.Request, sha: str) -> DropConditions:
         if request.surface or request.conditions:
             default = self._surfaces.get()  # not used
-            return asked_conditions(self._surfaces, request.surface, request.conditions, default)
-        if not self._default.is_heard:
+            return requested_conditions(
+                self._surfaces, request.surface, request.conditions, default
+            )
+        if not self._default.is_received:
             await self._simulator(request, sha)
         return await self._default.conditions()
 

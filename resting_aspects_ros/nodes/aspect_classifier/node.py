@@ -23,7 +23,7 @@ from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
 from resting_aspects_ros.nodes.aspect_classifier.drop_part_requests import DropRequests
 from resting_aspects_ros.nodes.aspect_classifier.get_distribution import DistributionService
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import LogLoader
-from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, asked_part
+from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, requested_part
 from resting_aspects_ros.nodes.aspect_classifier.publishers import (
     PUBLISH_PERIOD,
     DistributionPublisher,
@@ -48,7 +48,7 @@ from resting_aspects_ros.ros.interface import (
 from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, declare
 from resting_aspects_ros.ros.spin import run_node
-from resting_aspects_ros.ros.status import NotAvailableError, answering
+from resting_aspects_ros.ros.status import NotAvailableError, status_from_errors
 from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.simulation.config_files import surfaces_file
 from resting_aspects_ros.simulation.run_description import RunDescription
@@ -252,7 +252,7 @@ class AspectClassifier(Node):
     async def _get_distribution(
         self, request: GetDistribution.Request, response: GetDistribution.Response
     ) -> GetDistribution.Response:
-        with answering(GET_DISTRIBUTION, response, self.get_logger().error):
+        with status_from_errors(GET_DISTRIBUTION, response, self.get_logger().error):
             self._check_ready()
             response.distribution = await self._answers.answer(request)
             response.status = status(Status.OK)
@@ -262,10 +262,10 @@ class AspectClassifier(Node):
         self, request: ClassifyPose.Request, response: ClassifyPose.Response
     ) -> ClassifyPose.Response:
         response.probability = response.angle = math.nan
-        with answering(CLASSIFY_POSE, response, self.get_logger().error):
+        with status_from_errors(CLASSIFY_POSE, response, self.get_logger().error):
             self._check_ready()
             parts = await self._parts.usable(request.part, self._requests.simulator_is_there)
-            part = asked_part(parts, request.part)
+            part = requested_part(parts, request.part)
             aspects = self._parts.version(part.part_sha256)[1]
             newest = newest_distribution(self._known, self._accounts.values(), part.part_sha256)
             answer_pose(request, response, aspects, newest)
@@ -274,7 +274,7 @@ class AspectClassifier(Node):
     def _list_parts(
         self, _: ListParts.Request, response: ListParts.Response
     ) -> ListParts.Response:
-        with answering(LIST_PARTS, response, self.get_logger().error):
+        with status_from_errors(LIST_PARTS, response, self.get_logger().error):
             self._check_ready()
             for name, sha in self._parts.offered():
                 summary = PartSummary(name=name, part_sha256=sha, known=self._known.has(sha))

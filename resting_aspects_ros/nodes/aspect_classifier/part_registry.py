@@ -148,7 +148,7 @@ class PartRegistry:
             await sleep_for(self._node, PERIOD)
 
 
-def asked_part(parts: Mapping[str, Part], name: str) -> Part:
+def requested_part(parts: Mapping[str, Part], name: str) -> Part:
     """Return the part of a name; raises UnknownPartError, which lists the others."""
     if name in parts:
         return parts[name]

@@ -8,7 +8,7 @@ from rclpy.node import Node
 
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.ros.callbacks import result_of
+from resting_aspects_ros.ros.callbacks import await_future
 from resting_aspects_ros.simulation.chunks import drop_chunks
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.process_workers import ProcessWorkers
@@ -56,7 +56,7 @@ class AsyncWorkers:
 async def _done(node: Node, chunk: 'PoolFuture[RestingPoses]') -> None:
     """Wait for a worker; what it raises is for who takes the chunk."""
     with suppress(Exception):
-        await result_of(node, chunk)
+        await await_future(node, chunk)
 
 
 class UnpublishedPoses:

@@ -54,7 +54,12 @@ from resting_aspects_ros.ros.interface import (
 from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, declare
 from resting_aspects_ros.ros.spin import run_node
-from resting_aspects_ros.ros.status import BusyError, CanceledError, asked_conditions, error_status
+from resting_aspects_ros.ros.status import (
+    BusyError,
+    CanceledError,
+    error_status,
+    requested_conditions,
+)
 from resting_aspects_ros.simulation.config_files import parts_folder, surfaces_file
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.plan import plan_run
@@ -137,7 +142,7 @@ class DropSimulator(Node):
             result.status = status(Status.FAILED, 'the node has ended')  # nobody can be told
         except Exception as error:  # noqa: BLE001 - the edge: a defect must not look like an answer
             self.get_logger().error(f'drop_part failed: {error!r}')
-            result.status = status(Status.FAILED, f'unexpected: {error!r}')
+            result.status = status(Status.FAILED, f'unexpected error {error!r}')
             handle.abort()
         return result
 
@@ -230,7 +235,7 @@ class DropSimulator(Node):
         """Return the job, and the drops that the goal asks for."""
         return plan_run(
             part,
-            asked_conditions(
+            requested_conditions(
                 self._surfaces, goal.surface, goal.conditions, self._default.conditions
             ),
             seed=goal.seed,
