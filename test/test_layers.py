@@ -28,13 +28,13 @@ ROOMS = {
     'nodes.run_tracking': ON_ROS,
     'nodes.drop_simulator': ON_ROS,
     'nodes.aspect_classifier': ON_ROS | {'nodes.run_tracking'},
-    'nodes.drop_recorder': ON_ROS | {'nodes.run_tracking'},
+    'nodes.drop_recorder': ON_ROS | {'nodes.run_tracking', 'run_logs'},
     'nodes.log_replayer': ON_ROS,
     'examples': {'client'},
 }
 # Rooms that may import all others; what the package itself offers is in none.
 TOP = {'cli', ''}
-# Reading a log needs the serialisation of messages: imported when a log is read.
+# A log needs the serialisation of messages: imported when one is read or written.
 LATE = {('api', 'run_logs')}
 CORE_KNOWS = {'numpy', 'scipy', 'trimesh'} | set(sys.stdlib_module_names)
 # Libraries that one module of core alone imports.

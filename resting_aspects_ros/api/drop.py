@@ -3,7 +3,7 @@
 import time
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from resting_aspects_ros.api.load_part import load_part, mesh_file
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.errors import warn
+from resting_aspects_ros.core.errors import LogError, warn
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution, no_drops
@@ -109,6 +109,7 @@ def drop(
     check_convergence: bool = False,
     workers: int | Workers | None = None,
     keep_poses: bool = True,
+    log: str | Path | None = None,
     progress: bool = False,
     **conditions: Any,
 ) -> DropResult:
@@ -141,6 +142,9 @@ def drop(
         those of a Dask cluster, which are left running.
     keep_poses : bool
         Keep the resting poses, 74 bytes each; without them memory does not grow with ``drops``.
+    log : str or Path, optional
+        Folder of logs, in which a log of the run is written as drop_recorder writes it; see
+        `DropResult.log`. Imports ROS.
     progress : bool
         Show progress on standard error.
     **conditions : float
@@ -156,6 +160,8 @@ def drop(
         A value is out of bounds, or a name is not known.
     EngineError
         The worker processes cannot be started, or died repeatedly.
+    LogError
+        The log cannot be written.
 
     Examples
     --------
@@ -187,7 +193,10 @@ def drop(
     counter = DropCounter(planned.empty, planned.run, precision, consumers=consumers)
     convergence: Convergence | None = None
     with _workers(workers) as pool:
-        with DropProgress(loaded.name, planned.run.drops, shown=progress) as bar:
+        with (
+            recorded(log, loaded, counter) as log_folder,
+            DropProgress(loaded.name, planned.run.drops, shown=progress) as bar,
+        ):
             counter.drop(planned.job, pool, bar.update)
             bar.end(counter.distribution.drops)
         if check_convergence:
@@ -204,7 +213,31 @@ def drop(
         mesh,
         counter.history.points(),
         RestingPoses.join(chunks) if keep_poses else None,
+        log_folder,
     )
+
+
+@contextmanager
+def recorded(folder: str | Path | None, part: Part, counter: DropCounter) -> Iterator[Path | None]:
+    """Write a log of the drops that are counted inside the `with`; None as folder: no log.
+
+    Gives the folder of the log. The log is finished also if the drops end early. Raises LogError
+    if it cannot be written.
+    """
+    if folder is None:
+        yield None
+        return
+    from resting_aspects_ros.run_logs.local_log import LocalRunLog
+
+    log = LocalRunLog(Path(folder), part, counter.run)
+    counter.consumers.append(log.add)
+    try:
+        yield log.folder
+    except BaseException:
+        with suppress(LogError):  # the first error says more
+            log.close(counter.distribution)
+        raise
+    log.close(counter.distribution)
 
 
 @contextmanager

@@ -38,6 +38,8 @@ class DropResult:
         Numbers of drops, ascending, and the counts of the k aspects after so many drops.
     poses : RestingPoses or None
         The resting poses, if they were kept.
+    log : Path or None
+        The folder of the log of the run, if one was written.
     """
 
     distribution: Distribution
@@ -49,6 +51,7 @@ class DropResult:
     mesh_file: Path | None = None
     history: tuple[Counts, Counts] | None = None
     poses: RestingPoses | None = None
+    log: Path | None = None
 
     @property
     def title(self) -> str:

@@ -90,6 +90,11 @@ def requested_drops(arguments: argparse.Namespace) -> DropRequest:
 
 def _logged(arguments: argparse.Namespace, drops: int, precision: float) -> DropRequest:
     log: Path = arguments.from_log
+    if arguments.log is not None:
+        raise InvalidValueError(
+            f'invalid --log {str(arguments.log)!r}: expected only without --from-log, whose drops '
+            'have a log'
+        )
     for name in ('part', *_OF_LOG):
         given = getattr(arguments, name)
         if given not in (None, ''):

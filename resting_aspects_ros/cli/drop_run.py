@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from resting_aspects_ros.api.convergence import Convergence
-from resting_aspects_ros.api.drop import plan
+from resting_aspects_ros.api.drop import plan, recorded
 from resting_aspects_ros.api.drop_counter import DropCounter, check_in_finer_steps
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.load_part import mesh_file
@@ -23,7 +23,7 @@ from resting_aspects_ros.api.output_files import (
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.cli.console import print_result
 from resting_aspects_ros.cli.drop_request import DropRequest
-from resting_aspects_ros.core.errors import EngineError, warn
+from resting_aspects_ros.core.errors import EngineError, LogError, warn
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption, catch
@@ -59,7 +59,10 @@ def drop_and_show(
     job, run = planned.job, planned.run
     request.check_engine(run)
     flag, out = _folder(arguments, part.name)
-    failure: EngineError | OutputError | None = None
+    if arguments.log is not None:
+        make_folder('--log', arguments.log)
+    failure: EngineError | LogError | OutputError | None = None
+    log: Path | None = None
     convergence: Convergence | None = None
     checked = not arguments.check_convergence
     counter = DropCounter(planned.empty, run, stop_at, request.ranges)
@@ -71,7 +74,10 @@ def drop_and_show(
             for warning in part.warnings:
                 warn(warning)
             try:
-                with DropProgress(part.name, run.drops) as progress:
+                with (
+                    recorded(arguments.log, part, counter) as log,
+                    DropProgress(part.name, run.drops) as progress,
+                ):
                     counter.drop(job, workers, progress.update, lambda: stop.asked)
                     progress.end(counter.distribution.drops)
                 if arguments.check_convergence and not stop.asked:
@@ -81,7 +87,7 @@ def drop_and_show(
                             counter, job, workers, progress.update, lambda: stop.asked
                         )
                         progress.end(progress.done)
-            except EngineError as error:
+            except (EngineError, LogError) as error:
                 failure = error  # the file of poses has those that were made
     except OutputError as error:
         failure = error
@@ -94,6 +100,7 @@ def drop_and_show(
         convergence,
         mesh_file(arguments.part),
         counter.history.points(),
+        log=log,
     )
     _write(result, out, arguments)
     done = result.distribution.drops
@@ -113,6 +120,7 @@ def drop_and_show(
 def _write(result: DropResult, out: Path | None, arguments: argparse.Namespace) -> None:
     """Save and print the result, whatever of it fails; the page, which takes longest, at last."""
     files = [DOCUMENT, POSES] if arguments.report else [DOCUMENT, PICTURE, POSES]
+    logged = [] if result.log is None else [f'Log: {result.log}']
     lines = ['Add --report for pictures of the aspects.']
     try:
         if out is not None:
@@ -122,6 +130,7 @@ def _write(result: DropResult, out: Path | None, arguments: argparse.Namespace) 
                 result.save_picture(out / PICTURE)
     finally:
         print_result(result, as_json=arguments.json, each=arguments.each)
+        _print(logged, arguments)
     if arguments.report and out is not None:
         # All else is saved: nobody has to wait for the page.
         catch(signal.default_int_handler)
@@ -133,7 +142,7 @@ def _write(result: DropResult, out: Path | None, arguments: argparse.Namespace) 
 
 
 def _print(lines: list[str], arguments: argparse.Namespace) -> None:
-    if not arguments.json:
+    if lines and not arguments.json:
         print(*lines, sep='\n', flush=True)
 
 

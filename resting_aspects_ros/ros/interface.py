@@ -2,6 +2,8 @@
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from resting_aspects_ros.logs.topic_metadata import Qos
+
 DROP_SIMULATOR = 'drop_simulator'
 ASPECT_CLASSIFIER = 'aspect_classifier'
 DROP_RECORDER = 'drop_recorder'
@@ -61,3 +63,13 @@ MIN_BATCH = 250
 def batch_size(drops: int) -> int:
     """Return the number of poses in each batch, except the last, of a run of ``drops`` drops."""
     return max(MIN_BATCH, -(-drops // POSES_DEPTH))
+
+
+def offered_qos(profile: QoSProfile) -> Qos:
+    """Return a quality of service as a log stores it."""
+    return Qos(
+        depth=profile.depth,
+        reliability=profile.reliability.short_key,
+        durability=profile.durability.short_key,
+        history=profile.history.short_key,
+    )

@@ -1,5 +1,6 @@
-"""What a log says of its run: part, conditions, poses and counts.
+"""The log of a run: what one says of its run, and how one is written.
 
-Reads logs with the serialisation of messages, and therefore imports ROS. Used by the commands
-that take a log. Read `contents.py` first.
+Reads and writes messages in their serialized form, and therefore imports ROS. The command line and
+the Python interface import it only when a log is read or written. Read `contents.py` first, then
+`run_recorder.py`.
 """

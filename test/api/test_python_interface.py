@@ -14,6 +14,10 @@ import pytest
 import trimesh
 
 import resting_aspects_ros as ra
+from resting_aspects_ros.api.drop_counter import DropCounter
+from resting_aspects_ros.nodes.aspect_classifier.log_loader import (
+    read_log as read_logged_distribution,
+)
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.plan import make_job
 from resting_aspects_ros.simulation.process_workers import ProcessWorkers
@@ -150,6 +154,43 @@ def test_a_wrong_argument_of_load_part_is_named(arguments, words, tmp_path, monk
     trimesh.creation.box((10, 20, 30)).export('box.stl')
     with pytest.raises(ra.InvalidValueError, match=words):
         ra.load_part(**{'part': 'l_bracket', **arguments})
+
+
+def test_a_log_has_the_poses_and_the_distribution(workers, tmp_path):
+    result = ra.drop('tetrahedron', drops=600, seed=4, workers=workers, log=tmp_path / 'logs')
+    assert result.log.parent == tmp_path / 'logs'
+    read = ra.read_log(result.log)
+    assert (read.run, read.part.part_sha256) == (result.run, result.part.part_sha256)
+    assert np.array_equal(read.poses.position, result.poses.position)
+    assert np.array_equal(read.poses.orientation, result.poses.orientation)
+    # What a classifier takes from the log when it starts.
+    run, distribution = read_logged_distribution(result.log)
+    assert run == result.run
+    assert distribution.counts.tolist() == result.distribution.counts.tolist()
+
+
+def test_the_log_of_interrupted_drops_is_closed(workers, tmp_path, monkeypatch):
+    counted = []
+
+    def interrupt(self, poses):
+        counted.append(len(poses))
+        count(self, poses)
+        if len(counted) == 2:
+            raise KeyboardInterrupt
+
+    count = DropCounter._count
+    monkeypatch.setattr(DropCounter, '_count', interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        ra.drop('tetrahedron', drops=1000, workers=workers, log=tmp_path)
+    (log,) = tmp_path.iterdir()
+    assert (log / 'metadata.yaml').is_file()
+    assert ra.read_log(log).distribution.drops == sum(counted)
+
+
+def test_a_log_that_cannot_be_written_is_an_error(workers, tmp_path):
+    (tmp_path / 'file').touch()
+    with pytest.raises(ra.LogError, match='cannot be written'):
+        ra.drop('tetrahedron', drops=5, workers=workers, log=tmp_path / 'file')
 
 
 def test_ctrl_c_ends_the_drops_and_their_workers():

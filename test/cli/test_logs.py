@@ -242,6 +242,28 @@ def test_the_python_interface_reads_the_poses_of_a_log(log, dropped):
     assert logged_result(log('again')).poses is None
 
 
+def test_a_log_that_drop_writes_is_read_by_all_commands(run, tmp_path):
+    dropped = run('drop', 'tetrahedron', '--drops', 300, '--log', 'logs', '--json')
+    assert dropped.returncode == 0
+    document = json.loads(dropped.stdout)
+    (log,) = (tmp_path / 'logs').iterdir()
+    assert log.name.endswith(f'Z_{document["run_id"]}')
+    for words in (['info', log], ['merge', log], ['drop', '--from-log', log]):
+        ended = run(*words, '--json')
+        assert ended.returncode == 0
+        text = ended.stdout
+        assert [each['count'] for each in json.loads(text)['aspects']] == [
+            each['count'] for each in document['aspects']
+        ]
+
+
+def test_drop_refuses_a_log_that_it_cannot_write(refused, log, tmp_path):
+    (tmp_path / 'file').touch()
+    assert '--log' in refused('drop', 'tetrahedron', '--log', 'file')
+    folder = log()
+    assert 'without --from-log' in refused('drop', '--from-log', folder, '--log', 'logs')
+
+
 def test_info_of_a_log_that_was_broken_off(run, log):
     folder = log(batches=2)
     ended = run('info', folder)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.nodes.drop_simulator.async_workers import UnpublishedPoses
+from resting_aspects_ros.ros.batching import PoseBatches
 
 
 def drops(first, end):
@@ -22,7 +22,7 @@ def drops(first, end):
     st.integers(1, 7), st.integers(0, 1000), st.lists(st.integers(1, 20), min_size=1, max_size=8)
 )
 def test_all_come_out_in_order_full_but_the_last_which_is_not_empty(size, start, chunks):
-    batches, out, first = UnpublishedPoses(size), [], start
+    batches, out, first = PoseBatches(size), [], start
     for length in chunks:
         out += batches.add(drops(first, first + length))
         first += length
@@ -36,11 +36,11 @@ def test_all_come_out_in_order_full_but_the_last_which_is_not_empty(size, start,
 
 @pytest.mark.parametrize('length', [1, 249, 250])
 def test_a_batch_is_held_back_until_another_drop_follows(length):
-    batches = UnpublishedPoses(250)
+    batches = PoseBatches(250)
     assert list(batches.add(drops(0, length))) == []
     assert len(batches.rest(0)) == length
 
 
 def test_without_a_drop_the_last_batch_is_empty_and_stands_where_the_run_begins():
-    rest = UnpublishedPoses(250).rest(500)
+    rest = PoseBatches(250).rest(500)
     assert (rest.first_drop, len(rest)) == (500, 0)

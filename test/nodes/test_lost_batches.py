@@ -28,7 +28,7 @@ DROPS = 40
 QUICK = {
     'nodes.run_tracking.tracker.CHECK_PERIOD': 0.2,
     'nodes.run_tracking.tracker.GRACE': 0.5,
-    'nodes.drop_recorder.run_recorder.END_TIMEOUT': 2.0,
+    'run_logs.run_recorder.END_TIMEOUT': 2.0,
 }
 QUIET = {'nodes.aspect_classifier.part_registry.QUIET': 1.0}
 

@@ -20,7 +20,7 @@ to rest, and how probable each is. Needs no ROS graph."""
 EXAMPLES = """examples:
   resting_aspects drop l_bracket
   resting_aspects drop my_part.stl --unit mm --drops 5000 --out result
-  resting_aspects drop l_bracket --report
+  resting_aspects drop l_bracket --report --log out/logs
   resting_aspects drop t_prism --precision 0.02
   resting_aspects drop washer --drops 5000 --check-convergence
   resting_aspects drop l_bracket --drops 1000000 --scheduler tcp://10.0.0.5:8786
@@ -71,6 +71,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='with the files of --out (out/ and the part) write report.html, a page with pictures '
         'and charts',
+    )
+    parser.add_argument(
+        '--log',
+        metavar='DIR',
+        type=Path,
+        help='write a log of the run into this folder, as drop_recorder does: an MCAP file that '
+        'rosbag2, Foxglove and the commands replay, info and report read',
     )
     parser.add_argument('--poses', metavar='FILE.csv', type=Path, help='write the resting poses')
     parser.add_argument(

@@ -5,17 +5,16 @@ import time
 from collections import deque
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
 
-from resting_aspects_ros.logs.topic_metadata import POSES_TYPE, Qos, Topic
+from resting_aspects_ros.logs.topic_metadata import POSES_TYPE, Topic
 from resting_aspects_ros.nodes.drop_recorder.log_folder import (
     FolderLock,
     absolute_folder,
     check_log_folder,
 )
-from resting_aspects_ros.nodes.drop_recorder.run_recorder import RecordedRunsPublisher, RunRecorder
+from resting_aspects_ros.nodes.drop_recorder.status_publisher import RecordedRunsPublisher
 from resting_aspects_ros.nodes.run_tracking.health import RunHealth
 from resting_aspects_ros.nodes.run_tracking.tracker import RunProgress, RunTracker
 from resting_aspects_ros.ros.callbacks import guarded, steady_timer, subscribe
@@ -30,11 +29,13 @@ from resting_aspects_ros.ros.interface import (
     PARTS,
     POSES,
     RESTING_POSES,
+    offered_qos,
 )
 from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import Parameter, declare, on_change
 from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
+from resting_aspects_ros.run_logs.run_recorder import RunRecorder
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 PARAMETERS = (
@@ -80,7 +81,7 @@ class DropRecorder(Node):
             raw=True,
             qos=ALL_LATCHED,
         )
-        self._poses = Topic(self.resolve_topic_name(RESTING_POSES), POSES_TYPE, _qos(POSES))
+        self._poses = Topic(self.resolve_topic_name(RESTING_POSES), POSES_TYPE, offered_qos(POSES))
         subscribe(self, RestingPoses, RESTING_POSES, self._batch, POSES, raw=True)
         close = guarded(self, 'logs are not closed', self._close_whole)
         steady_timer(self, CLOSE_PERIOD, close)
@@ -144,7 +145,7 @@ class DropRecorder(Node):
         if log.has_part or part.part_sha256 != log.run.part_sha256:
             return
         topic = Topic(
-            self._part_watch.topic(log.run.part), self._part_watch.type_name, _qos(LATCHED)
+            self._part_watch.topic(log.run.part), self._part_watch.type_name, offered_qos(LATCHED)
         )
         log.write_part(topic, data, part, self._now())
         self._reports.written(log)
@@ -165,7 +166,7 @@ class DropRecorder(Node):
         if (log.run.run_id, log.run.part) != (message.run.run_id, message.run.part):
             return
         watch = self._distribution_watch
-        topic = Topic(watch.topic(log.run.part), watch.type_name, _qos(LATCHED))
+        topic = Topic(watch.topic(log.run.part), watch.type_name, offered_qos(LATCHED))
         log.write(topic, data, self._now(), nanoseconds(message.header.stamp))
         log.has_distribution = log.has_distribution or message.complete
         self._reports.written(log)
@@ -202,15 +203,6 @@ class DropRecorder(Node):
 
     def _now(self) -> int:
         return time.time_ns()  # not ROS time, which may stand still
-
-
-def _qos(profile: QoSProfile) -> Qos:
-    return Qos(
-        depth=profile.depth,
-        reliability=profile.reliability.short_key,
-        durability=profile.durability.short_key,
-        history=profile.history.short_key,
-    )
 
 
 def main() -> int:

@@ -1,6 +1,6 @@
-"""The worker processes of a node that drops: their chunks, and the batches made of them."""
+"""The worker processes of a node, and the chunks of drops that they simulate."""
 
-from collections.abc import AsyncGenerator, Iterator
+from collections.abc import AsyncGenerator
 from concurrent.futures import Future as PoolFuture
 from contextlib import closing, suppress
 
@@ -57,29 +57,3 @@ async def _done(node: Node, chunk: 'PoolFuture[RestingPoses]') -> None:
     """Wait for a worker; what it raises is for who takes the chunk."""
     with suppress(Exception):
         await await_future(node, chunk)
-
-
-class UnpublishedPoses:
-    """Poses that have not been published yet.
-
-    Some are always held back, so that the batch which turns out to be the last is not empty.
-    """
-
-    def __init__(self, size: int) -> None:
-        self._size = size
-        self._waiting: list[RestingPoses] = []
-
-    def add(self, chunk: RestingPoses) -> Iterator[RestingPoses]:
-        """The batches that are full now; the chunk continues the one before."""
-        self._waiting.append(chunk)
-        while sum(map(len, self._waiting)) > self._size:
-            joined = RestingPoses.join(self._waiting)
-            middle = joined.first_drop + self._size
-            self._waiting = [joined.between(middle, joined.end)]
-            yield joined.between(joined.first_drop, middle)
-
-    def rest(self, end: int) -> RestingPoses:
-        """What is left, up to ``end``; may be empty."""
-        if not self._waiting:
-            return RestingPoses.none(end)
-        return RestingPoses.join(self._waiting)

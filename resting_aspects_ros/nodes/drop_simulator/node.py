@@ -24,13 +24,14 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import count_poses, no_drops
 from resting_aspects_ros.core.statistics.stopping import max_drops
-from resting_aspects_ros.nodes.drop_simulator.async_workers import AsyncWorkers, UnpublishedPoses
+from resting_aspects_ros.nodes.drop_simulator.async_workers import AsyncWorkers
 from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
 from resting_aspects_ros.nodes.drop_simulator.shared_drops import (
     GoalDrops,
     PublishedRuns,
     SharedDrops,
 )
+from resting_aspects_ros.ros.batching import PoseBatches
 from resting_aspects_ros.ros.callbacks import advertise
 from resting_aspects_ros.ros.conversions import poses_msg, status
 from resting_aspects_ros.ros.default_conditions import SURFACE, DefaultConditionsPublisher
@@ -182,7 +183,7 @@ class DropSimulator(Node):
         if is_new:
             self._runs.begin(run)
         asked = drops.asked
-        batches = UnpublishedPoses(batch_size(asked.drops))
+        batches = PoseBatches(batch_size(asked.drops))
         total = no_drops(await self._aspects(part)) if asked.precision else None
         try:
             async with aclosing(self._workers.chunks(job, asked)) as chunks:

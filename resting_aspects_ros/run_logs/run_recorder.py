@@ -1,4 +1,4 @@
-"""One log that the recorder is writing, and what the recorder reports of its logs."""
+"""Record one run in a log."""
 
 import dataclasses
 import time
@@ -6,17 +6,13 @@ from contextlib import suppress
 from datetime import datetime, timezone
 from pathlib import Path
 
-from rclpy.node import Node
-from resting_aspects_interfaces.msg import PartDescription, RecordedRun
+from resting_aspects_interfaces.msg import PartDescription
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.logs.bag_metadata import OUTCOME, Outcome, recorded_outcome
 from resting_aspects_ros.logs.run_writer import RunLog, run_folder_name
 from resting_aspects_ros.logs.topic_metadata import Topic
-from resting_aspects_ros.ros.callbacks import advertise
 from resting_aspects_ros.ros.conversions import NANOSECONDS
-from resting_aspects_ros.ros.formatting import progress_text
-from resting_aspects_ros.ros.interface import ALL_LATCHED, RECORDED_RUNS
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 # When a run is over, its part and its last distribution have so long to arrive, s.
@@ -111,16 +107,6 @@ class RunRecorder:
         self._over_at = time.monotonic()
         self._whole = whole
 
-    def message(self) -> RecordedRun:
-        """What is to be said of it."""
-        return RecordedRun(
-            run_id=self.run.run_id,
-            log=str(self.folder),
-            drops=self.drops,
-            whole=self.closed_whole or self.earlier is not None,
-            error=self.error,
-        )
-
     def problem(self) -> str:
         """What an error means for the run, in words."""
         run = f'run {self.run.run_id} of {self.run.part}'
@@ -163,49 +149,6 @@ class RunRecorder:
         if self._log is not None:
             with suppress(LogError):
                 self._log.close()
-
-
-class RecordedRunsPublisher:
-    """Publishes recorded_runs.
-
-    error : what went wrong last, in words, until a log is whole again; else empty
-    """
-
-    def __init__(self, node: Node) -> None:
-        self._logger = node.get_logger()
-        self._recorded = advertise(node, RecordedRun, RECORDED_RUNS, ALL_LATCHED)
-        self.error = ''
-
-    def begun(self, log: RunRecorder) -> None:
-        """A log is begun, or found to be there already."""
-        self.written(log, always=True)
-        if log.earlier is not None:
-            run = log.run
-            self._logger.info(f'run {run.run_id} of {run.part} is in {log.earlier} already')
-
-    def written(self, log: RunRecorder, *, always: bool = False) -> None:
-        """Tell how far the log is, at its turning points; and once what went wrong."""
-        self._logger.debug(f'{log.drops} drops are in {log.folder}')
-        new_error = bool(log.error) and not log.reported
-        if new_error:
-            log.reported = True
-            self.error = log.problem()
-            self._logger.error(self.error)
-        elif log.closed_whole:
-            self.error = ''  # it works again
-        if new_error or always:
-            self._recorded.publish(log.message())
-
-    def closed(self, log: RunRecorder, folder: Path | None) -> None:
-        """A log is closed; folder : None if that went wrong, or there was none to close."""
-        self.written(log, always=True)
-        if folder is None:
-            return
-        words = f'is in {folder}'
-        if not log.closed_whole:
-            what = 'is not whole' if log.run_over else 'was broken off'
-            words = f'{what}: {progress_text(log.run, log.drops)} are in {folder}, which is closed'
-        self._logger.info(f'run {log.run.run_id} of {log.run.part} {words}')
 
 
 def _earlier_logs(folder: Path, name: str) -> list[Path]:
