@@ -8,24 +8,24 @@ from resting_aspects_ros.core.poses import RestingPoses
 class PoseBatches:
     """Poses that have not been published yet.
 
-    Some are always held back, so that the batch which turns out to be the last is not empty.
+    It always holds back some poses, so that the last batch of a run is not empty.
     """
 
     def __init__(self, size: int) -> None:
         self._size = size
-        self._waiting: list[RestingPoses] = []
+        self._pending: list[RestingPoses] = []
 
     def add(self, chunk: RestingPoses) -> Iterator[RestingPoses]:
-        """The batches that are full now; the chunk continues the one before."""
-        self._waiting.append(chunk)
-        while sum(map(len, self._waiting)) > self._size:
-            joined = RestingPoses.join(self._waiting)
+        """Add a chunk, which continues the previous one; yield the batches that are full now."""
+        self._pending.append(chunk)
+        while sum(map(len, self._pending)) > self._size:
+            joined = RestingPoses.join(self._pending)
             middle = joined.first_drop + self._size
-            self._waiting = [joined.between(middle, joined.end)]
+            self._pending = [joined.between(middle, joined.end)]
             yield joined.between(joined.first_drop, middle)
 
-    def rest(self, end: int) -> RestingPoses:
-        """What is left, up to ``end``; may be empty."""
-        if not self._waiting:
+    def remaining(self, end: int) -> RestingPoses:
+        """Return the remaining poses, up to ``end``; may be empty."""
+        if not self._pending:
             return RestingPoses.none(end)
-        return RestingPoses.join(self._waiting)
+        return RestingPoses.join(self._pending)

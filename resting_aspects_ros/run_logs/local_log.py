@@ -79,7 +79,7 @@ class LocalRunLog:
         Raises LogError if the log does not have all of it.
         """
         recorder, run = self._recorder, self._run
-        self._write(self._batches.rest(self._next_drop), last=True)
+        self._write(self._batches.remaining(self._next_drop), last=True)
         topic = Topic(
             f'/{ASPECT_DISTRIBUTIONS}/{run.part}', DISTRIBUTION_TYPE, offered_qos(LATCHED)
         )

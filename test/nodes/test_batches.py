@@ -26,7 +26,7 @@ def test_all_come_out_in_order_full_but_the_last_which_is_not_empty(size, start,
     for length in chunks:
         out += batches.add(drops(first, first + length))
         first += length
-    out.append(batches.rest(start))
+    out.append(batches.remaining(start))
     assert all(len(batch) == size for batch in out[:-1])
     assert 1 <= len(out[-1]) <= size
     joined = RestingPoses.join(out)
@@ -38,9 +38,9 @@ def test_all_come_out_in_order_full_but_the_last_which_is_not_empty(size, start,
 def test_a_batch_is_held_back_until_another_drop_follows(length):
     batches = PoseBatches(250)
     assert list(batches.add(drops(0, length))) == []
-    assert len(batches.rest(0)) == length
+    assert len(batches.remaining(0)) == length
 
 
 def test_without_a_drop_the_last_batch_is_empty_and_stands_where_the_run_begins():
-    rest = PoseBatches(250).rest(500)
+    rest = PoseBatches(250).remaining(500)
     assert (rest.first_drop, len(rest)) == (500, 0)

@@ -150,7 +150,7 @@ def test_a_cancel_in_the_middle_keeps_what_was_done(suite, batches_of, engine):
     assert drop.outcome == 'canceled'
     assert result.status.code == Status.CANCELED
     assert result.status.message == (
-        f'canceled after {result.drops} of 100000 drops; those are kept'
+        f'canceled after {result.drops} of 100000 drops; these are kept'
     )
     assert CHUNK <= result.drops < 5000
     batches = batches_of(result.run_id)

@@ -160,7 +160,7 @@ def test_one_goal_too_many_is_told_that_the_simulator_is_busy(suite, diagnostics
         assert not any(drop.done for drop in drops)
     finally:
         simulator.send_to_workers(signal.SIGCONT)
-    words = f'{MAX_GOALS} drop_part goals are under way, try again later'
+    words = f'{MAX_GOALS} drop_part goals are active, try again later'
     assert one_more.outcome == 'aborted'
     assert one_more.result.status == Status(code=Status.BUSY, message=words)
     assert by_service.status == Status(code=Status.BUSY, message=words)
@@ -175,7 +175,7 @@ def test_one_goal_too_many_is_told_that_the_simulator_is_busy(suite, diagnostics
         ('drop_simulator', ('workers', 2000), 'workers out of range. Min: 0, Max: 1024'),
         ('drop_simulator', ('workers', -1), 'workers out of range. Min: 0, Max: 1024'),
         ('drop_simulator', ('workers', 'many'), "'workers' to 'many'"),
-        ('drop_simulator', ('parts_folder', 'x' * 300), "parts_folder is 'xxx"),
+        ('drop_simulator', ('parts_folder', 'x' * 300), "invalid parts_folder 'xxx"),
         ('drop_simulator', ('surfaces_file', '{broken}'), 'surfaces.yaml'),
         ('aspect_classifier', ('surfaces_file', '{broken}'), 'surfaces.yaml'),
         ('drop_recorder', ('log_folder', 5), "'log_folder' to '5'"),

@@ -91,4 +91,4 @@ def test_only_a_run_of_this_simulator_is_repaired(suite, run):
     assert refused.message.startswith('run another was not made by this simulator')
     refused = suite.client.drop(drops=5, seed=12, run_id=run.run_id).result.status
     assert refused.code == Status.INVALID
-    assert refused.message.startswith(f'run {run.run_id} is of tetrahedron under other conditions')
+    assert refused.message.startswith(f'invalid request for drops of run {run.run_id}: expected ')

@@ -1,4 +1,4 @@
-"""Drops that several goals ask for at the same time, and runs of which drops are asked again."""
+"""Drops shared by concurrent goals, and runs whose drops can be requested again."""
 
 import time
 from collections import OrderedDict
@@ -16,143 +16,144 @@ from resting_aspects_ros.ros.callbacks import wait_for
 from resting_aspects_ros.ros.status import CanceledError, NotAvailableError
 from resting_aspects_ros.simulation.run_description import RunDescription
 
-# How often a goal looks whether it was canceled while others want the same drops, s.
+# Interval at which a goal that shares its drops checks whether it was canceled, s.
 CANCEL_PERIOD = 0.5
-# Descriptions of so many runs are kept, to publish drops of them again.
-RUNS_KEPT = 10_000
+# Maximum number of runs whose descriptions are kept, to publish drops of them again.
+MAX_RUNS = 10_000
 
 
 class GoalDrops:
-    """The drops of one or more goals while they are made: their result so far, and feedback.
+    """Drops in production for one or more goals: sends feedback and accumulates the result.
 
-    asked : the drops that the goals ask for
-    result : what the goals will end with
-    rate : drops per second, from the begin to the last drops that came
+    requested : the drops that the goals request
+    result : current counts; the result of the goals when all drops are made
+    rate : drops per second, from the start to the most recent chunk
     """
 
-    def __init__(self, asked: RunDescription) -> None:
-        self.asked = asked
-        self.result = DropPart.Result(run_id=asked.run_id)
+    def __init__(self, requested: RunDescription) -> None:
+        self.requested = requested
+        self.result = DropPart.Result(run_id=requested.run_id)
         self.rate = 0.0
-        self._begun = time.monotonic()
+        self._start = time.monotonic()
         self._goals: list[ServerGoalHandle] = []
 
     @property
     def wanted(self) -> bool:
-        """Whether any goal has not been canceled."""
+        """Whether at least one goal has not been canceled."""
         return any(not goal.is_cancel_requested for goal in self._goals)
 
     def join(self, goal: ServerGoalHandle) -> None:
-        """Send feedback to this goal, too."""
+        """Add a goal, which then receives feedback."""
         self._goals.append(goal)
         if self.result.drops:
-            self._feed_back([goal])
+            self._send_feedback([goal])
 
     def leave(self, goal: ServerGoalHandle) -> None:
-        """The goal ends."""
+        """Remove a goal that ends."""
         self._goals.remove(goal)
 
     def add(self, chunk: RestingPoses) -> None:
-        """Count drops, and send feedback."""
+        """Count the drops of a chunk and send feedback."""
         result = self.result
         result.drops += len(chunk)
         result.settled += int((chunk.status == RestStatus.SETTLED).sum())
         result.unsettled += int((chunk.status == RestStatus.UNSETTLED).sum())
         result.failed += int((chunk.status == RestStatus.FAILED).sum())
-        seconds = time.monotonic() - self._begun
+        seconds = time.monotonic() - self._start
         self.rate = result.drops / seconds if seconds > 0 else 0.0
-        self._feed_back(self._goals)
+        self._send_feedback(self._goals)
 
-    def _feed_back(self, goals: list[ServerGoalHandle]) -> None:
-        feedback = DropPart.Feedback(done=self.result.drops, total=self.asked.drops)
+    def _send_feedback(self, goals: list[ServerGoalHandle]) -> None:
+        feedback = DropPart.Feedback(done=self.result.drops, total=self.requested.drops)
         feedback.drops_per_second = self.rate
         for goal in goals:
             goal.publish_feedback(feedback)
 
 
 class SharedDrops:
-    """Makes drops once for all goals that ask for the same ones at the same time."""
+    """Makes drops once for all concurrent goals that request the same drops."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._made: dict[Hashable, tuple[GoalDrops, Future]] = {}
+        self._active: dict[Hashable, tuple[GoalDrops, Future]] = {}
 
-    def under_way(self) -> list[GoalDrops]:
-        """All drops that are being made."""
-        return [drops for drops, _ in self._made.values()]
+    def active(self) -> list[GoalDrops]:
+        """Return all drops in production."""
+        return [drops for drops, _ in self._active.values()]
 
     def has(self, key: Hashable) -> bool:
-        """Whether the drops with this key are being made."""
-        return key in self._made
+        """Return whether the drops with this key are in production."""
+        return key in self._active
 
     async def make(
         self,
         key: Hashable,
         goal: ServerGoalHandle,
-        asked: RunDescription,
+        requested: RunDescription,
         make: Callable[[GoalDrops], Awaitable[None]],
     ) -> tuple[DropPart.Result, Exception | None]:
-        """Return the result of a goal, and the error with which its drops ended, if any.
+        """Return the result of a goal, and the error that ended its drops, if any.
 
-        The drops with a key are made while at least one goal wants them.
+        The production of the drops with a key continues while at least one goal is not canceled.
         """
-        if key not in self._made:
-            self._made[key] = GoalDrops(asked), Future(executor=self._node.executor)
+        if key not in self._active:
+            self._active[key] = GoalDrops(requested), Future(executor=self._node.executor)
             assert self._node.executor is not None  # this is called by it
             self._node.executor.create_task(self._make, key, make)
-        drops, over = self._made[key]
+        drops, finished = self._active[key]
         drops.join(goal)
         try:
-            while not await wait_for(self._node, over, CANCEL_PERIOD):
+            while not await wait_for(self._node, finished, CANCEL_PERIOD):
                 if goal.is_cancel_requested and drops.wanted:
-                    error = CanceledError('canceled; its drops are made on for another goal')
+                    error = CanceledError('canceled; its drops continue for another goal')
                     return copy(drops.result), error
         finally:
             drops.leave(goal)
-        error = over.result()
+        error = finished.result()
         if isinstance(error, CanceledError) and not goal.is_cancel_requested:
-            return await self.make(key, goal, asked, make)  # it came when the others had gone
+            # The goal joined after all other goals had been canceled.
+            return await self.make(key, goal, requested, make)
         return copy(drops.result), error
 
     async def _make(self, key: Hashable, make: Callable[[GoalDrops], Awaitable[None]]) -> None:
-        drops, over = self._made[key]
+        drops, finished = self._active[key]
         error: Exception | None = None
         try:
             await make(drops)
-        except Exception as raised:  # noqa: BLE001 - given to the goals
+        except Exception as raised:  # noqa: BLE001 - passed to the goals
             error = raised
         finally:
-            del self._made[key]
-            over.set_result(error)
+            del self._active[key]
+            finished.set_result(error)
 
 
 class PublishedRuns:
-    """The runs that a simulator has begun, so that it can publish drops of them again."""
+    """The runs that a simulator has started, so that it can publish drops of them again."""
 
     def __init__(self) -> None:
         self._runs: OrderedDict[str, RunDescription] = OrderedDict()
 
-    def begin(self, run: RunDescription) -> None:
-        """Keep the description of a run."""
+    def add(self, run: RunDescription) -> None:
+        """Store the description of a run."""
         self._runs[run.run_id] = run
-        while len(self._runs) > RUNS_KEPT:
+        while len(self._runs) > MAX_RUNS:
             self._runs.popitem(last=False)
 
-    def find(self, asked: RunDescription) -> RunDescription:
-        """Return the run of which drops are asked for again.
+    def find(self, requested: RunDescription) -> RunDescription:
+        """Return the run whose drops are requested again.
 
-        Raises NotAvailableError if this simulator has not begun it, InvalidValueError if the drops
-        are not of that run.
+        Raises NotAvailableError if this simulator did not start the run, and InvalidValueError if
+        the requested drops do not belong to it.
         """
-        run = self._runs.get(asked.run_id)
+        run = self._runs.get(requested.run_id)
         if run is None:
             raise NotAvailableError(
-                f'run {asked.run_id} was not made by this simulator, which was perhaps started '
-                'again since'
+                f'run {requested.run_id} was not made by this simulator, which may have been '
+                'restarted since'
             )
-        if run.sequence() != asked.sequence():
+        if run.sequence() != requested.sequence():
             raise InvalidValueError(
-                f'run {run.run_id} is of {run.part} under other conditions, of another seed or '
-                'of another version of the part: only its own drops can be published again'
+                f'invalid request for drops of run {run.run_id}: expected its part {run.part}, '
+                'in the same version, its conditions and its seed'
             )
         return run

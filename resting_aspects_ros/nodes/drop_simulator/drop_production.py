@@ -1,0 +1,132 @@
+"""Production of drops: the worker processes of a node, and the batches that it publishes."""
+
+from collections.abc import AsyncGenerator
+from concurrent.futures import Future as PoolFuture
+from contextlib import aclosing, closing, suppress
+
+from rclpy.node import Node
+from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
+
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.statistics.distribution import count_poses, no_drops
+from resting_aspects_ros.nodes.drop_simulator.shared_drops import GoalDrops
+from resting_aspects_ros.ros.batching import PoseBatches
+from resting_aspects_ros.ros.callbacks import advertise, await_future
+from resting_aspects_ros.ros.conversions import poses_msg
+from resting_aspects_ros.ros.diagnostics import RateCounter
+from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.formatting import progress_text
+from resting_aspects_ros.ros.interface import POSES, RESTING_POSES, batch_size
+from resting_aspects_ros.ros.status import CanceledError
+from resting_aspects_ros.simulation.chunks import drop_chunks
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.process_workers import ProcessWorkers
+from resting_aspects_ros.simulation.run_description import RunDescription
+
+
+class AsyncWorkers:
+    """Worker processes, which all goals of a node share chunk by chunk.
+
+    count : int
+        Number of processes.
+    deaths : int
+        Number of processes that died and were replaced.
+    """
+
+    def __init__(self, node: Node, count: int) -> None:
+        self._node = node
+        self.count = count
+        self.deaths = 0
+        self._processes = ProcessWorkers(count)
+
+    def stop(self) -> None:
+        """End the processes and abandon their chunks."""
+        self._processes.stop()
+
+    async def chunks(
+        self, job: DropJob, requested: RunDescription
+    ) -> AsyncGenerator[RestingPoses, None]:
+        """Yield chunks of drops in order; raises EngineError if the workers fail or die."""
+        try:
+            with closing(drop_chunks(job, requested, self._processes, self._warn)) as steps:
+                for step in steps:
+                    if isinstance(step, PoolFuture):
+                        await _done(self._node, step)
+                    else:
+                        yield step
+        except EngineError as error:
+            raise EngineError(f'{error}; the drops made before are kept') from error
+
+    def _warn(self, death: str) -> None:
+        self.deaths += 1
+        self._node.get_logger().warning(death)
+
+
+async def _done(node: Node, chunk: 'PoolFuture[RestingPoses]') -> None:
+    """Wait for a worker; ``drop_chunks`` handles its exception."""
+    with suppress(Exception):
+        await await_future(node, chunk)
+
+
+class DropProducer:
+    """Makes the drops of goals and publishes them on resting_poses.
+
+    drops : counter of all drops made
+
+    Parameters
+    ----------
+    files : finds the aspects of parts
+    frame : frame of the published poses
+    """
+
+    def __init__(self, node: Node, workers: AsyncWorkers, files: FileWorker, frame: str) -> None:
+        self._node = node
+        self._workers = workers
+        self._files = files
+        self._frame = frame
+        self._aspects = AspectSet('', ())  # of the part that stopped at a precision last
+        self._publisher = advertise(node, RestingPosesMsg, RESTING_POSES, POSES)
+        self.drops = RateCounter()
+
+    async def produce(
+        self, drops: GoalDrops, part: Part, job: DropJob, run: RunDescription, *, is_new: bool
+    ) -> None:
+        """Make and publish drops of a run.
+
+        is_new : whether the last of them ends the run; drops that fill a gap of a run do not
+        """
+        requested = drops.requested
+        batches = PoseBatches(batch_size(requested.drops))
+        total = no_drops(await self._find_aspects(part)) if requested.precision else None
+        try:
+            async with aclosing(self._workers.chunks(job, requested)) as chunks:
+                async for chunk in chunks:
+                    self.drops.add(len(chunk))
+                    for batch in batches.add(chunk):
+                        self._publish(batch, run, last=False)
+                    drops.add(chunk)
+                    if total is not None:
+                        total += count_poses(total.aspects, chunk)
+                        if total.stops(requested.precision, requested.drops):
+                            break
+                    done = drops.result.drops
+                    if not drops.wanted and done < requested.drops:
+                        raise CanceledError(
+                            f'canceled after {progress_text(requested, done)}; these are kept'
+                        )
+        finally:
+            self._publish(batches.remaining(requested.first_drop), run, last=is_new)
+
+    async def _find_aspects(self, part: Part) -> AspectSet:
+        """Return the aspects of a part; cached, since a large mesh takes seconds."""
+        if self._aspects.part_sha256 != part.part_sha256:
+            self._aspects = await self._files.run(find_aspects, part)
+        return self._aspects
+
+    def _publish(self, batch: RestingPoses, run: RunDescription, last: bool) -> None:
+        stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(poses_msg(batch, run, stamp, last, self._frame))
