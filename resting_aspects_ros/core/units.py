@@ -46,12 +46,12 @@ def check_size(vertices: Array, unit: str, label: str) -> None:
         size = float(np.ptp(vertices, axis=0).max()) * UNITS[unit]
     if reach > MAX_SIZE:
         raise PartError(
-            f'{label} has a coordinate of {reach:.3g} m: at most {MAX_SIZE:.0e} m are allowed'
+            f'{label} has a coordinate of {reach:.3g} m: expected at most {MAX_SIZE:.0e} m'
         )
     if size < MIN_SIZE:
         raise PartError(
-            f'{label} has no volume: its longest side is {size:.3g} m, and at least '
-            f'{MIN_SIZE:.0e} m are needed'
+            f'{label} has no volume: its longest side is {size:.3g} m, expected at least '
+            f'{MIN_SIZE:.0e} m'
         )
 
 

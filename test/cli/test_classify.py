@@ -212,8 +212,8 @@ def test_a_mesh_file_with_its_unit(sorted_by, box, tmp_path):
     [
         (['p.csv'], "'p.csv' has 1 poses, allowed are 2 or more"),
         (['q.csv'], "pose file 'q.csv' does not exist"),
-        (['p.csv', '--tolerance', '0'], 'tolerance is 0 degrees, allowed is 1 to 30 degrees'),
-        (['p.csv', '--tolerance', '-3'], 'tolerance is -3 degrees, allowed is 1 to 30 degrees'),
+        (['p.csv', '--tolerance', '0'], 'invalid tolerance 0 degrees: expected 1 to 30 degrees'),
+        (['p.csv', '--tolerance', '-3'], 'invalid tolerance -3 degrees: expected 1 to 30 degrees'),
         (['p.csv', '--tolerance', 'wide'], "--tolerance is 'wide', allowed is a number"),
         (['p.csv', '--unit', 'mm'], "--unit is 'mm', allowed only with --part"),
         (['p.csv', '--parts', '.'], "--parts is '.', allowed only with --part"),

@@ -371,7 +371,7 @@ def test_ids_of_two_counts_by_hand_may_be_any(compared, tmp_path):
         (['m.csv'], 'required: B'),
         (['nowhere', 'm.csv'], "counts file 'nowhere' does not exist"),
         (['m.csv', 'nowhere.json'], "counts file 'nowhere.json' does not exist"),
-        (['m.csv', 'm.csv', '--confidence', '200%'], 'confidence is 2.0, allowed is more than'),
+        (['m.csv', 'm.csv', '--confidence', '200%'], 'invalid confidence 2.0: expected more than'),
         (
             ['m.csv', 'm.csv', '--confidence', 'high'],
             "invalid --confidence 'high': expected a number",

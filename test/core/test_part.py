@@ -202,7 +202,7 @@ def test_given_inertia_is_taken_in_the_order_of_ros():
         ({'mass': 'heavy'}, ['mass', "'heavy'", 'above 0']),
         ({'mass': True}, ['mass', 'True', 'above 0']),
         ({'mass': 10**400}, ['mass', '1000', 'above 0']),
-        ({'mass': 1, 'density': 2}, ['density (2)', 'mass (1)', 'one of them']),
+        ({'mass': 1, 'density': 2}, ['density (2)', 'mass (1)', 'only one of them']),
         ({'unit': 'furlong'}, ['unit', "'furlong'", 'um, mm, cm, m, in, ft']),
         ({'unit': ['mm']}, ['unit', "['mm']", 'um, mm']),
         ({'centre_of_mass': (0, 0)}, ['centre of mass', '(0, 0)', 'three finite numbers']),

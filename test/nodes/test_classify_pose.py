@@ -271,7 +271,7 @@ def test_a_pose_between_aspects(classify, box):
 def test_what_is_no_orientation_is_refused(suite, classify, wrong):
     found = classify(BOX, wrong)
     assert found.status.code == Status.INVALID
-    assert 'allowed is a norm of 1 within 0.001' in found.status.message
+    assert 'of norm 1 within 0.001' in found.status.message
     assert f'{wrong[0]:.6g}, {wrong[1]:.6g}, ' in found.status.message
     assert found.aspect == 0
     assert suite.alive

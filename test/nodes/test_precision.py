@@ -3,7 +3,7 @@
 import pytest
 from resting_aspects_interfaces.msg import Status
 
-from resting_aspects_ros.core.statistics.stopping import is_precise, looks
+from resting_aspects_ros.core.statistics.stopping import checkpoints, is_precise
 from resting_aspects_ros.simulation.run_description import MAX_DROPS
 
 PRECISION = 0.05
@@ -15,7 +15,7 @@ def answer(suite):
     return suite.client.ask('tetrahedron', 0, precision=PRECISION, seed=[3])
 
 
-def test_the_run_stops_at_the_first_look_that_is_precise(suite, answer, counts):
+def test_run_stops_at_the_first_precise_checkpoint(suite, answer, counts):
     assert answer.status.code == Status.OK
     distribution = answer.distribution
     assert distribution.complete
@@ -23,9 +23,9 @@ def test_the_run_stops_at_the_first_look_that_is_precise(suite, answer, counts):
     assert distribution.drops == sum(counts(distribution))
     found = [aspect.count for aspect in distribution.aspects]
     assert is_precise(found, distribution.drops, PRECISION)
-    assert distribution.drops in looks(MAX_DROPS)
-    # The run of one look less has the same first drops, and was not precise.
-    before = max(look for look in looks(MAX_DROPS) if look < distribution.drops)
+    assert distribution.drops in checkpoints(MAX_DROPS)
+    # The run up to the checkpoint before has the same first drops, and was not precise.
+    before = max(drops for drops in checkpoints(MAX_DROPS) if drops < distribution.drops)
     shorter = suite.client.drop('tetrahedron', before, seed=3).result
     assert shorter.drops == before
     seen = suite.client.ask('tetrahedron', before, seed=[3], only_known=True).distribution

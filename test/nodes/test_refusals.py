@@ -113,7 +113,7 @@ def test_a_surface_that_is_not_known(refused):
 @pytest.mark.parametrize('precision', [0.9, -1.0, 1e-4, math.nan, math.inf])
 def test_a_precision_that_cannot_be(refused, precision):
     kind, words = refused(precision=precision)
-    assert (kind, words) == ('INVALID', f'precision is {precision!r}, allowed is 0.001 to 0.25')
+    assert (kind, words) == ('INVALID', f'invalid precision {precision!r}: expected 0.001 to 0.25')
 
 
 def test_a_run_that_stops_at_a_precision_begins_with_its_first_drop(suite):

@@ -170,7 +170,7 @@ def test_values_that_only_the_part_can_judge_are_told_too(folder):
     with pytest.raises(InvalidValueError, match=r'both a density \(1.0\) and a mass \(2.0\)'):
         PartLibrary(folder).load('pin')
     (folder / 'pin.yaml').write_text('centre_of_mass: [0, 0, 15.1]')
-    with pytest.raises(InvalidValueError, match='must lie inside the convex hull'):
+    with pytest.raises(InvalidValueError, match='expected a point inside the convex hull'):
         PartLibrary(folder).load('pin')
 
 

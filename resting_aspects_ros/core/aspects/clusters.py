@@ -124,7 +124,7 @@ def check_tolerance(tolerance: float) -> None:
     low, high = MIN_TOLERANCE_DEGREES, MAX_TOLERANCE_DEGREES
     if not np.radians(low) <= tolerance <= np.radians(high):
         raise InvalidValueError(
-            f'tolerance is {np.degrees(tolerance):g} degrees, allowed is {low:g} to {high:g} '
+            f'invalid tolerance {np.degrees(tolerance):g} degrees: expected {low:g} to {high:g} '
             'degrees'
         )
 

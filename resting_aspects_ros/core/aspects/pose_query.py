@@ -1,4 +1,4 @@
-"""Which aspect one pose is in, and how far it is from it: what a vision system asks."""
+"""The aspect nearest to a single pose, as a vision system requests it."""
 
 from dataclasses import dataclass
 
@@ -12,11 +12,11 @@ from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE, Array, canonica
 
 @dataclass(frozen=True, eq=False)
 class NearestAspect:
-    """The aspect that a pose is nearest to, whether it is in it or not.
+    """The aspect nearest to a pose, which need not be in it.
 
     angle : float
-        Between the pose's and the aspect's down in part, rad; 0 all over what a curved side
-        sweeps.
+        Between the down directions of the pose and of the aspect, rad; 0 anywhere in the sweep of
+        a curved aspect.
     """
 
     aspect: Aspect
@@ -24,29 +24,29 @@ class NearestAspect:
 
     @property
     def fits(self) -> bool:
-        """Whether the pose is in the aspect, as drops are counted."""
+        """Whether the pose is in the aspect, by the rule that counts drops."""
         return bool(self.angle <= POSE_ANGLE)
 
 
 def unit_orientation(xyzw: npt.ArrayLike) -> Array:
-    """(4,) unit quaternion with w >= 0 of one that rounding left a little longer or shorter.
+    """Return the quaternion (4,) scaled to length 1 and with w >= 0, to remove rounding errors.
 
     Raises InvalidValueError for a norm that is not within LENGTH_TOLERANCE of 1.
     """
     numbers = np.asarray(xyzw, dtype=np.float64)
-    with np.errstate(over='ignore', invalid='ignore'):  # what is as long as that is refused
+    with np.errstate(over='ignore', invalid='ignore'):  # an overflow is rejected below
         norm = float(np.linalg.norm(numbers))
-    if not abs(norm - 1) <= LENGTH_TOLERANCE:  # also what is not a number
+    if not abs(norm - 1) <= LENGTH_TOLERANCE:  # also rejects NaN
         shown = ', '.join(f'{number:.6g}' for number in numbers)
         raise InvalidValueError(
-            f'orientation is the quaternion x, y, z, w = {shown} of norm {norm:.6g}, allowed is '
-            f'a norm of 1 within {LENGTH_TOLERANCE:g}'
+            f'invalid orientation ({shown}) of norm {norm:.6g}: expected a quaternion x, y, z, w '
+            f'of norm 1 within {LENGTH_TOLERANCE:g}'
         )
     return canonical(numbers)
 
 
 def nearest_aspect(aspects: AspectSet, orientation: Array) -> NearestAspect | None:
-    """The aspect nearest to a unit quaternion, by the rule that counts drops; None without any."""
+    """Return the aspect nearest to a unit quaternion; None if the part has no aspect."""
     ids, angles = aspects.locate(down_in_part(orientation[None]))
     if not ids[0]:
         return None

@@ -175,9 +175,7 @@ class Estimate:
 def check_method(method: str) -> None:
     """Raises InvalidValueError if there is no such method."""
     if method not in METHODS:
-        raise InvalidValueError(
-            f'method {method!r} is not known, allowed are {", ".join(METHODS)}'
-        )
+        raise InvalidValueError(f'invalid method {method!r}: expected one of {", ".join(METHODS)}')
 
 
 def estimate(shape: RestingShape, method: str) -> Estimate:

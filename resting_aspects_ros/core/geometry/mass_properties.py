@@ -1,4 +1,4 @@
-"""Mass properties of a part: those of its solid, of one density, or given ones."""
+"""Mass properties of a part: given values, or those of its solid with a uniform density."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,18 +15,18 @@ Faces = npt.NDArray[np.int64]
 
 DEFAULT_DENSITY = 1000.0  # kg/m^3; the mass has no influence on aspects
 
-# A closed surface with less volume than this share of its box is a sheet folded onto itself; a
-# foil of 10 um in a box of 1 m has more.
-NO_VOLUME = 1e-9
+# A closed surface with less volume than this share of its bounding cube is a sheet folded onto
+# itself. A foil of 10 um in a box of 1 m has more.
+MIN_VOLUME_SHARE = 1e-9
 
-# Of the greatest trace of the inertia; less would be a mass within 1e-6 R of one point, where a
-# mesh cannot have details.
-CONCENTRATED = 1e-13
+# Minimum trace of the inertia, as a share of its maximum. A smaller trace would concentrate the
+# mass within 1e-6 R of one point, which is below the detail of a mesh.
+MIN_TRACE_SHARE = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
 class GivenMassValues:
-    """What somebody says about a part's mass; None is unsaid. SI units, part frame, unchecked."""
+    """Unchecked mass properties from the caller, SI units, part frame; None if not given."""
 
     density: Any = None
     mass: Any = None
@@ -36,7 +36,7 @@ class GivenMassValues:
 
 @dataclass(frozen=True, eq=False)
 class MassProperties:
-    """Of a part, SI units; the inertia is about the centre of mass, along the part frame."""
+    """Mass properties of a part, SI units; inertia about the centre of mass, part axes."""
 
     mass: float
     centre_of_mass: Array
@@ -46,7 +46,7 @@ class MassProperties:
 
 @dataclass(frozen=True, eq=False)
 class SolidProperties:
-    """Volume (m^3), centroid (3,) (m) and inertia (3, 3) at density 1 about the centroid (m^5)."""
+    """Volume, m^3, centroid (3,), m, and inertia (3, 3) about it at density 1, m^5."""
 
     volume: float
     centroid: Array
@@ -61,37 +61,37 @@ def mass_properties(
     defect: str | None,
     given: GivenMassValues,
 ) -> tuple[MassProperties, str | None]:
-    """Return the mass properties of a part, and why its mesh is no solid, None if it is.
+    """Return the mass properties of a part, and why its mesh is not a solid; None if it is one.
 
     Raises
     ------
     InvalidValueError
-        A given value is not allowed.
+        If a given value is invalid.
     PartError
-        The mesh encloses no solid, and not all of mass, centre_of_mass and inertia are given.
+        If the mesh does not enclose a solid and mass, centre_of_mass and inertia are not all
+        given.
     """
     if given.density is not None and given.mass is not None:
         raise InvalidValueError(
             f'{label} has both a density ({given.density!r}) and a mass '
-            f'({given.mass!r}): one of them is allowed'
+            f'({given.mass!r}): expected only one of them'
         )
-    of = f'of {label}'
     density = (
         None
         if given.density is None
-        else mass_values.number(given.density, f'the density {of}, kg/m^3,')
+        else mass_values.positive_number(given.density, 'density', 'kg/m^3', label)
     )
-    mass = None if given.mass is None else mass_values.number(given.mass, f'the mass {of}, kg,')
+    mass = (
+        None
+        if given.mass is None
+        else mass_values.positive_number(given.mass, 'mass', 'kg', label)
+    )
     centre = (
         None
         if given.centre_of_mass is None
-        else mass_values.point(given.centre_of_mass, f'the centre of mass {of}, m,')
+        else mass_values.point(given.centre_of_mass, 'centre of mass', label)
     )
-    inertia = (
-        None
-        if given.inertia is None
-        else mass_values.inertia_matrix(given.inertia, f'the inertia {of}')
-    )
+    inertia = None if given.inertia is None else mass_values.inertia_matrix(given.inertia, label)
 
     solid = None if defect else solid_integrals(vertices, faces)
     if solid:
@@ -104,22 +104,22 @@ def mass_properties(
     if mass is None or centre is None or inertia is None:
         raise PartError(
             f'{label} {defect}; either repair the mesh, or give mass, centre_of_mass '
-            'and inertia, all three, in the YAML file beside it'
+            'and inertia in the YAML file beside it'
         )
     if given.centre_of_mass is not None:
-        _check_inside(centre, hull_vertices, f'the centre of mass {of}')
+        _check_inside(centre, hull_vertices, label)
     if given.inertia is not None:
-        _check_possible(inertia, mass, hull_vertices - centre, f'the inertia {of}')
+        _check_possible(inertia, mass, hull_vertices - centre, label)
     volume = solid.volume if solid else float('nan')
-    # Adding 0 makes -0 to 0, which a hash would tell apart.
+    # Adding 0 turns -0 into 0; the two would have different hashes.
     return MassProperties(float(mass), centre + 0.0, inertia + 0.0, volume), defect
 
 
 def solid_integrals(vertices: Array, faces: Faces) -> SolidProperties:
     """Return the volume integrals of the solid inside a closed, outward surface.
 
-    The mesh is moved to the middle of its box and scaled to about 1 first (by a power of two,
-    which is exact), so that a part far from the origin, or a tiny one, loses no digits.
+    The mesh is first moved to the middle of its box and scaled to about 1 (by a power of two,
+    which is exact), so that no digits are lost for a tiny part or one far from the origin.
 
     Parameters
     ----------
@@ -145,8 +145,9 @@ def solid_integrals(vertices: Array, faces: Faces) -> SolidProperties:
 def _integrals(triangles: Array) -> Array:
     """Return the integrals (10,) of 1, x, y, z, xx, yy, zz, xy, yz, zx over the solid inside.
 
-    After Eberly, Polyhedral Mass Properties (2002), in the order of operations of trimesh, whose
-    import takes longer than all of the other imports of the core.
+    The method is that of Eberly, Polyhedral Mass Properties (2002), in the order of operations of
+    trimesh. trimesh itself is not used because its import takes longer than all other imports of
+    the core.
     """
     a, b, c = np.moveaxis(triangles, 1, 0)
     normals = np.cross(b - a, c - b)
@@ -167,37 +168,40 @@ def _integrals(triangles: Array) -> Array:
 
 
 def _flaw(solid: SolidProperties, vertices: Array, hull_vertices: Array) -> str | None:
-    """Say why no solid has these mass properties, as those of a mesh that intersects itself."""
-    if not solid.volume > NO_VOLUME * float(np.ptp(vertices, axis=0).max()) ** 3:
+    """Return why no solid can have these properties, as if the mesh intersects itself, or None."""
+    if not solid.volume > MIN_VOLUME_SHARE * float(np.ptp(vertices, axis=0).max()) ** 3:
         return 'encloses no volume'
     try:
-        _check_inside(solid.centroid, hull_vertices, 'its centre of mass')
-        inertia = mass_values.inertia_matrix(solid.inertia, 'its inertia (density 1)')
+        _check_inside(solid.centroid, hull_vertices, 'the mesh')
+        inertia = mass_values.inertia_matrix(solid.inertia, 'the mesh at density 1')
         arms = hull_vertices - solid.centroid
-        _check_possible(inertia, solid.volume, arms, 'its inertia (density 1)')
+        _check_possible(inertia, solid.volume, arms, 'the mesh at density 1')
     except InvalidValueError as error:
-        return f'intersects itself, so that no solid has its mass properties ({error})'
+        return f'intersects itself, so that its mass properties are impossible ({error})'
     return None
 
 
-def _check_inside(centre: Array, hull_vertices: Array, what: str) -> None:
+def _check_inside(centre: Array, hull_vertices: Array, label: str) -> None:
     middle, size = hull_vertices.mean(axis=0), np.ptp(hull_vertices, axis=0).max()
     planes = ConvexHull((hull_vertices - middle) / size).equations
     if (planes[:, :3] @ (centre - middle) / size + planes[:, 3]).max() > 1e-9:
         low, high = hull_vertices.min(axis=0), hull_vertices.max(axis=0)
         raise InvalidValueError(
-            f'{what} is {centre.tolist()} m: it must lie inside the convex '
-            f'hull, whose box is {low.tolist()} to {high.tolist()} m'
+            f'invalid centre of mass {centre.tolist()} m of {label}: expected a point inside the '
+            f'convex hull, whose box is {low.tolist()} to {high.tolist()} m'
         )
 
 
-def _check_possible(inertia: Array, mass: float, arms: Array, what: str) -> None:
-    """Catch wrong units: no mass is further away than R, and the trace is twice its mean r^2."""
-    greatest = 2 * mass * (arms**2).sum(axis=1).max()
-    least = CONCENTRATED * greatest
-    if not least <= np.trace(inertia) <= greatest * (1 + mass_values.ROUNDING):
+def _check_possible(inertia: Array, mass: float, arms: Array, label: str) -> None:
+    """Raise InvalidValueError if the trace of the inertia is impossible, as with a wrong unit.
+
+    The trace is twice the mass times the mean r^2, and no mass is further away than R.
+    """
+    max_trace = 2 * mass * (arms**2).sum(axis=1).max()
+    min_trace = MIN_TRACE_SHARE * max_trace
+    if not min_trace <= np.trace(inertia) <= max_trace * (1 + mass_values.ROUNDING):
         raise InvalidValueError(
-            f'{what} is {inertia.tolist()} kg m^2: its trace is '
-            f'{np.trace(inertia):.4g}, and for {mass:.4g} kg in this hull it '
-            f'is between {least:.4g} and {greatest:.4g}; is it in kg m^2?'
+            f'invalid inertia {inertia.tolist()} kg m^2 of {label}: expected a trace of '
+            f'{min_trace:.4g} to {max_trace:.4g} for {mass:.4g} kg in this hull, but it is '
+            f'{np.trace(inertia):.4g}; is it in kg m^2?'
         )

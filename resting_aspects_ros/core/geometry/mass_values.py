@@ -1,4 +1,4 @@
-"""Mass properties that somebody gives: what is allowed for a mass, a point, an inertia."""
+"""Validation of given mass properties: a mass or density, a point, an inertia."""
 
 import reprlib
 from collections.abc import Sequence
@@ -11,35 +11,35 @@ from resting_aspects_ros.core.errors import InvalidValueError
 
 Array = npt.NDArray[np.float64]
 
-# Given inertias are often rounded to three digits; what rounding can do is not an error.
+# Given inertias are often rounded to three digits; deviations that rounding explains are accepted.
 ROUNDING = 1e-3
-# Nothing physical is larger, and no product of such numbers overflows.
+# No physical value is larger, and products of such numbers do not overflow.
 LARGEST = 1e30
 
 
-def number(value: Any, what: str) -> float:
+def positive_number(value: Any, name: str, unit: str, label: str) -> float:
     """Return the value as a number above 0, or raise InvalidValueError."""
     found = _floats(value)
     if found is None or found.shape != () or not 1 / LARGEST <= found <= LARGEST:
         raise InvalidValueError(
-            f'{what} is {reprlib.repr(value)}: allowed is a finite number '
-            f'above 0 ({1 / LARGEST:.0e} to {LARGEST:.0e})'
+            f'invalid {name} {reprlib.repr(value)} of {label}: expected a finite number above 0 '
+            f'({1 / LARGEST:.0e} to {LARGEST:.0e} {unit})'
         )
     return float(found)
 
 
-def point(value: Any, what: str) -> Array:
+def point(value: Any, name: str, label: str) -> Array:
     """Return the value as a (3,) array of finite numbers, or raise InvalidValueError."""
     found = _floats(value)
     if found is None or found.shape != (3,) or not (np.abs(found) <= LARGEST).all():
         raise InvalidValueError(
-            f'{what} is {reprlib.repr(value)}: allowed are three finite numbers'
+            f'invalid {name} {reprlib.repr(value)} of {label}: expected three finite numbers, m'
         )
     return found
 
 
-def inertia_matrix(value: Any, what: str) -> Array:
-    """Return the value as an inertia, (3, 3), that some solid can have.
+def inertia_matrix(value: Any, label: str) -> Array:
+    """Return the value as an inertia matrix, (3, 3), after checking that a solid can have it.
 
     Parameters
     ----------
@@ -50,31 +50,32 @@ def inertia_matrix(value: Any, what: str) -> Array:
     Raises
     ------
     InvalidValueError
-        Not of that shape, not finite, not symmetric, not positive definite, or with a principal
-        moment larger than the sum of the other two.
+        If the value has another shape or is not finite, not symmetric or not positive definite,
+        or if one principal moment is larger than the sum of the other two.
     """
     found = _floats(value)
     if found is not None and found.shape == (6,):
         found = found[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
     if found is None or found.shape != (3, 3) or not (np.abs(found) <= LARGEST).all():
         raise InvalidValueError(
-            f'{what} is {reprlib.repr(value)}: allowed are six finite '
-            'numbers (ixx ixy ixz iyy iyz izz, kg m^2) or a 3 x 3 matrix'
+            f'invalid inertia {reprlib.repr(value)} of {label}: expected six finite numbers '
+            '(ixx ixy ixz iyy iyz izz, kg m^2) or a 3 x 3 matrix'
         )
     if np.abs(found - found.T).max() > ROUNDING * np.abs(found).max():
-        raise InvalidValueError(f'{what} is {found.tolist()}: it must be symmetric')
+        raise InvalidValueError(
+            f'invalid inertia {found.tolist()} of {label}: expected a symmetric matrix'
+        )
     found = np.asarray((found + found.T) / 2)
     moments = np.linalg.eigvalsh(found / (np.abs(found).max() or 1.0))
     if not moments[0] > 1e-14 * moments[2]:
         raise InvalidValueError(
-            f'{what} is {found.tolist()}: all principal moments must be '
-            f'above 0, and they are as {_ratios(moments)}'
+            f'invalid inertia {found.tolist()} of {label}: expected principal moments above 0, '
+            f'their ratios are {_ratios(moments)}'
         )
     if moments[2] > (moments[0] + moments[1]) * (1 + ROUNDING):
         raise InvalidValueError(
-            f'{what} is {found.tolist()}: no principal moment of a solid can '
-            'be larger than the sum of the other two, and they are as '
-            f'{_ratios(moments)}'
+            f'invalid inertia {found.tolist()} of {label}: expected no principal moment above the '
+            f'sum of the other two, their ratios are {_ratios(moments)}'
         )
     return found
 
@@ -85,7 +86,7 @@ def _ratios(moments: Array) -> str:
 
 
 def _floats(value: Any) -> Array | None:
-    """Return the numbers in a value; None if there is anything else in it (text, bool, None)."""
+    """Return the numbers in a value; None if it contains anything else (text, bool, None)."""
     if isinstance(value, np.ndarray):
         return value.astype(np.float64) if value.dtype.kind in 'iuf' else None
     if isinstance(value, Sequence) and not isinstance(value, str | bytes):

@@ -1,7 +1,7 @@
-"""How far two distributions over the same aspects are apart, and whether chance explains it.
+"""Comparison of two distributions over the same aspects, with a test of their difference.
 
-Shares are of the drops that are in an aspect: what is unclassified, unsettled or failed depends on
-the method (a person has no unsettled drops), and is shown beside them.
+Shares are those of the drops that are in an aspect. The counts of unclassified, unsettled and
+failed drops depend on the method (a person has no unsettled drops) and are reported separately.
 """
 
 from dataclasses import dataclass
@@ -20,15 +20,15 @@ from resting_aspects_ros.core.statistics.intervals import (
 )
 from resting_aspects_ros.core.statistics.pearson import Source, p_of_one, p_of_two
 
-# Probabilities that were written down add up to 1 but for rounding.
+# The sum of probabilities in a file may differ from 1 by this, because of rounding.
 SUM_TOLERANCE = 1e-3
-# Where drops can end besides in an aspect.
+# The counts of drops that are in no aspect.
 REST = ('unclassified', 'unsettled', 'failed')
 
 
 @dataclass(frozen=True, eq=False)
 class DropCounts:
-    """Where drops ended, counted by whatever means; `Distribution` has the same fields.
+    """Counts of drops by aspect and by failure, from any source; `Distribution` has them too.
 
     counts : (k,) int
         Drops in each aspect, by id from 1.
@@ -41,23 +41,23 @@ class DropCounts:
 
     @property
     def drops(self) -> int:
-        """How many drops were counted."""
+        """Number of drops that were counted."""
         return int(self.counts.sum()) + self.unclassified + self.unsettled + self.failed
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Two distributions side by side.
+    """The shares of two distributions and the difference between them.
 
     first, second : (k,) float
-        Share of each aspect in all drops that are in one; both add up to 1.
+        Share of each aspect in the drops that are in an aspect; the sum of each is 1.
     lower, upper : (k,) float
-        Bounds of first - second of the true shares; all hold together with ``confidence``.
+        Simultaneous bounds of the true difference first - second, with ``confidence``.
     p_value : float
-        How often chance alone makes two distributions at least so different, by Pearson's
-        chi-square, if the true shares are the same.
+        Probability of a difference at least as large, by Pearson's chi-square, if the true shares
+        are the same.
     p_by : str
-        Where that is from: the chi-square distribution, or drawn tables.
+        Source of the p value: the chi-square distribution, or random tables.
     """
 
     first: Array
@@ -70,34 +70,34 @@ class Comparison:
 
     @property
     def deviation(self) -> Array:
-        """(k,) first - second."""
+        """(k,) differences first - second."""
         return self.first - self.second
 
     @property
     def total_variation(self) -> float:
-        """Half the sum of absolute deviations: the share of drops that end otherwise, 0 to 1."""
+        """Half the sum of absolute deviations: the share of drops that end differently, 0 to 1."""
         return float(np.abs(self.deviation).sum() / 2)
 
     @property
     def mean_deviation(self) -> float:
-        """Mean over aspects of the absolute deviation, as the seed method reports it."""
+        """Mean of the absolute deviations over the aspects, as the seed method reports it."""
         return float(np.abs(self.deviation).mean())
 
     @property
     def largest_aspect(self) -> int:
-        """Id of the aspect with the largest absolute deviation; the lowest of equal ones."""
+        """Id of the aspect with the largest absolute deviation; the lowest id of equal ones."""
         return int(np.abs(self.deviation).argmax()) + 1
 
     @property
     def largest_deviation(self) -> float:
-        """That aspect's deviation, with its sign."""
+        """Deviation of the aspect `largest_aspect`, with its sign."""
         return float(self.deviation[self.largest_aspect - 1])
 
     @property
     def largest_bounds(self) -> tuple[float, float]:
-        """Lower and upper bound of that aspect's deviation.
+        """Lower and upper bound of `largest_deviation`.
 
-        That it was picked for being the largest is allowed for: the bounds of all aspects hold.
+        The bounds of all aspects hold together, so choosing the largest does not weaken them.
         """
         index = self.largest_aspect - 1
         return float(self.lower[index]), float(self.upper[index])
@@ -109,13 +109,13 @@ def compare(
     generator: np.random.Generator,
     confidence: float = CONFIDENCE,
 ) -> Comparison:
-    """Compare two sets of drops, neither of which is the truth.
+    """Return the comparison of two sets of drops, both with a sampling error.
 
-    Raises InvalidValueError if they have not the same number of aspects, or one has no drop in
-    any, or a count or the confidence is not allowed.
+    Raises InvalidValueError if the numbers of aspects differ, if one set has no drop in any
+    aspect, or if a count or the confidence is invalid.
     """
     one, other = _counts('first', first), _counts('second', second)
-    _check_as_many('the second distribution', len(other), len(one))
+    _check_aspect_count('the second distribution', len(other), len(one))
     a, b = one / one.sum(), other / other.sum()
     lower, upper = square_and_add(
         a,
@@ -133,13 +133,13 @@ def compare_with_exact(
     generator: np.random.Generator,
     confidence: float = CONFIDENCE,
 ) -> Comparison:
-    """Compare drops with probabilities that have no sampling error, as an estimator's.
+    """Return the comparison of drops with exact probabilities, such as those of an estimator.
 
-    ``probabilities`` (k,) add up to 1. Raises InvalidValueError as `compare`, and if they do not.
+    Raises InvalidValueError as `compare`, and if the sum of ``probabilities`` (k,) is not 1.
     """
     one = _counts('first', first)
     exact = _probabilities(probabilities)
-    _check_as_many('the estimate', len(exact), len(one))
+    _check_aspect_count('the estimate', len(exact), len(one))
     lower, upper = bounds(one, one.sum(), SIMULTANEOUS, confidence)
     p_value, p_by = p_of_one(one, exact, generator)
     share = one / one.sum()
@@ -147,15 +147,18 @@ def compare_with_exact(
 
 
 def square_and_add(
-    first: Array, of_first: tuple[Array, Array], second: Array, of_second: tuple[Array, Array]
+    first: Array,
+    first_bounds: tuple[Array, Array],
+    second: Array,
+    second_bounds: tuple[Array, Array],
 ) -> tuple[Array, Array]:
-    """Bounds of first - second, from shares and the lower and upper bounds of each.
+    """Return the bounds of first - second, from the shares and the lower and upper bounds of each.
 
-    Newcombe 1998 (Statistics in Medicine 17:873), method 10, who takes Wilson's bounds.
+    This is method 10 of Newcombe 1998 (Statistics in Medicine 17:873), who uses Wilson's bounds.
     """
     difference = first - second
-    below = np.hypot(first - of_first[0], of_second[1] - second)
-    above = np.hypot(of_first[1] - first, second - of_second[0])
+    below = np.hypot(first - first_bounds[0], second_bounds[1] - second)
+    above = np.hypot(first_bounds[1] - first, second - second_bounds[0])
     return difference - below, difference + above
 
 
@@ -163,7 +166,7 @@ def _counts(name: str, given: DropCounts | Distribution) -> Counts:
     counts = np.asarray(given.counts, dtype=np.int64)
     if (counts < 0).any() or counts.sum() < 1:
         raise InvalidValueError(
-            f'counts of the {name} distribution are {counts.tolist()}, allowed are 0 or more, '
+            f'invalid counts {counts.tolist()} of the {name} distribution: expected 0 or more, '
             'not all 0'
         )
     return counts
@@ -171,16 +174,16 @@ def _counts(name: str, given: DropCounts | Distribution) -> Counts:
 
 def _probabilities(given: npt.ArrayLike) -> Array:
     exact: Array = np.asarray(given, dtype=np.float64)
-    # Put so that NaN fails.
+    # Written so that NaN is rejected.
     if not ((exact >= 0).all() and abs(exact.sum() - 1) <= SUM_TOLERANCE):
         raise InvalidValueError(
-            f'probabilities are {exact.tolist()}, allowed are 0 or more that add up to 1'
+            f'invalid probabilities {exact.tolist()}: expected 0 or more with a sum of 1'
         )
     return np.asarray(exact / exact.sum())
 
 
-def _check_as_many(name: str, found: int, allowed: int) -> None:
-    if found != allowed:
+def _check_aspect_count(name: str, count: int, expected: int) -> None:
+    if count != expected:
         raise InvalidValueError(
-            f'aspects of {name} are {found}, allowed is as many as the first has: {allowed}'
+            f'invalid number of aspects {count} of {name}: expected {expected}, as in the first'
         )

@@ -66,7 +66,7 @@ class Distribution:
         most = len(self.counts)
         for k in set(ids):
             if not 1 <= k <= most:
-                raise InvalidValueError(f'aspect is {k!r}, allowed is 1 to {most}')
+                raise InvalidValueError(f'invalid aspect {k!r}: expected 1 to {most}')
         count = self.counts[[k - 1 for k in sorted(set(ids))]].sum()
         return self._intervals(count[None])[0]
 

@@ -1,20 +1,20 @@
-"""How probable something is that was counted: count / drops, and between which bounds.
+"""Confidence intervals of the probabilities count / drops.
 
-Two methods, for two questions:
+There are two methods:
 
 ``wilson``
-    Of each aspect by itself: Wilson's score interval (Wilson 1927). Over all probabilities it
-    covers the truth as often as it says. It does so less often where fewer than about one drop is
-    expected in the aspect (at worst, near 0.2 drops, 84 % instead of 95 %): one lucky drop is
-    then taken for more than it is.
+    For each aspect by itself: Wilson's score interval (Wilson 1927). Averaged over all
+    probabilities, its coverage is the nominal one. The coverage is lower where fewer than about
+    one drop is expected in the aspect (in the worst case, near 0.2 drops, 84 % instead of 95 %),
+    because a single drop by chance then counts too much.
 ``simultaneous``
-    All aspects at once: every interval holds together, in at least the share of runs that
-    ``confidence`` says, whatever the distribution. Clopper and Pearson's exact intervals (1934),
-    each with 1 / k of what the intervals of k aspects may miss (Bonferroni). Goodman's intervals
-    (1965) are Wilson's with the same share, so they inherit the fault above, and with many rare
-    aspects it adds up: with 20 aspects, 19 of them expected 0.08 times in all drops, Goodman's
-    hold together in 22 % of runs instead of 95 %, these in more than 99 %. Of common aspects both
-    say about the same.
+    For all aspects at once: all intervals hold together in at least the share ``confidence`` of
+    runs, for any distribution. These are the exact intervals of Clopper and Pearson (1934), each
+    with 1 / k of the error probability for k aspects (Bonferroni). Goodman's intervals (1965) are
+    Wilson's with the same division, so they have the same weakness, which accumulates over many
+    rare aspects: with 20 aspects, 19 of which are expected 0.08 times in all drops, Goodman's
+    intervals hold together in 22 % of runs instead of 95 %, these in more than 99 %. For common
+    aspects both methods give about the same intervals.
 """
 
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ class Interval:
 def intervals(
     counts: npt.ArrayLike, drops: int, method: str = INTERVAL, confidence: float = CONFIDENCE
 ) -> list[Interval]:
-    """For each of k counts its share of the drops, with an interval; as `bounds` has it."""
+    """Return the share of the drops of each of k counts, with its interval; see `bounds`."""
     lower, upper = bounds(counts, drops, method, confidence)
     shares = np.asarray(counts) / max(drops, 1)
     rows = zip(shares.tolist(), lower.tolist(), upper.tolist(), strict=True)
@@ -59,45 +59,50 @@ def bounds(
     method: str = INTERVAL,
     confidence: float = CONFIDENCE,
 ) -> tuple[Array, Array]:
-    """Lower and upper bounds of the probabilities behind counts.
+    """Return the lower and upper bounds of the probabilities behind counts.
 
-    The interval of a count of zero begins at 0, and that of a count of all drops ends at 1.
-    Without drops it is 0 to 1.
+    The lower bound of a count of zero is 0, the upper bound of a count of all drops is 1. Without
+    drops the bounds are 0 and 1.
 
     Parameters
     ----------
     counts : (..., k) int
         Drops in each of the k aspects of a part.
     drops : (...) int
-        All drops, with those that are in no aspect.
+        All drops, including those that are in no aspect.
     method : str
         One of METHODS.
     confidence : float
-        More than 0.5, less than 1; InvalidValueError for what is not allowed.
+        More than 0.5 and less than 1.
+
+    Raises
+    ------
+    InvalidValueError
+        If an argument is invalid.
     """
     check_method(method)
     check_confidence(confidence)
     c, n = _checked(counts, drops)
-    some = np.maximum(n, 1)
+    divisor = np.maximum(n, 1)  # avoids a division by zero without drops
     if method == SIMULTANEOUS:
-        lower, upper = _clopper_pearson(c, some, (1 - confidence) / 2 / max(c.shape[-1], 1))
+        lower, upper = _clopper_pearson(c, divisor, (1 - confidence) / 2 / max(c.shape[-1], 1))
     else:
-        lower, upper = _wilson(c, some, (1 - confidence) / 2)
+        lower, upper = _wilson(c, divisor, (1 - confidence) / 2)
     return np.where(c == 0, 0.0, lower), np.where(c == n, 1.0, upper)
 
 
 def check_method(method: str) -> None:
-    """Raises InvalidValueError if there is no such method."""
+    """Raise InvalidValueError if there is no such method."""
     if method not in METHODS:
-        raise InvalidValueError(f'interval is {method!r}, allowed is {" or ".join(METHODS)}')
+        raise InvalidValueError(f'invalid interval {method!r}: expected {" or ".join(METHODS)}')
 
 
 def check_confidence(confidence: float) -> None:
-    """Raises InvalidValueError if an interval cannot have this confidence."""
+    """Raise InvalidValueError unless the confidence is above 0.5 and below 1."""
     number = isinstance(confidence, int | float) and not isinstance(confidence, bool)
     if not (number and 0.5 < confidence < 1):
         raise InvalidValueError(
-            f'confidence is {confidence!r}, allowed is more than 0.5 and less than 1'
+            f'invalid confidence {confidence!r}: expected more than 0.5 and less than 1'
         )
 
 
@@ -106,14 +111,14 @@ def _checked(counts: npt.ArrayLike, drops: npt.ArrayLike) -> tuple[Counts, Count
     n = np.asarray(drops, dtype=np.int64)[..., None]
     if (c < 0).any() or (c.sum(axis=-1, keepdims=True) > n).any():
         raise InvalidValueError(
-            f'counts are {c.tolist()}, allowed are 0 or more, in all at most the drops: '
-            f'{np.asarray(drops).tolist()}'
+            f'invalid counts {c.tolist()}: expected 0 or more, at most '
+            f'{np.asarray(drops).tolist()} in total'
         )
     return c, n
 
 
 def _wilson(count: Counts, drops: Counts, tail: float) -> tuple[Array, Array]:
-    """Wilson 1927: all p that are within z sqrt(p (1 - p) / n) of count / n."""
+    """Return the bounds of all p within z sqrt(p (1 - p) / n) of count / n (Wilson 1927)."""
     z = -ndtri(tail)
     share, spread = count / drops, z**2 / drops
     middle = (share + spread / 2) / (1 + spread)
@@ -122,9 +127,11 @@ def _wilson(count: Counts, drops: Counts, tail: float) -> tuple[Array, Array]:
 
 
 def _clopper_pearson(count: Counts, drops: Counts, tail: float) -> tuple[Array, Array]:
-    """Clopper, Pearson 1934: all p for which neither so few nor so many have less than ``tail``.
+    """Return Clopper and Pearson's bounds (1934), computed as quantiles of beta distributions.
 
-    As quantiles of beta distributions. Where there is no bound, at none and at all, any number.
+    They contain all p for which a count at most or at least as large has a probability of
+    ``tail`` or more. The lower bound of a count of zero and the upper bound of a count of all
+    drops are arbitrary.
     """
     lower = betaincinv(np.maximum(count, 1), drops - count + 1, tail)
     upper = betainccinv(count + 1, np.maximum(drops - count, 1), tail)

@@ -1,18 +1,19 @@
-"""When to stop dropping: as soon as every aspect is known to within a precision.
+"""The stopping rule: a run stops as soon as the interval of every aspect is narrow enough.
 
-Counts are looked at only after certain numbers of drops, which are the same for all runs. So a
-run stops at the same drop whatever the number of workers and the size of their batches.
+The rule is evaluated only at checkpoints, fixed numbers of drops that are the same for all runs.
+So a run stops at the same drop for any number of workers and any batch size.
 
-A run that stops when its own counts look good enough errs a little more often than one of a
-fixed number of drops: a share far from 1/2 has a narrower interval, so a share that is too far
-off by chance stops the run at once, and a right one gives the next look another chance to be
-wrong. Two looks, one at a quarter more drops, miss what they should miss in 5 % of runs in 6.0 %,
-where the true share is such that either can be the last (normal shares, which correlate by
-sqrt(1 / 1.25)). Counted exactly, for Wilson's intervals at 95 % and shares of ten drops or more,
-coverage is 0.950 on the mean over shares, less than 0.938 for one in a hundred, and 0.933 at
-worst. (In a fixed number of drops it is 0.933 at worst too, since counts are whole.) Intervals at
-`stopping_confidence` have it back: less than 0.950 for one in a hundred, and 0.945 at worst.
-Frey 2010 (The American Statistician 64:242) mends intervals of fixed width in the same way.
+A run that stops by its own counts errs slightly more often than a run with a fixed number of
+drops. A share far from 1/2 has a narrower interval, so a share that is too extreme by chance stops
+the run at once, while a correct share gives the next checkpoint another chance to be wrong. With
+two checkpoints, the second at a quarter more drops, 6.0 % of runs miss the truth instead of 5 %,
+where the true share is such that either checkpoint can be the last (normal shares, with a
+correlation of sqrt(1 / 1.25)). Computed exactly, for Wilson's intervals at 95 % and shares of ten
+drops or more, the coverage is 0.950 on average over the shares, below 0.938 for one share in a
+hundred, and 0.933 in the worst case. (With a fixed number of drops the worst case is 0.933 too,
+because counts are integers.) Intervals at `stopping_confidence` correct this: the coverage is
+below 0.950 for one share in a hundred, and 0.945 in the worst case. Frey 2010 (The American
+Statistician 64:242) corrects intervals of fixed width in the same way.
 """
 
 import numpy as np
@@ -26,69 +27,71 @@ from resting_aspects_ros.core.statistics.intervals import (
     check_confidence,
 )
 
-FIRST_LOOK = 250
-# Drops are made in chunks of this many; a look within one would waste the rest of it.
-LOOK_STEP = 125
-# 2,000,000 drops, the most of a run, reach 0.001 for any probability: of each aspect by itself up
-# to a confidence of 99 %, and of up to eight at once at 95 %.
+FIRST_CHECKPOINT = 250
+# Checkpoints are multiples of the chunk of drops that a worker simulates, because a checkpoint
+# within a chunk would waste the rest of it.
+CHECKPOINT_STEP = 125
+# 2,000,000 drops, the maximum of a run, reach 0.001 for any probability: for each aspect by itself
+# up to a confidence of 99 %, and for up to eight aspects at once at 95 %.
 MIN_PRECISION = 0.001
-# The first look has 0.1 or better for any probability: to ask for more than this is a mistake.
+# The first checkpoint reaches 0.1 or better for any probability, so a larger precision than this
+# is a mistake.
 MAX_PRECISION = 0.25
-# Of what the intervals of a fixed number of drops may miss, what is left for the last look.
-LAST_LOOK = 0.8
+# Error probability at a checkpoint, as a share of that with a fixed number of drops.
+ERROR_SHARE = 0.8
 
 
-def looks(ceiling: int) -> list[int]:
-    """The numbers of drops after which to look, ascending; the last is the ceiling.
+def checkpoints(drop_limit: int) -> list[int]:
+    """Return the numbers of drops at which the rule is evaluated, ascending, up to the limit.
 
-    From 250, each a quarter more than the one before, rounded up to a multiple of 125. Raises
-    InvalidValueError for a ceiling of less than one drop.
+    They begin with 250, and each is a quarter more than the one before, rounded up to a multiple
+    of 125. Raises InvalidValueError if the limit is less than one drop.
     """
-    if ceiling < 1:
-        raise InvalidValueError(f'ceiling is {ceiling} drops, allowed is 1 or more')
+    if drop_limit < 1:
+        raise InvalidValueError(f'invalid drop limit {drop_limit}: expected 1 or more')
     found = []
-    look = FIRST_LOOK
-    while look < ceiling:
-        found.append(look)
-        # Whole numbers only: the same on every machine.
-        look = -(-5 * look // (4 * LOOK_STEP)) * LOOK_STEP
-    return [*found, ceiling]
+    drops = FIRST_CHECKPOINT
+    while drops < drop_limit:
+        found.append(drops)
+        # In integers, so that the result is the same on every machine.
+        drops = -(-5 * drops // (4 * CHECKPOINT_STEP)) * CHECKPOINT_STEP
+    return [*found, drop_limit]
 
 
 def check_precision(precision: float) -> None:
-    """Raises InvalidValueError if no run can be asked for this precision."""
+    """Raise InvalidValueError unless the precision is within the limits for a run."""
     number = isinstance(precision, int | float) and not isinstance(precision, bool)
     if not (number and MIN_PRECISION <= precision <= MAX_PRECISION):
         raise InvalidValueError(
-            f'precision is {precision!r}, allowed is {MIN_PRECISION} to {MAX_PRECISION}'
+            f'invalid precision {precision!r}: expected {MIN_PRECISION} to {MAX_PRECISION}'
         )
 
 
 def stopping_confidence(confidence: float = CONFIDENCE) -> float:
-    """The confidence at which to look, and to give the intervals of a run that stopped by it.
+    """Return the confidence of the intervals at a checkpoint, and of the run that it stops.
 
-    0.96 for 0.95.
+    For a confidence of 0.95 it is 0.96.
     """
     check_confidence(confidence)
-    return 1 - LAST_LOOK * (1 - confidence)
+    return 1 - ERROR_SHARE * (1 - confidence)
 
 
 def drops_for(
     precision: float,
-    ceiling: int,
+    drop_limit: int,
     aspects: int = 1,
     method: str = INTERVAL,
     confidence: float = CONFIDENCE,
 ) -> int:
-    """The look, or the ceiling, by which a run stops whatever its counts are.
+    """Return the number of drops at which a run stops at the latest, for any counts.
 
     Intervals are widest at a share of 1/2.
     """
-    for look in looks(ceiling):
-        widest = [look // 2] + [0] * (aspects - 1)
-        if is_precise(widest, look, precision, method, confidence):
-            return look
-    return ceiling
+    for drops in checkpoints(drop_limit):
+        widest = [drops // 2] + [0] * (aspects - 1)
+        if is_precise(widest, drops, precision, method, confidence):
+            return drops
+    return drop_limit
 
 
 def max_drops(
@@ -99,14 +102,16 @@ def max_drops(
     method: str = INTERVAL,
     confidence: float = CONFIDENCE,
 ) -> int:
-    """How many drops a run makes at most; raises InvalidValueError for a wrong precision.
+    """Return the maximum number of drops of a run.
 
     Parameters
     ----------
     drops : int
-        That are requested; 0 with a precision: as many as it takes, up to ``limit``.
+        Number of drops that are requested; 0 with a precision: as many as it takes, up to
+        ``limit``.
     precision : float
-        At which the run stops; 0: it makes all its drops.
+        Half width of the intervals at which the run stops; 0: it makes all drops. Raises
+        InvalidValueError if it is outside the limits.
     """
     if precision == 0:
         return drops
@@ -120,9 +125,9 @@ def is_precise(
     method: str = INTERVAL,
     confidence: float = CONFIDENCE,
 ) -> bool:
-    """Whether every aspect, seen or not, has an interval of half width ``precision`` or less.
+    """Return whether the interval of every aspect, seen or not, has at most this half width.
 
-    The intervals are those at `stopping_confidence`; counts and drops are as `bounds` has them.
+    The intervals are those at `stopping_confidence`; for counts and drops see `bounds`.
     """
     check_precision(precision)
     lower, upper = bounds(counts, drops, method, stopping_confidence(confidence))
@@ -133,15 +138,15 @@ def stops(
     counts: npt.ArrayLike,
     drops: int,
     precision: float,
-    ceiling: int,
+    drop_limit: int,
     method: str = INTERVAL,
     confidence: float = CONFIDENCE,
 ) -> bool:
-    """Whether a run is over with these counts: at the ceiling, or at a look that is precise.
+    """Return whether a run stops with these counts: at the limit, or at a precise checkpoint.
 
-    With a precision of 0: at the ceiling only.
+    With a precision of 0 it stops only at the limit.
     """
-    if drops >= ceiling:
+    if drops >= drop_limit:
         return True
-    at_look = precision > 0 and drops in looks(ceiling)
-    return at_look and is_precise(counts, drops, precision, method, confidence)
+    at_checkpoint = precision > 0 and drops in checkpoints(drop_limit)
+    return at_checkpoint and is_precise(counts, drops, precision, method, confidence)

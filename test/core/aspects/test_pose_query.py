@@ -45,15 +45,15 @@ def test_a_quaternion_that_is_nearly_of_length_one_is_normalised(off):
         [5e-324, 0, 0, 0],
     ],
 )
-def test_any_other_is_refused_with_its_numbers_and_its_norm(wrong):
+def test_error_for_quaternion_of_another_norm(wrong):
     with np.errstate(over='ignore'):
         norm = np.linalg.norm(wrong)
     with pytest.raises(InvalidValueError) as error:
         unit_orientation(wrong)
     numbers = ', '.join(f'{number:.6g}' for number in wrong)
     assert str(error.value) == (
-        f'orientation is the quaternion x, y, z, w = {numbers} of norm {norm:.6g}, allowed is a '
-        'norm of 1 within 0.001'
+        f'invalid orientation ({numbers}) of norm {norm:.6g}: expected a quaternion x, y, z, w of '
+        'norm 1 within 0.001'
     )
 
 

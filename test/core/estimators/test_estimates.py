@@ -9,14 +9,14 @@ from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.estimators.estimate import METHODS, estimate
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
 
-# Coordinates of an STL are float32.
+# The coordinates in an STL are float32.
 FLOAT32 = 1e-5
 GOLDEN = (1 + np.sqrt(5)) / 2
 
 
 @pytest.fixture(scope='module')
 def shape(solid):
-    """Give the resting shape of a mesh, in mm."""
+    """Return a function that makes the resting shape of a mesh in mm."""
 
     def make(mesh):
         part = solid(mesh)
@@ -26,12 +26,12 @@ def shape(solid):
 
 
 def rectangle(a, b, h):
-    """Solid angle of a rectangle 2a x 2b at the distance h."""
+    """Return the solid angle of a rectangle 2a x 2b at the distance h."""
     return 4 * np.arctan2(a * b, h * np.sqrt(a**2 + b**2 + h**2))
 
 
 def halves(sides):
-    """Half the sides of each face of a box, and its distance, lowest first, each twice."""
+    """Return half the sides of each face of a box and its distance, lowest first, each twice."""
     a, b, c = np.sort(sides) / 2
     return np.repeat([(b, c, a), (a, c, b), (a, b, c)], 2, axis=0)
 
@@ -48,7 +48,7 @@ SIDES = [(10, 20, 30), (10, 10, 40), (3, 30, 34)]
 
 
 @pytest.mark.parametrize('sides', SIDES)
-def test_a_box_by_the_formula_of_a_rectangle(solids, shape, sides):
+def test_box_agrees_with_the_rectangle_formula(solids, shape, sides):
     expected = shares([rectangle(*face) for face in halves(sides)])
     of = shape(solids.turned(solids.box(*sides), solids.a_turn(1)))
     for method in ('solid_angle', 'quasi_static', 'rolling'):
@@ -56,7 +56,7 @@ def test_a_box_by_the_formula_of_a_rectangle(solids, shape, sides):
 
 
 @pytest.mark.parametrize('sides', SIDES)
-def test_a_box_by_the_definitions_of_the_others(solids, shape, sides):
+def test_box_agrees_with_the_definitions_of_other_methods(solids, shape, sides):
     weights = {method: [] for method in ('csa', 'crsa', 'stability', 'energy_barrier')}
     for a, b, h in halves(sides):
         over = np.hypot(h, [a, a, b, b])
@@ -71,10 +71,10 @@ def test_a_box_by_the_definitions_of_the_others(solids, shape, sides):
 
 
 @pytest.mark.parametrize('thickness', [0.1, 0.577, 3.0])
-def test_a_coin_is_on_its_side_with_h_over_its_diagonal(solids, shape, thickness):
+def test_coin_rests_on_its_rim_with_h_over_its_diagonal(solids, shape, thickness):
     of = shape(solids.prism(256, 5.0, 10 * thickness))
     side = next(a.id for a in of.aspects.aspects if a.rolls)
-    # A polygon of n sides is a circle up to 1 - cos(pi / n), 7.5e-5.
+    # A polygon of n sides differs from a circle by 1 - cos(pi / n), 7.5e-5.
     expected = thickness / np.hypot(thickness, 1)
     for method in ('solid_angle', 'quasi_static', 'rolling'):
         assert predicted(of, method)[side - 1] == pytest.approx(expected, abs=1e-4)
@@ -101,16 +101,16 @@ def regular(solids, faces):
 
 
 @pytest.mark.parametrize('faces', [4, 6, 8, 12, 20])
-def test_a_regular_solid_is_uniform_also_without_its_symmetry(solids, shape, faces):
+def test_regular_solid_is_uniform_without_symmetry_classes(solids, shape, faces):
     of = shape(solids.turned(regular(solids, faces), solids.a_turn(4)))
     for method, each in METHODS.items():
         np.testing.assert_allclose(predicted(of, method), np.full(faces, 1 / faces), rtol=1e-12)
-        # The energy of an edge is a difference of lengths that are alike to a tenth.
+        # The energy of an edge is a difference of lengths that agree within a tenth.
         tolerance = 2e-4 if method == 'energy_barrier' else FLOAT32
         np.testing.assert_allclose(shares(each.weights(of)), 1 / faces, rtol=tolerance)
 
 
-def test_a_face_that_is_two_is_counted_once(solids, shape):
+def test_face_of_two_facets_is_counted_once(solids, shape):
     """The die of Baktash et al. has unstable facets within a degree of the faces it rests on."""
     mesh = solids.binom3()
     of = shape(mesh)
@@ -129,15 +129,15 @@ def test_a_face_that_is_two_is_counted_once(solids, shape):
     np.testing.assert_allclose(predicted(of, 'solid_angle'), shares(near @ omega), atol=FLOAT32)
 
 
-def test_the_rolling_of_the_die_binom3(solids, shape):
+def test_rolling_estimate_of_the_die_binom3(solids, shape):
     found = estimate(shape(solids.binom3()), 'rolling')
     leans_back = [a.down_in_part[0] < 0 for a in found.aspects.aspects]
-    # Of 329 rolls 255 fell on those two.
+    # 255 of 329 rolls ended on those two.
     expected = np.where(leans_back, 0.375, 0.125)
     np.testing.assert_allclose(found.probabilities, expected, atol=0.01)
 
 
-def test_scale_and_turn_change_nothing(solids, shape):
+def test_estimates_do_not_depend_on_scale_and_rotation(solids, shape):
     mesh = solids.irregular(5)
     plain = shape(mesh)
     assert len(plain.aspects) > 3
@@ -149,8 +149,8 @@ def test_scale_and_turn_change_nothing(solids, shape):
             np.testing.assert_allclose(predicted(other, method), expected, atol=2e-4)
 
 
-def test_a_facet_that_is_unstable_hands_its_share_to_the_side_on_which_it_tips(solids, shape):
-    """A frustum that leans over: its base tips to the side below it, its top to the one above."""
+def test_unstable_facet_adds_its_share_to_the_next_side(solids, shape):
+    """A leaning frustum: its base tips onto the side below it, its top onto the one above."""
     base = np.array([(x, y, 0.0) for x in (-5, 5) for y in (-4, 4)])
     top = np.array([(24 + x, y, 20.0) for x in (-3, 3) for y in (-2.5, 2.5)])
     of = shape(solids.hull(np.concatenate([base, top])))
@@ -178,7 +178,7 @@ def test_a_facet_that_is_unstable_hands_its_share_to_the_side_on_which_it_tips(s
         lambda solids: solids.extruded([(0, 0), (20, 0), (20, 5), (0, 15)], 12),
     ],
 )
-def test_quasi_static_is_that_of_trimesh_where_that_is_right(solids, shape, make):
+def test_quasi_static_agrees_with_trimesh_where_it_is_correct(solids, shape, make):
     mesh = solids.turned(make(solids), solids.a_turn(7))
     of = shape(mesh)
     poses, probabilities = trimesh.poses.compute_stable_poses(mesh)
@@ -188,7 +188,7 @@ def test_quasi_static_is_that_of_trimesh_where_that_is_right(solids, shape, make
     np.testing.assert_allclose(predicted(of, 'quasi_static'), shares(expected), atol=1e-4)
 
 
-def test_what_is_not_defined_for_a_curved_side(solids, shape):
+def test_methods_not_defined_for_a_curved_side(solids, shape):
     of = shape(solids.prism(32))
     assert estimate(of, 'solid_angle').probabilities.sum() == pytest.approx(1)
     for method in ('crsa', 'stability'):
@@ -204,7 +204,7 @@ def test_what_is_not_defined_for_a_curved_side(solids, shape):
 
 
 @pytest.mark.slow
-def test_a_half_ball_and_a_half_round_bar_rest_on_all_of_their_curved_side(solids, shape):
+def test_curved_face_of_half_ball_and_half_round_bar_is_complete(solids, shape):
     height = 3 / 8  # of the centre of mass, of the radius
     ball = estimate(shape(solids.revolved([(0, 0), *solids.quarter(10.0, 32)], 96)), 'solid_angle')
     flat = (1 - height / np.hypot(height, 1)) / 2  # of all directions
@@ -212,7 +212,7 @@ def test_a_half_ball_and_a_half_round_bar_rest_on_all_of_their_curved_side(solid
     np.testing.assert_allclose(ball.probabilities, np.where(curved, 1 - flat, flat), atol=2e-3)
     bar = shape(solids.half_round_bar(48))
     down = np.array([a.down_in_part for a in bar.aspects.aspects])
-    # Its flat side is 20 x 40 mm, and an end is half a disc that is seen from its middle.
+    # Its flat side is 20 x 40 mm; an end is half a disc, seen from the middle of the bar.
     flat = rectangle(10, 20, 4 / (3 * np.pi) * 10)
     ends = bar.facet_angles[np.abs(bar.landscape.hull.normals[:, 2]) > 0.99].sum()
     weight = np.where(down[:, 1] < -0.9, flat, 4 * np.pi - flat - ends)
@@ -222,8 +222,8 @@ def test_a_half_ball_and_a_half_round_bar_rest_on_all_of_their_curved_side(solid
 
 
 @pytest.mark.parametrize('angle', [0.02, 0.2, 0.45])
-def test_a_face_that_noise_has_crowned_counts_as_one(solids, shape, angle):
-    """The top of a cube is a ridge of two slopes that are all but one."""
+def test_face_bent_by_noise_is_counted_once(solids, shape, angle):
+    """The top of a cube is a ridge of two slopes that are nearly coplanar."""
     rise = 10 * np.tan(np.radians(angle))
     corners = [(x, y, z) for x in (-10, 10) for y in (-10, 10) for z in (-10, 10)]
     ridge = [(x, 0.4, 10 + rise) for x in (-10, 10)]
@@ -231,14 +231,14 @@ def test_a_face_that_noise_has_crowned_counts_as_one(solids, shape, angle):
     assert len(of.aspects) == 6
     for method in METHODS:
         found = predicted(of, method)
-        # Its centre of mass is higher by a third of the rise, at most.
+        # The centre of mass rises by at most a third of the rise.
         np.testing.assert_allclose(found, 1 / 6, atol=0.1 * rise)
 
 
-def test_a_cylinder_with_small_fillets_has_a_face_and_a_pill_has_none(solids, shape):
+def test_cylinder_with_fillets_has_a_face_and_a_pill_has_none(solids, shape):
     filleted = shape(solids.rounded_cylinder(10.0, 20.0, 1.0, 48, 6))
     side = np.array([a.rolls for a in filleted.aspects.aspects])
-    # The cylinder up to its fillets, seen from its middle, and its ends likewise.
+    # The cylinder and its ends up to the fillets, seen from the middle.
     around, end = 2 * 9 / np.hypot(9, 10), 1 - 10 / np.hypot(10, 9)
     expected = np.where(side, around, end) / (around + 2 * end)
     np.testing.assert_allclose(predicted(filleted, 'solid_angle'), expected, atol=1e-3)
@@ -246,18 +246,18 @@ def test_a_cylinder_with_small_fillets_has_a_face_and_a_pill_has_none(solids, sh
         estimate(shape(solids.rounded_cylinder(10.0, 20.0, 9.5, 48, 10)), 'solid_angle')
 
 
-def test_who_has_one_aspect_rests_in_it(solids, shape):
+def test_single_aspect_has_probability_one(solids, shape):
     ball = shape(solids.icosphere(2))
     assert [predicted(ball, method).tolist() for method in METHODS] == [[1.0]] * len(METHODS)
 
 
-def test_a_method_that_is_not_known(solids, shape):
-    with pytest.raises(InvalidValueError, match="method 'guess' is not known, allowed are solid_"):
+def test_unknown_method_is_rejected(solids, shape):
+    with pytest.raises(InvalidValueError, match="invalid method 'guess': expected one of solid_"):
         estimate(shape(solids.box(1, 2, 3)), 'guess')
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_probabilities_of_any_part_add_up(solids, shape, seed):
+def test_probabilities_of_any_part_sum_to_one(solids, shape, seed):
     of = shape(solids.irregular(seed))
     for method in METHODS:
         found = predicted(of, method)

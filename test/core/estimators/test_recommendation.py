@@ -19,14 +19,14 @@ from resting_aspects_ros.core.estimators.recommendation import recommend
         (3, True, 'crsa'),
     ],
 )
-def test_the_height_decides_for_a_part_with_flat_sides(part, height, thrown, method):
+def test_release_height_selects_method_for_flat_sides(part, height, thrown, method):
     found = recommend(find_aspects(part('l_bracket')), height, thrown=thrown)
     assert found.method == method
     assert f'({method}): for' in found.reason or 'is rolling: for' in found.reason
 
 
 @pytest.mark.parametrize(('name', 'method'), [('washer', 'csa'), ('cylinder_d20_h20', '')])
-def test_a_curved_side_matters_as_often_as_the_part_rolls_onto_it(part, name, method):
+def test_curved_side_matters_if_the_part_often_rolls_onto_it(part, name, method):
     for height in (3, 30):
         found = recommend(find_aspects(part(name)), height, thrown=False)
         assert found.method == method

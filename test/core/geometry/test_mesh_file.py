@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.core.errors import PartError, RestingAspectsError
-from resting_aspects_ros.core.geometry.mesh_file import _checked_obj
+from resting_aspects_ros.core.geometry.obj_ply_file import _checked_obj
 from resting_aspects_ros.core.part_loading import part_from_bytes
 
 CORNERS = [(0, 0, 0), (4, 0, 0), (4, 3, 0), (0, 3, 0), (0, 0, 2), (4, 0, 2), (4, 3, 2), (0, 3, 2)]
@@ -137,23 +137,27 @@ BROKEN = {
     'nothing': (b'', 'stl', ['empty', '0 bytes', 'stl, obj or ply']),
     'a word': (b'hello', 'stl', ['not an STL', "'solid'", "b'hello'"]),
     'a page of text': (b'hello\n' * 99, 'stl', ['not an STL', "'solid'"]),
-    'a picture': (b'\x89PNG\r\n\x1a\n' + bytes(range(200)), 'stl', ['promises', 'or not an STL']),
+    'a picture': (
+        b'\x89PNG\r\n\x1a\n' + bytes(range(200)),
+        'stl',
+        ['truncated or not an STL', 'header declares'],
+    ),
     'a few bytes': (b'\0' * 20, 'stl', ['not an STL', '20 bytes', '84']),
     'unknown format': (STL, 'step', ["'step'", 'stl, obj or ply']),
-    'binary STL cut': (STL[:-1], 'stl', ['promises 12 triangles', 'there are 11']),
+    'binary STL cut': (STL[:-1], 'stl', ['declares 12 triangles', 'there are 11']),
     'binary STL cut, begins with solid': (
         b'solid ' + STL[6:-120],
         'stl',
-        ['promises 12 triangles', 'there are 9'],
+        ['declares 12 triangles', 'there are 9'],
     ),
-    'binary STL cut after the header': (STL[:84], 'stl', ['promises 12 triangles', 'there are 0']),
+    'binary STL cut after the header': (STL[:84], 'stl', ['declares 12 triangles', 'there are 0']),
     'binary STL that would fill the memory': (
         STL[:80] + b'\xff\xff\xff\xff' + STL[84:],
         'stl',
         ['4294967295 triangles', 'there are 12'],
     ),
     'binary STL of nothing': (bytes(84), 'stl', ['no triangles']),
-    'ASCII STL cut': (TEXT_STL[:700], 'stl', ['cut off', "1 'solid'", "0 'endsolid'"]),
+    'ASCII STL cut': (TEXT_STL[:700], 'stl', ['truncated', "1 'solid'", "0 'endsolid'"]),
     'ASCII STL, facet cut': (
         TEXT_STL.replace(b'endfacet', b'', 1),
         'stl',
@@ -169,7 +173,7 @@ BROKEN = {
         'stl',
         ['35 corners with three numbers'],
     ),
-    'ASCII STL, comma': (TEXT_STL.replace(b'4.0', b'4,0'), 'stl', ["'4,0'", 'only numbers']),
+    'ASCII STL, comma': (TEXT_STL.replace(b'4.0', b'4,0'), 'stl', ["'4,0'", 'expected a number']),
     'ASCII STL, nan': (TEXT_STL.replace(b'vertex 4.0', b'vertex nan'), 'stl', ['nan', 'finite']),
     'ASCII STL, 1e400': (
         TEXT_STL.replace(b'vertex 4.0', b'vertex 1e400'),
@@ -204,24 +208,24 @@ BROKEN = {
     'OBJ, nan': (*obj('v nan 0 0\n' + V_LINES), ["'v nan 0 0'", 'three finite numbers']),
     'OBJ, two numbers': (*obj('v 1 2\n' + V_LINES), ["'v 1 2'", 'three finite numbers']),
     'OBJ, two corners': (*obj(V_LINES + 'f 1 2\n'), ["'f 1 2'", 'at least three']),
-    'OBJ, corner 0': (*obj(V_LINES + 'f 0 1 2\n'), ["'f 0 1 2'", 'from 1 on']),
+    'OBJ, corner 0': (*obj(V_LINES + 'f 0 1 2\n'), ["'f 0 1 2'", 'numbers from 1']),
     'OBJ, corner 9': (*obj(V_LINES + 'f 1 2 9\n'), ['not a readable OBJ', 'index 8']),
     'OBJ, corner 1e20': (*obj(V_LINES + f'f 1 2 {10**20}\n'), ['not a readable OBJ']),
     'OBJ, relative and absolute': (
         *obj(V_LINES + 'f -1 -2 -3\nv 9 9 9\n'),
-        ['relative', "'f -1 -2", 'only absolute'],
+        ['relative', "'f -1 -2", 'expected absolute'],
     ),
     'STL called PLY': (STL, 'ply', ['not a PLY', 'end_header']),
     'PLY header cut': (ply('ascii', QUADS)[0][:60], 'ply', ['not a PLY', 'end_header']),
     'ASCII PLY cut': (
         ply('ascii', QUADS)[0][:-20],
         'ply',
-        ['shorter', 'promises 14 rows', 'there are 12'],
+        ['truncated', 'declares 14 rows', 'there are 12'],
     ),
     'ASCII PLY that would fill the memory': (
         ply('ascii', QUADS)[0].replace(b'vertex 8', b'vertex 4294967295'),
         'ply',
-        ['promises 4294967301 rows', 'there are 14'],
+        ['declares 4294967301 rows', 'there are 14'],
     ),
     'ASCII PLY, word': (
         ply('ascii', QUADS)[0].replace(b'4 3 2', b'4 x 2'),
@@ -232,7 +236,7 @@ BROKEN = {
     'binary PLY cut': (
         ply('binary_little_endian', QUADS)[0][:-1],
         'ply',
-        ['not a readable PLY', 'cut off'],
+        ['not a readable PLY', 'truncated'],
     ),
     'binary PLY of both': (
         *ply('binary_little_endian', QUADS[:3] + TRIANGLES[6:]),
@@ -241,7 +245,7 @@ BROKEN = {
     'binary PLY that would fill the memory': (
         ply('binary_little_endian', QUADS)[0].replace(b'vertex 8', b'vertex 4294967295'),
         'ply',
-        ['not a readable PLY', 'cut off'],
+        ['not a readable PLY', 'truncated'],
     ),
     'PLY of points': (*ply('ascii', []), ['no triangles']),
     'PLY, corner 2000000000': (

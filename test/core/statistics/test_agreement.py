@@ -22,14 +22,14 @@ TOLERANCE = np.radians(5)
 
 
 def clusters_of(labels):
-    """Clusters of which only the labels matter."""
+    """Return clusters with these labels; their other fields do not matter."""
     counts = np.bincount(labels)[1:]
     nothing = np.full((len(counts), 3), np.nan)
     return Clusters(np.array(labels), counts, nothing, nothing[:, 0])
 
 
-def test_every_pose_of_a_small_case():
-    # Cluster 1 swallows aspect 2; aspect 3 is split over clusters 3 and 4; cluster 2 is in none.
+def test_agreement_of_every_pose_in_a_small_example():
+    # Cluster 1 contains aspect 2; aspect 3 is split into clusters 3 and 4; cluster 2 is in none.
     aspect = np.array([1, 1, 1, 2, 2, 0, 0, 0, 0, 3, 3, 3])
     cluster = np.array([1, 1, 1, 1, 1, 1, 2, 2, 2, 3, 3, 4])
     found = compare(aspect, 4, clusters_of(cluster))
@@ -38,7 +38,7 @@ def test_every_pose_of_a_small_case():
     assert found.agree.tolist() == [*[True] * 3, *[False] * 6, True, True, False]
 
 
-def test_a_part_without_aspects_agrees_with_nothing(part):
+def test_part_without_aspects_has_no_agreement(part):
     found = compare(np.zeros(3, dtype=np.int64), 0, clusters_of([1, 1, 2]))
     assert not found.agree.any()
     differences = find_differences(found, AspectSet('', ()), np.tile([0, 0, -1.0], (3, 1)))
@@ -46,7 +46,7 @@ def test_a_part_without_aspects_agrees_with_nothing(part):
     assert np.isinf(differences.angle).all()
 
 
-def test_the_nearest_aspect_is_that_of_all_angles_taken_one_by_one(part):
+def test_nearest_aspect_agrees_with_exhaustive_search(part):
     aspects = find_aspects(part('l_bracket'))
     down = down_in_part(random_orientations(np.random.default_rng(1), 2000))
     table = np.array([a.down_in_part for a in aspects.aspects])
@@ -56,7 +56,7 @@ def test_the_nearest_aspect_is_that_of_all_angles_taken_one_by_one(part):
     np.testing.assert_allclose(least, angle.min(axis=1), atol=1e-7)
 
 
-def test_of_differing_poses_it_is_told_which_they_are_and_what_both_say(part):
+def test_differences_list_the_poses_and_both_results(part):
     aspects = find_aspects(part('box_10x20x30'))
     flat = np.array([a.orientation for a in aspects.aspects] * 2)
     tilt = Rotation.from_rotvec([np.radians(20), 0, 0])
@@ -70,7 +70,7 @@ def test_of_differing_poses_it_is_told_which_they_are_and_what_both_say(part):
 
 
 @pytest.mark.parametrize('name', POLYHEDRA)
-def test_both_agree_on_every_dropped_pose_within_a_degree_of_a_facet(part, surfaces, name):
+def test_both_agree_on_dropped_poses_near_a_facet(part, surfaces, name):
     shape = part(name)
     job = make_job(shape, surfaces.get(), 11)
     poses = RestingPoses.join([drop_chunk(job, 0, 125), drop_chunk(job, 125, 250)])
@@ -80,7 +80,7 @@ def test_both_agree_on_every_dropped_pose_within_a_degree_of_a_facet(part, surfa
 
 
 @pytest.mark.parametrize('name', POLYHEDRA)
-def test_both_agree_on_every_tilted_pose_within_a_degree_of_a_facet_among_strays(part, name):
+def test_both_agree_on_tilted_poses_near_a_facet_among_outliers(part, name):
     shape = part(name)
     generator = np.random.default_rng(5)
     shown = np.array([a.orientation for a in find_aspects(shape).aspects])
@@ -96,7 +96,7 @@ def test_both_agree_on_every_tilted_pose_within_a_degree_of_a_facet_among_strays
 
 
 def near_and_agreed(shape, orientation):
-    """Which poses are within a degree of an aspect; both classifiers agree on them."""
+    """Return which poses are within a degree of an aspect; both classifiers agree on them."""
     aspects = find_aspects(shape)
     down = down_in_part(orientation)
     ids = aspects.classify(orientation)

@@ -33,8 +33,8 @@ def compared(one, other, **options):
     return compare(tally(one), tally(other), np.random.default_rng(1), **options)
 
 
-def test_a_comparison_by_hand():
-    # Shares .5 .3 .2 and .4 .2 .4, of the drops in an aspect.
+def test_comparison_calculated_by_hand():
+    # The shares of the drops in an aspect are .5 .3 .2 and .4 .2 .4.
     one = tally([50, 30, 20], 60, 30, 10)
     other = tally([80, 40, 80], 0, 50, 0)
     found = compare(one, other, np.random.default_rng(1))
@@ -53,7 +53,7 @@ def test_a_comparison_by_hand():
     assert found.confidence == 0.95
 
 
-def test_a_comparison_with_exact_probabilities_by_hand():
+def test_comparison_with_exact_probabilities_by_hand():
     found = compare_with_exact(
         tally([43, 138, 117, 31], 3, 0, 1), [1 / 8, 3 / 8, 3 / 8, 1 / 8], np.random.default_rng(1)
     )
@@ -64,20 +64,20 @@ def test_a_comparison_with_exact_probabilities_by_hand():
     expected = 329 * found.second
     assert found.p_value == pytest.approx(chisquare([43, 138, 117, 31], expected).pvalue)
     for i, count in enumerate([43, 138, 117, 31]):
-        # Clopper and Pearson's, with a quarter of the error for each of four.
+        # Clopper and Pearson's bounds, with a quarter of the error probability for each of four.
         theirs = binomtest(count, 329).proportion_ci(1 - 0.05 / 4, 'exact')
         ours = found.lower[i] + found.second[i], found.upper[i] + found.second[i]
         assert ours == pytest.approx((theirs.low, theirs.high))
 
 
 @given(pairs, st.integers(0, 50))
-def test_distances_are_distances(pair, rest):
+def test_deviations_satisfy_the_axioms_of_a_distance(pair, rest):
     one, other = pair
     found = compared(one, other)
     deviation = np.abs(found.deviation)
     assert 0 <= found.total_variation <= 1 + 1e-12
     assert deviation.max() == abs(found.largest_deviation)
-    # What one aspect gains the others lose.
+    # The gain of one aspect is the loss of the others.
     assert abs(found.largest_deviation) <= found.total_variation + 1e-12
     assert found.mean_deviation == pytest.approx(2 * found.total_variation / len(one))
     assert (found.lower <= found.deviation).all()
@@ -87,14 +87,14 @@ def test_distances_are_distances(pair, rest):
     np.testing.assert_allclose(back.deviation, -found.deviation)
     np.testing.assert_allclose(back.lower, -found.upper)
     assert back.total_variation == pytest.approx(found.total_variation)
-    # What is in no aspect is beside it.
+    # Drops in no aspect do not change the comparison.
     with_rest = compare(tally(one, rest, rest, rest), tally(other), np.random.default_rng(1))
     assert with_rest.total_variation == found.total_variation
     assert with_rest.p_value == found.p_value
 
 
 @given(pairs)
-def test_a_distribution_does_not_differ_from_itself(pair):
+def test_distribution_does_not_differ_from_itself(pair):
     one, _ = pair
     for found in (
         compared(one, one),
@@ -106,13 +106,13 @@ def test_a_distribution_does_not_differ_from_itself(pair):
         assert (found.upper >= -1e-15).all()
 
 
-def test_distributions_without_a_common_aspect_are_as_far_apart_as_can_be():
+def test_disjoint_distributions_have_the_maximum_distance():
     found = compared([100, 0], [0, 100])
     assert (found.total_variation, found.mean_deviation, found.largest_deviation) == (1, 1, 1)
     assert found.p_value < 1e-40
 
 
-def test_more_drops_come_near_the_exact_comparison():
+def test_more_drops_approach_the_exact_comparison():
     one, exact = [300, 500, 200], np.array([0.35, 0.45, 0.2])
     against = compare_with_exact(tally(one), exact, np.random.default_rng(1))
     found = compared(one, (exact * 10**9).astype(np.int64))
@@ -121,7 +121,7 @@ def test_more_drops_come_near_the_exact_comparison():
     assert found.p_value == pytest.approx(against.p_value, rel=1e-3)
 
 
-def test_a_distribution_is_compared_as_it_is():
+def test_distribution_is_accepted_for_comparison():
     # The same numbers as in the first test.
     counts = np.array([50, 30, 20], dtype=np.int64)
     one = Distribution(AspectSet('a', ()), counts, 60, 30, 10)
@@ -162,7 +162,7 @@ def test_published_intervals_of_differences(one, other, lower, upper):
         ([0.9985, *[1e-4] * 15], [0.9985, *[1e-4] * 15], (1000, 1000)),
     ],
 )
-def test_bounds_of_all_deviations_hold_together(first, second, drops):
+def test_bounds_of_all_deviations_hold_simultaneously(first, second, drops):
     runs = 400
     draw = np.random.default_rng(6)
     held = 0
@@ -171,18 +171,18 @@ def test_bounds_of_all_deviations_hold_together(first, second, drops):
         one, other = (draw.multinomial(n, p) for n, p in zip(drops, (first, second), strict=True))
         found = compare(tally(one), tally(other), draw)
         held += bool(((found.lower <= truth) & (truth <= found.upper)).all())
-    # Less four standard errors of a share counted in so many runs.
+    # Four standard errors of a share counted in this number of runs are subtracted.
     assert held / runs >= 0.95 - 4 * math.sqrt(0.95 * 0.05 / runs)
 
 
-def test_a_larger_confidence_has_wider_bounds():
+def test_larger_confidence_gives_wider_bounds():
     narrow, wide = (compared([50, 30], [20, 70], confidence=c) for c in (0.8, 0.99))
     assert (wide.lower < narrow.lower).all()
     assert (narrow.upper < wide.upper).all()
     assert wide.confidence == 0.99
 
 
-def test_drawn_tables_follow_the_generator():
+def test_random_tables_depend_only_on_the_generator():
     one, other = tally([3, 1, 5]), tally([1, 3, 2])
     p = [compare(one, other, np.random.default_rng(seed)).p_value for seed in (1, 1, 2)]
     assert p[0] == p[1] != p[2]
@@ -195,26 +195,26 @@ def test_drawn_tables_follow_the_generator():
         (
             [0, 0],
             [1, 1],
-            'counts of the first distribution are [0, 0], allowed are 0 or more, not all 0',
+            'invalid counts [0, 0] of the first distribution: expected 0 or more, not all 0',
         ),
         (
             [1, 1],
             [2, -1],
-            'counts of the second distribution are [2, -1], allowed are 0 or more, not all 0',
+            'invalid counts [2, -1] of the second distribution: expected 0 or more, not all 0',
         ),
         (
             [],
             [],
-            'counts of the first distribution are [], allowed are 0 or more, not all 0',
+            'invalid counts [] of the first distribution: expected 0 or more, not all 0',
         ),
         (
             [1, 1],
             [1, 1, 1],
-            'aspects of the second distribution are 3, allowed is as many as the first has: 2',
+            'invalid number of aspects 3 of the second distribution: expected 2, as in the first',
         ),
     ],
 )
-def test_what_cannot_be_compared_is_refused_in_words(one, other, words):
+def test_error_for_counts_that_cannot_be_compared(one, other, words):
     with pytest.raises(InvalidValueError) as caught:
         compared(one, other)
     assert str(caught.value) == words
@@ -223,18 +223,20 @@ def test_what_cannot_be_compared_is_refused_in_words(one, other, words):
 @pytest.mark.parametrize(
     ('probabilities', 'words'),
     [
-        ([0.5, 0.6], 'probabilities are [0.5, 0.6], allowed are 0 or more that add up to 1'),
-        ([1.5, -0.5], 'probabilities are [1.5, -0.5], allowed are 0 or more that add up to 1'),
-        ([1.0, math.nan], 'probabilities are [1.0, nan], allowed are 0 or more that add up to 1'),
-        ([1.0], 'aspects of the estimate are 1, allowed is as many as the first has: 2'),
+        ([0.5, 0.6], 'invalid probabilities [0.5, 0.6]: expected 0 or more with a sum of 1'),
+        ([1.5, -0.5], 'invalid probabilities [1.5, -0.5]: expected 0 or more with a sum of 1'),
+        ([1.0, math.nan], 'invalid probabilities [1.0, nan]: expected 0 or more with a sum of 1'),
+        ([1.0], 'invalid number of aspects 1 of the estimate: expected 2, as in the first'),
     ],
 )
-def test_what_are_no_probabilities_is_refused_in_words(probabilities, words):
+def test_error_for_invalid_probabilities(probabilities, words):
     with pytest.raises(InvalidValueError) as caught:
         compare_with_exact(tally([5, 5]), probabilities, np.random.default_rng(1))
     assert str(caught.value) == words
 
 
-def test_a_confidence_that_is_not_allowed_is_refused():
-    with pytest.raises(InvalidValueError, match=r'^confidence is 1\.5, allowed is more than 0\.5'):
+def test_invalid_confidence_is_rejected():
+    with pytest.raises(
+        InvalidValueError, match=r'^invalid confidence 1\.5: expected more than 0\.5'
+    ):
         compared([5, 5], [5, 5], confidence=1.5)

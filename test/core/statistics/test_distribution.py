@@ -43,7 +43,7 @@ def poses(orientation, status):
 
 
 def wilson(count, n):
-    """Both bounds as in Wilson 1927, solved for p: (p - count/n)^2 = z^2 p (1 - p) / n."""
+    """Return both bounds of Wilson 1927: the solutions of (p - count/n)^2 = z^2 p (1 - p) / n."""
     z = norm.ppf(0.5 + CONFIDENCE / 2)
     p = count / n
     middle = (p + z**2 / (2 * n)) / (1 + z**2 / n)
@@ -66,7 +66,7 @@ def test_probability_is_count_over_all_drops_with_wilsons_interval(numbers, rest
 
 
 @given(st.data())
-def test_aspects_together_are_counted_as_one(data):
+def test_together_counts_several_aspects_as_one(data):
     numbers = data.draw(counts)
     ids = data.draw(st.lists(st.integers(1, len(numbers))))
     found = distribution(numbers, (1, 2, 3))
@@ -76,19 +76,19 @@ def test_aspects_together_are_counted_as_one(data):
     assert (share.lower, share.upper) == pytest.approx(wilson(count, found.drops), abs=1e-12)
 
 
-def test_an_aspect_together_with_no_other_has_its_own_interval():
+def test_together_of_one_aspect_is_its_own_interval():
     for by_precision in (False, True):
         found = dataclasses.replace(distribution([5, 10]), by_precision=by_precision)
         assert [found.together([k]) for k in (1, 2)] == found.intervals()
 
 
 @pytest.mark.parametrize('k', [0, 3, -1])
-def test_an_aspect_that_the_part_has_not_is_refused(k):
-    with pytest.raises(InvalidValueError, match=f'aspect is {k}, allowed is 1 to 2'):
+def test_unknown_aspect_id_is_rejected(k):
+    with pytest.raises(InvalidValueError, match=f'invalid aspect {k}: expected 1 to 2'):
         distribution([5, 10]).together([1, k])
 
 
-def test_a_textbook_interval():
+def test_textbook_interval():
     # 81 of 263: Newcombe 1998, table I.
     (each,) = distribution([81], (182, 0, 0)).intervals()
     assert (each.lower, each.upper) == pytest.approx((0.2553, 0.3662), abs=5e-5)
@@ -96,20 +96,20 @@ def test_a_textbook_interval():
 
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('confidence', [0.9, 0.99])
-def test_intervals_of_another_method_or_confidence_have_all_drops_for_their_n(method, confidence):
+def test_every_interval_method_uses_all_drops_as_n(method, confidence):
     counted = distribution([30, 0, 50], (7, 8, 5))
     found = dataclasses.replace(counted, interval=method, confidence=confidence).intervals()
     assert found == intervals([30, 0, 50], 100, method, confidence)
     assert [each.probability for each in found] == [0.3, 0.0, 0.5]
 
 
-def test_without_drops_nothing_is_known(aspects):
+def test_without_drops_intervals_are_zero_to_one(aspects):
     nothing = no_drops(aspects)
     assert nothing.drops == 0
     assert [(i.probability, i.lower, i.upper) for i in nothing.intervals()] == [(0, 0, 1)] * 5
 
 
-def test_an_aspect_never_seen_has_an_upper_bound_and_one_always_seen_a_lower(aspects):
+def test_bounds_of_aspects_seen_never_or_always(aspects):
     never, always = distribution([0, 1000]).intervals()
     z = norm.ppf(0.975)
     assert (never.lower, always.upper) == (0, 1)
@@ -119,9 +119,9 @@ def test_an_aspect_never_seen_has_an_upper_bound_and_one_always_seen_a_lower(asp
 
 @pytest.mark.parametrize('p', [0.01, 0.25, 0.5, 0.9])
 @pytest.mark.parametrize('n', [100, 1000])
-def test_the_interval_covers_the_truth_about_as_often_as_it_says(n, p):
-    # Exactly, over all counts, not by sampling. Counts are whole, so the coverage swings about
-    # the nominal 0.95; by less than 0.05 where n p is 1 or more.
+def test_interval_has_about_its_nominal_coverage(n, p):
+    # The coverage is computed exactly, over all counts. Counts are integers: it oscillates about
+    # the nominal 0.95, by less than 0.05 where n p is 1 or more.
     k = np.arange(n + 1)
     covered = [low <= p <= high for low, high in (wilson(count, n) for count in k)]
     ours = [distribution([c, n - c]).intervals()[0] for c in k]
@@ -130,7 +130,7 @@ def test_the_interval_covers_the_truth_about_as_often_as_it_says(n, p):
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 300))
-def test_every_pose_is_counted_exactly_once(aspects, seed, n):
+def test_each_pose_is_counted_exactly_once(aspects, seed, n):
     generator = np.random.default_rng(seed)
     at_rest = np.array([a.orientation for a in aspects.aspects])
     orientation = np.where(
@@ -150,20 +150,20 @@ def test_every_pose_is_counted_exactly_once(aspects, seed, n):
     assert found.drops == n
 
 
-def test_a_drop_that_did_not_settle_counts_in_no_aspect_even_if_it_looks_like_one(aspects):
+def test_unsettled_drop_is_in_no_aspect_even_if_its_pose_fits(aspects):
     show = aspects.aspects[0].orientation
     found = count_poses(aspects, poses([show] * 4, [0, 1, 2, 1]))
     assert found.counts.tolist() == [1, 0, 0, 0, 0]
     assert (found.unclassified, found.unsettled, found.failed, found.drops) == (0, 2, 1, 4)
 
 
-def test_a_part_without_aspects_leaves_all_drops_unclassified():
+def test_all_drops_of_a_part_without_aspects_are_unclassified():
     found = count_poses(AspectSet('a', ()), poses([[0, 0, 0, 1]] * 3, [0, 0, 1]))
     assert (found.counts.tolist(), found.unclassified, found.unsettled) == ([], 2, 1)
     assert found.intervals() == []
 
 
-def test_distributions_over_different_drops_add_up(aspects):
+def test_distributions_of_different_drops_can_be_added(aspects):
     generator = np.random.default_rng(4)
     all_poses = poses(random_orientations(generator, 500), generator.choice([0, 1, 2], 500))
     whole = count_poses(aspects, all_poses)
@@ -178,7 +178,7 @@ def test_distributions_over_different_drops_add_up(aspects):
     assert total.energy_growth == whole.energy_growth == 4.99
 
 
-def test_distributions_of_different_parts_are_not_added(aspects):
+def test_distributions_of_different_parts_cannot_be_added(aspects):
     other = no_drops(AspectSet('another', aspects.aspects))
     with pytest.raises(ValueError, match=r'^distributions of different parts cannot be added$'):
         no_drops(aspects) + other

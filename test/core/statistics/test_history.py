@@ -11,7 +11,7 @@ from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import random_orientations
 from resting_aspects_ros.core.statistics.distribution import aspect_ids, count_poses
-from resting_aspects_ros.core.statistics.history import FIRST_LOOK, History
+from resting_aspects_ros.core.statistics.history import FIRST_SAMPLE, History
 
 
 @pytest.fixture(scope='module')
@@ -46,16 +46,16 @@ def test_counts_are_those_of_the_first_drops(aspects, poses, cuts, end):
         np.testing.assert_array_equal(row, count_poses(aspects, poses.between(0, n)).counts)
 
 
-def test_ten_looks_for_each_digit(aspects, poses):
+def test_ten_samples_for_each_factor_of_ten(aspects, poses):
     history = History(aspects)
     history.add(aspect_ids(aspects, poses))
     drops, counts = history.points()
     assert drops[:3].tolist() == [10, 13, 16]
-    assert set(drops.tolist()) >= {FIRST_LOOK, 100, 1000, 3000}
+    assert set(drops.tolist()) >= {FIRST_SAMPLE, 100, 1000, 3000}
     assert len(drops) == len(counts) == 26
 
 
-def test_without_drops_there_are_no_points(aspects):
+def test_history_without_drops_is_empty(aspects):
     drops, counts = History(aspects).points()
     assert drops.shape == (0,)
     assert counts.shape == (0, 5)

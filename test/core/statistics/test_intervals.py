@@ -17,12 +17,12 @@ methods = pytest.mark.parametrize('method', METHODS)
 
 
 def five_standard_errors(runs, share):
-    """How far a share that is counted in so many runs may be off."""
+    """Return the tolerance of a share that is counted in this number of runs."""
     return 5 * math.sqrt(share * (1 - share) / runs)
 
 
 def together(truth, drops, method, confidence, runs, seed):
-    """The share of simulated runs in which the intervals of all aspects hold."""
+    """Return the share of simulated runs in which the intervals of all aspects hold."""
     truth = np.array(truth)
     rest = max(0.0, 1 - truth.sum())
     counts = np.random.default_rng(seed).multinomial(drops, [*truth, rest], size=runs)[:, :-1]
@@ -31,7 +31,7 @@ def together(truth, drops, method, confidence, runs, seed):
 
 
 @given(counted, st.integers(0, 1000), confidences)
-def test_wilson_is_scipys(counts, rest, confidence):
+def test_wilson_agrees_with_scipy(counts, rest, confidence):
     drops = sum(counts) + rest
     if drops == 0:
         return
@@ -43,7 +43,7 @@ def test_wilson_is_scipys(counts, rest, confidence):
 
 
 @given(counted, st.integers(0, 1000), confidences)
-def test_simultaneous_is_scipys_exact_interval_with_the_error_shared_out(counts, rest, confidence):
+def test_simultaneous_agrees_with_exact_scipy_and_bonferroni(counts, rest, confidence):
     drops = sum(counts) + rest
     if drops == 0:
         return
@@ -64,8 +64,8 @@ def test_simultaneous_is_scipys_exact_interval_with_the_error_shared_out(counts,
         (1, 29, (0.0061, 0.1718), (0.0009, 0.1776)),
     ],
 )
-def test_published_examples(count, drops, wilson, exact):
-    # Of one aspect alone, simultaneous is exact.
+def test_published_intervals(count, drops, wilson, exact):
+    # For a single aspect, the simultaneous interval is the exact one.
     for method, expected in (('wilson', wilson), ('simultaneous', exact)):
         (found,) = intervals([count], drops, method)
         assert (found.lower, found.upper) == pytest.approx(expected, abs=5e-5)
@@ -73,7 +73,7 @@ def test_published_examples(count, drops, wilson, exact):
 
 @methods
 @given(counted, st.integers(0, 1000), confidences)
-def test_an_interval_holds_the_share_and_grows_with_confidence(method, counts, rest, confidence):
+def test_interval_contains_the_share_and_grows_with_confidence(method, counts, rest, confidence):
     drops = sum(counts) + rest
     narrow = intervals(counts, drops, method, confidence)
     wide = intervals(counts, drops, method, (1 + confidence) / 2)
@@ -85,7 +85,7 @@ def test_an_interval_holds_the_share_and_grows_with_confidence(method, counts, r
 
 
 @given(counted, st.integers(0, 1000))
-def test_all_at_once_is_wider_than_each_exact_interval_alone(counts, rest):
+def test_simultaneous_is_wider_than_single_exact_intervals(counts, rest):
     drops = sum(counts) + rest
     every = intervals(counts, drops, 'simultaneous')
     for count, one in zip(counts, every, strict=True):
@@ -95,7 +95,7 @@ def test_all_at_once_is_wider_than_each_exact_interval_alone(counts, rest):
 
 
 @methods
-def test_many_runs_at_once_are_the_same_as_one_by_one(method):
+def test_bounds_of_many_runs_agree_with_single_runs(method):
     generator = np.random.default_rng(1)
     drops = np.array([0, 1, 20, 1000])
     counts = np.array([generator.multinomial(n, [0.5, 0.3, 0.2])[:2] for n in drops])
@@ -107,15 +107,15 @@ def test_many_runs_at_once_are_the_same_as_one_by_one(method):
 
 
 @methods
-def test_without_drops_nothing_is_known_and_without_aspects_there_is_nothing(method):
+def test_intervals_without_drops_or_without_aspects(method):
     assert intervals([0, 0], 0, method) == [Interval(0.0, 0.0, 1.0)] * 2
     assert intervals([], 100, method) == []
 
 
 @pytest.mark.parametrize('drops', [250, 1000, 2375])
-def test_wilson_covers_on_the_mean_over_probabilities_what_it_says(drops):
-    # Exactly, over all counts. The mean over p leaves only what the steps of whole counts do not
-    # even out, less than 0.002 from 250 drops on.
+def test_mean_coverage_of_wilson_is_nominal(drops):
+    # The coverage is computed exactly, over all counts. Because counts are integers, its mean over
+    # p deviates from the nominal one by less than 0.002 from 250 drops on.
     p = np.linspace(10 / drops, 1 - 10 / drops, 501)[:, None]
     count = np.arange(drops + 1)
     lower, upper = bounds(np.stack([count, drops - count], axis=-1), drops)
@@ -125,9 +125,9 @@ def test_wilson_covers_on_the_mean_over_probabilities_what_it_says(drops):
     assert covered.min() > 0.93
 
 
-def test_wilson_covers_less_where_a_fifth_of_a_drop_is_expected():
-    # As the module says; the fault of the method is known (Brown, Cai, DasGupta 2001). Count 1
-    # has a lower bound of 0.1765 / n, so just below it every run with a drop in it misses.
+def test_wilson_coverage_is_low_for_a_fifth_of_a_drop():
+    # This weakness of the method is known (Brown, Cai, DasGupta 2001). The lower bound of count 1
+    # is 0.1765 / n, so just below it the interval of every run with a drop misses the truth.
     expected = 0.17
     missed = 1 - math.exp(-expected)
     found = together([expected / 1000], 1000, 'wilson', 0.95, 20_000, seed=2)
@@ -147,14 +147,15 @@ DISTRIBUTIONS = {
 @pytest.mark.parametrize('confidence', [0.8, 0.95, 0.99])
 @pytest.mark.parametrize('drops', [100, 1000])
 @pytest.mark.parametrize('name', DISTRIBUTIONS)
-def test_simultaneous_intervals_hold_together_as_often_as_they_say(name, drops, confidence):
+def test_simultaneous_intervals_have_their_nominal_coverage(name, drops, confidence):
     runs = 4000
     held = together(DISTRIBUTIONS[name], drops, 'simultaneous', confidence, runs, seed=3)
     assert held >= confidence - five_standard_errors(runs, confidence)
 
 
-def test_goodmans_intervals_would_not():
-    # Why `simultaneous` is not Goodman's: Wilson's, with a share of the error for each of k.
+def test_goodmans_intervals_have_less_than_nominal_coverage():
+    # The reason why `simultaneous` is not Goodman's method, which divides the error of Wilson's
+    # interval by k.
     truth = DISTRIBUTIONS['nineteen rarer']
     k = len(truth)
     assert together(truth, 1000, 'wilson', 1 - 0.05 / k, 4000, seed=4) < 0.3
@@ -164,28 +165,31 @@ def test_goodmans_intervals_would_not():
 @pytest.mark.parametrize(
     ('asked', 'words'),
     [
-        ({'method': 'wald'}, "interval is 'wald', allowed is wilson or simultaneous"),
-        ({'method': ''}, "interval is '', allowed is wilson or simultaneous"),
-        ({'confidence': 0.5}, 'confidence is 0.5, allowed is more than 0.5 and less than 1'),
-        ({'confidence': 1}, 'confidence is 1, allowed is more than 0.5 and less than 1'),
-        ({'confidence': 95}, 'confidence is 95, allowed is more than 0.5 and less than 1'),
-        ({'confidence': True}, 'confidence is True, allowed is more than 0.5 and less than 1'),
-        ({'confidence': '0.9'}, "confidence is '0.9', allowed is more than 0.5 and less than 1"),
+        ({'method': 'wald'}, "invalid interval 'wald': expected wilson or simultaneous"),
+        ({'method': ''}, "invalid interval '': expected wilson or simultaneous"),
+        ({'confidence': 0.5}, 'invalid confidence 0.5: expected more than 0.5 and less than 1'),
+        ({'confidence': 1}, 'invalid confidence 1: expected more than 0.5 and less than 1'),
+        ({'confidence': 95}, 'invalid confidence 95: expected more than 0.5 and less than 1'),
+        ({'confidence': True}, 'invalid confidence True: expected more than 0.5 and less than 1'),
+        (
+            {'confidence': '0.9'},
+            "invalid confidence '0.9': expected more than 0.5 and less than 1",
+        ),
         (
             {'confidence': math.nan},
-            'confidence is nan, allowed is more than 0.5 and less than 1',
+            'invalid confidence nan: expected more than 0.5 and less than 1',
         ),
         (
             {'counts': [3, -1]},
-            'counts are [3, -1], allowed are 0 or more, in all at most the drops: 10',
+            'invalid counts [3, -1]: expected 0 or more, at most 10 in total',
         ),
         (
             {'counts': [6, 5]},
-            'counts are [6, 5], allowed are 0 or more, in all at most the drops: 10',
+            'invalid counts [6, 5]: expected 0 or more, at most 10 in total',
         ),
     ],
 )
-def test_what_is_not_allowed_is_refused_in_words(asked, words):
+def test_error_for_invalid_argument(asked, words):
     with pytest.raises(InvalidValueError) as caught:
         intervals(**({'counts': [1, 2], 'drops': 10} | asked))
     assert str(caught.value) == words
