@@ -1,4 +1,4 @@
-"""A part standing on the tray in each of its aspects, side by side."""
+"""Poses that show a part on the tray in each of its aspects, side by side."""
 
 import dataclasses
 import math
@@ -12,19 +12,21 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array, down_in_part, rotate
 from resting_aspects_ros.report.coarse_mesh import Indices, coarse_faces
 
-# Between neighbours' centres of mass, R: no part reaches further than R from its own.
+# Distance between neighbouring centres of mass, hull radii R: no point of a part is further than
+# R from its centre of mass.
 PITCH = 2.5
-# Aspects in a row; of more than its square the rows are so long that they make a square.
+# Aspects in a row of the grid. More than ROW * ROW aspects are arranged in a square.
 ROW = 6
-# Triangles of all aspects together: 1.4 MB of a message, which is 20 ms of work to send.
+# Maximum number of triangles of all aspects together: a message of 1.4 MB, sent in 20 ms.
 MAX_TRIANGLES = 20_000
-# However many aspects there are, each is shown with up to so many.
+# The limit for one aspect is never lower than this, however many aspects there are.
 MIN_TRIANGLES = 100
-# Triangles of a picture, and of the view in a page: finer ones are smaller than its pixels.
-MAX_OF_PICTURES = 50_000
-# Vertices so close to the surface are where the part touches it, R.
+# Maximum number of triangles in pictures and in the 3D view of a page: with more, triangles are
+# smaller than pixels.
+MAX_PICTURE_TRIANGLES = 50_000
+# Vertices this close to the surface touch it, R.
 _TOUCHING = 1e-6
-# Of those the outermost in so many directions stay when a mesh is made coarse.
+# A coarse mesh keeps the outermost touching vertices in these directions.
 _AZIMUTHS = np.arange(8) * (np.pi / 4)
 
 
@@ -33,9 +35,9 @@ class AspectPose:
     """A pose of the part on the surface z = 0 that shows an aspect; tray frame.
 
     position : (3,) float
-        Of the part frame, m.
+        Position of the part frame, m.
     orientation : (4,) float
-        Unit quaternion xyzw, tray from part: the aspect's.
+        Orientation of the aspect: unit quaternion xyzw, tray from part.
     centre_of_mass : (3,) float
         m.
     top : float
@@ -49,24 +51,24 @@ class AspectPose:
     top: float
 
 
-def stand(part: Part, aspects: Sequence[Aspect]) -> list[AspectPose]:
-    """Each aspect on its place: in order from left to right (x), row after row towards -y.
+def aspect_poses(part: Part, aspects: Sequence[Aspect]) -> list[AspectPose]:
+    """Return a pose for each aspect, in order from left to right (x), row by row towards -y.
 
-    The places are PITCH R apart, and their middle is the tray's origin.
+    The poses are PITCH R apart, and the grid is centred on the tray's origin.
     """
     places = _places(len(aspects)) * (PITCH * part.hull_radius)
-    return [_standing(part, a, place) for a, place in zip(aspects, places, strict=True)]
+    return [_pose_at(part, a, place) for a, place in zip(aspects, places, strict=True)]
 
 
-def sent_faces(part: Part, aspects: Sequence[Aspect]) -> Indices:
-    """(m, 3) faces of the part, fewer if they are too many to be sent for each aspect."""
-    most = max(MAX_TRIANGLES // max(len(aspects), 1), MIN_TRIANGLES)
-    return _shown_faces(part, aspects, most)
+def message_faces(part: Part, aspects: Sequence[Aspect]) -> Indices:
+    """Return (m, 3) faces of the part, coarse if a message of all aspects would be too large."""
+    max_faces = max(MAX_TRIANGLES // max(len(aspects), 1), MIN_TRIANGLES)
+    return _simplified_faces(part, aspects, max_faces)
 
 
-def shown_part(part: Part, aspects: Sequence[Aspect]) -> Part:
-    """The part for pictures: with a coarser mesh if it has too many triangles."""
-    faces = _shown_faces(part, aspects, MAX_OF_PICTURES)
+def picture_part(part: Part, aspects: Sequence[Aspect]) -> Part:
+    """Return the part for pictures: with a coarse mesh if it has too many triangles."""
+    faces = _simplified_faces(part, aspects, MAX_PICTURE_TRIANGLES)
     if faces is part.faces:
         return part
     used, number = np.unique(faces, return_inverse=True)
@@ -75,19 +77,19 @@ def shown_part(part: Part, aspects: Sequence[Aspect]) -> Part:
     )
 
 
-def _shown_faces(part: Part, aspects: Sequence[Aspect], most: int) -> Indices:
-    """Faces whose corners are vertices of the part, among them those on which it stands.
+def _simplified_faces(part: Part, aspects: Sequence[Aspect], max_faces: int) -> Indices:
+    """Return at most ``max_faces`` faces between vertices of the part.
 
-    So it touches the surface in every aspect, however coarse it is.
+    They keep vertices on which the part rests, so that it touches the surface in every aspect.
     """
-    if len(part.faces) <= most:
+    if len(part.faces) <= max_faces:
         return part.faces
     kept = [_touching(part, aspect) for aspect in aspects]
-    return coarse_faces(part.vertices, part.faces, most, np.unique(np.concatenate(kept)))
+    return coarse_faces(part.vertices, part.faces, max_faces, np.unique(np.concatenate(kept)))
 
 
 def _places(count: int) -> Array:
-    """(count, 2) x and y on a grid of unit steps around the origin."""
+    """Return (count, 2) x and y on a grid of unit steps around the origin."""
     columns = min(max(ROW, math.ceil(math.sqrt(count))), max(count, 1))
     number = np.arange(count)
     x, y = number % columns, -(number // columns)
@@ -95,7 +97,7 @@ def _places(count: int) -> Array:
     return np.stack([x - (columns - 1) / 2, y + (rows - 1) / 2], axis=-1)
 
 
-def _standing(part: Part, aspect: Aspect, place: Array) -> AspectPose:
+def _pose_at(part: Part, aspect: Aspect, place: Array) -> AspectPose:
     heights = _heights(part, aspect)
     centre = rotate(aspect.orientation, part.centre_of_mass[None])[0]
     position = np.append(place - centre[:2], -heights.min())
@@ -105,12 +107,12 @@ def _standing(part: Part, aspect: Aspect, place: Array) -> AspectPose:
 
 
 def _heights(part: Part, aspect: Aspect) -> Array:
-    """(n,) heights of the vertices above the part frame's origin, turned into the aspect, m."""
+    """Return the (n,) heights of the vertices above the origin of the part frame, m."""
     return np.asarray(part.vertices @ -down_in_part(aspect.orientation))
 
 
 def _touching(part: Part, aspect: Aspect) -> Indices:
-    """The outermost vertices that touch the surface, and one of the lowest."""
+    """Return the outermost vertices that touch the surface, and the lowest vertex."""
     heights = _heights(part, aspect)
     lowest = int(heights.argmin())
     near = np.flatnonzero(heights - heights[lowest] <= _TOUCHING * part.hull_radius)

@@ -1,4 +1,4 @@
-"""Clusters, and aspects beside them: tables in a terminal and a JSON document (angles in rad)."""
+"""Tables and a JSON document that compare clusters of poses with aspects (angles in rad)."""
 
 from collections.abc import Sequence
 
@@ -14,29 +14,29 @@ from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers, plain, 
 from resting_aspects_ros.report.rounding import direction_text, interval_of, outside_aspects
 from resting_aspects_ros.report.table import DOWN, NOTHING, plain_table, shares
 
-# Poses that are listed; the document has them all.
+# Maximum number of poses in the table of differences; the JSON document has all.
 MAX_DIFFERENCES = 20
-# So near an aspect of a part with flat sides, nothing but that aspect can be meant.
+# Within this angle of an aspect of a part with flat sides, no other aspect is possible.
 NEAR = np.radians(1.0)
 
-# Rows for single clusters; more are told in one.
+# Maximum number of rows for single clusters; the other clusters share one row.
 MAX_ROWS = 20
-# In place of a direction, of a cluster that has no mean one.
+# The cell for the direction of a cluster without a mean direction.
 RING = 'all round'
 
 Ids = npt.NDArray[np.int64]
 
 
 def cluster_intervals(distribution: Distribution, counts: np.ndarray) -> list[Interval]:
-    """The shares of clusters in all poses, each worked out once for each count that occurs."""
+    """Return the share of each cluster in all poses; equal counts are computed once."""
     by_count = {int(n): interval_of(distribution, int(n)) for n in np.unique(counts)}
     return [by_count[int(n)] for n in counts]
 
 
 def cluster_table(distribution: Distribution, clusters: Clusters, title: str) -> Table:
-    """A row for each of the largest clusters, then for the rest, then what did not settle.
+    """Return a table of the largest clusters, the other clusters, and the unsettled poses.
 
-    The counts of the distribution are those of the clusters.
+    ``distribution`` has the counts of the clusters in place of aspects.
     """
     percent = f'{100 * CONFIDENCE:g} % interval'
     table = plain_table(title, 'cluster', DOWN, 'spread\n(degrees)', 'share', percent, 'count')
@@ -61,7 +61,7 @@ def cluster_table(distribution: Distribution, clusters: Clusters, title: str) ->
 def agreement_table(
     distribution: Distribution, agreement: Agreement, clusters: Clusters, title: str
 ) -> Table:
-    """A row for each aspect, beside the cluster with most of its poses, then what is in none."""
+    """Return a table of the aspects, each beside the cluster with most of its poses."""
     percent = f'{100 * CONFIDENCE:g} % interval'
     table = plain_table(title, 'aspect', DOWN, 'share', percent, 'count', 'cluster:\nits count')
     drops = distribution.drops
@@ -87,27 +87,27 @@ def agreement_table(
 
 
 def agreement_line(agreement: Agreement, differences: Differences) -> str:
-    """On how many poses the two agree, and whether they do so wherever they must."""
+    """State on how many poses aspects and clusters agree, and whether on all near an aspect."""
     settled = len(agreement.agree)
     near = int(np.count_nonzero(differences.angle <= NEAR))
     where = f'within {np.degrees(NEAR):g} degree of an aspect'
     return (
         f'Aspects and clusters agree on {settled - len(differences)} of {settled} settled poses, '
-        + (f'but not on {near} {where}.' if near else f'and on every one {where}.')
+        + (f'but differ on {near} {where}.' if near else f'including all poses {where}.')
     )
 
 
 def differences_table(
     differences: Differences, clusters: Clusters, index: Ids, line: Ids
 ) -> Table:
-    """The first poses on which the two differ.
+    """Return a table of the first poses on which aspects and clusters differ.
 
-    index, line : (n,) int, of all poses that were compared: their indices and lines in the file.
+    index, line : (n,) int, indices of all compared poses, and their lines in the file.
     """
     shown = min(len(differences), MAX_DIFFERENCES)
-    of = '' if shown == len(differences) else f' of {len(differences)} (--json has all)'
+    total = '' if shown == len(differences) else f' of {len(differences)}, --json lists all'
     table = plain_table(
-        f'They differ on {shown}{of}:',
+        f'Differing poses ({shown}{total}):',
         'pose',
         'line',
         'nearest\naspect',
@@ -134,10 +134,10 @@ def differences_table(
 def cluster_document(
     distribution: Distribution, clusters: Clusters, tolerance: float
 ) -> dict[str, object]:
-    """What is known without the part.
+    """Return the document of the clusters, for which the part is not needed.
 
-    The counts of the distribution are those of the clusters; ``down_in_part`` is the mean
-    direction, null where there is none; the tolerance in rad.
+    ``distribution`` has the counts of the clusters; ``down_in_part`` is the mean direction, null
+    if there is none; ``tolerance`` is in rad.
     """
     return {
         'schema_version': SCHEMA_VERSION,
@@ -167,9 +167,9 @@ def agreement_fields(
     differences: Differences,
     places: Sequence[Ids],
 ) -> dict[str, object]:
-    """What the part adds: aspects beside their clusters, and where the two differ.
+    """Return the fields that need the part: aspects with their clusters, and differences.
 
-    places : two of (n,) int, indices and lines of all poses that were compared, in their file.
+    places : two of (n,) int, indices of all compared poses, and their lines in the file.
     """
     index, line = places
     rows = zip(

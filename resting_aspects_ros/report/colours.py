@@ -1,9 +1,9 @@
-"""One colour for each aspect, the same in every picture; aspects that look alike share one."""
+"""The colour of each symmetry class, the same in every picture."""
 
 from resting_aspects_ros.core.aspects.aspect_set import Aspect
 
-# The first seven are Okabe and Ito's (2008). Any two, and the grey, differ by more than 10 in
-# CIELAB also to people who see no red or no green.
+# The first seven are from Okabe and Ito (2008). Any two of these colours, and the grey, differ by
+# more than 10 in CIELAB, also for viewers with red or green colour blindness.
 COLOURS = (
     '#0072B2',
     '#E69F00',
@@ -16,22 +16,22 @@ COLOURS = (
     '#B9D98B',
     '#4A3FD0',
 )
-GREY = '#B8B8B8'  # what is in no aspect
+GREY = '#B8B8B8'  # for drops in no aspect
 
 
-# The second ten are these made lighter, the third darker, and so on: towards which, and how far.
-_ROUNDS = ((0.0, 0.0), (1.0, 0.5), (0.0, 0.4))
+# After the ten colours follow ten lighter and ten darker ones: white or black, and its share.
+_SHADES = ((0.0, 0.0), (1.0, 0.5), (0.0, 0.4))
 
 
 def aspect_colour(aspect: Aspect) -> str:
-    """'#RRGGBB', by symmetry class; they repeat after three times ten."""
-    turn, k = divmod(aspect.symmetry_class - 1, len(COLOURS))
-    towards, far = _ROUNDS[turn % len(_ROUNDS)]
-    mixed = [round(255 * (c + (towards - c) * far)) for c in rgb(COLOURS[k])]
+    """Return the colour of the aspect's symmetry class as '#RRGGBB'; 30 colours repeat."""
+    shade, k = divmod(aspect.symmetry_class - 1, len(COLOURS))
+    target, share = _SHADES[shade % len(_SHADES)]
+    mixed = [round(255 * (c + (target - c) * share)) for c in rgb(COLOURS[k])]
     return '#{:02X}{:02X}{:02X}'.format(*mixed)
 
 
 def rgb(colour: str) -> tuple[float, float, float]:
-    """Red, green and blue of '#RRGGBB', 0 to 1."""
+    """Return red, green and blue of '#RRGGBB', each from 0 to 1."""
     red, green, blue = (int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5))
     return red, green, blue

@@ -1,4 +1,4 @@
-"""Two distributions side by side: a table in a terminal and a JSON document."""
+"""A terminal table and a JSON document that compare two distributions, A and B."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,20 +15,22 @@ from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers
 from resting_aspects_ros.report.rounding import decimals_of, direction_text, points
 from resting_aspects_ros.report.table import DOWN, NOTHING, plain_table
 
-# With more decimals, which a million drops allow, the table would not fit 80 columns.
+# A million drops justify more decimals, but the table would not fit 80 columns.
 MAX_DECIMALS = 2
 
 
 @dataclass(frozen=True, eq=False)
 class ComparedResults:
-    """What was compared.
+    """The two sides of a comparison.
 
     ids : tuple of int
-        Of the aspects.
+        Ids of the aspects or symmetry classes.
     what : str
-        Whether the ids are those of aspects or of symmetry classes.
+        Whether the ids are of aspects or of symmetry classes.
     down : (k, 3) float
-        Unit vectors of gravity, part frame; NaN where the part rolls. None if not known.
+        Unit vectors of gravity, part frame; NaN if the part rolls. None if not known.
+    a, b : DropCounts
+        Counts of the two sides.
     """
 
     ids: tuple[int, ...]
@@ -39,17 +41,17 @@ class ComparedResults:
 
     @property
     def tallies(self) -> tuple[DropCounts, DropCounts]:
-        """Both."""
+        """The counts of both sides."""
         return self.a, self.b
 
     def down_of(self, k: int) -> list[float] | None:
-        """Of the aspect at place ``k``; None if it is not known, or the part rolls."""
+        """Return the down direction of row ``k``; None if it is not known, or the part rolls."""
         if self.down is None or np.isnan(self.down[k]).any():
             return None
         return numbers(self.down[k])
 
     def shares(self, confidence: float) -> list[list[Interval]]:
-        """Of each, the share of each aspect in the drops that are in one."""
+        """Return, for each side, the share of each aspect in the drops that are in an aspect."""
         return [
             intervals(tally.counts, int(tally.counts.sum()), confidence=confidence)
             for tally in self.tallies
@@ -57,18 +59,18 @@ class ComparedResults:
 
 
 def comparison_table(comparison: Comparison, sides: ComparedResults, title: str) -> Table:
-    """A row for each aspect, then for what is in none.
+    """Return a table with a row for each aspect, and for each outcome in no aspect.
 
-    It fits 80 columns, and its cells are ASCII. Shares of aspects are of the drops that are in
-    one, other shares of all drops.
+    It fits 80 columns, and its cells are ASCII. Shares of aspects refer to the drops in an
+    aspect, other shares to all drops.
 
     Parameters
     ----------
     comparison : Comparison
-        Of the two sides.
-    sides : Sides
+        The comparison of the two sides.
+    sides : ComparedResults
     title : str
-        Plain text, shown above.
+        Plain text, shown above the table.
     """
     percent = f'{100 * comparison.confidence:.10g} %'
     table = plain_table(
@@ -79,7 +81,7 @@ def comparison_table(comparison: Comparison, sides: ComparedResults, title: str)
         f'{percent}\ninterval of A',
         'B\n(%)',
         'A - B\n(%)',
-        f'{percent}\nall at once',
+        f'{percent}\nsimultaneous',
     )
     rows = zip(*sides.shares(comparison.confidence), strict=True)
     for k, (a, b) in enumerate(rows):
@@ -106,7 +108,7 @@ def comparison_table(comparison: Comparison, sides: ComparedResults, title: str)
 
 
 def measures_text(comparison: Comparison, sides: ComparedResults) -> str:
-    """How far they are apart in all, and whether chance explains it, in lines."""
+    """Return lines that state how much the sides differ, and whether chance explains it."""
     aspect = sides.ids[comparison.largest_aspect - 1]
     deviation = f'{100 * comparison.largest_deviation + 0.0:+.3g}'
     _, bounds = _deviation_texts(
@@ -120,7 +122,7 @@ def measures_text(comparison: Comparison, sides: ComparedResults) -> str:
         'largest deviation': f'{deviation} % in {sides.what} {aspect} ({bounds} %)',
         'mean absolute deviation': f'{100 * comparison.mean_deviation:.3g} % over {many}',
         'p value': f'{p_value} by {by}',
-        '': 'how often chance alone makes a difference like this one',
+        '': 'how often chance alone gives a difference this large',
     }
     counted = (f'{tally.counts.sum()} of {tally.drops}' for tally in sides.tallies)
     rows['drops in aspects'] = 'A {}, B {}'.format(*counted)
@@ -136,7 +138,7 @@ def _down_text(sides: ComparedResults, k: int) -> str:
 
 
 def _share_texts(interval: Interval) -> tuple[str, str]:
-    """Share and interval, in percent."""
+    """Return share and interval in percent."""
     decimals = min(decimals_of(interval), MAX_DECIMALS - (interval.upper > 0.99995))
     share, low, high = (
         f'{100 * x:.{decimals}f}' if x else '0'
@@ -146,29 +148,29 @@ def _share_texts(interval: Interval) -> tuple[str, str]:
 
 
 def _deviation_texts(interval: Interval) -> tuple[str, str]:
-    """Deviation and bounds, in percent and with signs.
+    """Return deviation and bounds in percent, with signs.
 
-    The deviation has a digit more: it is what was counted, and its bounds are of what is true.
+    The deviation has one digit more than its bounds, because it is computed from exact counts.
     """
-    most = MAX_DECIMALS if max(-interval.lower, interval.upper) < 0.1 else MAX_DECIMALS - 1
-    known = decimals_of(interval)
-    low, high = (points(x, min(known, most)) for x in (interval.lower, interval.upper))
-    return points(interval.probability, min(known + 1, most)), f'{low} to {high}'
+    limit = MAX_DECIMALS if max(-interval.lower, interval.upper) < 0.1 else MAX_DECIMALS - 1
+    decimals = decimals_of(interval)
+    low, high = (points(x, min(decimals, limit)) for x in (interval.lower, interval.upper))
+    return points(interval.probability, min(decimals + 1, limit)), f'{low} to {high}'
 
 
 def comparison_document(
-    comparison: Comparison, sides: ComparedResults, said: Mapping[str, Mapping[str, object]]
+    comparison: Comparison, sides: ComparedResults, inputs: Mapping[str, Mapping[str, object]]
 ) -> dict[str, object]:
-    """The comparison as a JSON document; shares from 0 to 1, nothing rounded.
+    """Return the comparison as a JSON document; shares are from 0 to 1, and not rounded.
 
-    said : under ``a`` and ``b`` what each is: file, part, drops, ...
+    inputs : the fields that describe each side, under ``a`` and ``b``: file, part, drops, ...
     """
     shares = sides.shares(comparison.confidence)
     lower, upper = comparison.largest_bounds
     return {
         'schema_version': SCHEMA_VERSION,
         **{
-            name: {**said[name], **{outcome: getattr(tally, outcome) for outcome in REST}}
+            name: {**inputs[name], **{outcome: getattr(tally, outcome) for outcome in REST}}
             for name, tally in zip('ab', sides.tallies, strict=True)
         },
         'confidence': comparison.confidence,

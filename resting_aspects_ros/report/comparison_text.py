@@ -1,4 +1,4 @@
-"""What a page says of drops beside other counts of the same part."""
+"""The texts of a page that compare simulated drops with other counts of the same part."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from resting_aspects_ros.report.rows import Row
 
 @dataclass(frozen=True, eq=False)
 class ReferenceCounts:
-    """What the drops are held against, counted by symmetry class.
+    """Simulated and reference counts of the symmetry classes, and their comparison.
 
     name : str
-        Of the file.
-    own, tally : Tally
-        Of the drops, and of the others.
+        Name of the file with the reference counts.
+    own, tally : DropCounts
+        The simulated counts, and the reference counts.
     comparison : Comparison
-        Of the two.
+        The comparison of the two.
     """
 
     name: str
@@ -34,11 +34,11 @@ class ReferenceCounts:
     comparison: Comparison
 
     def sides(self) -> list[tuple[str, list[Interval]]]:
-        """Words for each of the two sides, and its shares of the drops that are in an aspect."""
+        """Return the label of each side, and the shares in its drops that are in an aspect."""
         confidence = self.comparison.confidence
         return [
             (
-                f'{name}, {tally.counts.sum()} of {tally.drops} drops are in an aspect',
+                f'{name}, {tally.counts.sum()} of {tally.drops} drops in an aspect',
                 intervals(tally.counts, int(tally.counts.sum()), confidence=confidence),
             )
             for name, tally in (('simulated', self.own), (self.name, self.tally))
@@ -47,7 +47,7 @@ class ReferenceCounts:
 
 @dataclass(frozen=True)
 class ComparisonText:
-    """A comparison as a reader sees it, in percent and percentage points.
+    """The texts of a comparison, in percent and percentage points.
 
     rows : tuple of (str, str, str, str)
         Name, simulated, measured, difference.
@@ -61,9 +61,9 @@ class ComparisonText:
 
 
 def comparison_text(measured: ReferenceCounts, rows: Sequence[Row]) -> ComparisonText:
-    """The comparison in words; ``rows`` are those of the classes."""
-    found = measured.comparison
-    differences = difference_texts(found)
+    """Return the texts of the comparison; ``rows`` are the rows of the symmetry classes."""
+    comparison = measured.comparison
+    differences = difference_texts(comparison)
     (_, simulated), (_, counted) = measured.sides()
     lines: list[tuple[str, ...]] = [
         (row.name, probability_text(a), probability_text(b), difference)
@@ -75,46 +75,45 @@ def comparison_text(measured: ReferenceCounts, rows: Sequence[Row]) -> Compariso
             drops = measured.own.drops, measured.tally.drops
             shares = [intervals([c], n)[0] for c, n in zip(counts, drops, strict=True)]
             lines.append((f'{name}, of all drops', *map(probability_text, shares), ''))
-    largest = found.largest_aspect - 1
+    largest = comparison.largest_aspect - 1
     return ComparisonText(
-        verdict(found, [row.name for row in rows]),
+        verdict(comparison, [row.name for row in rows]),
         tuple(lines),
-        f'{100 * found.mean_deviation:.1f}',
-        f'{differences[largest].split(" ")[0]} points, {rows[largest].name}',
-        chance_text(found.p_value),
+        f'{100 * comparison.mean_deviation:.1f}',
+        f'{differences[largest].split(" ")[0]} points in {rows[largest].name}',
+        chance_text(comparison.p_value),
     )
 
 
-def difference_texts(found: Comparison) -> list[str]:
-    """Of each class, as '+3.1 (-0.9 to +7.0)', in percentage points."""
-    return [
-        points_text(float(d), float(low), float(high))
-        for d, low, high in zip(found.deviation, found.lower, found.upper, strict=True)
-    ]
+def difference_texts(comparison: Comparison) -> list[str]:
+    """Return the difference of each class in percentage points, as '+3.1 (-0.9 to +7.0)'."""
+    bounds = zip(comparison.deviation, comparison.lower, comparison.upper, strict=True)
+    return [points_text(float(d), float(low), float(high)) for d, low, high in bounds]
 
 
-def verdict(found: Comparison, names: Sequence[str]) -> str:
-    """Whether the two differ by more than chance explains, and where most, in a sentence.
+def verdict(comparison: Comparison, names: Sequence[str]) -> str:
+    """State whether the sides differ by more than chance explains, and where they differ most.
 
     Parameters
     ----------
-    found : Comparison
-        At its confidence.
+    comparison : Comparison
+        Its confidence is the level of the test.
     names : sequence of str
-        Of the aspects or classes.
+        Names of the aspects or classes.
     """
-    if found.p_value >= 1 - found.confidence:
-        return f'The two agree within chance ({p_text(found.p_value)}).'
-    deviation = found.largest_deviation
-    ends = np.sort(np.sign(deviation) * np.array(found.largest_bounds))
-    decimals = min(decimals_of(Interval(0, *found.largest_bounds)), 1)
+    p_value = comparison.p_value
+    if p_value >= 1 - comparison.confidence:
+        return f'The distributions do not differ significantly ({p_text(p_value)}).'
+    deviation, bounds = comparison.largest_deviation, comparison.largest_bounds
+    ends = np.sort(np.sign(deviation) * np.array(bounds))
+    decimals = min(decimals_of(Interval(0, *bounds)), 1)
     size, low, high = (f'{100 * x + 0.0:.{decimals}f}' for x in (abs(deviation), *ends))
     return (
-        f'They differ: {names[found.largest_aspect - 1]} by {size} points '
-        f'({100 * found.confidence:.10g} % interval {low} to {high}; {p_text(found.p_value)}).'
+        f'They differ by {size} points in {names[comparison.largest_aspect - 1]} '
+        f'({100 * comparison.confidence:.10g} % interval {low} to {high}; {p_text(p_value)}).'
     )
 
 
 def p_text(p_value: float) -> str:
-    """'p = 0.031' or 'p < 0.0001'."""
+    """Return 'p = 0.031' or 'p < 0.0001'."""
     return f'p = {p_value:.2g}' if p_value >= 1e-4 else 'p < 0.0001'

@@ -1,4 +1,4 @@
-"""A distribution as a JSON document: the fields of the message AspectDistribution, SI units."""
+"""JSON documents of distributions and aspects: fields of the ROS messages, in SI units."""
 
 import dataclasses
 import json
@@ -23,27 +23,27 @@ SCHEMA_VERSION = 1
 def distribution_document(
     distribution: Distribution, run: Mapping[str, object], part: Part | None = None
 ) -> dict[str, object]:
-    """All that is known of a distribution, of plain types that JSON has. Nothing is rounded.
+    """Return a distribution as a document of plain JSON types. Nothing is rounded.
 
     Parameters
     ----------
     distribution : Distribution
     run : mapping
-        What the drops were: part, hashes, method, seed, conditions, engine, ... in SI units.
-        Arrays become lists, dataclasses objects, an enumeration's member its name, and a number
-        that JSON does not have (nan, infinite) null. What this document counts itself, such as
-        ``drops``, replaces a field of the same name.
+        Description of the run: part, hashes, method, seed, conditions, engine, ... in SI units.
+        Arrays become lists, dataclasses objects, members of enumerations their names, and numbers
+        that JSON does not have (nan, infinity) null. Fields that the distribution defines, such
+        as ``drops``, replace fields of the same name.
     part : Part, optional
-        Of the aspects, for ``rests_on``.
+        The part of the aspects, for ``rests_on``.
 
     Returns
     -------
     dict
-        ``schema_version``, the fields of ``run``, the counts of drops, what the intervals are,
+        ``schema_version``, the fields of ``run``, the counts of drops, the kind of the intervals,
         and ``aspects`` by id with the fields of the message Aspect: ``com_height`` m,
         ``support`` m on the surface below the centre of mass, ``orientation`` xyzw, tray from
         part, ``down_in_part`` a unit vector, part frame, ``min_barrier`` m, null without another
-        aspect. And ``classes``, the symmetry classes, whose counts are sums.
+        aspect. ``classes`` are the symmetry classes, whose counts are sums.
     """
     rows = zip(
         distribution.aspects.aspects, distribution.counts, distribution.intervals(), strict=True
@@ -75,12 +75,12 @@ def distribution_document(
             for members, count, interval in class_rows
         ],
     }
-    given = {str(name): plain(value) for name, value in run.items() if name not in own}
-    return {'schema_version': SCHEMA_VERSION} | given | own
+    from_run = {str(name): plain(value) for name, value in run.items() if name not in own}
+    return {'schema_version': SCHEMA_VERSION} | from_run | own
 
 
 def aspects_document(part: Part, aspects: AspectSet) -> dict[str, object]:
-    """What a part's shape says, without a drop: its symmetry, and its aspects by id."""
+    """Return what follows from a part's shape alone: its symmetry, and its aspects by id."""
     document: dict[str, object] = {
         'schema_version': SCHEMA_VERSION,
         'part': part.name,
@@ -99,15 +99,12 @@ def aspects_document(part: Part, aspects: AspectSet) -> dict[str, object]:
 
 
 def to_json(document: Mapping[str, object]) -> str:
-    """As text that ends in a newline; ValueError if a number in it is not finite."""
+    """Return the document as text with a final newline; ValueError if a number is not finite."""
     return json.dumps(document, indent=2, allow_nan=False) + '\n'
 
 
 def aspect_fields(aspect: Aspect, part: Part | None) -> dict[str, object]:
-    """What is known of an aspect without a drop, with the names of the message Aspect.
-
-    And ``rests_on``, in words.
-    """
+    """Return the fields of the message Aspect that need no drops, and the text ``rests_on``."""
     return {
         'id': aspect.id,
         'symmetry_class': aspect.symmetry_class,
@@ -127,7 +124,7 @@ def aspect_fields(aspect: Aspect, part: Part | None) -> dict[str, object]:
 
 
 def share_fields(count: int, interval: Interval) -> dict[str, object]:
-    """A count, its share of the drops, and the interval of that."""
+    """Return a count, its share of the drops, and the interval of the share."""
     return {
         'count': count,
         'probability': interval.probability,
@@ -137,14 +134,14 @@ def share_fields(count: int, interval: Interval) -> dict[str, object]:
 
 
 def numbers(array: npt.NDArray[np.float64]) -> list[Any]:
-    """The same as nested lists."""
-    # Adding zero changes no number but -0.0, which would be read as a direction.
+    """Return the array as nested lists."""
+    # Adding 0.0 only changes -0.0, whose sign would look like a direction.
     values: list[Any] = (np.asarray(array, dtype=np.float64) + 0.0).tolist()
     return values
 
 
 def plain(value: object) -> object:
-    """The same value of types that JSON has."""
+    """Return the value converted to types that JSON has."""
     if isinstance(value, Enum):
         return value.name
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

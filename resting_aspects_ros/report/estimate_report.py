@@ -1,4 +1,4 @@
-"""What methods predict for a part: a table in a terminal and a JSON document."""
+"""A terminal table and a JSON document with the predictions of the analytic methods."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,7 +16,7 @@ from resting_aspects_ros.report.rounding import interval_text, share_text
 from resting_aspects_ros.report.rows import ids_text
 from resting_aspects_ros.report.table import NOTHING, RESTS_ON, plain_table
 
-# In two lines, so that all methods fit 80 columns; of one alone it is the name.
+# Headings of two lines, so that all methods fit 80 columns. A table of one method has its name.
 _HEADINGS = {
     'solid_angle': 'solid\nangle',
     'stability': 'stab-\nility',
@@ -24,7 +24,7 @@ _HEADINGS = {
     'quasi_static': 'quasi\nstatic',
     'rolling': 'roll-\ning',
 }
-# Longer words on what a part rests on are continued in another line.
+# Maximum width of the column RESTS_ON, beyond which its text is wrapped.
 _REST_WIDTH = 20
 
 
@@ -37,42 +37,42 @@ def estimate_table(
     against: DropCounts | None = None,
     deviations: Mapping[str, Comparison] | None = None,
 ) -> Table:
-    """A row for each aspect or class, a column for each method, in percent; cells are ASCII.
+    """Return a table with a row for each aspect or class, and a column for each method.
 
-    Of most parts it fits 80 columns. With drops to hold them against these come first, as shares
-    of the drops that are in an aspect, with their interval, and each method's deviations below.
+    Shares are in percent, and cells are ASCII. For most parts the table fits 80 columns. With
+    counts of drops, the first columns are their shares in the drops that are in an aspect, and the
+    intervals; the last rows are the deviations of each method from them.
 
     Parameters
     ----------
     rows : sequence of tuples of Aspect
-        Aspects of which the shares are sums.
+        The aspects that each row combines.
     shares : mapping
-        (k,) of the rows, by the method's name; None where it is not defined.
+        (k,) shares of the rows, by the method's name; None if it is not defined.
     title : str
-        Plain text, shown above.
+        Plain text, shown above the table.
     recommended : str
-        The method that is marked; empty for none.
-    against : Tally, optional
+        The method that is marked with an asterisk; empty for none.
+    against : DropCounts, optional
         Counts of the rows.
     deviations : mapping
-        Of the drops from each method that is defined.
+        Comparison of the counts with each method that is defined.
     """
     if against is None:
         headings = [RESTS_ON]
         first = [[resting_on(part, row[0])] for row in rows]
     else:
         headings = ['drops', '95 %\ninterval']
-        found = intervals(against.counts, int(against.counts.sum()))
         first = [
             [share_text(each.probability), interval_text(each).removesuffix(' %')]
-            for each in found
+            for each in intervals(against.counts, int(against.counts.sum()))
         ]
     for method in shares:
         heading = method if len(shares) == 1 else _HEADINGS.get(method, method)
         headings.append(heading + '*' * (method == recommended))
     aspect = 'aspects' if any(len(row) > 1 for row in rows) else 'aspect'
     table = plain_table(title, aspect, *headings, rest_width=_REST_WIDTH)
-    # A title is not broken because there is but one method.
+    # A table of only one method is widened, so that its title is not wrapped.
     table.min_width = min(80, max(map(len, title.splitlines())))
     for k, cells in enumerate(first):
         predicted = [NOTHING if p is None else share_text(float(p[k])) for p in shares.values()]
@@ -90,7 +90,7 @@ def estimate_table(
 
 
 def legend(methods: Sequence[str], recommended: str) -> list[str]:
-    """A line for each method: its name as a flag takes it, and what it weighs aspects by."""
+    """Return a line for each method: its name on the command line, its label and its meaning."""
     return [
         f'{name + "*" * (name == recommended):<16}{METHODS[name].label}: {METHODS[name].meaning}'
         for name in methods
@@ -103,11 +103,11 @@ def estimate_document(
     reasons: Mapping[str, str],
     recommended: Recommendation | None = None,
 ) -> dict[str, object]:
-    """Each method with its source, ``aspects`` and ``classes``: id and probability.
+    """Return each method with its source and the probabilities of aspects and classes, by id.
 
-    Of a method that is not defined for the part ``aspects`` is empty, and ``not_defined`` says
-    why; else that is null. ``recommended`` is the method to trust, null if there is none or the
-    conditions are not known, with the reason.
+    If a method is not defined for the part, its ``aspects`` are empty and ``not_defined`` is the
+    reason, otherwise null. ``recommended`` is null if no method is recommended or the conditions
+    are not known; ``reason`` explains the recommendation.
     """
     return {
         'schema_version': SCHEMA_VERSION,
@@ -131,19 +131,19 @@ def estimate_document(
 def against_fields(
     path: str, tally: DropCounts, deviations: Mapping[str, Comparison], *, by_class: bool
 ) -> dict[str, object]:
-    """What the methods were held against, and how far off each is, by aspect or symmetry class.
+    """Return the reference counts, and the deviation of each method from them.
 
-    Shares are of the drops that are in an aspect.
+    Shares refer to the drops that are in an aspect.
     """
     many, one = ('classes', 'class') if by_class else ('aspects', 'aspect')
-    found = intervals(tally.counts, int(tally.counts.sum()))
+    shares = intervals(tally.counts, int(tally.counts.sum()))
     return {
         'file': path,
         'drops': tally.drops,
         'confidence': CONFIDENCE,
         many: [
             {'id': k, **share_fields(int(count), each)}
-            for k, (count, each) in enumerate(zip(tally.counts, found, strict=True), start=1)
+            for k, (count, each) in enumerate(zip(tally.counts, shares, strict=True), start=1)
         ],
         'methods': {
             name: {

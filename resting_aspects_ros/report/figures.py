@@ -1,6 +1,6 @@
-"""Figures of a report: how shares converged, and beside other distributions.
+"""Figures of a report: convergence, analytic estimates, and comparison with other counts.
 
-Each is a matplotlib figure; figure_style writes them.
+Each is a matplotlib figure; figure_style writes them to files.
 """
 
 import dataclasses
@@ -30,13 +30,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MAX_LINES = 10  # more would hide each other
-# Of the methods; one form each, so that they differ without colour.
-MARKERS = 'osD^vPX'  # in the order of METHODS
+MAX_LINES = 10  # more lines would hide each other
+# A marker shape for each method, in the order of METHODS.
+MARKERS = 'osD^vPX'
 
 
 def bands(distribution: Distribution, drops: Counts, counts: Counts) -> list[list[Interval]]:
-    """After each number of drops of a history the interval of each class, as of the last."""
+    """Return the interval of each class after each number of drops of a history.
+
+    Confidence and kind of the intervals are those of the distribution.
+    """
     return [
         dataclasses.replace(
             distribution, counts=row, unclassified=int(n - row.sum()), unsettled=0, failed=0
@@ -53,30 +56,30 @@ def convergence_figure(
     bands: Sequence[Sequence[Interval]],
     width: float = WIDE,
 ) -> 'Figure':
-    """Share of each row after growing numbers of drops, with its interval as a band.
+    """Plot the share of each row against the number of drops, with its interval as a band.
 
     Parameters
     ----------
     rows : sequence of Row
-        Of many those with the most drops are shown.
+        If there are more than MAX_LINES, those with the most drops are shown.
     drops : (m,) int
-        Ascending.
+        Numbers of drops, ascending.
     bands : sequence of sequence of Interval
-        After each number of drops, of each row.
+        The interval of each row, after each number of drops.
     """
     figure = new_figure(width, 3.6)
-    most = sorted(sorted(range(len(rows)), key=lambda k: -rows[k].count)[:MAX_LINES])
-    names = {k: short_name(rows[k]) if width <= NARROW else rows[k].name for k in most}
-    labels = {k: f'{names[k]}: {probability_text(rows[k].interval)}' for k in most}
+    shown = sorted(sorted(range(len(rows)), key=lambda k: -rows[k].count)[:MAX_LINES])
+    names = {k: short_name(rows[k]) if width <= NARROW else rows[k].name for k in shown}
+    labels = {k: f'{names[k]}: {probability_text(rows[k].interval)}' for k in shown}
     left, right = 0.5, 0.25 + 0.07 * max(map(len, labels.values()), default=0)  # inches
     axes = figure.add_axes((left / width, 0.14, 1 - (left + right) / width, 0.82))
     plain_axes(axes, 'y')
     top = 0.0
     ends = []
-    for k in most:
-        own = [after[k] for after in bands]
-        lower, upper = ([getattr(each, side) for each in own] for side in ('lower', 'upper'))
-        shares = [each.probability for each in own]
+    for k in shown:
+        history = [after[k] for after in bands]
+        lower, upper = ([getattr(each, side) for each in history] for side in ('lower', 'upper'))
+        shares = [each.probability for each in history]
         axes.fill_between(drops, lower, upper, color=rows[k].colour, alpha=0.22, linewidth=0)
         axes.plot(drops, shares, color=rows[k].colour, linewidth=1.8)
         top = max(top, *upper[len(upper) // 3 :])
@@ -88,7 +91,7 @@ def convergence_figure(
     axes.set_xticks(_drop_ticks(drops, width - left - right))
     axes.minorticks_off()
     percent_axis(axes, 'y', top)
-    axes.set_xlabel('drops', size=8, color=FAINT)
+    axes.set_xlabel('number of drops', size=8, color=FAINT)
     _label_ends(axes, ends, top)
     return figure
 
@@ -96,18 +99,18 @@ def convergence_figure(
 def estimates_figure(
     rows: Sequence[Row], estimates: Mapping[str, Array], width: float = WIDE
 ) -> 'Figure':
-    """What each method predicts for each row, over the interval of the drops as a bar.
+    """Plot the prediction of each method for each row, over the interval of the drops as a bar.
 
     Parameters
     ----------
     estimates : mapping
-        By the method's name, (rows,) probabilities.
+        (rows,) probabilities, by the method's name.
     """
     columns = int(width / 1.7)  # of the legend
     lines = -(-len(estimates) // columns)
-    lying = RowAxes(rows, 0.5, width, 0.4 + 0.2 * lines)
-    axes, tall = lying.axes, lying.data(0.25)
-    for row, y in zip(rows, lying.places, strict=True):
+    row_axes = RowAxes(rows, 0.5, width, 0.4 + 0.2 * lines)
+    axes, tall = row_axes.axes, row_axes.data(0.25)
+    for row, y in zip(rows, row_axes.places, strict=True):
         wide = row.interval.upper - row.interval.lower
         axes.barh(y, wide, tall, row.interval.lower, color=row.colour, alpha=0.55)
         ends = [y - tall / 2, y + tall / 2]
@@ -116,7 +119,7 @@ def estimates_figure(
         marker = MARKERS[list(METHODS).index(name)]
         axes.plot(
             shares,
-            lying.places,
+            row_axes.places,
             marker,
             label=METHODS[name].label,
             markersize=5,
@@ -127,7 +130,7 @@ def estimates_figure(
     top = max([row.interval.upper for row in rows] + [float(max(x)) for x in estimates.values()])
     axes.set_xlim(0, top * 1.04)
     percent_axis(axes, 'x', top)
-    lying.figure.legend(
+    row_axes.figure.legend(
         loc='lower left',
         ncols=columns,
         frameon=False,
@@ -136,7 +139,7 @@ def estimates_figure(
         bbox_to_anchor=(0.02, 0.0),
         columnspacing=1.2,
     )
-    return lying.figure
+    return row_axes.figure
 
 
 def comparison_figure(
@@ -145,23 +148,24 @@ def comparison_figure(
     differences: Sequence[str],
     width: float = WIDE,
 ) -> 'Figure':
-    """Two distributions side by side, with whiskers, and how far they are apart.
+    """Plot two distributions as bars with whiskers, and write the differences beside them.
 
     Parameters
     ----------
     sides : sequence of (str, sequence of Interval)
-        Name of each of the two, the first in full colour and the other one paler, and the interval
-        of each row.
+        Label of each of the two, and the interval of each row. The bars of the second are paler.
     differences : sequence of str
-        Of each row, what is written beside it.
+        The text beside each row.
     """
-    said = '\n'.join(
-        textwrap.fill(f'{place}: {name}', int(width / 0.075))
-        for (name, _), place in zip(sides, ('above', 'below'), strict=True)
+    legend = '\n'.join(
+        textwrap.fill(f'{place} bar: {name}', int(width / 0.075))
+        for (name, _), place in zip(sides, ('upper', 'lower'), strict=True)
     )
-    lying = RowAxes(rows, 0.62, width, 0.5 + 0.16 * len(said.splitlines()))
-    lying.figure.text(0.2 / width, 0.1 / lying.height, said, size=8, color=FAINT, parse_math=False)
-    axes, tall = lying.axes, lying.data(0.25)
+    row_axes = RowAxes(rows, 0.62, width, 0.5 + 0.16 * len(legend.splitlines()))
+    row_axes.figure.text(
+        0.2 / width, 0.1 / row_axes.height, legend, size=8, color=FAINT, parse_math=False
+    )
+    axes, tall = row_axes.axes, row_axes.data(0.25)
     both = [side for _, side in sides]
     top = max(each.upper for side in both for each in side)
     for side, shift, alpha in zip(both, (-tall / 2, tall / 2), (1.0, 0.45), strict=True):
@@ -169,10 +173,10 @@ def comparison_figure(
         lower = shares - [each.lower for each in side]
         upper = [each.upper for each in side] - shares
         colours = [row.colour for row in rows]
-        axes.barh(lying.places + shift, shares, 0.9 * tall, color=colours, alpha=alpha)
+        axes.barh(row_axes.places + shift, shares, 0.9 * tall, color=colours, alpha=alpha)
         axes.errorbar(
             shares,
-            lying.places + shift,
+            row_axes.places + shift,
             xerr=[np.maximum(lower, 0), np.maximum(upper, 0)],
             fmt='none',
             color=TEXT,
@@ -180,18 +184,18 @@ def comparison_figure(
             capsize=3,
         )
     ends = [max(each.upper for each in of_row) for of_row in zip(*both, strict=True)]
-    beside = lying.write(differences, ends)
-    # As wide as the words beside the longest bar.
-    place = axes.get_position().width * width
-    axes.set_xlim(0, top * place / (place - beside))
+    text_width = row_axes.write(differences, ends)
+    # The axis leaves room for the text beside the longest bar.
+    axes_width = axes.get_position().width * width
+    axes.set_xlim(0, top * axes_width / (axes_width - text_width))
     percent_axis(axes, 'x', top)
-    return lying.figure
+    return row_axes.figure
 
 
 def _drop_ticks(drops: Counts, inches: float) -> list[float]:
-    """Numbers of drops to be written below an axis of so many inches: powers of ten, and the last.
+    """Return the ticks of an axis of drops, ``inches`` long: powers of ten, and the last number.
 
-    Of those that would lie on each other the later ones.
+    A tick is omitted if its label would overlap the label of a larger one.
     """
     decades = 10.0 ** np.arange(1, 8)
     inside = decades[(decades >= drops[0]) & (decades < drops[-1])]
@@ -205,7 +209,7 @@ def _drop_ticks(drops: Counts, inches: float) -> list[float]:
 
 
 def _label_ends(axes: 'Axes', ends: Sequence[tuple[float, str, str]], top: float) -> None:
-    """Words right of the lines, moved apart where they would lie on each other."""
+    """Write labels right of the lines, moved apart where they would overlap."""
     apart = 0.062 * top
     y = -np.inf
     for share, colour, label in sorted(ends):

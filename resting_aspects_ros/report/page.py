@@ -1,4 +1,4 @@
-"""A distribution as one self-contained HTML page, and its figures as files."""
+"""Write a distribution as one self-contained HTML page, and its figures as files."""
 
 import base64
 import io
@@ -13,7 +13,7 @@ from resting_aspects_ros.core.estimators.estimate import METHODS
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.intervals import Array, Counts
-from resting_aspects_ros.report.aspect_pose import shown_part
+from resting_aspects_ros.report.aspect_pose import picture_part
 from resting_aspects_ros.report.colours import rgb
 from resting_aspects_ros.report.comparison_text import (
     ReferenceCounts,
@@ -27,18 +27,18 @@ from resting_aspects_ros.report.figures import (
     convergence_figure,
     estimates_figure,
 )
-from resting_aspects_ros.report.page_rows import RowText, row_texts
-from resting_aspects_ros.report.picture import MAX_SHOWN, distribution_figure
+from resting_aspects_ros.report.page_rows import largest_rows, row_texts, unseen_text
+from resting_aspects_ros.report.picture import distribution_figure
 from resting_aspects_ros.report.pie import pie_figure
 from resting_aspects_ros.report.posed_part import (
     FROM_ABOVE,
     OBLIQUE,
     Image,
-    lay,
-    portraits,
-    reduced,
+    downsample,
+    draw_parts,
+    pose_parts,
 )
-from resting_aspects_ros.report.rounding import interval_text, share_text
+from resting_aspects_ros.report.rounding import share_text
 from resting_aspects_ros.report.row_axes import NARROW, WIDE
 from resting_aspects_ros.report.rows import Row, class_rows, outside_rows
 from resting_aspects_ros.report.scene import scene
@@ -47,35 +47,36 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAGE = 'report.html'
-# Of the figures' files; their endings are ENDINGS.
+# Names and endings of the figure files.
 FIGURES = ('distribution', 'pie', 'convergence', 'estimates', 'comparison')
 ENDINGS = ('png', 'svg')
-_FILES = 'page_files'
-# Of a picture in a row: twice what it is shown with, for fine screens; of many rows, see page.css.
-PIXELS, PIXELS_OF_MANY, MANY = 320, 192, 12
-SMALL = 64  # of a picture beside a bar
-# Rows with pictures; of more those with the most drops have them.
-MAX_PICTURED = 60
+# Side of a picture in a row, twice its size on the page for high-resolution screens. Pages with
+# more than MANY_ROWS rows have smaller pictures; see page.css.
+PIXELS, PIXELS_OF_MANY_ROWS, MANY_ROWS = 320, 192, 12
+SMALL_PIXELS = 64  # side of a picture beside a bar
+MAX_PICTURED_ROWS = 60  # of more rows, those with the most drops have pictures
 
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """All that a page says.
+    """The content of a page.
 
     part : Part or None
-        Its shape; without it there are no pictures and no 3D view.
+        Without the part, the page has no pictures and no 3D view.
     notes : tuple of str
-        What a reader has to know before all else, a sentence each.
+        Sentences that are shown at the top, such as warnings.
     facts : mapping
-        Label and value of what the drops were, by heading.
+        Labels and values that describe the part, the conditions and the run, by heading.
     history : ((m,) int, (m, k) int) or None
-        Numbers of drops, ascending, and counts of each aspect after so many.
+        Numbers of drops, ascending, and the counts of the k aspects after each of them.
     estimates : mapping
         (k,) probabilities of the aspects by method.
     not_defined : mapping
-        Why other methods say nothing, by their names.
+        By method, why it is not defined for the part.
     recommended : str
-        Which method to trust, in a sentence.
+        A sentence that names the recommended method.
+    measured : ReferenceCounts or None
+        The counts with which the drops are compared.
     """
 
     title: str
@@ -92,40 +93,45 @@ class Report:
 
 
 def report_files(report: Report) -> Iterator[tuple[str, bytes]]:
-    """Name and contents of each file: the page, and its figures."""
-    drawn = _Drawn(report)
+    """Yield the name and the content of each file: the figures, then the page."""
+    drawn = _DrawnRows(report)
     figures = _figures(report, drawn)
     svgs = {name: svg_text(figure) for name, figure in figures.items()}
-    narrow = {name: svg_text(each) for name, each in _wide_figures(report, drawn, NARROW)}
+    narrow = {name: svg_text(each) for name, each in _responsive_figures(report, drawn, NARROW)}
     for name, figure in figures.items():
         yield f'{name}.png', png_bytes(figure)
         yield f'{name}.svg', svgs[name].encode()
     yield PAGE, _page(report, drawn, svgs, narrow).encode()
 
 
-class _Drawn:
+class _DrawnRows:
     """The rows of a report, and the pictures of the part in them."""
 
     def __init__(self, report: Report) -> None:
         self.rows = class_rows(report.distribution)
         self.outside = outside_rows(report.distribution)
-        self.part = report.part and shown_part(report.part, report.distribution.aspects.aspects)
-        self.lying = lay(self.part, [row.aspects[0] for row in self.rows]) if self.part else []
-        order = sorted(range(len(self.lying)), key=lambda k: -self.rows[k].count)
-        self.pictured = sorted(order[:MAX_PICTURED])
+        self.part = report.part and picture_part(report.part, report.distribution.aspects.aspects)
+        aspects = [row.aspects[0] for row in self.rows]
+        self.posed_parts = pose_parts(self.part, aspects) if self.part else []
+        order = sorted(range(len(self.posed_parts)), key=lambda k: -self.rows[k].count)
+        self.pictured = sorted(order[:MAX_PICTURED_ROWS])
         self.oblique = self._images(OBLIQUE)
         self.above = self._images(FROM_ABOVE)
 
+    def scene(self) -> dict[str, object] | None:
+        return scene(self.part, self.rows, self.posed_parts) if self.part and self.rows else None
+
     def _images(self, view: Array) -> dict[int, Image]:
-        """By the row's index."""
-        lying = [self.lying[k] for k in self.pictured]
+        """Return the pictures by row index."""
+        posed_parts = [self.posed_parts[k] for k in self.pictured]
         colours = [rgb(self.rows[k].colour) for k in self.pictured]
-        pixels = PIXELS if len(self.rows) <= MANY else PIXELS_OF_MANY
-        return dict(zip(self.pictured, portraits(lying, colours, pixels, view), strict=True))
+        pixels = PIXELS if len(self.rows) <= MANY_ROWS else PIXELS_OF_MANY_ROWS
+        images = draw_parts(posed_parts, colours, pixels, view)
+        return dict(zip(self.pictured, images, strict=True))
 
 
-def _figures(report: Report, drawn: _Drawn) -> dict[str, 'Figure']:
-    """Those that there are, by name."""
+def _figures(report: Report, drawn: _DrawnRows) -> dict[str, 'Figure']:
+    """Return the figures for which there are data, by name."""
     rows, distribution = drawn.rows, report.distribution
     return {
         'distribution': distribution_figure(
@@ -135,12 +141,14 @@ def _figures(report: Report, drawn: _Drawn) -> dict[str, 'Figure']:
             [*rows, *drawn.outside],
             [drawn.oblique.get(k) for k in range(len(rows) + len(drawn.outside))],
         ),
-        **dict(_wide_figures(report, drawn, WIDE)),
+        **dict(_responsive_figures(report, drawn, WIDE)),
     }
 
 
-def _wide_figures(report: Report, drawn: _Drawn, width: float) -> Iterator[tuple[str, 'Figure']]:
-    """Names and figures of what a telephone shows in another width, inches."""
+def _responsive_figures(
+    report: Report, drawn: _DrawnRows, width: float
+) -> Iterator[tuple[str, 'Figure']]:
+    """Yield name and figure for those that the page has in two widths; ``width`` in inches."""
     rows = drawn.rows
     if report.history is not None and len(report.history[0]) > 1 and rows:
         yield (
@@ -150,7 +158,7 @@ def _wide_figures(report: Report, drawn: _Drawn, width: float) -> Iterator[tuple
             ),
         )
     if report.estimates and rows:
-        shares = {name: np.array(_of_rows(rows, p)) for name, p in report.estimates.items()}
+        shares = {name: np.array(_row_sums(rows, p)) for name, p in report.estimates.items()}
         yield 'estimates', estimates_figure(rows, shares, width)
     if report.measured is not None:
         differences = difference_texts(report.measured.comparison)
@@ -158,24 +166,26 @@ def _wide_figures(report: Report, drawn: _Drawn, width: float) -> Iterator[tuple
 
 
 def _page(
-    report: Report, drawn: _Drawn, svgs: Mapping[str, str], narrow: Mapping[str, str]
+    report: Report, drawn: _DrawnRows, svgs: Mapping[str, str], narrow: Mapping[str, str]
 ) -> str:
-    # A fifth of a second to import, which no other command needs.
+    # The import takes 0.2 s, and no other command needs it.
     import jinja2
 
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    # The scripts and the style are our own or vendored, and no markup of theirs is data.
-    template = environment.from_string(_file('page.html'))
+    # The template marks the scripts and the style as safe: they contain no data.
+    template = environment.from_string(_read_file('page.html'))
     rows = [*drawn.rows, *drawn.outside]
-    small = {k: reduced(image, len(image) // SMALL) for k, image in drawn.oblique.items()}
-    kinds = (drawn.oblique, drawn.above, small)
-    pictures = [[_picture(images, k) for images in kinds] for k in range(len(rows))]
+    small = {
+        k: downsample(image, len(image) // SMALL_PIXELS) for k, image in drawn.oblique.items()
+    }
+    views = (drawn.oblique, drawn.above, small)
+    pictures = [[_picture_uri(images, k) for images in views] for k in range(len(rows))]
     labels = {
         'pie': 'Pie chart of the shares of all drops',
-        'distribution': 'Bars with intervals',
-        'convergence': 'Shares after growing numbers of drops',
-        'estimates': 'What analytic methods predict',
-        'comparison': 'Simulated and measured side by side',
+        'distribution': 'Bar chart of the probabilities with intervals',
+        'convergence': 'Line chart of the probabilities against the number of drops',
+        'estimates': 'Chart of the predictions of the analytic methods',
+        'comparison': 'Bar chart of the simulated and the measured shares',
     }
     texts = row_texts(report.distribution, rows, pictures, report.part)
     return template.render(
@@ -184,21 +194,21 @@ def _page(
         confidence=f'{100 * report.distribution.confidence:g}',
         interval=report.distribution.interval.capitalize(),
         rows=texts,
-        bars=_largest(texts),
-        unseen=_unseen(drawn.rows) if report.distribution.drops else '',
+        bars=largest_rows(texts),
+        unseen=unseen_text(drawn.rows) if report.distribution.drops else '',
         figures={name: inline_svg(svg, name, labels[name]) for name, svg in svgs.items()},
         narrow={
             name: inline_svg(svg, f'{name}-narrow', labels[name]) for name, svg in narrow.items()
         },
         comparison=report.measured and comparison_text(report.measured, drawn.rows),
         estimates={
-            METHODS[name].label: [share_text(p) for p in _of_rows(drawn.rows, shares)]
+            METHODS[name].label: [share_text(p) for p in _row_sums(drawn.rows, shares)]
             for name, shares in report.estimates.items()
         },
-        simplified=_simplified(report.part, drawn.part),
-        scene=scene(drawn.part, drawn.rows, drawn.lying) if drawn.part and drawn.rows else None,
-        style=_file('page.css'),
-        script=_file('page.js'),
+        simplified=_triangle_counts(report.part, drawn.part),
+        scene=drawn.scene(),
+        style=_read_file('page.css'),
+        script=_read_file('page.js'),
         modules={
             'three': _script_uri('three.module.min.js'),
             'OrbitControls': _script_uri('OrbitControls.js'),
@@ -206,35 +216,19 @@ def _page(
     )
 
 
-def _largest(rows: Sequence[RowText]) -> list[RowText]:
-    """As many as there is room for, in their order."""
-    order = sorted(range(len(rows)), key=lambda k: -rows[k].count)
-    return [rows[k] for k in sorted(order[:MAX_SHOWN])]
+def _row_sums(rows: Sequence[Row], values: Any) -> list[Any]:
+    return [sum(values[aspect.id - 1] for aspect in row.aspects) for row in rows]
 
 
-def _unseen(rows: Sequence[Row]) -> str:
-    """Rows in which no drop ended, with the bounds of their probability, in words."""
-    return ', '.join(
-        f'{row.name} (at most {interval_text(row.interval).removeprefix("0 to ")})'
-        for row in rows
-        if not row.count
-    )
-
-
-def _of_rows(rows: Sequence[Row], of_aspects: Any) -> list[Any]:
-    """Sums over the aspects of each row of what is given by aspect."""
-    return [sum(of_aspects[aspect.id - 1] for aspect in row.aspects) for row in rows]
-
-
-def _simplified(part: Part | None, shown: Part | None) -> tuple[int, int] | None:
-    """Triangles of the part and of what is shown, if that is less."""
+def _triangle_counts(part: Part | None, shown: Part | None) -> tuple[int, int] | None:
+    """Return the numbers of triangles of the part and of the simplified part, if they differ."""
     if part is None or shown is None or len(part.faces) == len(shown.faces):
         return None
     return len(part.faces), len(shown.faces)
 
 
-def _picture(images: Mapping[int, Image], row: int) -> str:
-    """Of a row, as an address; empty if it has none."""
+def _picture_uri(images: Mapping[int, Image], row: int) -> str:
+    """Return the picture of a row as a data URI; empty if the row has no picture."""
     from matplotlib.image import imsave
 
     if row not in images:
@@ -244,13 +238,13 @@ def _picture(images: Mapping[int, Image], row: int) -> str:
     return _data_uri('image/png', file.getvalue())
 
 
-def _file(name: str) -> str:
-    return (resources.files(__package__) / _FILES / name).read_text(encoding='utf-8')
+def _read_file(name: str) -> str:
+    return (resources.files(__package__) / 'page_files' / name).read_text(encoding='utf-8')
 
 
 def _script_uri(name: str) -> str:
-    return _data_uri('text/javascript', _file(name).encode())
+    return _data_uri('text/javascript', _read_file(name).encode())
 
 
-def _data_uri(kind: str, data: bytes) -> str:
-    return f'data:{kind};base64,{base64.b64encode(data).decode("ascii")}'
+def _data_uri(media_type: str, data: bytes) -> str:
+    return f'data:{media_type};base64,{base64.b64encode(data).decode("ascii")}'

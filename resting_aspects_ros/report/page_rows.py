@@ -1,4 +1,4 @@
-"""The rows of a page, in words."""
+"""The texts in the rows of a report page."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from resting_aspects_ros.core.aspects.support import resting_on
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.intervals import Interval
+from resting_aspects_ros.report.picture import MAX_SHOWN
 from resting_aspects_ros.report.rounding import (
     interval_text,
     millimetre_texts,
@@ -20,24 +21,24 @@ from resting_aspects_ros.report.rows import Row, class_of, ids_text, short_name
 from resting_aspects_ros.report.table import down_text
 
 OUTSIDE = {
-    'unclassified': 'came to rest on no side that is stable by its shape',
-    'unsettled': 'still moved when its time was over',
-    'failed': 'went numerically wrong',
+    'unclassified': 'came to rest, but in none of the stable aspects of the shape',
+    'unsettled': 'still moving at the end of the simulated time',
+    'failed': 'the simulation failed numerically',
 }
 
 
 @dataclass(frozen=True)
 class RowText:
-    """A row as a reader sees it; what does not apply is empty.
+    """The texts of one row. A text that does not apply is empty.
 
     oblique, above, small : str
-        Pictures, as addresses that hold them.
+        Pictures as data URIs.
     bar : (float, float, float)
-        Length of the bar, and begin and length of its whisker, as percentages of the width.
+        Length of the bar, and start and length of its whisker, as percentages of the width.
     facts : tuple of (str, str, str)
-        What is known of the aspect by its shape: label, value, explanation.
+        Properties of the aspect that follow from the shape: label, value, explanation.
     members : tuple of (id, down in part, count, probability, interval)
-        Each aspect by itself.
+        The individual aspects of the row.
     """
 
     name: str
@@ -62,14 +63,14 @@ def row_texts(
     pictures: Sequence[Sequence[str]],
     part: Part | None,
 ) -> list[RowText]:
-    """Each row in words.
+    """Return the texts of each row.
 
     Parameters
     ----------
     rows : sequence of Row
-        Of the distribution.
+        The rows of the distribution.
     pictures : sequence of three str
-        Of each row: obliquely, from above, and small; empty where there is none.
+        The oblique, top and small picture of each row as data URIs; empty without a picture.
     part : Part or None
     """
     longest = max((row.interval.upper for row in rows), default=1.0)
@@ -77,7 +78,7 @@ def row_texts(
         np.array([row.aspects[0].com_height if row.aspects else 0.0 for row in rows])
     )
     classes = distribution.aspects.classes()
-    of_aspects = list(zip(distribution.counts, distribution.intervals(), strict=True))
+    intervals = distribution.intervals()
     return [
         RowText(
             name=row.name,
@@ -94,9 +95,9 @@ def row_texts(
                 (
                     aspect.id,
                     down_text(aspect),
-                    int(of_aspects[aspect.id - 1][0]),
-                    probability_text(of_aspects[aspect.id - 1][1]),
-                    interval_text(of_aspects[aspect.id - 1][1]),
+                    int(distribution.counts[aspect.id - 1]),
+                    probability_text(intervals[aspect.id - 1]),
+                    interval_text(intervals[aspect.id - 1]),
                 )
                 for aspect in row.aspects
             ),
@@ -108,10 +109,25 @@ def row_texts(
     ]
 
 
+def largest_rows(rows: Sequence[RowText]) -> list[RowText]:
+    """Return the ``MAX_SHOWN`` rows with the most drops, in their original order."""
+    order = sorted(range(len(rows)), key=lambda k: -rows[k].count)
+    return [rows[k] for k in sorted(order[:MAX_SHOWN])]
+
+
+def unseen_text(rows: Sequence[Row]) -> str:
+    """List the rows in which no drop ended, with the upper bound of their probability."""
+    return ', '.join(
+        f'{row.name} (at most {interval_text(row.interval).removeprefix("0 to ")})'
+        for row in rows
+        if not row.count
+    )
+
+
 def _note(row: Row) -> str:
     if not row.aspects:
         return OUTSIDE[row.name]
-    return f'{len(row.aspects)} that look alike' if len(row.aspects) > 1 else ''
+    return f'{len(row.aspects)} aspects that look the same' if len(row.aspects) > 1 else ''
 
 
 def _probability(row: Row, drops: int) -> str:
@@ -134,16 +150,16 @@ def _facts(
     basin = sum(aspect.basin_share for aspect in row.aspects)
     return (
         ('rests on', resting_on(part, row.aspects[0]), 'where the part touches the surface'),
-        ('centre of mass', f'{height} mm high', 'above the surface'),
+        ('centre of mass', f'{height} mm high', 'height above the surface'),
         (
             'minimum barrier',
             _barrier(row, classes),
-            'how far the centre of mass must rise to tip the part over, and into which aspect',
+            'smallest rise of the centre of mass that tips the part over, and into which aspect',
         ),
         (
             'basin',
             f'{share_text(basin)} %',
-            'share of all directions from which the part, let go without speed, rolls here',
+            'share of all orientations from which the part rolls here if released without speed',
         ),
     )
 
@@ -153,5 +169,8 @@ def _barrier(row: Row, classes: Sequence[tuple[Aspect, ...]]) -> str:
     if not aspect.neighbour:
         return 'none'
     members = class_of(aspect.neighbour, classes)
-    to = 'one that looks alike' if members == row.aspects else ids_text(members)
-    return f'{1000 * aspect.min_barrier:.3g} mm, into {to}'
+    if members == row.aspects:
+        target = 'an aspect that looks the same'
+    else:
+        target = f'aspect{"s" * (len(members) > 1)} {ids_text(members)}'
+    return f'{1000 * aspect.min_barrier:.3g} mm, to {target}'

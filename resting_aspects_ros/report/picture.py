@@ -1,4 +1,4 @@
-"""A distribution as a picture: bars, and the part lying that way beside each."""
+"""The bar chart of a distribution, with a picture of the part beside each bar."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from resting_aspects_ros.report.figure_style import (
     percent_axis,
     plain_axes,
 )
-from resting_aspects_ros.report.posed_part import Image, lay, portraits
+from resting_aspects_ros.report.posed_part import Image, draw_parts, pose_parts
 from resting_aspects_ros.report.rounding import (
     interval_of,
     interval_text,
@@ -26,13 +26,13 @@ from resting_aspects_ros.report.rounding import (
 )
 from resting_aspects_ros.report.rows import Row, class_rows, outside_rows
 
-if TYPE_CHECKING:  # matplotlib takes half a second: imported when a picture is made
+if TYPE_CHECKING:  # importing matplotlib takes 0.5 s: it is imported when a picture is made
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MAX_SHOWN = 12  # symmetry classes with a bar of their own; the others share one
+MAX_SHOWN = 12  # symmetry classes with a bar of their own; the others share one bar
 
-# Pixels. Beside the bars is room for what is written at the end of the longest.
+# Sizes in pixels. BESIDE_BAR is the room for the text at the end of the longest bar.
 WIDTH = 1240
 TOP, BOTTOM, MARGIN = 110, 84, 28
 ROW, ROW_OF_MANY, MANY = 164, 116, 6
@@ -44,11 +44,11 @@ LABEL, BESIDE_BAR = 200, 190
 def distribution_figure(
     distribution: Distribution, part: Part | None, title: str, subtitle: str = ''
 ) -> 'Figure':
-    """A picture with a bar for each symmetry class, and the part, if known, as it lies in it.
+    """Plot a bar for each symmetry class, with a picture of the part in it if the part is known.
 
-    Of more than 12 classes the 12 most probable are shown, by number, and the others as one bar.
-    What is in no aspect has a grey bar. Whiskers are the intervals. The subtitle is the place for
-    the conditions.
+    If there are more than 12 classes, the 12 most probable are shown, in the order of their
+    numbers, and the others share one bar. Outcomes in no aspect have grey bars. Whiskers are the
+    intervals. The subtitle can state the conditions.
     """
     rows = _rows(distribution)
     side = ROW if sum(bool(row.aspects) for row in rows) <= MANY else ROW_OF_MANY
@@ -80,24 +80,24 @@ def distribution_figure(
 
 
 def _rows(distribution: Distribution) -> list[Row]:
-    """From top to bottom: symmetry classes, other ones together, what is in none."""
+    """Return the rows from top to bottom: classes, the other classes together, other outcomes."""
     rows = class_rows(distribution)
     counts = np.array([row.count for row in rows])
     shown = np.sort(np.argsort(-counts, kind='stable')[:MAX_SHOWN])
-    found = [rows[k] for k in shown]
-    if others := sum(len(row.aspects) for row in rows) - sum(len(row.aspects) for row in found):
+    kept = [rows[k] for k in shown]
+    if others := sum(len(row.aspects) for row in rows) - sum(len(row.aspects) for row in kept):
         count = int(counts.sum() - counts[shown].sum())
-        found.append(Row(f'{others} more aspects', count, interval_of(distribution, count), GREY))
-    return [*found, *outside_rows(distribution)]
+        kept.append(Row(f'{others} other aspects', count, interval_of(distribution, count), GREY))
+    return [*kept, *outside_rows(distribution)]
 
 
 def _notes(rows: Sequence[Row]) -> list[str]:
-    """What stands below the name of each."""
+    """Return the note below the name of each row."""
     heights = millimetre_texts(
         np.array([row.aspects[0].com_height if row.aspects else 0.0 for row in rows])
     )
     return [
-        f'{"which look alike" + chr(10) if len(row.aspects) > 1 else ""}'
+        f'{"that look the same" + chr(10) if len(row.aspects) > 1 else ""}'
         f'centre of mass\n{height} mm high'
         if row.aspects
         else ''
@@ -107,12 +107,12 @@ def _notes(rows: Sequence[Row]) -> list[str]:
 
 def _images(part: Part, rows: Sequence[Row], side: int) -> list[Image]:
     shown = [row for row in rows if row.aspects]
-    lying = lay(part, [row.aspects[0] for row in shown])
-    return portraits(lying, [rgb(row.colour) for row in shown], side)
+    posed_parts = pose_parts(part, [row.aspects[0] for row in shown])
+    return draw_parts(posed_parts, [rgb(row.colour) for row in shown], side)
 
 
 def _write_image(figure: 'Figure', image: Image, left: int, bottom: float, height: int) -> None:
-    """Pixel for pixel."""
+    """Draw the image without scaling."""
     side = len(image)
     axes = figure.add_axes((left / WIDTH, bottom / height, side / WIDTH, side / height))
     axes.imshow(image, interpolation='nearest', aspect='auto')
@@ -137,7 +137,7 @@ def _write_header(figure: 'Figure', title: str, subtitle: str, height: int) -> N
 def _write_label(
     figure: 'Figure', name: str, note: str, left: int, middle: float, height: int
 ) -> None:
-    """The name, and a note below it, right of ``left``; the middle is between them."""
+    """Write the name and below it the note, right of ``left`` and centred at ``middle``."""
     x, y = (left + LABEL - 18) / WIDTH, middle / height
     lines = note.count('\n') + 1 if note else 0
     y += 7 * max(lines - 1, 0) / height
@@ -159,7 +159,7 @@ def _write_label(
 def _draw_bars(
     axes: 'Axes', rows: Sequence[Row], middles: Sequence[float], distribution: Distribution
 ) -> None:
-    """Bars at heights ``middles``, pixels, with whiskers and words; the axis is in percent."""
+    """Draw bars at the heights ``middles``, pixels, with whiskers and texts, and the axis."""
     for row, middle in zip(rows, middles, strict=True):
         _draw_bar(axes, row, middle, distribution.drops)
     longest = max((row.interval.upper for row in rows), default=1.0)
@@ -171,7 +171,7 @@ def _draw_bars(
     axes.spines['left'].set_visible(True)
     axes.spines['left'].set_color(FAINT)
     axes.set_xlabel(
-        f'probability in {distribution.drops} drops, with its '
+        f'probability from {distribution.drops} drops, with '
         f'{100 * distribution.confidence:g} % interval ({distribution.interval.capitalize()})',
         size=8,
         color=FAINT,
@@ -181,30 +181,30 @@ def _draw_bars(
 
 
 def _draw_bar(axes: 'Axes', row: Row, middle: float, drops: int) -> None:
-    found = row.interval
-    axes.barh(middle, found.probability, height=BAR, color=row.colour)
+    interval = row.interval
+    axes.barh(middle, interval.probability, height=BAR, color=row.colour)
     axes.errorbar(
-        found.probability,
+        interval.probability,
         middle,
         capsize=4,
         color=TEXT,
         elinewidth=1.2,
         capthick=1.2,
-        xerr=[[found.probability - found.lower], [found.upper - found.probability]],
+        xerr=[[interval.probability - interval.lower], [interval.upper - interval.probability]],
     )
-    words = probability_text(found) if found.probability else 'not seen' if drops else 'no drops'
+    unseen = 'never seen' if drops else 'no drops'
+    text = probability_text(interval) if interval.probability else unseen
     _write_beside(
-        axes, found.upper, middle, 1, words, size=10.5, weight='bold', color=TEXT, va='bottom'
+        axes, interval.upper, middle, 1, text, size=10.5, weight='bold', color=TEXT, va='bottom'
     )
-    _write_beside(
-        axes, found.upper, middle, -1.5, interval_text(found), size=7.5, color=FAINT, va='top'
-    )
+    bounds = interval_text(interval)
+    _write_beside(axes, interval.upper, middle, -1.5, bounds, size=7.5, color=FAINT, va='top')
 
 
-def _write_beside(axes: 'Axes', x: float, y: float, rise: float, words: str, **style: Any) -> None:
-    """Write to the right of a point, ``rise`` points above it, and over the lines of the grid."""
+def _write_beside(axes: 'Axes', x: float, y: float, rise: float, text: str, **style: Any) -> None:
+    """Write right of a point, ``rise`` points above it, on a background that hides the grid."""
     axes.annotate(
-        words,
+        text,
         (x, y),
         (8, rise),
         textcoords='offset points',

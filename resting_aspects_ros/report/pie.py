@@ -1,4 +1,4 @@
-"""Shares as a pie, with a picture beside each slice."""
+"""A pie chart of the shares, with a picture of the part beside each slice."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -15,27 +15,27 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-WIDE, HIGH = 5.0, 4.4  # of a pie
-# Radii that a pie's figure is wide to each side, with pictures around it and without.
+WIDTH, HEIGHT = 5.0, 4.4  # of the figure, inches
+# Half the width of the figure in pie radii, with pictures around the pie and without.
 REACH, BARE_REACH = 2.0, 1.32
-# Slices of less have their name beside them.
+# Slices with a smaller share have their name beside them.
 MIN_INSIDE = 0.06
-# Pictures, of the largest slices: more would lie on each other.
+# Maximum number of pictures, for the largest slices: more would overlap.
 MAX_PICTURES = 8
-# Of a picture, and how far from the middle it is, radii.
-SIDE, OUT = 0.6, 1.42
+# Side of a picture, and distance of its centre from the centre of the pie, in pie radii.
+SIDE, DISTANCE = 0.6, 1.42
 
 
 def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
-    """Shares of all drops as slices, clockwise from the top, with a picture beside each.
+    """Draw the shares of all drops as slices, clockwise from the top, with pictures beside them.
 
     Parameters
     ----------
     rows : sequence of Row
     images : sequence of (p, p, 4) float or None
-        What lies beside each slice; none are shown beside many.
+        The picture of each row. Only the MAX_PICTURES largest slices have their picture.
     """
-    figure = new_figure(WIDE, HIGH)
+    figure = new_figure(WIDTH, HEIGHT)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     shown = [(row, image) for row, image in zip(rows, images, strict=True) if row.count]
     if not shown:
@@ -59,45 +59,48 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
     pictured &= [image is not None for _, image in shown]
     reach = REACH if pictured.any() else BARE_REACH
     axes.set_xlim(-reach, reach)
-    axes.set_ylim(-reach * HIGH / WIDE, reach * HIGH / WIDE)
+    axes.set_ylim(-reach * HEIGHT / WIDTH, reach * HEIGHT / WIDTH)
     places = middles.copy()
-    places[pictured] = spread(middles[pictured], 2 * np.arcsin(SIDE / 2 / OUT))
+    places[pictured] = spread(middles[pictured], 2 * np.arcsin(SIDE / 2 / DISTANCE))
     for k, (row, image) in enumerate(shown):
         x, y = np.cos(middles[k]), np.sin(middles[k])
         inside = shares[k] >= MIN_INSIDE
         if image is not None and pictured[k]:
-            at = OUT * np.cos(places[k]), OUT * np.sin(places[k])
-            _place(axes, image, *at, SIDE)
+            at = DISTANCE * np.cos(places[k]), DISTANCE * np.sin(places[k])
+            _draw_image(axes, image, *at, SIDE)
             if not inside:
                 axes.plot([x, 0.8 * at[0]], [y, 0.8 * at[1]], color=FAINT, linewidth=0.7)
-                _name(axes, short_name(row), at[0], at[1] - 0.55 * SIDE, FAINT)
+                _write(axes, short_name(row), at[0], at[1] - 0.55 * SIDE, FAINT)
         if inside:
-            words = f'{short_name(row)}\n{100 * shares[k]:.0f} %'
-            _name(axes, words, 0.66 * x, 0.66 * y, _ink_on(row.colour))
+            text = f'{short_name(row)}\n{100 * shares[k]:.0f} %'
+            _write(axes, text, 0.66 * x, 0.66 * y, _text_colour_on(row.colour))
     return figure
 
 
-def spread(angles: Array, least: float) -> Array:
-    """Angles on a circle, descending, moved apart to at least so many rad, if there is room."""
-    found = angles.copy()
-    if len(found) < 2:
-        return found
-    least = min(least, 2 * np.pi / len(found))
+def spread(angles: Array, min_gap: float) -> Array:
+    """Return angles on a circle, descending, moved apart to gaps of ``min_gap`` rad if possible.
+
+    If there is not enough room, the gaps become equal.
+    """
+    moved = angles.copy()
+    if len(moved) < 2:
+        return moved
+    min_gap = min(min_gap, 2 * np.pi / len(moved))
     for _ in range(200):
-        gaps = found - np.roll(found, -1)
+        gaps = moved - np.roll(moved, -1)
         gaps[-1] += 2 * np.pi
-        lack = np.maximum(least - gaps, 0.0) / 2
+        lack = np.maximum(min_gap - gaps, 0.0) / 2
         if lack.max() < 1e-3:
             break
-        found += lack - np.roll(lack, 1)
-    return found
+        moved += lack - np.roll(lack, 1)
+    return moved
 
 
-def _name(axes: 'Axes', words: str, x: float, y: float, colour: str) -> None:
+def _write(axes: 'Axes', text: str, x: float, y: float, colour: str) -> None:
     axes.text(
         x,
         y,
-        words,
+        text,
         ha='center',
         va='center',
         size=9,
@@ -107,17 +110,17 @@ def _name(axes: 'Axes', words: str, x: float, y: float, colour: str) -> None:
     )
 
 
-def _place(axes: 'Axes', image: Image, x: float, y: float, wide: float) -> None:
+def _draw_image(axes: 'Axes', image: Image, x: float, y: float, side: float) -> None:
     axes.imshow(
         image,
-        extent=(x - wide / 2, x + wide / 2, y - wide / 2, y + wide / 2),
+        extent=(x - side / 2, x + side / 2, y - side / 2, y + side / 2),
         interpolation='antialiased',
         aspect='auto',
         zorder=3,
     )
 
 
-def _ink_on(colour: str) -> str:
-    """Dark or light, whichever is read better on a colour: by its luminance."""
+def _text_colour_on(colour: str) -> str:
+    """Return the text colour, dark or light, with more contrast on a background colour."""
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in rgb(colour)]
     return '#111111' if np.dot([0.2126, 0.7152, 0.0722], linear) > 0.18 else '#FEFEFE'

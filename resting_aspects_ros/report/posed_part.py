@@ -1,4 +1,4 @@
-"""Pictures of a part as it lies on the surface in its aspects."""
+"""Pose a part on the surface in each of its aspects, and draw pictures of it."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -16,36 +16,36 @@ from resting_aspects_ros.report.render import NOTHING, Indices, edges, rasterise
 
 Image = npt.NDArray[np.float32]
 
-# Each pixel of a picture is the mean of so many squared: smooth borders.
+# Each pixel of a picture is the mean of FINE x FINE rendered pixels, for smooth borders.
 FINE = 3
-# Part of the picture's side that the largest part and its shadow may take.
+# Share of the side of a picture that the largest part with its shadow fills.
 FILLED = 0.94
 
-GLANCE = 96  # pixels of the picture that tells which side shows more
+PREVIEW = 96  # side of the picture with which the side that shows more edges is chosen, pixels
 
-# Of a viewer in front, a little to the right, who looks down as a person does; tray frame.
+# The viewer is in front of the tray, a little to the right, and looks down; tray frame.
 AZIMUTH, ELEVATION = np.radians(-62.0), np.radians(36.0)
 TOWARDS_VIEWER = np.array(
     [np.cos(ELEVATION) * np.cos(AZIMUTH), np.cos(ELEVATION) * np.sin(AZIMUTH), np.sin(ELEVATION)]
 )
 RIGHT = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
-# Views. Rows: to the right in the picture, up in it, towards the viewer; tray frame.
+# Views. Their rows are the directions right, up and towards the viewer; tray frame.
 OBLIQUE = np.stack([RIGHT, np.cross(TOWARDS_VIEWER, RIGHT), TOWARDS_VIEWER])
-FROM_ABOVE = np.eye(3)  # what a camera over the tray sees
+FROM_ABOVE = np.eye(3)  # the view of a camera above the tray
 # The light comes from above, over the viewer's left shoulder.
 LIGHT = np.array([0.0, 0.0, 1.0]) - 0.45 * RIGHT + 0.3 * TOWARDS_VIEWER
 LIGHT /= np.linalg.norm(LIGHT)
 
-DARKEST = 0.5  # of the colour, on a side that faces away from the light
+MIN_SHADE = 0.5  # brightness of a side that faces away from the light
 EDGE_COLOUR = np.array([0.13, 0.13, 0.15])
-MAX_EDGE = 0.6  # of the part's pixels
+MAX_EDGE_SHARE = 0.6  # of the part's pixels; with more, edges are not drawn
 SHADOW = 0.28  # opacity
-SOFT = 7  # fine pixels of the shadow's border
+SOFT = 7  # half width of the blur of the shadow, rendered pixels
 
 
 @dataclass(frozen=True, eq=False)
 class PosedPart:
-    """A part as it is shown in an aspect, on the surface z = 0; tray frame.
+    """A part on the surface z = 0, in the pose that shows an aspect; tray frame.
 
     points : (n, 3) float
         m.
@@ -65,30 +65,29 @@ class PosedPart:
     orientation: Array
 
 
-def lay(part: Part, aspects: Sequence[Aspect]) -> list[PosedPart]:
-    """The part in each aspect as people draw parts.
+def pose_parts(part: Part, aspects: Sequence[Aspect]) -> list[PosedPart]:
+    """Return the part in each aspect, with a rotation about the vertical that suits a drawing.
 
-    A pose is free to turn about the vertical; each is turned so that the part's sides run along
-    the axes of the tray, its longer one from left to right, and shows the one of its two long
-    sides on which there is more to see.
+    The part's sides are parallel to the axes of the tray, the longer one from left to right. Of
+    the two long sides, the one with more visible edges is in front.
     """
-    solid = _solid(part)
-    return [_laid(solid, aspect) for aspect in aspects]
+    solid = _untransformed(part)
+    return [_posed(solid, aspect) for aspect in aspects]
 
 
-def portraits(
-    lying: Sequence[PosedPart],
+def draw_parts(
+    posed_parts: Sequence[PosedPart],
     colours: Sequence[tuple[float, float, float]],
     pixels: int,
     view: Array = OBLIQUE,
 ) -> list[Image]:
-    """Draw parts that lie on the surface, all from one viewpoint and at one scale.
+    """Draw parts on the surface, all from the same viewpoint and at the same scale.
 
     Parameters
     ----------
-    lying : sequence of PosedPart
+    posed_parts : sequence of PosedPart
     colours : sequence of (r, g, b)
-        Of each, 0 to 1.
+        The colour of each part, from 0 to 1.
     pixels : int
         Rows and columns of each picture.
     view : (3, 3) float
@@ -97,24 +96,24 @@ def portraits(
     Returns
     -------
     list of (pixels, pixels, 4) float32
-        Red, green, blue and opacity, 0 to 1; row 0 is the top one. Transparent around the part
-        and its shadow.
+        Red, green, blue and opacity, 0 to 1; row 0 is the top row. The background is transparent.
     """
     spans = [
         np.ptp(np.concatenate([p.points, _on_surface(p.points)]) @ view[:2].T, axis=0).max()
-        for p in lying
+        for p in posed_parts
     ]
     scale = FILLED * pixels * FINE / max(spans, default=1.0)
     return [
-        _portrait(p, np.array(c), scale, pixels, view) for p, c in zip(lying, colours, strict=True)
+        _draw_part(p, np.array(c), scale, pixels, view)
+        for p, c in zip(posed_parts, colours, strict=True)
     ]
 
 
-def _solid(part: Part) -> PosedPart:
-    """As its mesh has it."""
+def _untransformed(part: Part) -> PosedPart:
+    """Return the part in the pose of its mesh."""
     points, faces = np.array(part.vertices), np.array(part.faces)
     if np.isnan(part.volume):
-        faces = np.concatenate([faces, faces[:, ::-1]])  # not closed: its inside can be seen
+        faces = np.concatenate([faces, faces[:, ::-1]])  # an open mesh is visible from inside
     a, b, c = np.moveaxis(points[faces], 1, 0)
     normals = np.cross(b - a, c - a)
     twice = np.linalg.norm(normals, axis=1)
@@ -123,69 +122,69 @@ def _solid(part: Part) -> PosedPart:
     return PosedPart(points, faces, normals, twice / 2, upright)
 
 
-def _laid(solid: PosedPart, aspect: Aspect) -> PosedPart:
-    lying = _on_tray(solid, aspect.orientation)
-    # The direction of the upright sides, of period 90 degrees: sides that stand square to each
-    # other, or face each other, agree.
-    x, y, _ = lying.normals.T
-    upright = lying.areas * np.hypot(x, y) ** 4
+def _posed(solid: PosedPart, aspect: Aspect) -> PosedPart:
+    posed = _on_tray(solid, aspect.orientation)
+    # The mean direction of the upright sides, modulo 90 degrees, so that perpendicular and
+    # opposite sides have the same direction.
+    x, y, _ = posed.normals.T
+    upright = posed.areas * np.hypot(x, y) ** 4
     side = float(np.angle((upright * np.exp(4j * np.arctan2(y, x))).sum())) / 4
     along = _on_tray(solid, turned_about_vertical(aspect.orientation, -side))
     width, depth, _ = np.ptp(along.points, axis=0)
     angle = -side + (np.pi / 2 if depth > width else 0.0)
     both = [turned_about_vertical(aspect.orientation, turn) for turn in (angle, angle + np.pi)]
-    return max((_on_tray(solid, orientation) for orientation in both), key=_edges_to_see)
+    return max((_on_tray(solid, orientation) for orientation in both), key=_visible_edge_length)
 
 
 def _on_tray(solid: PosedPart, orientation: Array) -> PosedPart:
-    """The part with this orientation, on the surface."""
+    """Return the part with this orientation, in contact with the surface."""
     points = rotate(orientation, solid.points)
     points[:, 2] -= points[:, 2].min()
     normals = rotate(orientation, solid.normals)
     return dataclasses.replace(solid, points=points, normals=normals, orientation=orientation)
 
 
-def _edges_to_see(solid: PosedPart) -> int:
-    """How much a viewer learns of the part: the length of the edges seen, pixels."""
+def _visible_edge_length(solid: PosedPart) -> int:
+    """Return the length of the visible edges, pixels: how much a viewer sees of the shape."""
     points = solid.points @ OBLIQUE.T
     low, span = points.min(axis=0), np.ptp(points[:, :2], axis=0).max()
-    seen = rasterise((points - low) * (GLANCE / span), solid.faces, GLANCE)
+    seen = rasterise((points - low) * (PREVIEW / span), solid.faces, PREVIEW)
     return int(np.count_nonzero(edges(seen, solid.normals)))
 
 
 def _on_surface(points: Array) -> Array:
-    """Where the light throws the points' shadows, tray frame."""
+    """Return the shadows of the points on the surface, tray frame."""
     return points - points[:, 2:] * (LIGHT / LIGHT[2])
 
 
-def _portrait(solid: PosedPart, colour: Array, scale: float, pixels: int, view: Array) -> Image:
+def _draw_part(solid: PosedPart, colour: Array, scale: float, pixels: int, view: Array) -> Image:
     size = pixels * FINE
     shadow_points = _on_surface(solid.points)
     both = np.concatenate([solid.points, shadow_points]) @ view[:2].T * scale
     centre = np.append(size / 2 - (both.min(axis=0) + both.max(axis=0)) / 2, 0.0)
     seen = rasterise(solid.points @ view.T * scale + centre, solid.faces, size)
-    lit = solid.faces[solid.normals @ LIGHT > 0]  # their shadows face up, and cover all of it
+    lit = solid.faces[solid.normals @ LIGHT > 0]  # the shadow of these faces is the whole shadow
     shadow = rasterise(shadow_points @ view.T * scale + centre, lit, size).face != NOTHING
 
-    shade = DARKEST + (1 - DARKEST) * (0.5 + 0.5 * solid.normals @ LIGHT) ** 1.5
+    shade = MIN_SHADE + (1 - MIN_SHADE) * (0.5 + 0.5 * solid.normals @ LIGHT) ** 1.5
     image = np.zeros((size, size, 4))
     soft = shadow.astype(float)
     for _ in range(2):
         soft = uniform_filter(soft, 2 * SOFT + 1, mode='constant')
-    image[..., 3] = SHADOW * soft.round(9)  # without what rounding leaves of nothing
+    image[..., 3] = SHADOW * soft.round(9)  # removes rounding errors of zero
     part = seen.face != NOTHING
     image[part, :3] = shade[seen.face[part], None] * colour
     image[part, 3] = 1.0
-    edge = binary_dilation(edges(seen, solid.normals))  # a pixel more to all four sides
-    # A part that is a few pixels thin would be all edge.
-    if np.count_nonzero(edge & part) < MAX_EDGE * np.count_nonzero(part):
+    edge = binary_dilation(edges(seen, solid.normals))  # one pixel wider on all four sides
+    # A part that is only a few pixels thick would consist of edges only.
+    if np.count_nonzero(edge & part) < MAX_EDGE_SHARE * np.count_nonzero(part):
         image[edge, :3] = EDGE_COLOUR
         image[edge, 3] = 1.0
-    return reduced(image, FINE)[::-1]
+    return downsample(image, FINE)[::-1]
 
 
-def reduced(image: npt.NDArray[np.floating[Any]], factor: int) -> Image:
-    """The mean over factor x factor pixels of an RGBA image, of colours as much as they cover."""
+def downsample(image: npt.NDArray[np.floating[Any]], factor: int) -> Image:
+    """Return the means over factor x factor pixels of an RGBA image; opacity weights colours."""
     image = np.concatenate([image[..., :3] * image[..., 3:], image[..., 3:]], axis=-1)
     size = len(image) // factor
     mean = image.reshape(size, factor, size, factor, 4).mean(axis=(1, 3))

@@ -1,6 +1,6 @@
-"""A small software renderer: which triangle is seen in each pixel, without a display or a GPU.
+"""A small software renderer that finds the visible triangle of each pixel, without a GPU.
 
-Parallel projection and a depth buffer, so that parts that are not convex look right.
+It uses parallel projection and a depth buffer, so that parts that are not convex look right.
 """
 
 from dataclasses import dataclass
@@ -14,23 +14,23 @@ Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 NOTHING = -1
-# Surfaces that meet at more than this make an edge that is drawn, also over a few pixels of a
-# small fillet; the flats of a curved side do not.
+# An edge is drawn where surfaces meet at more than 25 degrees, also across a fillet that is a few
+# pixels wide, but not between the facets of a curved side.
 CREASE = np.cos(np.radians(25.0))
-# A step in depth is drawn as an edge from this on, pixels.
+# An edge is drawn at a step in depth of more than this, pixels.
 STEP = 3.0
-# A pixel centre this close to a triangle's border is in it: else rounding leaves pinholes.
+# Pixel centres this close outside a triangle count as inside, because rounding would leave holes.
 BORDER = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
 class Rendering:
-    """What is seen in each pixel; row 0 is the lowest.
+    """The visible triangle of each pixel; row 0 is the lowest.
 
     face : (size, size) int
-        Index of the triangle; NOTHING where there is none.
+        Index of the triangle; NOTHING if there is none.
     depth : (size, size) float
-        Towards the viewer, pixels; -inf where there is nothing.
+        Depth towards the viewer, pixels; -inf if there is no triangle.
     slope : (m, 2) float
         Change of depth per pixel to the right and up, on each triangle that faces the viewer.
     """
@@ -46,10 +46,10 @@ def rasterise(points: Array, faces: Indices, size: int) -> Rendering:
     Parameters
     ----------
     points : (n, 3) float
-        Pixels: to the right, up, and towards the viewer. Pixel (row, column) has its centre at
-        (column + 0.5, row + 0.5).
+        Coordinates to the right, up, and towards the viewer, pixels. The centre of pixel (row,
+        column) is at (column + 0.5, row + 0.5).
     faces : (m, 3) int
-        Counter-clockwise as seen from outside; those that face away are not seen.
+        Counter-clockwise as seen from outside; triangles that face away are invisible.
     size : int
         Rows and columns of the picture.
     """
@@ -63,7 +63,7 @@ def rasterise(points: Array, faces: Indices, size: int) -> Rendering:
     first = corners[face, 0]
     along = np.stack([column + 0.5, row + 0.5], axis=1) - first[:, :2]
     heights = corners[face, :, 2]
-    # Within the triangle's own range: a sliver seen from its side has a slope without bounds.
+    # Clipped to the depths of the corners: a triangle seen edge-on has an almost infinite slope.
     depth = np.clip(
         first[:, 2] + (slope[face] * along).sum(axis=1), heights.min(axis=1), heights.max(axis=1)
     )
@@ -77,11 +77,11 @@ def rasterise(points: Array, faces: Indices, size: int) -> Rendering:
 
 
 def edges(seen: Rendering, normals: Array) -> Mask:
-    """(size, size) pixels on a drawn edge: outlines, steps in depth, and creases.
+    """Return the (size, size) mask of pixels on edges: outlines, steps in depth, and creases.
 
     Parameters
     ----------
-    seen : Seen
+    seen : Rendering
     normals : (m, 3) float
         Unit normals of the triangles, any frame.
     """
@@ -97,11 +97,11 @@ def edges(seen: Rendering, normals: Array) -> Mask:
 
 
 def _is_edge(seen: Rendering, normals: Array, a: Indices, b: Indices, axis: int) -> Mask:
-    """Tell whether there is an edge between neighbouring pixels a and b (k,) that differ."""
+    """Return whether there is an edge between neighbouring pixels a and b (k,) that differ."""
     face_a, face_b = seen.face.ravel()[a], seen.face.ravel()[b]
     outline = (face_a == NOTHING) | (face_b == NOTHING)
     crease = (normals[face_a] * normals[face_b]).sum(axis=1) < CREASE
-    with np.errstate(invalid='ignore'):  # -inf - -inf, where it is an outline anyway
+    with np.errstate(invalid='ignore'):  # -inf - -inf occurs only on outlines
         rise = seen.depth.ravel()[b] - seen.depth.ravel()[a]
     slopes = seen.slope[np.stack([face_a, face_b]), axis]
     step = np.abs(rise - slopes).min(axis=0) > STEP
@@ -109,7 +109,7 @@ def _is_edge(seen: Rendering, normals: Array, a: Indices, b: Indices, axis: int)
 
 
 def _covered(corners: Array, facing: Indices, size: int) -> tuple[Indices, Indices, Indices]:
-    """Triangle, row and column of every pixel whose centre is in a triangle."""
+    """Return triangle, row and column of every pixel whose centre is in a triangle."""
     y = corners[facing, :, 1]
     which, row = _spread(y.min(axis=1), y.max(axis=1), size)
     face = facing[which]
@@ -120,7 +120,7 @@ def _covered(corners: Array, facing: Indices, size: int) -> tuple[Indices, Indic
         dx, dy = corners[face, stop, 0] - x0, corners[face, stop, 1] - y0
         with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
             crossing = x0 + dx * ((row + 0.5 - y0) / dy)
-        # Counter-clockwise: the inside is left of an edge that goes up, right of one down.
+        # Counter-clockwise: the inside is left of an upward edge and right of a downward edge.
         np.minimum(high, crossing, out=high, where=dy > 0)
         np.maximum(low, crossing, out=low, where=dy < 0)
     which, column = _spread(low, high, size)
@@ -128,7 +128,7 @@ def _covered(corners: Array, facing: Indices, size: int) -> tuple[Indices, Indic
 
 
 def _spread(low: Array, high: Array, size: int) -> tuple[Indices, Indices]:
-    """Every pixel with its centre in one of the ranges (k,): the range's index, and its own."""
+    """Return, for every pixel centre in one of the ranges (k,), the range and the pixel index."""
     first = np.ceil(np.clip(low - 0.5 - BORDER, 0, size)).astype(np.int64)
     last = np.floor(np.clip(high - 0.5 + BORDER, -1, size - 1)).astype(np.int64)
     count = np.maximum(last - first + 1, 0)

@@ -1,4 +1,4 @@
-"""Numbers as a person reads them: no more digits than are known."""
+"""Format numbers for people, with no more digits than are known."""
 
 import dataclasses
 import math
@@ -12,9 +12,10 @@ from resting_aspects_ros.core.statistics.intervals import Interval
 
 
 def interval_of(distribution: Distribution, count: int) -> Interval:
-    """The probability, with its interval, of an outcome that ``count`` of all the drops had.
+    """Return the probability and its interval of an outcome that ``count`` drops had.
 
-    For outcomes that are no aspect: drops that are unclassified, or several aspects together.
+    It serves outcomes that are not a single aspect: unclassified drops, or several aspects
+    together.
     """
     rest = distribution.drops - count
     counted = dataclasses.replace(
@@ -24,7 +25,7 @@ def interval_of(distribution: Distribution, count: int) -> Interval:
 
 
 def outside_aspects(distribution: Distribution) -> list[tuple[str, int]]:
-    """What drops in no aspect are called, with their counts; those that there are."""
+    """Return the name and the count of each outcome in no aspect that occurred."""
     counts = {
         'unclassified': distribution.unclassified,
         'unsettled': distribution.unsettled,
@@ -34,7 +35,7 @@ def outside_aspects(distribution: Distribution) -> list[tuple[str, int]]:
 
 
 def decimals_of(interval: Interval) -> int:
-    """Decimals of a percentage that its interval allows: two digits of the interval's width.
+    """Return the number of decimals of a percentage: two digits of the width of its interval.
 
     An interval that is 5 % wide gives 27.8 %; more drops give more digits.
     """
@@ -43,25 +44,25 @@ def decimals_of(interval: Interval) -> int:
 
 
 def probability_text(interval: Interval) -> str:
-    """In percent, as '27.8 %'; '0 %' if it was never seen."""
+    """Return the probability in percent, as '27.8 %'; '0 %' if the count is zero."""
     return f'{_percent(interval.probability, decimals_of(interval))} %'
 
 
 def interval_text(interval: Interval) -> str:
-    """Both ends in percent, as '25.1 to 30.7 %', or '0 to 0.38 %'."""
+    """Return both bounds in percent, as '25.1 to 30.7 %' or '0 to 0.38 %'."""
     decimals = decimals_of(interval)
     return f'{_percent(interval.lower, decimals)} to {_percent(interval.upper, decimals)} %'
 
 
 def points_text(deviation: float, lower: float, upper: float) -> str:
-    """A difference of shares with its bounds, in percentage points: '+3.1 (-0.9 to +7.0)'."""
+    """Return a difference of shares in percentage points, as '+3.1 (-0.9 to +7.0)'."""
     decimals = decimals_of(Interval(deviation, lower, upper))
-    found, low, high = (points(x, decimals) for x in (deviation, lower, upper))
-    return f'{found} ({low} to {high})'
+    difference, low, high = (points(x, decimals) for x in (deviation, lower, upper))
+    return f'{difference} ({low} to {high})'
 
 
 def chance_text(p_value: float) -> str:
-    """How often chance alone does so much: 'in 12 % of cases'."""
+    """Return how often chance alone gives a difference as large, as 'in 12 % of cases'."""
     if p_value < 0.001:
         return 'in less than 1 of 1000 cases'
     percent = 100 * p_value
@@ -69,27 +70,30 @@ def chance_text(p_value: float) -> str:
 
 
 def share_text(share: float) -> str:
-    """In percent without the sign, as '27.8'; of less than 1 % two digits, as '0.034'."""
+    """Return a share in percent without the percent sign.
+
+    It has one decimal, as '27.8', or below 1 % two significant digits, as '0.034'.
+    """
     percent = 100 * share
     return f'{percent:.1f}' if percent >= 0.995 or not percent else f'{percent:.2g}'
 
 
 def direction_text(direction: npt.NDArray[np.float64]) -> str:
-    """A unit vector (3,), as '+0.55 +0.83  0.00': of one length, and zero has no sign."""
+    """Return a unit vector (3,) as text of constant length, as '+0.55 +0.83  0.00'."""
     return ' '.join(_signed(float(x)) for x in direction)
 
 
 def millimetre_texts(lengths: npt.NDArray[np.float64]) -> list[str]:
-    """Lengths (n,), m, in mm: four digits of the longest, and all with its decimals."""
+    """Return lengths (n,), m, in mm, all with the decimals that give the longest four digits."""
     longest = float(lengths.max(initial=0.0)) * 1000
     whole_digits = math.floor(math.log10(longest)) + 1 if longest > 0 else 1
     return [f'{1000 * length:.{max(4 - whole_digits, 0)}f}' for length in lengths]
 
 
 def size_text(part: Part) -> str:
-    """Lengths along the axes of the mesh, as '40 x 30 x 12.5 mm'."""
+    """Return the lengths along the axes of the mesh, as '40 x 30 x 12.5 mm'."""
     sides = 1000 * np.ptp(part.vertices, axis=0)
-    # Without an exponent, however large a wrong unit makes it.
+    # Numbers have no exponent, even if a wrong unit makes them huge.
     texts = (
         np.format_float_positional(side, precision=4, fractional=False, trim='-') for side in sides
     )
@@ -97,13 +101,13 @@ def size_text(part: Part) -> str:
 
 
 def _percent(share: float, decimals: int) -> str:
-    # Nothing is exactly nothing: decimals would say that it was measured that well.
+    # An exact zero has no decimals: they would suggest that it was measured precisely.
     return f'{100 * share:.{decimals}f}' if share else '0'
 
 
 def points(share: float, decimals: int) -> str:
-    """A difference of shares, in percentage points: '+3.1'."""
-    # Adding zero makes no -0.0.
+    """Return a difference of shares in percentage points, as '+3.1'."""
+    # Adding 0.0 turns -0.0 into 0.0.
     return f'{round(100 * share, decimals) + 0.0:+.{decimals}f}'
 
 

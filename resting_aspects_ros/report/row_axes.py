@@ -1,4 +1,4 @@
-"""Axes of a figure with a place for each row of a report."""
+"""Axes of a figure with one horizontal band for each row of a report."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,27 +8,27 @@ import numpy as np
 from resting_aspects_ros.report.figure_style import TEXT, new_figure, plain_axes
 from resting_aspects_ros.report.rows import Row
 
-WIDE, NARROW = 7.2, 4.1  # of a figure, inches; the second is for a telephone
-# Right of the places of rows, inches.
+WIDE, NARROW = 7.2, 4.1  # widths of a figure, inches; NARROW is for a mobile phone
+# Margin on the right, inches.
 _RIGHT = 0.25
-# A line of words above a place, inches.
+# Height of the line of text above a band in a narrow figure, inches.
 _LINE = 0.24
 
 
 class RowAxes:
-    """A figure with a place for each row, from top to bottom, and its name.
+    """A figure with a named horizontal band for each row, from top to bottom.
 
-    The names stand left of the places, or where there is no room for that in a line above each.
+    The names are left of the bands, or in a narrow figure in a line above each band.
 
     Parameters
     ----------
     inches : float
-        Height of a place.
+        Height of a band.
     below : float
-        Height of what stands below all, inches.
+        Height of the space below all bands, inches.
 
     places : (rows,) float
-        Where each is, of the vertical axis.
+        Centre of each band on the vertical axis.
     """
 
     def __init__(self, rows: Sequence[Row], inches: float, width: float, below: float) -> None:
@@ -53,16 +53,19 @@ class RowAxes:
                 self._in_line(name, 0, y, size=9)
 
     def data(self, inches: float) -> float:
-        """A height in units of the vertical axis."""
+        """Convert a height from inches to units of the vertical axis."""
         return inches / self._pitch
 
-    def write(self, words: Sequence[str], ends: Sequence[float]) -> float:
-        """Words for each row, right of where it ends; returns how much room they take, inches."""
+    def write(self, texts: Sequence[str], ends: Sequence[float]) -> float:
+        """Write a text right of the end of each row, and return the width that it needs, inches.
+
+        In a narrow figure the text is in the line above the band.
+        """
         if self._narrow:
-            for text, y in zip(words, self.places, strict=True):
+            for text, y in zip(texts, self.places, strict=True):
                 self._in_line(text, 1, y, size=8, weight='bold', ha='right')
             return 0.1
-        for text, x, y in zip(words, ends, self.places, strict=True):
+        for text, x, y in zip(texts, ends, self.places, strict=True):
             self.axes.annotate(
                 text,
                 (x, y),
@@ -73,10 +76,10 @@ class RowAxes:
                 va='center',
                 color=TEXT,
             )
-        return 0.2 + 0.083 * max(map(len, words), default=0)
+        return 0.2 + 0.083 * max(map(len, texts), default=0)
 
     def _in_line(self, text: str, x: float, y: float, **style: Any) -> None:
-        """Above a place; x from 0 to 1."""
+        """Write into the line above the band at ``y``; ``x`` is a fraction of the width."""
         self.axes.annotate(
             text,
             (x, y),

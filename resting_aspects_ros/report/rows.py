@@ -1,4 +1,4 @@
-"""What a picture or a page shows of a distribution, from top to bottom."""
+"""The rows of a picture or a page, one for each symmetry class or other outcome."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,20 +10,21 @@ from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.report.colours import GREY, aspect_colour
 from resting_aspects_ros.report.rounding import interval_of, outside_aspects
 
-# Aspects of a row that are named one by one.
-_MAX_NAMED = 4
+# A row with more aspects than this, not consecutive, has an abbreviated list of their numbers.
+_MAX_LISTED = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """Drops that a viewer does not tell apart.
+    """One row of a report: the drops of one symmetry class, or of one outcome in no aspect.
 
     name : str
         'aspect 3', 'aspects 1 and 2', 'unclassified'.
     colour : str
         '#RRGGBB'.
     aspects : tuple of Aspect
-        One symmetry class, whose aspects look alike; empty if the drops are in no aspect.
+        The aspects of one symmetry class, which look the same; empty if the drops are in no
+        aspect.
     """
 
     name: str
@@ -34,7 +35,7 @@ class Row:
 
 
 def class_rows(distribution: Distribution) -> list[Row]:
-    """A row for each symmetry class, in the order of their numbers."""
+    """Return a row for each symmetry class, in the order of the class numbers."""
     classes = distribution.by_class()
     members = distribution.aspects.classes()
     return [
@@ -50,7 +51,7 @@ def class_rows(distribution: Distribution) -> list[Row]:
 
 
 def aspect_rows(distribution: Distribution) -> list[Row]:
-    """A row for each aspect, also where several look alike."""
+    """Return a row for each aspect, also if several aspects look the same."""
     rows = zip(
         distribution.aspects.aspects, distribution.counts, distribution.intervals(), strict=True
     )
@@ -61,7 +62,7 @@ def aspect_rows(distribution: Distribution) -> list[Row]:
 
 
 def outside_rows(distribution: Distribution) -> list[Row]:
-    """A grey row for each way in which drops ended in no aspect, of those that there were."""
+    """Return a grey row for each outcome in no aspect, such as 'unsettled', that occurred."""
     return [
         Row(name, count, interval_of(distribution, count), GREY)
         for name, count in outside_aspects(distribution)
@@ -69,21 +70,21 @@ def outside_rows(distribution: Distribution) -> list[Row]:
 
 
 def ids_text(aspects: tuple[Aspect, ...]) -> str:
-    """'3', '1 and 2', '1, 2 and 4', '1 to 6', '1, 3, ... 30'."""
+    """Return the ids as '3', '1 and 2', '1, 2 and 4', '1 to 6' or '1, 3, ... 30'."""
     ids = [aspect.id for aspect in aspects]
     if len(ids) > 2 and all(b == a + 1 for a, b in pairwise(ids)):
         return f'{ids[0]} to {ids[-1]}'
-    if len(ids) > _MAX_NAMED:
+    if len(ids) > _MAX_LISTED:
         return f'{ids[0]}, {ids[1]}, ... {ids[-1]}'
     *first, last = map(str, ids)
     return f'{", ".join(first)} and {last}' if first else last
 
 
 def class_of(aspect_id: int, classes: Sequence[tuple[Aspect, ...]]) -> tuple[Aspect, ...]:
-    """Of symmetry classes the one that an aspect is in."""
+    """Return the symmetry class that contains the aspect."""
     return next(each for each in classes if aspect_id in {aspect.id for aspect in each})
 
 
 def short_name(row: Row) -> str:
-    """The name where there is little room: '3', '1 and 2', 'unclassified'."""
+    """Return the name without 'aspect': '3', '1 and 2', 'unclassified'."""
     return ids_text(row.aspects) if row.aspects else row.name

@@ -1,4 +1,4 @@
-"""What the 3D view of a page shows: the part's triangles, and how it lies in each row."""
+"""The data of the 3D view of a page: the triangles of the part, and its pose in each row."""
 
 import base64
 from collections.abc import Sequence
@@ -12,22 +12,23 @@ from resting_aspects_ros.report.posed_part import PosedPart
 from resting_aspects_ros.report.rows import Row
 
 
-def scene(part: Part, rows: Sequence[Row], lying: Sequence[PosedPart]) -> dict[str, object]:
-    """Of plain types, for JSON; lengths in hull radii R about the centre of mass.
+def scene(part: Part, rows: Sequence[Row], posed_parts: Sequence[PosedPart]) -> dict[str, object]:
+    """Return the data of the view as plain types for JSON; lengths are in hull radii.
 
     Parameters
     ----------
     part : Part
-        As it is to be shown.
+        The part, simplified if it has too many triangles.
     rows : sequence of Row
-        Those with aspects.
-    lying : sequence of PosedPart
-        The part in the first aspect of each.
+        The rows with aspects.
+    posed_parts : sequence of PosedPart
+        The part in the first aspect of each row.
 
     Returns
     -------
     dict
-        ``points`` and ``faces``: little-endian float32 and uint32 in base64. ``rows``:
+        ``points``, relative to the centre of mass, and ``faces``: little-endian float32 and uint32
+        in base64. ``rows``:
         ``quaternion`` xyzw, tray from part; ``height`` of the centre of mass; ``colour``;
         ``name``.
     """
@@ -40,17 +41,18 @@ def scene(part: Part, rows: Sequence[Row], lying: Sequence[PosedPart]) -> dict[s
                 'name': row.name,
                 'colour': row.colour,
                 'quaternion': each.orientation.tolist(),
-                # Not the aspect's, which smooths a curved side: the mesh is to touch the tray.
+                # Computed from the mesh, which must touch the tray: the height of the aspect is
+                # that of a smooth curved side.
                 'height': -_lowest(part, each) / part.hull_radius,
             }
-            for row, each in zip(rows, lying, strict=True)
+            for row, each in zip(rows, posed_parts, strict=True)
         ],
     }
 
 
-def _lowest(part: Part, lying: PosedPart) -> float:
-    """Height of the lowest point above the centre of mass, m."""
-    return float(rotate(lying.orientation, part.vertices - part.centre_of_mass)[:, 2].min())
+def _lowest(part: Part, posed: PosedPart) -> float:
+    """Return the height of the lowest point relative to the centre of mass, m."""
+    return float(rotate(posed.orientation, part.vertices - part.centre_of_mass)[:, 2].min())
 
 
 def _base64(array: npt.NDArray[np.generic]) -> str:

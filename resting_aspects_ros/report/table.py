@@ -1,4 +1,4 @@
-"""A distribution, or the aspects of a part, as a table in a terminal."""
+"""Tables for a terminal: a distribution, or the aspects of a part."""
 
 import numpy as np
 from rich import box
@@ -28,31 +28,32 @@ from resting_aspects_ros.report.rows import (
     short_name,
 )
 
-# What a probability is called that nobody has measured.
+# The cell of a value that is not known.
 NOTHING = '-'
-RESTS_ON, DOWN = 'rests on', 'down in part'  # headings of columns of words
-# Longer words on what a part rests on are continued in another line: of classes, and of each
-# aspect, beside its direction.
+RESTS_ON, DOWN = 'rests on', 'down in part'  # headings of columns with text
+# Maximum width of the column RESTS_ON, beyond which its text is wrapped: in a table of classes,
+# and in a table of single aspects, which also has the column DOWN.
 _REST_WIDTH, _REST_WIDTH_OF_EACH = 26, 20
 
 
 def distribution_table(
     distribution: Distribution, title: str, part: Part | None = None, *, each: bool = False
 ) -> Table:
-    """A row for each symmetry class, seen or not, then what is in no aspect, then the drops.
+    """Return a table with a row for each symmetry class, each other outcome, and the total.
 
-    It fits 80 columns, says all without colour, and its cells are ASCII. Probabilities are in
-    percent with the digits that their interval allows.
+    Classes in which no drop ended have a row, too. The table fits 80 columns, needs no colour,
+    and its cells are ASCII. Probabilities are in percent, with as many digits as their interval
+    justifies.
 
     Parameters
     ----------
     distribution : Distribution
     title : str
-        Plain text, shown above.
+        Plain text, shown above the table.
     part : Part, optional
-        Of the aspects; with it the table says on what the part rests.
+        Without the part, the column 'rests on' shows only the size of the support.
     each : bool
-        A row for each aspect, with its direction, in place of those for classes.
+        Whether the table has a row for each aspect, with its direction, instead of for each class.
     """
     rows = aspect_rows(distribution) if each else class_rows(distribution)
     several = any(len(row.aspects) > 1 for row in rows)
@@ -64,7 +65,7 @@ def distribution_table(
         'proba-\nbility',
         f'{100 * distribution.confidence:g} % interval',
         'count',
-        *(['of each\nof them'] if several else []),
+        *(['per\naspect'] if several else []),
         rest_width=_REST_WIDTH_OF_EACH if each else _REST_WIDTH,
     )
     for row in rows:
@@ -85,7 +86,7 @@ def distribution_table(
 
 
 def never_seen_text(distribution: Distribution, *, each: bool = False) -> str:
-    """What is known of aspects in which no drop ended; empty if there are none."""
+    """Describe the aspects in which no drop ended; empty if there are none."""
     texts = [
         f'{row.name} (at most {100 * row.interval.upper:.2g} %; the part rolls into '
         f'{"them" if len(row.aspects) > 1 else "it"} from '
@@ -97,7 +98,7 @@ def never_seen_text(distribution: Distribution, *, each: bool = False) -> str:
 
 
 def _each_text(row: Row, drops: int) -> str:
-    """The mean probability of the aspects of a row."""
+    """Return the mean probability of the aspects of a row."""
     if len(row.aspects) == 1 or not drops:
         return ''
     share = 100 * row.interval.probability / len(row.aspects)
@@ -105,15 +106,15 @@ def _each_text(row: Row, drops: int) -> str:
 
 
 def down_text(aspect: Aspect) -> str:
-    """Its down direction, or the axis about which it rolls."""
+    """Return the down direction of an aspect, or the axis about which the part rolls in it."""
     if aspect.rolls and aspect.axis.any():
         return f'axis {direction_text(aspect.axis)}'
     return direction_text(aspect.down_in_part)
 
 
 def plain_table(title: str, *headings: str, rest_width: int | None = None) -> Table:
-    """A table without rows yet; the title is plain text, and RESTS_ON at most so wide."""
-    # Not markup: a bracket in a part's name stays a bracket.
+    """Return a table without rows; ``rest_width`` is the maximum width of column RESTS_ON."""
+    # Text is not parsed as markup: a square bracket in a part's name stays.
     table = Table(
         title=Text(title, style='bold'),
         title_justify='left',
@@ -131,14 +132,14 @@ def plain_table(title: str, *headings: str, rest_width: int | None = None) -> Ta
 
 
 def shares(interval: Interval, count: int, drops: int) -> tuple[str, str, str]:
-    """Probability, interval and count, of so many drops, as three cells of a row."""
+    """Return the probability, the interval and the count as three cells of a row."""
     if drops == 0:
         return NOTHING, interval_text(interval), str(count)
     return probability_text(interval), interval_text(interval), str(count)
 
 
 def aspect_table(aspects: AspectSet, part: Part, title: str, *, each: bool = False) -> Table:
-    """A row for each symmetry class, or each aspect, without a drop; as distribution_table."""
+    """Return a table of a part's symmetry classes, or of each aspect, without counts of drops."""
     classes = aspects.classes()
     rows = [(aspect,) for aspect in aspects.aspects] if each else classes
     several = any(len(row) > 1 for row in rows)
@@ -172,7 +173,7 @@ def aspect_table(aspects: AspectSet, part: Part, title: str, *, each: bool = Fal
 
 
 def _to_text(aspect: Aspect, classes: list[tuple[Aspect, ...]] | None) -> str:
-    """The aspect to which the minimum barrier leads, or all of its class."""
+    """Return the aspect behind the minimum barrier, or all aspects of its class."""
     if not aspect.neighbour:
         return '-'
     if classes is None:
@@ -181,12 +182,12 @@ def _to_text(aspect: Aspect, classes: list[tuple[Aspect, ...]] | None) -> str:
 
 
 def symmetry_text(symmetry: Symmetry) -> str:
-    """What rotations map the part onto itself, in words."""
+    """Describe the rotations that map the part onto itself."""
     if symmetry.kind == 'spherical':
         return 'every rotation maps it onto itself'
     if symmetry.kind == 'axial':
-        ends = ', and end for end' if symmetry.order > 1 else ''
-        return f'any turn about an axis maps it onto itself{ends}'
+        ends = ', and so does turning it end for end' if symmetry.order > 1 else ''
+        return f'any rotation about one axis maps it onto itself{ends}'
     if symmetry.order == 1:
         return 'no rotation maps it onto itself'
     return f'{symmetry.order} rotations map it onto itself'

@@ -115,8 +115,8 @@ def test_where_they_differ_it_is_listed(dropped, run, sorted_by, tmp_path):
     assert lines[0].rstrip() == 'p.csv, 10 poses of l_bracket'
     text = ' '.join(ended.stdout.split())
     assert (
-        'Aspects and clusters agree on 9 of 10 settled poses, and on every one within 1 degree '
-        'of an aspect. They differ on 1:'
+        'Aspects and clusters agree on 9 of 10 settled poses, including all poses within 1 degree '
+        'of an aspect. Differing poses (1):'
     ) in text
     near, cluster = pose['nearest_aspect'], pose['cluster']
     assert lines[-1].split() == ['4', '6', str(near), '45.00', 'none', str(cluster), '1']
@@ -128,8 +128,9 @@ def test_twenty_differing_poses_are_shown_and_all_are_in_the_document(run, sorte
     write(tmp_path / 'p.csv', poses / np.linalg.norm(poses, axis=1, keepdims=True))
     words = ('p.csv', '--part', 'box_10x20x30')
     ended = run('classify', *words)
-    (line,) = [line for line in ended.stdout.splitlines() if line.startswith('They differ')]
-    count = int(re.fullmatch(r'They differ on 20 of (\d+) \(--json has all\): *', line)[1])
+    (line,) = [line for line in ended.stdout.splitlines() if line.startswith('Differing')]
+    title = r'Differing poses \(20 of (\d+), --json lists all\): *'
+    count = int(re.fullmatch(title, line)[1])
     assert len(re.findall(r'^ *\d+ +\d+ +\d +\d+\.\d\d +', ended.stdout, re.MULTILINE)) == 20
     document = json.loads(run('classify', *words, '--json').stdout)
     assert len(document['differing']) == count > 20

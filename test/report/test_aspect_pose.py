@@ -10,7 +10,13 @@ from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.report.aspect_pose import MAX_TRIANGLES, PITCH, ROW, sent_faces, stand
+from resting_aspects_ros.report.aspect_pose import (
+    MAX_TRIANGLES,
+    PITCH,
+    ROW,
+    aspect_poses,
+    message_faces,
+)
 
 EXAMPLES = ('l_bracket', 'hex_nut', 'washer', 'tetrahedron', 'cylinder_d20_h20')
 
@@ -23,7 +29,7 @@ def in_tray(standing, points):
 def test_each_touches_the_surface_in_its_aspect(part, name):
     part = part(name)
     aspects = find_aspects(part).aspects
-    standing = stand(part, aspects)
+    standing = aspect_poses(part, aspects)
     assert [each.aspect_id for each in standing] == [aspect.id for aspect in aspects]
     for each, aspect in zip(standing, aspects, strict=True):
         height = in_tray(each, part.vertices)[:, 2]
@@ -40,7 +46,7 @@ def standing_of(part, count):
     part = part('tetrahedron')
     first = find_aspects(part).aspects[0]
     aspects = [dataclasses.replace(first, id=k) for k in range(1, count + 1)]
-    return stand(part, aspects), PITCH * part.hull_radius
+    return aspect_poses(part, aspects), PITCH * part.hull_radius
 
 
 @pytest.mark.parametrize('count', [1, 2, ROW, ROW + 1, 50, 101])
@@ -61,12 +67,12 @@ def test_places_are_apart_in_order_and_around_the_origin(part, count):
 
 
 def test_no_aspect_has_no_place(part):
-    assert stand(part('tetrahedron'), []) == []
+    assert aspect_poses(part('tetrahedron'), []) == []
 
 
 def test_a_small_mesh_is_shown_as_it_is(part):
     part = part('l_bracket')
-    assert sent_faces(part, find_aspects(part).aspects) is part.faces
+    assert message_faces(part, find_aspects(part).aspects) is part.faces
 
 
 def test_a_large_mesh_is_made_coarse_and_still_stands_on_the_surface(solid):
@@ -75,10 +81,10 @@ def test_a_large_mesh_is_made_coarse_and_still_stands_on_the_surface(solid):
         mesh = mesh.subdivide()
     part = solid(mesh)
     aspects = find_aspects(part).aspects
-    faces = sent_faces(part, aspects)
+    faces = message_faces(part, aspects)
     assert len(aspects) == 6
     assert 1000 < len(faces) * 6 <= MAX_TRIANGLES
-    for each in stand(part, aspects):
+    for each in aspect_poses(part, aspects):
         corners = in_tray(each, part.vertices[np.unique(faces)])
         assert abs(corners[:, 2].min()) < 1e-9 * part.hull_radius
         assert corners[:, 2].max() == pytest.approx(each.top, rel=0.01)

@@ -72,8 +72,8 @@ def test_two_million_poses_fit_80_columns(part):
 @pytest.mark.parametrize(
     ('ids', 'says'),
     [
-        ([1, 1, 1, 2], 'agree on 4 of 4 settled poses, and on every one within 1 degree'),
-        ([1, 1, 0, 2], 'agree on 3 of 4 settled poses, but not on 1 within 1 degree'),
+        ([1, 1, 1, 2], 'agree on 4 of 4 settled poses, including all poses within 1 degree'),
+        ([1, 1, 0, 2], 'agree on 3 of 4 settled poses, but differ on 1 within 1 degree'),
     ],
 )
 def test_whether_they_agree_where_they_must_is_said(part, ids, says):

@@ -68,7 +68,7 @@ def test_numbers_of_drops_below_an_axis(rows, width, drops):
 @pytest.mark.parametrize('name', ['a.csv', 'manual_count_of_the_night_shift_2025-01-31.csv'])
 def test_two_sides_with_long_words(rows, width, differences, name):
     own = [row.interval for row in rows]
-    words = f'{name}, 980 of 1000 drops are in an aspect'
+    words = f'{name}, 980 of 1000 drops in an aspect'
     sides = [('simulated', own), (words, own)]
     figure = comparison_figure(rows, sides, differences, width)
     check_words(figure)

@@ -14,10 +14,17 @@ import trimesh
 from PIL import Image
 
 from resting_aspects_ros.core.rotations import rotate
-from resting_aspects_ros.report.aspect_pose import MAX_OF_PICTURES
+from resting_aspects_ros.report.aspect_pose import MAX_PICTURE_TRIANGLES
 from resting_aspects_ros.report.colours import aspect_colour
 from resting_aspects_ros.report.figures import bands
-from resting_aspects_ros.report.page import ENDINGS, FIGURES, MAX_PICTURED, PIXELS, SMALL, Report
+from resting_aspects_ros.report.page import (
+    ENDINGS,
+    FIGURES,
+    MAX_PICTURED_ROWS,
+    PIXELS,
+    SMALL_PIXELS,
+    Report,
+)
 from resting_aspects_ros.report.rounding import chance_text, points_text
 
 VOID = {'meta', 'link', 'br', 'img', 'path', 'use', 'rect', 'input', 'hr', 'image'}
@@ -120,7 +127,7 @@ def test_a_row_for_each_class_and_each_other_end(page, bracket):
     distribution = bracket.distribution
     names = [words(each) for each in page.all('h3')][: len(rows)]
     assert names[:5] == [f'aspect {k}' for k in range(1, 6)]
-    assert names[5].startswith('unclassified came to rest on no side')
+    assert names[5].startswith('unclassified came to rest, but in none')
     assert names[6].startswith('unsettled')
     for row, count in zip(rows, [*distribution.counts, 20, 10], strict=True):
         assert f'{count} of 1000' in words(row)
@@ -143,7 +150,8 @@ def test_numbers_are_those_of_the_distribution(page, bracket):
         assert share == pytest.approx(count / 10, abs=0.06) or 'never seen' in said
         height = float(re.search(r'centre of mass ?([\d.]+) mm', said)[1])
         assert height == pytest.approx(1000 * aspect.com_height, abs=0.006)
-        rise, to = re.search(r'minimum barrier ?([\d.]+) mm, into (\d+)', said).groups()
+        pattern = r'minimum barrier ?([\d.]+) mm, to aspect (\d+)'
+        rise, to = re.search(pattern, said).groups()
         assert float(rise) == pytest.approx(1000 * aspect.min_barrier, rel=0.006)
         assert int(to) == aspect.neighbour
 
@@ -191,10 +199,11 @@ def test_measured_and_simulated_in_words(page, bracket):
         words(each): words(value)
         for each, value in zip(page.all('dt'), page.all('dd'), strict=True)
     }
-    assert said['mean deviation'] == f'{100 * found.mean_deviation:.1f} points'
-    largest = float(re.match(r'[+-][\d.]+', said['largest'])[0])
+    assert said['mean absolute deviation'] == f'{100 * found.mean_deviation:.1f} points'
+    largest = float(re.match(r'[+-][\d.]+', said['largest deviation'])[0])
     assert largest == pytest.approx(100 * found.largest_deviation, abs=0.51)
-    assert re.fullmatch(r'in \d+ % of cases', said['chance alone would do as much'])
+    chance = said['chance alone produces a difference this large']
+    assert re.fullmatch(r'in \d+ % of cases', chance)
     cells = [words(each) for each in page.all('td')]
     told = [re.findall(r'[+-][\d.]+', c) for c in cells if re.match(r'[+-][\d.]+ \(', c)]
     expected = np.stack([found.deviation, found.lower, found.upper], axis=1)
@@ -202,7 +211,7 @@ def test_measured_and_simulated_in_words(page, bracket):
     # What was counted in no aspect is beside it.
     assert any(words(each) == 'unclassified, of all drops' for each in page.all('th'))
     said = words(page.all('p', **{'class': 'verdict'})[0])
-    assert re.fullmatch(r'The two agree within chance \(p = [\d.]+\)\.', said)
+    assert re.fullmatch(r'The distributions do not differ .* \(p = [\d.]+\)\.', said)
 
 
 @pytest.mark.parametrize(
@@ -238,9 +247,9 @@ def test_sections_that_have_nothing_to_say_are_left_out(part, make_report, writt
     page = Reader((folder / 'report.html').read_text(encoding='utf-8'))
     assert [words(each) for each in page.all('h2')] == [
         'Aspects',
-        'How the probabilities converged',
-        'What was dropped, and how',
-        'How to read this',
+        'Convergence of the probabilities',
+        'Part and conditions',
+        'How to read this report',
     ]
     assert not (folder / 'convergence.png').exists()
     without = Report(report.title, '', report.distribution, None)
@@ -255,7 +264,7 @@ def test_pictures_are_of_the_part_in_its_colour(page, bracket):
     assert shown['src'] == images[0]['src']  # in place of the view until there is one
     assert len(images) == 2 * 5
     for k, (oblique, above) in enumerate(zip(images[::2], images[1::2], strict=True)):
-        assert 'obliquely' in oblique['alt']
+        assert 'oblique' in oblique['alt']
         assert 'from above' in above['alt']
         colour = aspect_colour(bracket.distribution.aspects.aspects[k])
         for each in (oblique, above):
@@ -270,7 +279,7 @@ def test_pictures_are_of_the_part_in_its_colour(page, bracket):
 
 def test_each_bar_has_a_small_picture_however_short_it_is(page):
     small = [each for each in page.all('img') if each.get('width') == '32']
-    assert [decoded(each).shape for each in small] == 5 * [(SMALL, SMALL, 4)]
+    assert [decoded(each).shape for each in small] == 5 * [(SMALL_PIXELS, SMALL_PIXELS, 4)]
     assert all((decoded(each)[..., 3] == 255).any() for each in small)
 
 
@@ -337,7 +346,7 @@ def test_many_aspects(many_sided, make_report, written):
     page = Reader(text)
     assert len([each for each in page.all('li') if 'data-row' in each]) == classes + 2
     rows = [each for each in page.all('img') if each['alt']]
-    assert len(rows) == 2 * min(classes, MAX_PICTURED)
+    assert len(rows) == 2 * min(classes, MAX_PICTURED_ROWS)
     assert len(text) < 5_000_000
 
 
@@ -355,13 +364,13 @@ def test_one_aspect_and_no_drops(solid, make_report, written):
 @pytest.mark.slow
 def test_a_large_mesh_is_simplified_for_display_and_that_is_said(solid, make_report, written):
     part = solid(trimesh.creation.icosphere(subdivisions=6, radius=10))
-    assert len(part.faces) > MAX_OF_PICTURES
+    assert len(part.faces) > MAX_PICTURE_TRIANGLES
     text = (written(make_report(part)) / 'report.html').read_text(encoding='utf-8')
     page = Reader(text)
-    said = next(w for w in map(words, page.all('span')) if w.startswith('Shown with'))
+    said = next(w for w in map(words, page.all('span')) if 'simplified mesh' in w)
     shown, whole = (int(n.replace(',', '')) for n in re.findall(r'[\d,]{4,}', said))
     assert whole == len(part.faces) == 81920
-    assert shown <= MAX_OF_PICTURES
+    assert shown <= MAX_PICTURE_TRIANGLES
     (script,) = page.all('script', id='scene')
     assert len(base64.b64decode(json.loads(script['text'])['faces'])) == 12 * shown
     assert len(text) < 5_000_000

@@ -17,7 +17,7 @@ from resting_aspects_ros.core.statistics.distribution import Distribution, no_dr
 from resting_aspects_ros.report.colours import COLOURS, GREY
 from resting_aspects_ros.report.figure_style import png_bytes
 from resting_aspects_ros.report.picture import MARGIN, MAX_SHOWN, ROW, _rows, distribution_figure
-from resting_aspects_ros.report.posed_part import FROM_ABOVE, OBLIQUE, lay, portraits
+from resting_aspects_ros.report.posed_part import FROM_ABOVE, OBLIQUE, draw_parts, pose_parts
 
 PIXELS = 160
 BLUE = (0.0, 0.45, 0.7)
@@ -93,7 +93,7 @@ def test_of_many_classes_the_most_probable_are_shown_and_the_others_counted(many
     others = np.delete(counts, np.array(shown) - 1)
     assert counts[np.array(shown) - 1].min() >= others.max()
     assert [row.name for row in rows[MAX_SHOWN:]] == [
-        f'{len(aspects) - MAX_SHOWN} more aspects',
+        f'{len(aspects) - MAX_SHOWN} other aspects',
         'unsettled',
     ]
     assert rows[MAX_SHOWN].interval.probability == pytest.approx(
@@ -150,8 +150,8 @@ def silhouette(image):
 def test_a_part_in_a_picture_is_as_large_as_its_projection(part, name):
     shape = part(name)
     aspects = find_aspects(shape).aspects
-    solids = lay(shape, aspects)
-    images = portraits(solids, [BLUE] * len(aspects), PIXELS)
+    solids = pose_parts(shape, aspects)
+    images = draw_parts(solids, [BLUE] * len(aspects), PIXELS)
     spans = [np.ptp(solid.points @ OBLIQUE[:2].T, axis=0) for solid in solids]
     for a, b in itertools.combinations(range(len(aspects)), 2):
         # One scale for all: extents in pixels are in the ratio of extents in metres.
@@ -176,7 +176,7 @@ def test_the_part_lies_on_the_surface_in_its_aspect(part):
     for name in ('l_bracket', 'tetrahedron', 'hex_nut'):
         shape = part(name)
         aspects = find_aspects(shape).aspects
-        for aspect, solid in zip(aspects, lay(shape, aspects), strict=True):
+        for aspect, solid in zip(aspects, pose_parts(shape, aspects), strict=True):
             corners = solid.points[solid.faces]
             normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -199,8 +199,8 @@ def test_the_part_lies_on_the_surface_in_its_aspect(part):
 
 def test_from_above_a_part_is_seen_as_by_a_camera_over_it(bracket):
     aspects = find_aspects(bracket).aspects
-    solids = lay(bracket, aspects)
-    images = portraits(solids, [BLUE] * len(aspects), PIXELS, FROM_ABOVE)
+    solids = pose_parts(bracket, aspects)
+    images = draw_parts(solids, [BLUE] * len(aspects), PIXELS, FROM_ABOVE)
     scale = extent(images[0])[0] / np.ptp(solids[0].points[:, 0])
     for image, solid in zip(images, solids, strict=True):
         assert extent(image) == pytest.approx(np.ptp(solid.points[:, :2], axis=0) * scale, abs=3)
@@ -208,14 +208,14 @@ def test_from_above_a_part_is_seen_as_by_a_camera_over_it(bracket):
 
 def test_aspects_of_an_l_bracket_look_different(bracket):
     aspects = find_aspects(bracket).aspects
-    images = portraits(lay(bracket, aspects), [BLUE] * len(aspects), PIXELS)
+    images = draw_parts(pose_parts(bracket, aspects), [BLUE] * len(aspects), PIXELS)
     assert len(images) == 5
     for a, b in itertools.combinations([silhouette(image) for image in images], 2):
         assert (a & b).sum() / (a | b).sum() < 0.8
 
 
 def test_a_portrait_has_the_aspects_colour_three_shades_of_it_and_dark_edges(bracket):
-    image = portraits(lay(bracket, find_aspects(bracket).aspects[:1]), [BLUE], PIXELS)[0]
+    image = draw_parts(pose_parts(bracket, find_aspects(bracket).aspects[:1]), [BLUE], PIXELS)[0]
     inside = image[silhouette(image)][:, :3]
     of_colour = np.abs(inside / inside[:, 2:] - np.array(BLUE) / BLUE[2]).max(axis=1) < 0.01
     assert of_colour.mean() > 0.6
@@ -226,7 +226,7 @@ def test_a_portrait_has_the_aspects_colour_three_shades_of_it_and_dark_edges(bra
 
 
 def test_a_shadow_is_drawn_and_the_rest_is_transparent(bracket):
-    image = portraits(lay(bracket, find_aspects(bracket).aspects[4:]), [BLUE], PIXELS)[0]
+    image = draw_parts(pose_parts(bracket, find_aspects(bracket).aspects[4:]), [BLUE], PIXELS)[0]
     alpha = image[..., 3]
     assert alpha[[0, -1]].max() == 0.0
     assert ((alpha > 0.2) & (alpha < 0.3)).sum() > 100
@@ -270,8 +270,8 @@ def test_a_mesh_that_is_not_closed_is_seen_from_inside_too(solid):
     assert np.isnan(lidless.volume)
     aspects = find_aspects(whole).aspects
     for a, b in zip(
-        portraits(lay(whole, aspects), [BLUE] * 6, PIXELS),
-        portraits(lay(lidless, aspects), [BLUE] * 6, PIXELS),
+        draw_parts(pose_parts(whole, aspects), [BLUE] * 6, PIXELS),
+        draw_parts(pose_parts(lidless, aspects), [BLUE] * 6, PIXELS),
         strict=True,
     ):
         # One looks through the opening at the inner sides of the walls, which fill the outline.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.core.statistics.intervals import Interval
-from resting_aspects_ros.report.pie import MAX_PICTURES, OUT, SIDE, pie_figure, spread
+from resting_aspects_ros.report.pie import DISTANCE, MAX_PICTURES, SIDE, pie_figure, spread
 from resting_aspects_ros.report.rows import Row
 
 IMAGE = np.ones((4, 4, 4), dtype=np.float32)
@@ -31,6 +31,6 @@ def test_the_largest_slices_have_pictures_that_do_not_touch(shares):
 def test_angles_that_are_far_apart_stay():
     angles = np.array([1.5, 0.0, -2.0])
     assert spread(angles, 0.5).tolist() == angles.tolist()
-    close = spread(np.array([1.0, 0.9, 0.8]), 2 * np.arcsin(SIDE / 2 / OUT))
+    close = spread(np.array([1.0, 0.9, 0.8]), 2 * np.arcsin(SIDE / 2 / DISTANCE))
     assert close.mean() == pytest.approx(0.9)
     assert (np.diff(close) <= -0.42).all()

@@ -9,7 +9,7 @@ from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.statistics.distribution import Distribution
-from resting_aspects_ros.report.aspect_pose import AspectPose, sent_faces, stand
+from resting_aspects_ros.report.aspect_pose import AspectPose, aspect_poses, message_faces
 from resting_aspects_ros.report.colours import aspect_colour, rgb
 from resting_aspects_ros.report.rounding import probability_text
 from resting_aspects_ros.ros.interface import FRAME
@@ -31,8 +31,8 @@ class PartMarkers:
     def __init__(self, part: Part, aspects: AspectSet, frame: str = FRAME) -> None:
         self._frame = frame
         self._delete_all = Marker(action=Marker.DELETEALL)
-        standing = stand(part, aspects.aspects)
-        triangles = part.vertices[sent_faces(part, aspects.aspects)].reshape(-1, 3)
+        standing = aspect_poses(part, aspects.aspects)
+        triangles = part.vertices[message_faces(part, aspects.aspects)].reshape(-1, 3)
         points = [_point(point) for point in triangles]
         self._meshes = [
             _mesh(one, aspect_colour(aspect), points)

@@ -1,11 +1,11 @@
-// The 3D view: the part on a tray, lying as in the row that is chosen. Without WebGL, its picture.
+// The 3D view shows the part on a tray in the selected aspect. Without WebGL it shows the picture.
 import * as THREE from 'three';
 import { OrbitControls } from 'OrbitControls';
 
 const TURN_MS = 450;
 const EDGE_DEGREES = 25; // as in the pictures
-const LIFT = 0.35; // hull radii, in the middle of a turn
-// Where the viewer of the pictures is, over the tray.
+const LIFT = 0.35; // hull radii, halfway through the animation
+// The direction from which the pictures are taken.
 const FROM = new THREE.Vector3(0.47, -0.883, 0.727).multiplyScalar(3.0);
 
 const data = JSON.parse(document.getElementById('scene').textContent);
@@ -17,7 +17,7 @@ function decoded(text, Kind) {
   return new Kind(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer);
 }
 
-// As the renderer would ask for it; null where there is no WebGL.
+// The same context that the renderer would create; null if the browser has no WebGL.
 const canvas = document.createElement('canvas');
 const context = canvas.getContext('webgl2', { antialias: true, alpha: true });
 
@@ -26,7 +26,7 @@ function makeView() {
   renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
   renderer.shadowMap.enabled = true;
   document.getElementById('view-hint').textContent =
-    'Drag to turn; then the wheel or two fingers zoom. Choose an aspect below.';
+    'Drag to rotate, then zoom with the wheel or two fingers. Select an aspect below.';
   stage.append(canvas);
 
   const geometry = new THREE.BufferGeometry();
@@ -61,14 +61,14 @@ function makeView() {
   camera.position.copy(FROM);
   const controls = new OrbitControls(camera, canvas);
   controls.enablePan = false;
-  // The wheel scrolls the page, but for who has taken hold of the part.
+  // The wheel scrolls the page until the user has pressed on the view.
   controls.enableZoom = false;
   canvas.addEventListener('pointerdown', () => { controls.enableZoom = true; });
   canvas.addEventListener('pointerleave', () => { controls.enableZoom = false; });
   controls.minDistance = 1.4;
   controls.maxDistance = 9;
   controls.maxPolarAngle = Math.PI / 2 - 0.03;
-  // One finger scrolls the page up and down, and turns the part sideways.
+  // A vertical swipe of one finger scrolls the page, a horizontal one rotates the part.
   canvas.style.touchAction = 'pan-y';
 
   const draw = () => renderer.render(scene, camera);
@@ -113,7 +113,7 @@ function makeView() {
 
 function makePicture() {
   document.getElementById('view-hint').textContent =
-    'This browser shows no 3D graphics (WebGL). Choose an aspect below.';
+    'This browser does not support 3D graphics (WebGL). Select an aspect below.';
   const image = document.createElement('img');
   image.alt = '';
   stage.append(image);
@@ -140,11 +140,11 @@ function choose(element, atOnce = false) {
 
 for (const row of rows) {
   row.addEventListener('click', (event) => {
-    // Text of the row can be marked, and a class opened, without another choice.
-    const marked = getSelection();
-    const marking = !marked.isCollapsed && row.contains(marked.anchorNode);
+    // Selecting text in the row, or opening its details, does not select the aspect.
+    const selection = getSelection();
+    const selectsText = !selection.isCollapsed && row.contains(selection.anchorNode);
     const button = event.target.closest('button');
-    if (event.target.closest('details') || (marking && !button)) return;
+    if (event.target.closest('details') || (selectsText && !button)) return;
     choose(row);
     stage.scrollIntoView({ block: 'nearest', behavior: still.matches ? 'auto' : 'smooth' });
   });
