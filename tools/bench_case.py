@@ -16,13 +16,13 @@ from resting_aspects_ros.simulation.initial_state import (
     CHUNK,
     InitialState,
     depth_of,
+    initial_states,
     part_from_body,
-    releases,
 )
 from resting_aspects_ros.simulation.part_library import PartLibrary
 from resting_aspects_ros.simulation.plan import make_job
 from resting_aspects_ros.simulation.settling import (
-    LOOK,
+    CHECK_INTERVAL,
     REST_MOTION,
     REST_WINDOW,
     TIME_LIMIT,
@@ -88,7 +88,7 @@ def full_starts(job: DropJob, chunks: range) -> list[InitialState]:
         raise ValueError('only a fall from rest, from a clearance, is compared')
     found = []
     for chunk in chunks:
-        orientation = releases(job, chunk).orientation
+        orientation = initial_states(job, chunk).orientation
         none = np.zeros((CHUNK, 3))
         position = none.copy()
         position[:, 2] = c.height / job.radius + depth_of(orientation, job.hull)
@@ -99,8 +99,8 @@ def full_starts(job: DropJob, chunks: range) -> list[InitialState]:
 def drop_until_still(
     body: Body, job: DropJob, chunks: range, motion: float = REST_MOTION
 ) -> Trial:
-    """One drop after another, looked at every LOOK, until nothing moved for REST_WINDOW."""
-    look, window = steps_in(job, LOOK), round(REST_WINDOW / LOOK)
+    """Simulate one drop after another until it was still for REST_WINDOW."""
+    look, window = steps_in(job, CHECK_INTERVAL), round(REST_WINDOW / CHECK_INTERVAL)
     starts = full_starts(job, chunks)
     ends, looks = [], 0
     begun = time.perf_counter()
@@ -108,7 +108,7 @@ def drop_until_still(
         for slot in range(CHUNK):
             body.place(start.position[slot], start.orientation[slot])
             before, still = body.pose(), 0
-            for _ in range(round(TIME_LIMIT / LOOK)):
+            for _ in range(round(TIME_LIMIT / CHECK_INTERVAL)):
                 body.step(look)
                 looks += 1
                 now = body.pose()
@@ -122,7 +122,7 @@ def drop_until_still(
 
 def drop_until_decided(body: Body, job: DropJob, chunks: range) -> Trial:
     """The same, until the suite's own rule says where it ends: by energy, else by stillness."""
-    look = steps_in(job, LOOK)
+    look = steps_in(job, CHECK_INTERVAL)
     starts = full_starts(job, chunks)
     ends, looks = [], 0
     begun = time.perf_counter()
@@ -134,7 +134,7 @@ def drop_until_decided(body: Body, job: DropJob, chunks: range) -> Trial:
             while len(settling.moving):
                 body.step(look)
                 drop_looks += 1
-                settling.look(drop_looks * LOOK, body.states())
+                settling.check(drop_looks * CHECK_INTERVAL, body.states())
             looks += drop_looks
             ends.append(settling)
     seconds = time.perf_counter() - begun

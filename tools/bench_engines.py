@@ -12,9 +12,14 @@ from bench_case import Trial, drop_until_decided, drop_until_still, steps_in
 from scipy.spatial import ConvexHull
 
 from resting_aspects_ros.core.rotations import Array, rotate, wxyz_from_xyzw, xyzw_from_wxyz
-from resting_aspects_ros.simulation.bullet_engine import OVERLAP_TIME
+from resting_aspects_ros.simulation.bullet_engine import PENETRATION_TIME
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.settling import LOOK, REST_MOTION, TIME_LIMIT, BodyStates
+from resting_aspects_ros.simulation.settling import (
+    CHECK_INTERVAL,
+    REST_MOTION,
+    TIME_LIMIT,
+    BodyStates,
+)
 
 # As pip names them; Blender has a package for each of its versions for one version of Python, this
 # one for 3.11.
@@ -48,7 +53,7 @@ class MujocoBody:
         ratio = loss / math.hypot(math.pi, loss)
         contact = (
             f'friction="{c.friction} 0 0" condim="3" '
-            f'solref="{OVERLAP_TIME / (math.pi * ratio)} {ratio}"'
+            f'solref="{PENETRATION_TIME / (math.pi * ratio)} {ratio}"'
         )
         self.model = mujoco.MjModel.from_xml_string(f"""
             <mujoco>
@@ -102,11 +107,11 @@ class BlenderBody:
         self._bpy: Any = bpy
         bpy.ops.wm.read_factory_settings(use_empty=True)
         scene = self._scene = bpy.context.scene
-        self._look = steps_in(job, LOOK)
-        last = 2 + round(TIME_LIMIT / LOOK)
+        self._look = steps_in(job, CHECK_INTERVAL)
+        last = 2 + round(TIME_LIMIT / CHECK_INTERVAL)
         scene.gravity = (0, 0, -1)
         # Frames in a unit of time, which is T; what is not a whole number goes into the base.
-        scene.render.fps, scene.render.fps_base = 1, LOOK
+        scene.render.fps, scene.render.fps_base = 1, CHECK_INTERVAL
         scene.frame_start, scene.frame_end = 1, last
         bpy.ops.rigidbody.world_add()
         world = scene.rigidbody_world

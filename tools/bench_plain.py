@@ -46,8 +46,8 @@ class PlainBody:
             numSolverIterations=bullet_engine.MAX_SOLVER_ITERATIONS,
             solverResidualThreshold=bullet_engine.SOLVER_RESIDUAL,
             restitutionVelocityThreshold=bullet_engine.RESTITUTION_THRESHOLD,
-            erp=step / bullet_engine.OVERLAP_TIME,
-            contactERP=step / bullet_engine.OVERLAP_TIME,
+            erp=step / bullet_engine.PENETRATION_TIME,
+            contactERP=step / bullet_engine.PENETRATION_TIME,
             physicsClientId=client,
         )
         plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)

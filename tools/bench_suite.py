@@ -11,7 +11,7 @@ from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import down_in_part
 from resting_aspects_ros.simulation.chunks import submit_drops
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import CHUNK, releases
+from resting_aspects_ros.simulation.initial_state import CHUNK, initial_states
 from resting_aspects_ros.simulation.process_workers import ProcessWorkers
 from resting_aspects_ros.simulation.settling import REST_WINDOW
 
@@ -47,7 +47,7 @@ def suite(workers: ProcessWorkers, job: DropJob, chunks: range) -> Trial:
 def simulated(job: DropJob, poses: RestingPoses) -> np.ndarray:
     """(n,) times that were simulated, T: without the fall, with the wait for stillness."""
     numbers = range(poses.first_drop // CHUNK, (poses.first_drop + len(poses) - 1) // CHUNK + 1)
-    left_out = np.concatenate([releases(job, chunk).elapsed for chunk in numbers])
+    left_out = np.concatenate([initial_states(job, chunk).elapsed for chunk in numbers])
     begin = poses.first_drop - numbers.start * CHUNK
     still = (poses.decided_by == DecidedBy.STILLNESS) & (poses.status == RestStatus.SETTLED)
     times = poses.time_to_rest / job.time_unit - left_out[begin : begin + len(poses)]

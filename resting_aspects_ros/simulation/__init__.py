@@ -1,6 +1,7 @@
 """Simulation of drops.
 
-Contains conditions, the physics engine, and how the drops of a run are distributed over processes
-or a Dask cluster. Only `bullet_engine` may import pybullet, only `dask_workers` distributed; of
-this package only `core` may be imported. Read `plan.py` first, then `chunks.py`.
+Contains the conditions, the physics engine, and the distribution of a run's drops over processes
+or a Dask cluster. Only `bullet_engine` may import pybullet, and only `dask_workers` may import
+distributed. Of this project, the package may import only `core`. Read `plan.py` first, then
+`chunks.py`.
 """

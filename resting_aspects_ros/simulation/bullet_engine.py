@@ -1,8 +1,8 @@
-"""Bullet as the engine of the drops: the one file that imports pybullet.
+"""The Bullet physics engine: the only module that imports pybullet.
 
-Everything is simulated in the part's own scale, because Bullet's margins and thresholds are
-absolute: lengths in units of the hull radius R, times in T = sqrt(R / g), and the mass is 1,
-so that g is 1.
+Bullet's margins and thresholds are absolute, so every part is simulated in its own scale: lengths
+are in units of the hull radius R, times in units of T = sqrt(R / g), and the mass is 1. Therefore
+g is 1.
 """
 
 import math
@@ -21,69 +21,79 @@ from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import CHUNK, InitialState, releases
-from resting_aspects_ros.simulation.settling import LOOK, BodyStates, Settling, resting_poses
+from resting_aspects_ros.simulation.initial_state import CHUNK, InitialState, initial_states
+from resting_aspects_ros.simulation.settling import (
+    CHECK_INTERVAL,
+    BodyStates,
+    Settling,
+    resting_poses,
+)
 
 
 @contextmanager
-def _silent() -> Iterator[None]:
-    """Nothing reaches standard error: for C code, which does not know sys.stderr."""
+def _silenced_stderr() -> Iterator[None]:
+    """Discard standard error, including the output of C code, which bypasses sys.stderr."""
     sys.stderr.flush()
-    kept = os.dup(2)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)
+    saved = os.dup(2)
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
     try:
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(null)
 
 
-with _silent():  # it prints when it was built, in every process
+with _silenced_stderr():  # pybullet prints its build time on import, in every process
     import pybullet
 
-# Slots are this far apart, R. Bodies never meet (collision mask); apart, they cost least.
+# Distance between slots, R. A collision mask keeps bodies from touching each other; the distance
+# reduces the cost of collision detection.
 SLOT_SPACING = 4.0
 
-# Impacts at several points at once, as of a cylinder's side, take many iterations: with a fixed 20
-# a cylinder stood on its ends in 0.37 of drops, with 320 or more in 0.40 (n = 8000). So each body
-# has as many as it takes until no speed changes by more than the root of this, R / T, up to a
-# most. A few drops in 100 have an impact that reaches it; twice as many move no aspect.
+# Simultaneous impacts at several points, such as those of a cylinder's side, need many solver
+# iterations: with a fixed 20, a cylinder came to rest on its ends in 0.37 of the drops, with 320
+# or more in 0.40 (n = 8000). Each body therefore iterates until no speed changes by more than the
+# square root of the residual, R / T, or until the maximum. A few drops in 100 have an impact that
+# reaches the maximum; doubling the maximum does not change any aspect's probability.
 SOLVER_RESIDUAL = 1e-10
 MAX_SOLVER_ITERATIONS = 1000
-# Overlap from an impact is pushed apart over this time, T. Bullet's default does it within a few
-# steps, which adds speed: finer steps then bounce higher than e^2 h instead of converging to it.
-OVERLAP_TIME = 0.25
-# Points that were in contact are one contact until they are this far apart, R: Bullet's default,
-# but for parts so thin that a contact of one side would hold on the other; of those it is this
-# share of the lowest height of the centre of mass.
+# Penetration from an impact is corrected over this time, T. Bullet's default corrects it within a
+# few steps, which adds speed: with finer steps, bounces then exceed e^2 h instead of converging to
+# it.
+PENETRATION_TIME = 0.25
+# A contact persists until its points are this far apart, R. This is Bullet's default. For parts
+# so thin that a contact on one side would persist on the other, the distance is limited to this
+# fraction of the minimum height of the centre of mass.
 CONTACT_BREAKING = 0.02
-THIN = 0.2
-# Impacts slower than this, R / T, do not bounce; it ends the endless small bounces.
+THIN_PART_FRACTION = 0.2
+# Impacts slower than this, R / T, do not bounce, which avoids an endless series of small bounces.
 RESTITUTION_THRESHOLD = 0.05
 
 _SURFACE_GROUP, _PART_GROUP = 1, 2
 
 
 def drop_chunk(job: DropJob, first_drop: int, end: int) -> RestingPoses:
-    """Drop the drops ``first_drop`` to ``end - 1``, all of one chunk, until they rest.
+    """Simulate the drops ``first_drop`` to ``end - 1`` of one chunk until they come to rest.
 
-    The poses depend on the job and the index of the drop alone: not on which other drops of the
-    chunk are asked for, nor on the process they are made in.
+    The poses depend only on the job and on the index of each drop. They do not depend on which
+    other drops of the chunk are simulated, or in which process.
     """
     chunk = first_drop // CHUNK
     if not chunk * CHUNK <= first_drop < end <= (chunk + 1) * CHUNK:
-        raise ValueError(f'drops {first_drop} to {end - 1} are not of one chunk of {CHUNK}')
+        raise ValueError(
+            f'invalid drops {first_drop} to {end - 1}: expected drops of one chunk of {CHUNK}'
+        )
     slots = np.arange(first_drop - chunk * CHUNK, end - chunk * CHUNK)
-    release = releases(job, chunk)
-    return resting_poses(job, first_drop, _World(job).drop(release, slots))
+    states = initial_states(job, chunk)
+    return resting_poses(job, first_drop, _World(job).drop(states, slots))
 
 
 class _World:
-    """A Bullet world with a surface; bodies are created, stepped and removed only here.
+    """A Bullet world with a surface; only this class creates, steps and removes bodies.
 
-    Of a thread's worlds only the newest is alive.
+    All worlds of a thread share one Bullet client, so only the newest world of a thread is valid.
     """
 
     def __init__(self, job: DropJob) -> None:
@@ -97,19 +107,19 @@ class _World:
             numSubSteps=0,
             numSolverIterations=MAX_SOLVER_ITERATIONS,
             solverResidualThreshold=SOLVER_RESIDUAL,
-            # Islands are solved together until there are more than so many. Each body is one, and
-            # stops iterating by itself.
+            # Bullet solves small islands together until they exceed this size. With 0, each body
+            # is an island of its own and stops iterating independently.
             minimumSolverIslandSize=0,
             restitutionVelocityThreshold=RESTITUTION_THRESHOLD,
-            erp=self._step / OVERLAP_TIME,
-            contactERP=self._step / OVERLAP_TIME,
-            contactBreakingThreshold=min(CONTACT_BREAKING, THIN * job.lowest),
+            erp=self._step / PENETRATION_TIME,
+            contactERP=self._step / PENETRATION_TIME,
+            contactBreakingThreshold=min(CONTACT_BREAKING, THIN_PART_FRACTION * job.min_height),
             deterministicOverlappingPairs=1,
             physicsClientId=client,
         )
         plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
         ground = pybullet.createMultiBody(0, plane, physicsClientId=client)
-        # Bullet multiplies the two bodies' values: the part has those of the pair.
+        # Bullet multiplies the values of the two bodies; the part has the values of the pair.
         self._set(ground, restitution=1, lateralFriction=1, rollingFriction=0, spinningFriction=0)
         self._collide(ground, _SURFACE_GROUP, _PART_GROUP)
         self._shape = pybullet.createCollisionShape(
@@ -123,10 +133,11 @@ class _World:
         pybullet.setCollisionFilterGroupMask(body, -1, group, mask, physicsClientId=self._client)
 
     def _add(
-        self, release: InitialState, slots: npt.NDArray[np.int64], origins: Array
+        self, states: InitialState, slots: npt.NDArray[np.int64], origins: Array
     ) -> list[int]:
         c = self._job.conditions
-        # All at once, and put in place after that: one by one they take a tenth of a drop's time.
+        # Creating all bodies at once and placing them afterwards is faster: creating them one by
+        # one takes a tenth of the time of a drop.
         bodies: tuple[int, ...] = pybullet.createMultiBody(
             1,
             self._shape,
@@ -134,12 +145,12 @@ class _World:
             useMaximalCoordinates=1,
             physicsClientId=self._client,
         )
-        positions = (release.position[slots] + origins).tolist()
+        positions = (states.position[slots] + origins).tolist()
         for body, slot, position in zip(bodies, slots, positions, strict=True):
             self._set(
                 body,
-                # Together, or the mass becomes 0; without it the inertia is that of the bounding
-                # box.
+                # Mass and inertia must be set together: without the mass it becomes 0, without
+                # the inertia Bullet uses the inertia of the bounding box.
                 mass=1,
                 localInertiaDiagonal=self._job.moments.tolist(),
                 restitution=c.restitution,
@@ -148,37 +159,36 @@ class _World:
                 spinningFriction=c.spinning_friction,
                 linearDamping=0,
                 angularDamping=0,
-                # Contacts act when they touch. By default Bullet brakes an approaching part ahead
-                # of the contact, and with fine steps nothing is left to bounce (bullet3 issue
-                # 4341).
+                # Contacts act only on touch. By default, Bullet slows an approaching part before
+                # the contact, and with fine steps no speed is left to bounce (bullet3 issue 4341).
                 contactProcessingThreshold=0,
                 activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
             )
             self._collide(body, _PART_GROUP, _SURFACE_GROUP)
             pybullet.resetBasePositionAndOrientation(
-                body, position, release.orientation[slot].tolist(), physicsClientId=self._client
+                body, position, states.orientation[slot].tolist(), physicsClientId=self._client
             )
             pybullet.resetBaseVelocity(
                 body,
-                release.velocity[slot].tolist(),
-                release.spin[slot].tolist(),
+                states.velocity[slot].tolist(),
+                states.spin[slot].tolist(),
                 physicsClientId=self._client,
             )
         return list(bodies)
 
-    def drop(self, release: InitialState, slots: npt.NDArray[np.int64]) -> Settling:
-        """Release a body in each slot and step until all rest, failed, or the time is up."""
+    def drop(self, states: InitialState, slots: npt.NDArray[np.int64]) -> Settling:
+        """Release one body per slot and step until each is at rest, failed or timed out."""
         origins = _slot_origins(slots)
-        bodies = self._add(release, slots, origins)
-        settling = Settling(self._job, release, slots)
-        steps = round(LOOK * self._job.steps_per_t)
-        looks = 0
+        bodies = self._add(states, slots, origins)
+        settling = Settling(self._job, states, slots)
+        steps = round(CHECK_INTERVAL * self._job.steps_per_t)
+        checks = 0
         while len(settling.moving):
             for _ in range(steps):
                 pybullet.stepSimulation(physicsClientId=self._client)
-            looks += 1
-            states = self._states(bodies, origins, settling.moving)
-            for i in settling.look(looks * steps * self._step, states):
+            checks += 1
+            moving = self._states(bodies, origins, settling.moving)
+            for i in settling.check(checks * steps * self._step, moving):
                 pybullet.removeBody(bodies[i], physicsClientId=self._client)
         return settling
 
@@ -195,30 +205,31 @@ class _World:
 
 @lru_cache(maxsize=16)
 def _corners(hull: bytes) -> list[list[float]]:
-    """The hull, (k, 3) float64, for Bullet; the same objects for all chunks of a job.
+    """Return the hull vertices, (k, 3) float64, for Bullet; the same objects for every chunk.
 
-    PyBullet keeps a reference to each number for ever: of a hull of 3000 corners 0.3 MB a chunk.
+    PyBullet never releases its reference to each number. Without the cache, a hull of 3000
+    vertices would leak 0.3 MB per chunk.
     """
     corners: list[list[float]] = np.frombuffer(hull).reshape(-1, 3).tolist()
     return corners
 
 
 def _empty_client() -> int:
-    """Bullet's client of this thread, its world empty. To connect takes 5 ms, so it is kept."""
-    if not hasattr(_kept, 'client'):
-        _kept.client = _Client()
-    number = _kept.client.number
+    """Return the thread's Bullet client with an empty world; connecting again would take 5 ms."""
+    if not hasattr(_thread_data, 'client'):
+        _thread_data.client = _Client()
+    number = _thread_data.client.number
     pybullet.resetSimulation(physicsClientId=number)
     return number
 
 
 class _Client:
-    """A connection to Bullet that ends with its thread."""
+    """A connection to Bullet that closes when its thread ends."""
 
     def __init__(self) -> None:
         self.number: int = pybullet.connect(pybullet.DIRECT)
         if self.number < 0:
-            raise EngineError('Bullet has no room for another world in this process')
+            raise EngineError('Bullet cannot create another world in this process')
         weakref.finalize(self, pybullet.disconnect, self.number)
 
 
@@ -226,7 +237,7 @@ class _PerThread(threading.local):
     client: _Client
 
 
-_kept = _PerThread()
+_thread_data = _PerThread()
 
 
 def _slot_origins(slots: npt.NDArray[np.int64]) -> Array:

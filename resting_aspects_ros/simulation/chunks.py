@@ -1,4 +1,4 @@
-"""A run's drops, made in chunks by any workers and handed over in their order."""
+"""The drops of a run: simulated in chunks by any workers, returned in ascending order."""
 
 from collections import deque
 from collections.abc import Callable, Generator
@@ -11,33 +11,33 @@ from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.run_description import RunDescription
 
-# So many workers may die, each with no chunk handed over since the one before.
+# A run fails when this many workers died without a chunk being returned in between.
 MAX_DEATHS = 3
 
 
 class Workers(Protocol):
-    """What drops chunks: processes of this machine, or a cluster."""
+    """Workers that simulate chunks: processes of this machine, or a cluster."""
 
     def lookahead(self) -> int:
-        """Chunks to have submitted now, so that no worker waits for work."""
+        """Return how many chunks should be pending, so that no worker is idle."""
 
     def submit(self, job: DropJob, first: int, end: int) -> 'Future[Any]':
-        """Begin to drop the drops ``first`` to ``end - 1``, all of one chunk."""
+        """Start the simulation of the drops ``first`` to ``end - 1``, all of one chunk."""
 
     def result(self, future: 'Future[Any]') -> RestingPoses:
-        """The poses of a submitted chunk; raises what went wrong."""
+        """Return the poses of a submitted chunk, or raise the error of its worker."""
 
     def deaths(self, error: Exception) -> int:
-        """How many workers died, if the error says that; else 0."""
+        """Return how many workers died if the error reports it, otherwise 0."""
 
 
 def submit_drops(
     job: DropJob, first_drop: int, drops: int, workers: Workers
 ) -> Generator['Future[Any]', None, None]:
-    """Futures of consecutive chunks of drops, in order, ``lookahead()`` of them under way.
+    """Yield futures of consecutive chunks in order, with ``lookahead()`` chunks pending.
 
-    Memory does not grow with the number of drops: a chunk is submitted only when an earlier one
-    is taken. Closing the iterator cancels what has not begun.
+    Memory does not grow with the number of drops: a chunk is submitted only after an earlier one
+    was yielded. Closing the iterator cancels the chunks that were not started.
     """
     pending: deque[Future[Any]] = deque()
     first, end = first_drop, first_drop + drops
@@ -54,24 +54,24 @@ def submit_drops(
 
 
 def drop_chunks(
-    job: DropJob, asked: RunDescription, workers: Workers, warn: Callable[[str], None]
+    job: DropJob, run: RunDescription, workers: Workers, warn: Callable[[str], None]
 ) -> Generator['Future[RestingPoses] | RestingPoses', None, None]:
-    """The chunks of a run in their order, each after its future.
+    """Yield the chunks of a run in ascending order, each after its future.
 
-    The caller waits for the future in its own way, as a command or in the loop of a node; one
-    that does not wait is blocked until the chunk is done. When workers die, the chunks that were
-    not handed over are dropped again. Since the poses depend on the job and the index alone, such
-    a run equals an undisturbed one; ``warn`` is told.
+    The caller can wait for the future in its own way, for example in the event loop of a node. A
+    caller that does not wait is blocked until the chunk is done. When a worker dies, the chunks
+    that were not yielded are simulated again and ``warn`` is called with a message. The result is
+    the same as without the failure, because poses depend only on the job and the index.
 
     Raises
     ------
     EngineError
-        If a worker fails, or so many die one after the other that it must be due to the drops or
-        the machine. The chunks before are good.
+        If a worker fails, or if MAX_DEATHS workers die in a row, which indicates a problem with
+        the drops or the machine. The chunks yielded before remain valid.
     """
-    first, deaths = asked.first_drop, 0
-    while first < asked.end:
-        futures = submit_drops(job, first, asked.end - first, workers)
+    first, deaths = run.first_drop, 0
+    while first < run.end:
+        futures = submit_drops(job, first, run.end - first, workers)
         try:
             for future in futures:
                 yield future
@@ -79,22 +79,22 @@ def drop_chunks(
                 first, deaths = chunk.end, 0
                 yield chunk
         except CancelledError:
-            raise EngineError(f'the workers became unavailable {_near(first, asked)}') from None
+            raise EngineError(f'the workers became unavailable {_near(first, run)}') from None
         except Exception as error:
             died = workers.deaths(error)
             if died == 0:
                 if isinstance(error, EngineError):
                     raise
-                raise EngineError(f'a worker failed {_near(first, asked)}: {error!r}') from error
+                raise EngineError(f'a worker failed {_near(first, run)}: {error!r}') from error
             deaths += died
             if deaths >= MAX_DEATHS:
                 raise EngineError(
-                    f'{deaths} worker processes died in a row {_near(first, asked)}'
+                    f'{deaths} worker processes died in a row {_near(first, run)}'
                 ) from None
-            warn(f'a worker died {_near(first, asked)}: its drops are repeated')
+            warn(f'a worker died {_near(first, run)}: its drops are repeated')
         finally:
             futures.close()
 
 
-def _near(drop: int, asked: RunDescription) -> str:
-    return f'near drop {drop} of {asked.part}'
+def _near(drop: int, run: RunDescription) -> str:
+    return f'near drop {drop} of {run.part}'

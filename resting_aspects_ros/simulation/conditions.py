@@ -1,7 +1,8 @@
-"""Everything physical about a drop.
+"""The physical conditions of a drop.
 
-The fields' metadata is the one declaration of unit, bounds and meaning: the checks here, the
-command line's flags, the surfaces' file and the README's table follow it or are tested against it.
+The metadata of the fields is the only declaration of units, bounds and descriptions. The checks
+in this module and the command-line flags derive from it; the surfaces file and the table in the
+documentation are tested against it.
 """
 
 import dataclasses
@@ -14,23 +15,25 @@ from resting_aspects_ros.core.errors import InvalidValueError, shown
 
 
 class HeightOf(IntEnum):
-    """What the height of release is the height of; the codes of the message DropConditions."""
+    """Reference point of the release height; the codes of the message DropConditions."""
 
     LOWEST_POINT = 0
     CENTRE_OF_MASS = 1
 
     @property
     def label(self) -> str:
-        """The name for people, such as 'lowest point'."""
+        """Readable name, such as 'lowest point'."""
         return self.name.lower().replace('_', ' ')
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number with a unit and bounds. ``above`` is a strict lower bound, the others are not.
+    """A number with a unit and bounds.
 
     label : str
-        The name for people, such as 'horizontal speed spread'.
+        Readable name, such as 'horizontal speed spread'.
+    above : bool
+        Whether the lower bound itself is excluded. The upper bound is always included.
     """
 
     label: str
@@ -41,15 +44,15 @@ class Quantity:
     above: bool = False
 
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Return the allowed range as text, such as '0 to 10000 rad/s'."""
         unit = f' {self.unit}' if self.unit else ''
         lower = f'more than {self.low:g} and at most' if self.above else f'{self.low:g} to'
         return f'{lower} {self.high:g}{unit}'
 
     def check(self, name: str, value: Any) -> float:
-        """The value as a float, or an InvalidValueError that says what was allowed."""
+        """Return the value as a float; raises InvalidValueError if it is out of bounds."""
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        # Compared before it is a float: a whole number can be too large for one.
+        # The comparison precedes the conversion, because an integer can be too large for a float.
         within = number and self.low <= value <= self.high and math.isfinite(value)
         if within and (value > self.low or not self.above):
             return float(value)
@@ -62,7 +65,7 @@ def _quantity(label: str, unit: str, text: str, **bounds: Any) -> Any:
 
 @dataclass(frozen=True)
 class DropConditions:
-    """Conditions of a drop, checked. Friction and restitution are those of the pair.
+    """Validated conditions of a drop. Friction and restitution belong to the pair of materials.
 
     Raises
     ------
@@ -73,8 +76,8 @@ class DropConditions:
     height: float = _quantity('height', 'm', 'height of release', high=100.0, above=True)
     restitution: float = _quantity('restitution', '', 'restitution of part on surface', high=1.0)
     friction: float = _quantity('friction', '', 'Coulomb friction of part on surface', high=10.0)
-    # More would let a part rest tilted on an edge or a corner. Of slender parts the length is less
-    # than the hull radius; see drops.job.rolling_length.
+    # A higher value would let a part rest tilted on an edge or a corner. For slender parts, the
+    # length is less than the hull radius; see simulation.plan.rolling_length.
     rolling_friction: float = _quantity(
         'rolling friction',
         '',
@@ -121,11 +124,11 @@ class DropConditions:
             ) from None
 
     def values(self) -> tuple[float, ...]:
-        """All that is physical, for comparison: conditions are equal if these are."""
+        """Return all physical values, without the surface's name, for comparison."""
         return (*(getattr(self, name) for name in QUANTITIES), float(self.height_of))
 
     def changed(self, **changes: Any) -> 'DropConditions':
-        """These conditions with other values, and if that differs, without a surface's name."""
+        """Return conditions with other values; the surface's name is removed if they differ."""
         new = dataclasses.replace(self, **changes)
         if new.values() == self.values():
             return self

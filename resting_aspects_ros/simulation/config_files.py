@@ -1,4 +1,4 @@
-"""Where the suite's own files are: the folder config, in the source tree or installed."""
+"""Location of the suite's configuration files, in the source tree or installed."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ PACKAGE = 'resting_aspects_ros'
 
 
 def config_folder() -> Path:
-    """The source tree's folder, if this is one; else the installed one above this file."""
+    """Return the folder config of the source tree if there is one, otherwise the installed one."""
     here = Path(__file__).resolve()
     root = here.parents[2]
     source = root / 'config'
@@ -16,14 +16,14 @@ def config_folder() -> Path:
         installed = parent / 'share' / PACKAGE / 'config'
         if installed.is_dir():
             return installed
-    raise FileNotFoundError(f'the folder config of {PACKAGE} is not installed beside {here}')
+    raise FileNotFoundError(f'the folder config of {PACKAGE} is not installed near {here}')
 
 
 def parts_folder() -> Path:
-    """The example parts."""
+    """Return the folder of the example parts."""
     return config_folder() / 'parts'
 
 
 def surfaces_file() -> Path:
-    """The named conditions."""
+    """Return the file of the named conditions."""
     return config_folder() / 'surfaces.yaml'

@@ -1,7 +1,7 @@
-"""What a worker needs to drop a part, in the part's own scale.
+"""The input of a worker, in the part's own scale.
 
-Lengths are in units of the hull radius R, times in T = sqrt(R / g), and the mass is 1, so that
-g is 1.
+Lengths are in units of the hull radius R, times in units of T = sqrt(R / g), and the mass is 1.
+Therefore g is 1.
 """
 
 import math
@@ -11,38 +11,39 @@ from resting_aspects_ros.core.aspects.rest_rule import RestRule
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.conditions import DropConditions
 
-# Steps in T: from here on, finer steps move no aspect of an L bracket by more than sampling does.
+# Minimum number of time steps per T. Finer steps change no probability of an L bracket by more
+# than the sampling error.
 STEPS_PER_T = 160
-# A step moves no point of the part by more than this, R, at the speed of impact, however high it
-# fell; thrown, up to 3 standard deviations of its speed and spin.
+# Maximum distance, R, that a point of the part moves in one step at impact speed, for any height
+# and for up to 3 standard deviations of speed and spin at release.
 TRAVEL_PER_STEP = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class DropJob:
-    """All that a worker needs to drop a part: plain data, the same for every drop of a run.
+    """The data with which a worker simulates drops of a part; the same for every drop of a run.
 
     hull : (k, 3) float
-        Hull vertices from the centre of mass along the principal axes, in units of R.
+        Hull vertices relative to the centre of mass, in principal axes and in units of R.
     moments : (3,) float
         Principal moments of inertia in units of mass x R^2.
     axes : (4,) float
-        Unit quaternion xyzw, part from body: the body's axes are the principal axes.
+        Unit quaternion xyzw, part from body. The axes of the body frame are the principal axes.
     centre_of_mass : (3,) float
-        Part frame, m.
+        In the part frame, m.
     radius : float
         R, the hull radius, m.
     rest : RestRule
-        Of the part, part axes.
-    lowest : float
-        Least height of the centre of mass at rest, R.
+        Rule that decides the aspect from the energy, in the part frame.
+    min_height : float
+        Minimum height of the centre of mass at rest, R.
     rolling_length : float
-        The length by which the rolling friction is meant, R; see `rolling_length`.
+        Length that scales the rolling friction, R; see `plan.rolling_length`.
     until_still : bool
-        Run on where the energy has decided the aspect, until the part is still: what checks the
-        decision, and shows what it saves.
+        Continue until the part is still, even after the energy has decided the aspect. Used to
+        verify the decision and to measure the time that it saves.
     refinement : int
-        Time steps for each one that would be made.
+        Factor by which the number of time steps is multiplied.
     """
 
     hull: Array
@@ -53,7 +54,7 @@ class DropJob:
     conditions: DropConditions
     seed: int
     rest: RestRule
-    lowest: float
+    min_height: float
     rolling_length: float
     until_still: bool = False
     refinement: int = 1
@@ -64,11 +65,11 @@ class DropJob:
         return math.sqrt(self.radius / self.conditions.gravity)
 
     @property
-    def impact(self) -> float:
-        """Speed at which the fastest point of the part meets the surface, m/s.
+    def impact_speed(self) -> float:
+        """Speed at which the fastest point of the part hits the surface, m/s.
 
-        With 3 standard deviations of the speed and the spin at release; the horizontal speed
-        counts, because friction makes it spin.
+        Assumes 3 standard deviations of the speed and the spin at release. The horizontal speed
+        is included, because friction converts it to spin.
         """
         c = self.conditions
         fall = 2 * c.gravity * c.height
@@ -77,11 +78,11 @@ class DropJob:
 
     @property
     def steps_per_t(self) -> int:
-        """Time steps in T."""
-        impact = self.impact * self.time_unit / self.radius
-        return max(STEPS_PER_T, math.ceil(impact / TRAVEL_PER_STEP)) * self.refinement
+        """Number of time steps per T."""
+        speed = self.impact_speed * self.time_unit / self.radius
+        return max(STEPS_PER_T, math.ceil(speed / TRAVEL_PER_STEP)) * self.refinement
 
     @property
     def time_step(self) -> float:
-        """Of the engine, s."""
+        """Time step of the engine, s."""
         return self.time_unit / self.steps_per_t

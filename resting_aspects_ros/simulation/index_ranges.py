@@ -1,4 +1,4 @@
-"""Which drops of a run have been seen, and which are missing."""
+"""Set of drop indices, stored as ranges: which drops were received, and which are missing."""
 
 
 class IndexRanges:
@@ -8,7 +8,7 @@ class IndexRanges:
         self._ranges: list[tuple[int, int]] = []
 
     def add(self, first: int, end: int) -> list[tuple[int, int]]:
-        """Note [first, end) as seen; returns those of its ranges that were not yet."""
+        """Add [first, end) and return the ranges in it that are new."""
         new = self.missing(first, end)
         merged = sorted([*self._ranges, *new])
         self._ranges = merged[:1]
@@ -21,7 +21,7 @@ class IndexRanges:
         return new
 
     def missing(self, first: int, end: int) -> list[tuple[int, int]]:
-        """The ranges of [first, end) that have not been seen."""
+        """Return the ranges in [first, end) that were not added."""
         gaps = []
         for low, high in self._ranges:
             if high <= first:
@@ -37,14 +37,14 @@ class IndexRanges:
 
     @property
     def ranges(self) -> list[tuple[int, int]]:
-        """Those that have been seen, ascending; none touches the next."""
+        """The ranges that were added, ascending; adjacent ranges are merged."""
         return list(self._ranges)
 
     @property
     def end(self) -> int:
-        """Index after the last drop seen; 0 if none was."""
+        """Index after the last one that was added; 0 if the set is empty."""
         return self._ranges[-1][1] if self._ranges else 0
 
     def __len__(self) -> int:
-        """How many have been seen."""
+        """Return the number of indices that were added."""
         return sum(high - low for low, high in self._ranges)

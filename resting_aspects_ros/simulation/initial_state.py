@@ -1,4 +1,4 @@
-"""How drops start: at random, and each by its index alone."""
+"""Initial states of drops: random, but determined by the seed and the index of each drop."""
 
 from dataclasses import dataclass
 
@@ -8,34 +8,38 @@ from resting_aspects_ros.core.rotations import Array, composed, down_in_part, ra
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.drop_job import DropJob
 
-# Drops of a chunk share a world, each in its own slot; a drop's slot is its index modulo the
-# chunk, since the rounding, and with it the pose, depends on the place in the world.
+# Number of drops in a chunk. They share a world, each in its own slot. A drop's slot is its index
+# modulo the chunk size, because rounding errors, and therefore the pose, depend on the position
+# in the world.
 CHUNK = 125
-# Without spin, free fall only adds speed: it is left out down to this clearance, R, which is more
-# than Bullet's contact breaking distance (0.02).
+# Without spin, free fall only adds speed, so it is not simulated down to this clearance, R. The
+# clearance exceeds Bullet's contact breaking distance (0.02).
 START_CLEARANCE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class InitialState:
-    """How the drops of a chunk start in the world, in R and T. Shapes (n, 3), (n, 4), (n,)."""
+    """Initial state of n drops, in R and T; shapes (n, 3), (n, 4), (n, 3), (n, 3) and (n,)."""
 
     position: Array
     orientation: Array
     velocity: Array
     spin: Array
-    elapsed: Array  # time of the fall that was left out
+    elapsed: Array  # time of the free fall that is not simulated
 
     @property
     def flight(self) -> float:
-        """Longest time of flight that is simulated, T."""
+        """Maximum time of flight that is simulated, T."""
         up = self.velocity[:, 2]
         longest: float = (up + np.sqrt(up**2 + 2 * np.abs(self.position[:, 2]))).max()
         return longest
 
 
-def releases(job: DropJob, chunk: int) -> InitialState:
-    """The starts of all drops of a chunk: always all, so that a drop's start is its own."""
+def initial_states(job: DropJob, chunk: int) -> InitialState:
+    """Return the initial states of all drops of a chunk.
+
+    Always all drops, so that the state of a drop does not depend on which others are simulated.
+    """
     c, unit = job.conditions, job.time_unit
     generator = np.random.default_rng(np.random.SeedSequence(job.seed, spawn_key=(chunk,)))
     of_part = random_orientations(generator, CHUNK)
@@ -62,19 +66,19 @@ def releases(job: DropJob, chunk: int) -> InitialState:
 
 
 def body_from_part(of_part: Array, axes: Array) -> Array:
-    """Tray from body, given tray from part and the job's axes."""
+    """Return the rotation tray from body, given tray from part and the job's axes."""
     return composed(of_part, axes)
 
 
 def part_from_body(of_body: Array, axes: Array) -> Array:
-    """Tray from part, given tray from body and the job's axes."""
+    """Return the rotation tray from part, given tray from body and the job's axes."""
     return composed(of_body, axes * [-1, -1, -1, 1])
 
 
 def depth_of(xyzw: Array, hull: Array) -> Array:
-    """(n,) heights of the centre of mass above the lowest point of the hull (k, 3)."""
-    # Not as a matrix product: its rounding depends on how many rows it has, so that a drop's
-    # height would depend on how many others are asked for (rule 1).
+    """Return the heights, (n,), of the centre of mass above the lowest point of the hull."""
+    # A matrix product would not do: its rounding depends on the number of rows, so that a drop's
+    # height would depend on how many other drops are simulated.
     x, y, z = down_in_part(xyzw).T[:, :, None]
     reach: Array = (x * hull[:, 0] + y * hull[:, 1] + z * hull[:, 2]).max(axis=1)
     return reach

@@ -19,8 +19,8 @@ def catch(handler: Any) -> dict[signal.Signals, Any]:
 class Interruption:
     """Deferred interruption: signals are noted during `with`, and checked at safe points.
 
-    Once the work ends because of a signal, further ones are ignored: a second Ctrl-C must not
-    spoil what is being saved.
+    Once the work ends because of a signal, further signals are ignored, so that a second Ctrl-C
+    does not corrupt the results that are being saved.
     """
 
     def __init__(self) -> None:
@@ -32,7 +32,7 @@ class Interruption:
         return self
 
     def check(self) -> None:
-        """Raise KeyboardInterrupt if a signal came."""
+        """Raise KeyboardInterrupt if a signal was received."""
         if self.asked:
             raise KeyboardInterrupt
 

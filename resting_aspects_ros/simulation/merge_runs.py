@@ -1,8 +1,8 @@
-"""The drops of several runs together, each once.
+"""Merging the drops of several runs, so that each drop is counted once.
 
-A drop is known by what it follows from (`RunDescription.sequence`) and its index: runs of one
-sequence that overlap share drops, and a log may hold a drop twice. Runs of other seeds are other
-drops. To count a drop twice would make intervals narrower than they are.
+A drop is identified by the inputs that determine it (`RunDescription.sequence`) and its index.
+Overlapping runs of one sequence share drops, and a log may contain a drop twice. Runs with
+different seeds have different drops. Counting a drop twice would make the intervals too narrow.
 """
 
 from collections.abc import Iterable, Sequence
@@ -22,14 +22,14 @@ RunPoses = tuple[RunDescription, RestingPoses]
 
 @dataclass(frozen=True, eq=False)
 class MergedDrops:
-    """The drops of one sequence, each once.
+    """The drops of one sequence, without duplicates.
 
     run : RunDescription
-        Of the first piece that was given of the sequence.
+        Description of the first batch of the sequence.
     run_ids : tuple of str
-        All runs that had a part, in the order in which they were given.
+        Ids of all runs that contributed, in input order.
     poses : tuple of RestingPoses
-        Ascending; drops are missing between one and the next.
+        Contiguous blocks, ascending, with missing drops between consecutive blocks.
     """
 
     run: RunDescription
@@ -40,26 +40,26 @@ class MergedDrops:
         return sum(len(poses) for poses in self.poses)
 
 
-def merge_drops(pieces: Iterable[RunPoses], *, any_engine: bool = False) -> list[MergedDrops]:
-    """All drops of pieces of runs, each once, by sequence in the order in which these appear.
+def merge_drops(batches: Iterable[RunPoses], *, any_engine: bool = False) -> list[MergedDrops]:
+    """Return the drops of all batches without duplicates, grouped by sequence in input order.
 
     Parameters
     ----------
-    pieces : (RunDescription, RestingPoses) each
-        Of one part and one set of conditions. They may overlap, repeat and leave gaps.
+    batches : iterable of (RunDescription, RestingPoses)
+        Batches of one part and one set of conditions. They may overlap, repeat and have gaps.
     any_engine : bool
-        Allow runs of different engines, versions of them, or time steps.
+        Allow runs with different engines, engine versions or time steps.
 
     Raises
     ------
     InvalidValueError
-        If a run is of another part or other conditions than the first, or, unless allowed, of
-        another engine; if a drop ended otherwise in one piece than in another; if different
-        engines made drops of the same start, which are not independent.
+        If a run has another part or other conditions than the first, or, unless allowed, another
+        engine; if two batches contain different results for the same drop; if different engines
+        simulated the same initial state, because such drops are not independent.
     """
     groups: dict[tuple[object, ...], list[RunPoses]] = {}
     first: RunDescription | None = None
-    for run, poses in pieces:
+    for run, poses in batches:
         first = first or run
         _check_same(first, run, any_engine)
         groups.setdefault(run.sequence(), []).append((run, poses))
@@ -69,7 +69,7 @@ def merge_drops(pieces: Iterable[RunPoses], *, any_engine: bool = False) -> list
 
 
 def _check_same(first: RunDescription, run: RunDescription, any_engine: bool) -> None:
-    """Raises InvalidValueError if drops of a run cannot be counted with those of the first."""
+    """Raise InvalidValueError if the run cannot be merged with the first one."""
     compared = [('part_sha256', run.part_sha256, first.part_sha256)]
     here, there = run.conditions, first.conditions
     compared += [
@@ -91,11 +91,11 @@ def _engine(run: RunDescription) -> str:
 
 
 def _merge(group: Sequence[RunPoses]) -> MergedDrops:
-    """The drops of one sequence."""
+    """Merge the drops of one sequence."""
     kept: list[RunPoses] = []
     end = 0
-    # In the order of their drops, so that a piece can overlap only what was last kept.
-    for run, poses in sorted(group, key=lambda piece: piece[1].first_drop):
+    # Sorted by first drop, so that a batch can overlap only the batches that were kept last.
+    for run, poses in sorted(group, key=lambda batch: batch[1].first_drop):
         for other, before in reversed(kept):
             if before.end <= poses.first_drop:
                 break
@@ -112,17 +112,17 @@ def _merge(group: Sequence[RunPoses]) -> MergedDrops:
     )
 
 
-def _joined(pieces: Sequence[RestingPoses]) -> list[RestingPoses]:
-    """Ascending pieces, with those that touch made one."""
-    gaps = [i for i, (a, b) in enumerate(pairwise(pieces), start=1) if a.end != b.first_drop]
-    bounds = pairwise([0, *gaps, len(pieces)])
-    return [RestingPoses.join(pieces[low:high]) for low, high in bounds if low < high]
+def _joined(blocks: Sequence[RestingPoses]) -> list[RestingPoses]:
+    """Join adjacent blocks of an ascending sequence."""
+    gaps = [i for i, (a, b) in enumerate(pairwise(blocks), start=1) if a.end != b.first_drop]
+    bounds = pairwise([0, *gaps, len(blocks)])
+    return [RestingPoses.join(blocks[low:high]) for low, high in bounds if low < high]
 
 
 def _check_equal(
     other: RunDescription, before: RestingPoses, run: RunDescription, poses: RestingPoses
 ) -> None:
-    """Raises InvalidValueError if a drop that is in both did not end alike."""
+    """Raise InvalidValueError if a drop that is in both has different results."""
     low, high = max(before.first_drop, poses.first_drop), min(before.end, poses.end)
     differs = _differ(before.between(low, high), poses.between(low, high))
     if differs.any():
@@ -135,20 +135,20 @@ def _check_equal(
 
 
 def _differ(a: RestingPoses, b: RestingPoses) -> npt.NDArray[np.bool_]:
-    """(n,) whether anything of a drop differs in a bit, but for the bits of NaN."""
-    found = np.zeros(len(a), dtype=bool)
+    """Return, (n,), whether any value of a drop differs in a bit; all NaN count as equal."""
+    differs = np.zeros(len(a), dtype=bool)
     for field in fields(RestingPoses)[1:]:
         x, y = (np.atleast_2d(getattr(each, field.name).T) for each in (a, b))
         same = (x == y) & (np.signbit(x) == np.signbit(y)) | np.isnan(x) & np.isnan(y)
-        found |= ~same.all(axis=0)
-    return found
+        differs |= ~same.all(axis=0)
+    return differs
 
 
 def _check_starts(merged: Sequence[MergedDrops]) -> None:
-    """Raises InvalidValueError if two sequences have drops that started alike.
+    """Raise InvalidValueError if two sequences have drops with the same initial state.
 
-    The start of a drop follows from seed and index alone. Where two engines let the same start
-    fall the ends are alike more often than by chance, and an interval takes drops as independent.
+    The initial state depends only on the seed and the index. The results of two engines for the
+    same initial state agree more often than by chance, but the intervals assume independent drops.
     """
     ranges = sorted(
         (each.run.seed, poses.first_drop, poses.end, each.run.run_id)

@@ -1,4 +1,4 @@
-"""The registered parts: a folder of meshes, each with an optional YAML beside it."""
+"""The registered parts: a folder of meshes, each with an optional YAML file."""
 
 import difflib
 import math
@@ -15,7 +15,7 @@ from resting_aspects_ros.core.part_loading import load_part
 from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS
 from resting_aspects_ros.core.yaml_file import read_yaml
 
-# The keys of a part's YAML, and what each takes; the numbers are how many.
+# The keys of a part's YAML file with the kind of their value; an integer is a count of numbers.
 KEYS: dict[str, int | str] = {
     'unit': 'unit',
     'density': 1,
@@ -29,15 +29,15 @@ Stamp = tuple[tuple[int, int] | None, ...]
 
 
 class PartLibrary:
-    """Parts by name, read from a folder when they are asked for, and again when a file changes.
+    """Parts by name, read from a folder on request, and read again when a file changes.
 
     Parameters
     ----------
     folder : Path
-        Holds <name>.stl, .obj or .ply, and <name>.yaml where the mesh does not say enough: unit,
-        density (kg/m^3) or mass (kg), centre_of_mass (three numbers in the mesh's unit), inertia
-        (six numbers, kg m^2, ixx ixy ixz iyy iyz izz about the centre of mass), body (which of
-        several bodies, from 1 on).
+        Contains <name>.stl, .obj or .ply, and an optional <name>.yaml with unit, density (kg/m^3)
+        or mass (kg), centre_of_mass (three numbers in the mesh's unit), inertia (six numbers,
+        kg m^2, ixx ixy ixz iyy iyz izz about the centre of mass), and body (number of the body in
+        a mesh with several, starting at 1).
     """
 
     def __init__(self, folder: Path) -> None:
@@ -49,14 +49,14 @@ class PartLibrary:
         return sorted(self._meshes())
 
     def stamps(self) -> dict[str, Stamp]:
-        """Return, by the name of each registered part, what changes when one of its files does."""
+        """Return a stamp for each registered part, which changes when one of its files changes."""
         return {
             name: (_stamp(mesh), _stamp(mesh.with_suffix('.yaml')))
             for name, mesh in self._meshes().items()
         }
 
     def problems(self) -> list[str]:
-        """Return a sentence for each file that looks like a part and is not registered as one."""
+        """Return a message for each file that looks like a part but is not registered."""
         where = f'in {str(self.folder)!r}'
         by_stem = self._by_stem()
         found = (
@@ -65,8 +65,8 @@ class PartLibrary:
             else [f'the folder of parts {str(self.folder)!r} does not exist or cannot be read']
         )
         found += [
-            f'{printable(file.name)} {where} is not used: it must be <part>.yaml, beside the mesh '
-            'of that name'
+            f'{printable(file.name)} {where} is not used: expected the name <part>.yaml, with a '
+            'mesh of the same name'
             for file in self._files()
             if file.suffix.lower() in ('.yaml', '.yml')
             and not (file.suffix == '.yaml' and file.stem in by_stem)
@@ -74,45 +74,45 @@ class PartLibrary:
         return found + list(dict.fromkeys(self.not_registered().values()))
 
     def not_registered(self) -> dict[str, str]:
-        """Return why, in a sentence, by the name of each mesh that is not registered as a part."""
+        """Return the reason for each mesh file that is not registered as a part."""
         where = f'in {str(self.folder)!r}'
         found: dict[str, str] = {}
         for stem, files in self._by_stem().items():
             names = ', '.join(printable(file.name) for file in files)
             if not is_valid_name(stem):
                 why = (
-                    f'{names} {where} is not registered: a part is named with lower case letters, '
+                    f'{names} {where} is not registered: expected a name of lower case letters, '
                     f'digits and _, a letter first, at most {MAX_NAME} characters'
                 )
             elif len(files) > 1:
-                why = f'{names} {where} are not registered: only one mesh can be the part {stem!r}'
+                why = f'{names} {where} are not registered: expected one mesh for part {stem!r}'
             else:
                 continue
             found |= {printable(file.name): why for file in files}
         return found
 
     def load(self, name: str) -> Part:
-        """Return the part of that name.
+        """Return the part with this name.
 
         Raises
         ------
         UnknownPartError
-            No such part; the message lists those that are.
+            If no part has this name; the message lists the registered parts.
         PartError, InvalidValueError
-            The mesh or the YAML cannot be used.
+            If the mesh or the YAML file cannot be used.
         """
         mesh = self._meshes().get(name)
         if mesh is None:
             raise UnknownPartError(self._unknown(name))
-        sheet = mesh.with_suffix('.yaml')
-        stamp = (_stamp(mesh), _stamp(sheet))
-        known = self._loaded.get(name)
-        if known is None or known[0] != stamp:
-            known = self._loaded[name] = stamp, _read(mesh, sheet if stamp[1] else None)
-        found = known[1]
-        if isinstance(found, RestingAspectsError):
-            raise type(found)(str(found))
-        return found
+        yaml_file = mesh.with_suffix('.yaml')
+        stamp = (_stamp(mesh), _stamp(yaml_file))
+        loaded = self._loaded.get(name)
+        if loaded is None or loaded[0] != stamp:
+            loaded = self._loaded[name] = stamp, _read(mesh, yaml_file if stamp[1] else None)
+        result = loaded[1]
+        if isinstance(result, RestingAspectsError):
+            raise type(result)(str(result))
+        return result
 
     def _meshes(self) -> dict[str, Path]:
         return {
@@ -131,15 +131,15 @@ class PartLibrary:
     def _files(self) -> list[Path]:
         try:
             return sorted(filter(is_file, self.folder.iterdir()))
-        except OSError:  # problems() tells
+        except OSError:  # problems() reports it
             return []
 
     def _unknown(self, name: str) -> str:
         names = self.names()
         close = difflib.get_close_matches(str(name).lower(), names, n=1)
         hint = f'; did you mean {close[0]!r}?' if close else ''
-        unfit = [sentence for sentence in self.problems() if printable(str(name)) in sentence]
-        hint += ''.join(f'; {sentence}' for sentence in unfit)
+        related = [problem for problem in self.problems() if printable(str(name)) in problem]
+        hint += ''.join(f'; {problem}' for problem in related)
         return unknown_part_text(name, names, f'none in {str(self.folder)!r}') + hint
 
 
@@ -149,21 +149,21 @@ def unknown_part_text(name: str, known: Iterable[str], none: str) -> str:
     return f'part {shown(str(name))} is not known; known parts: {names}'
 
 
-def _read(mesh: Path, sheet: Path | None) -> Part | RestingAspectsError:
-    """Return the part, or what is wrong, so that a bad file is not read again either."""
+def _read(mesh: Path, yaml_file: Path | None) -> Part | RestingAspectsError:
+    """Return the part or the error, so that an invalid file is not read again either."""
     try:
-        return load_part(mesh, mesh.stem, **(read_part_yaml(sheet) if sheet else {}))
+        return load_part(mesh, mesh.stem, **(read_part_yaml(yaml_file) if yaml_file else {}))
     except RestingAspectsError as error:
         return error
 
 
 def read_part_yaml(path: Path) -> dict[str, Any]:
-    """Return what a part's YAML says, as arguments of load_part: SI units.
+    """Return the values of a part's YAML file as arguments of load_part, in SI units.
 
     Raises
     ------
     PartError
-        It cannot be read, has an unknown key, or a value of the wrong kind.
+        If the file cannot be read, has an unknown key, or a value of the wrong kind.
     """
     label = named('part file', path)
     content = read_yaml(path, 'part file', error=PartError)
@@ -206,18 +206,18 @@ def _checked(value: Any, key: str, label: str) -> Any:
 
 
 def _number(value: Any) -> float | None:
-    """Return a finite number; also of text, because to YAML 1.1 1e-6, without a dot, is text."""
+    """Return a finite number, or None. Accepts text, because YAML 1.1 reads 1e-6 as text."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         return None
     try:
-        found = float(value)
+        number = float(value)
     except (ValueError, OverflowError):
         return None
-    return found if math.isfinite(found) else None
+    return number if math.isfinite(number) else None
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:
-    """Return what changes when a file does; None if there is none."""
+    """Return the modification time and the size of a file; None if it does not exist."""
     try:
         status = path.stat()
     except OSError:

@@ -1,4 +1,4 @@
-"""From a request to a run: the job for the workers, and the description for everybody else."""
+"""Planning of a run: from a request to the job of the workers and the run description."""
 
 from importlib.metadata import version
 
@@ -22,12 +22,12 @@ from resting_aspects_ros.simulation.run_description import (
     check_seed,
 )
 
-# Not imported here: only the workers need it.
+# The engine itself is not imported here, because only the workers need it.
 ENGINE = 'bullet'
 ENGINE_VERSION = version('pybullet')
-# A flat side is narrow if it reaches less than this, R, from below the centre of mass to an edge.
+# A flat side is narrow if an edge is closer than this, R, to the point below the centre of mass.
 NARROW = 0.15
-# Faster impacts, R / T, are refused: their many small steps would hold a worker for hours.
+# Faster impacts, R / T, are rejected: their many small steps would occupy a worker for hours.
 MAX_IMPACT = 100.0
 
 
@@ -43,14 +43,14 @@ def plan_run(
     precision: float = 0.0,
     landscape: Landscape | None = None,
 ) -> tuple[DropJob, RunDescription]:
-    """The job and the description of a run, checked; raises InvalidValueError.
+    """Return the job and the description of a run; raises InvalidValueError.
 
     Parameters
     ----------
     precision : float
-        Half width of the intervals at which the run stops; 0: it makes all its drops.
+        Half width of the intervals at which the run stops; 0 if it simulates all its drops.
     landscape : Landscape or None
-        The part's, if it is known already.
+        Landscape of the part, if it was already computed.
     """
     check_drops(drops)
     if precision != 0:
@@ -88,9 +88,9 @@ def make_job(
     refinement: int = 1,
     landscape: Landscape | None = None,
 ) -> DropJob:
-    """The job of dropping a part; InvalidValueError if it cannot be dropped in that way.
+    """Return the job for a part; InvalidValueError if the conditions do not fit the part.
 
-    ``until_still`` and ``refinement`` as DropJob has them, ``landscape`` as plan_run.
+    See DropJob for ``until_still`` and ``refinement``, and plan_run for ``landscape``.
     """
     radius = part.hull_radius
     if conditions.height_of is HeightOf.CENTRE_OF_MASS and conditions.height <= radius:
@@ -109,15 +109,15 @@ def make_job(
         conditions=conditions,
         seed=seed,
         rest=RestRule(landscape, aspects),
-        lowest=float(landscape.heights.min()) / radius,
+        min_height=float(landscape.heights.min()) / radius,
         rolling_length=rolling_length(landscape, aspects),
         until_still=until_still,
         refinement=refinement,
     )
     fastest = MAX_IMPACT * job.radius / job.time_unit
-    if job.impact > fastest:
+    if job.impact_speed > fastest:
         raise InvalidValueError(
-            f'invalid impact speed {job.impact:.4g} m/s of {part.name}, which follows from '
+            f'invalid impact speed {job.impact_speed:.4g} m/s of {part.name}, which follows from '
             'height, speed and spin at release: expected at most '
             f'{fastest:.4g} m/s for its size and gravity'
         )
@@ -125,11 +125,12 @@ def make_job(
 
 
 def rolling_length(landscape: Landscape, aspects: list[JoinedMinima]) -> float:
-    """The length that rolling friction is a share of, R: 1 but for slender parts.
+    """Return the length that scales the rolling friction, R: 1 except for slender parts.
 
-    Rolling friction is there to stop what rolls. Of a slender part a share of R is a lever that
-    could hold it tilted on an edge, so its length is in proportion to the narrowest of its flat
-    sides instead; though not below its lowest height, the radius on which a slender roller rolls.
+    Rolling friction stops rolling parts. For a slender part, a fraction of R is a lever arm that
+    could hold the part tilted on an edge. Its length is therefore proportional to its narrowest
+    flat side, but not less than the minimum height of the centre of mass, which is the radius on
+    which a slender roller rolls.
     """
     hull = landscape.hull
     flat = landscape.minima[[a.minima[0] for a in aspects if not a.curved]]

@@ -1,7 +1,7 @@
-"""Drops in processes of this machine.
+"""Worker processes on this machine.
 
-The parent sends (job or None, first drop, end); None stands for the job that was sent before. A
-worker answers with the resting poses, or the exception, until the parent is gone.
+The parent sends (job or None, first drop, end), where None means the job that was sent before. A
+worker replies with the resting poses or the exception. It exits when its parent exits.
 """
 
 import os
@@ -22,7 +22,7 @@ from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.simulation.drop_job import DropJob
 
 MAX_WORKERS = 1024
-# A worker imports from where its parent does, whatever the working folder holds.
+# A worker uses its parent's import path, independent of the content of the working directory.
 _PROGRAM = (
     'import sys; sys.path[:] = sys.argv[2:]; '
     'from resting_aspects_ros.simulation.process_workers import serve; serve(int(sys.argv[1]))'
@@ -30,26 +30,27 @@ _PROGRAM = (
 # Workers run at lower priority than other processes of this machine.
 NICENESS = 5
 _ENGINE = 'resting_aspects_ros.simulation.bullet_engine'
-# The parent decides what these mean. A terminal sends them to all of its processes.
+# The parent handles these signals. Workers block them, because a terminal sends them to all of
+# its processes.
 _PARENTS_SIGNALS = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
-# A killed process ends at once, unless the system holds it; s.
+# Timeout for a killed process to end, s. It ends at once unless the system is holding it.
 _END_TIMEOUT = 5.0
 
 
 class WorkerDiedError(EngineError):
-    """The process that dropped a chunk ended."""
+    """The process that simulated a chunk has ended."""
 
 
 def default_workers() -> int:
-    """Cores this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
 class ProcessWorkers:
-    """Worker processes, each with a connection of its own: Workers of one campaign or several.
+    """Worker processes, each with its own connection; implements Workers for any number of runs.
 
-    A worker that dies fails the chunk that it dropped, and is replaced. The others are not
-    affected, since they share no lock and no pipe with it.
+    When a worker dies, its chunk fails and the worker is replaced. The other workers are not
+    affected, because they share no lock and no pipe with it.
 
     count : int
         Number of processes.
@@ -57,9 +58,9 @@ class ProcessWorkers:
     Raises
     ------
     InvalidValueError
-        The count is out of bounds.
+        If the count is out of bounds.
     EngineError
-        The system starts no more processes.
+        If the system cannot start a process.
     """
 
     def __init__(self, count: int) -> None:
@@ -79,29 +80,29 @@ class ProcessWorkers:
             raise
 
     def lookahead(self) -> int:
-        """One chunk in work and one waiting, for each process."""
+        """Return two chunks per process: one that is simulated and one that is waiting."""
         return 2 * self.count
 
     def submit(self, job: DropJob, first: int, end: int) -> 'Future[RestingPoses]':
-        """Drop a chunk as soon as a process is free."""
+        """Submit a chunk, which is simulated as soon as a process is idle."""
         return self._threads.submit(self._drop, job, first, end)
 
     def result(self, future: 'Future[RestingPoses]') -> RestingPoses:
-        """The poses of a chunk."""
+        """Return the poses of a chunk."""
         return future.result()
 
     def deaths(self, error: Exception) -> int:
-        """1 for the error of a worker that died, else 0."""
+        """Return 1 for the error of a worker that died, otherwise 0."""
         return int(isinstance(error, WorkerDiedError))
 
     def stop(self) -> None:
-        """End the processes; chunks that are not done are given up."""
+        """End the processes; unfinished chunks are discarded."""
         with self._lock:
             self._stopped = True
             workers, self._workers = self._workers, set()
         for worker in workers:
             worker.kill()
-        # No thread waits for a process any more: its connection is shut down.
+        # No thread waits for a process any more, because the connections are shut down.
         self._threads.shutdown(cancel_futures=True)
         for worker in workers:
             worker.wait()
@@ -133,13 +134,13 @@ class ProcessWorkers:
 
 
 class _Worker:
-    """A process that runs `serve`; begins to import what it needs at once."""
+    """A process that runs `serve`; it imports the engine before the first chunk arrives."""
 
     def __init__(self) -> None:
         self._job: DropJob | None = None
         self._socket, theirs = socket.socketpair()
         self._connection = Connection(os.dup(self._socket.fileno()))
-        # A process inherits which signals are blocked.
+        # A process inherits the signal mask of its parent.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, _PARENTS_SIGNALS)
         try:
             with theirs:
@@ -154,9 +155,9 @@ class _Worker:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def drop(self, job: DropJob, first: int, end: int) -> RestingPoses:
-        """Drop a chunk; raises WorkerDiedError, and what the worker raised."""
+        """Simulate a chunk; raises WorkerDiedError, or the exception of the worker."""
         try:
-            # The job is sent once: it may be large, and the engine keeps what belongs to it.
+            # The job is sent only once, because it may be large and the engine caches its shape.
             self._connection.send((None if job is self._job else job, first, end))
             self._job = job
             answer = self._connection.recv()
@@ -168,13 +169,13 @@ class _Worker:
         return poses
 
     def kill(self) -> None:
-        """End the process, and whatever waits for it, also if it does not end."""
+        """Kill the process and shut down the connection, which ends all waiting for it."""
         with suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._process.kill()
 
     def wait(self) -> None:
-        """Wait for the end of a process that was killed."""
+        """Wait until a killed process has ended, or until the timeout."""
         with suppress(TimeoutExpired):
             self._process.wait(_END_TIMEOUT)
 
@@ -186,7 +187,7 @@ def serve(descriptor: int) -> None:
     tasks: SimpleQueue[bytes] = SimpleQueue()
     threading.Thread(target=_receive, args=(connection, tasks), daemon=True).start()
     with suppress(Exception):
-        # Before the first task arrives; what fails here fails again there.
+        # Import the engine before the first task arrives. A failure is raised again by the task.
         import_module(_ENGINE)
     job = None
     while True:
@@ -201,7 +202,7 @@ def serve(descriptor: int) -> None:
 
 
 def _receive(connection: Connection, tasks: 'SimpleQueue[bytes]') -> None:
-    """Queue what arrives. End the process with its parent, also in the middle of a chunk."""
+    """Queue incoming tasks, and exit when the parent exits, even in the middle of a chunk."""
     try:
         while True:
             tasks.put(connection.recv_bytes())

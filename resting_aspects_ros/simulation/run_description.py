@@ -1,4 +1,4 @@
-"""What a run is: which drops of which part, under which conditions, made with what."""
+"""Description of a run: its part, drops, conditions, seed and engine."""
 
 import re
 from dataclasses import dataclass
@@ -8,19 +8,19 @@ from resting_aspects_ros.simulation.conditions import DropConditions
 
 MAX_DROPS = 2_000_000
 MAX_SEED = 2**64 - 1
-_LONGEST_RUN_ID = 64
-# Part of the name of the run's log.
-_RUN_ID = re.compile(rf'[A-Za-z0-9][A-Za-z0-9_.-]{{0,{_LONGEST_RUN_ID - 1}}}')
-# Of a run for which none was given: the same question has the same answer.
+_MAX_RUN_ID_LENGTH = 64
+# The run id is a part of the name of the run's log.
+_RUN_ID = re.compile(rf'[A-Za-z0-9][A-Za-z0-9_.-]{{0,{_MAX_RUN_ID_LENGTH - 1}}}')
+# The default seed is fixed, so that identical requests have identical results.
 DEFAULT_SEED = 1
 DEFAULT_DROPS = 1000
 
 
 @dataclass(frozen=True)
 class RunDescription:
-    """n drops of one part under one set of conditions and one seed; the message's fields.
+    """Drops of one part under one set of conditions and one seed; has the message's fields.
 
-    time_step in s; started in ns since the epoch.
+    ``time_step`` is in s, ``started`` in ns since the epoch.
     """
 
     run_id: str
@@ -39,11 +39,11 @@ class RunDescription:
 
     @property
     def end(self) -> int:
-        """Index after the last drop asked for."""
+        """Index after the last requested drop."""
         return self.first_drop + self.drops
 
     def sequence(self) -> tuple[object, ...]:
-        """What the drops follow from: where it is the same, drops of one index end alike."""
+        """Return the inputs that, together with a drop's index, determine its resting pose."""
         return (
             self.part_sha256,
             self.conditions.values(),
@@ -56,30 +56,30 @@ class RunDescription:
 
 
 def check_drops(drops: int) -> None:
-    """Raises InvalidValueError if a run cannot have so many drops."""
-    _check_whole('drops', drops, 1, MAX_DROPS)
+    """Raise InvalidValueError if the number of drops of a run is out of bounds."""
+    _check_integer('drops', drops, 1, MAX_DROPS)
 
 
 def check_seed(seed: int) -> None:
-    """Raises InvalidValueError if the number is no seed."""
-    _check_whole('seed', seed, 0, MAX_SEED)
+    """Raise InvalidValueError if the seed is out of bounds."""
+    _check_integer('seed', seed, 0, MAX_SEED)
 
 
 def check_run_id(run_id: str) -> None:
-    """Raises InvalidValueError if a run cannot have this id; empty stands for a new one."""
+    """Raise InvalidValueError if the run id is invalid; an empty one requests a new id."""
     if run_id and not _RUN_ID.fullmatch(run_id):
         raise InvalidValueError(
-            f'invalid run_id {shown(run_id)}: expected up to {_LONGEST_RUN_ID} letters, digits, '
-            '"_", "-" and ".", a letter or digit first'
+            f'invalid run_id {shown(run_id)}: expected up to {_MAX_RUN_ID_LENGTH} letters, '
+            'digits, "_", "-" and ".", a letter or digit first'
         )
 
 
 def check_first_drop(first_drop: int, drops: int) -> None:
-    """Raises InvalidValueError if so many drops cannot begin there."""
-    _check_whole('first_drop', first_drop, 0, MAX_SEED - drops)
+    """Raise InvalidValueError if the first drop is out of bounds for this number of drops."""
+    _check_integer('first_drop', first_drop, 0, MAX_SEED - drops)
 
 
-def _check_whole(name: str, value: object, low: int, high: int) -> None:
+def _check_integer(name: str, value: object, low: int, high: int) -> None:
     if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
         raise InvalidValueError(
             f'invalid {name} {value!r}: expected an integer from {low} to {high}'

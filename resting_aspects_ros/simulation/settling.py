@@ -1,4 +1,4 @@
-"""Watching drops until they are over: energies, rest, and what goes wrong."""
+"""Detection of the end of a drop: at rest, decided by its energy, failed or timed out."""
 
 import math
 from dataclasses import dataclass
@@ -17,32 +17,35 @@ from resting_aspects_ros.simulation.initial_state import (
     part_from_body,
 )
 
-# Time between looks, T.
-LOOK = 0.5
-# At rest: for REST_WINDOW T no coordinate and no quaternion component changes by more than
-# REST_MOTION between looks. A part about to topple from an edge grows its tilt e-fold in about T,
-# so that only a tilt below 1e-4 could be taken for rest. Windows of 0.5 to 60 T gave the same
-# aspects (L bracket, T prism, hex nut; 500 drops of each).
+# Time between checks of the bodies, T.
+CHECK_INTERVAL = 0.5
+# A part is at rest if, for REST_WINDOW T, no coordinate and no quaternion component changes by
+# more than REST_MOTION between checks. The tilt of a part about to topple from an edge grows by a
+# factor of e in about T, so only a tilt below 1e-4 could be mistaken for rest. Windows of 0.5 to
+# 60 T gave the same aspects (L bracket, T prism, hex nut; 500 drops of each).
 REST_WINDOW = 2.0
 REST_MOTION = 1e-4
-# A drop failed if its centre of mass is deeper below the surface than this, R: an impact overlaps
-# by the way of a step, a tenth of it.
-DEEPEST = 0.5
-# A drop that still moves after so many T is unsettled.
+# A drop has failed if its centre of mass is further below the surface than this, R. The
+# penetration of an impact is at most the travel of one step, a tenth of this limit.
+MAX_DEPTH = 0.5
+# A drop that still moves after this time, T, is unsettled.
 TIME_LIMIT = 500.0
-# A drop failed if its energy is more than at any look before, by more than this part of it and of
-# m g R. Newton's law of restitution with friction adds energy in some impacts (Kane and Levinson
-# 1985): at 0.8 and 0.5 by up to 0.05 of it from look to look, at 0.95 and 1 by 0.2. What goes
-# numerically wrong grows without bounds.
+# A drop has failed if its energy exceeds the minimum of all earlier checks by more than this
+# fraction of the minimum plus m g R. Newton's law of restitution with friction adds energy in some
+# impacts (Kane and Levinson 1985): with restitution 0.8 and friction 0.5 by a fraction of up to
+# 0.05 between checks, with 0.95 and 1 by 0.2. Numerical failures grow without bounds.
 MAX_GROWTH = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class BodyStates:
-    """Of n bodies, in R and T, tray axes.
+    """States of n bodies, in R and T, in tray axes.
 
-    position, velocity : (n, 3) of the centre of mass, from the slot's origin; orientation : (n, 4)
-    tray from body; spin : (n, 3).
+    position, velocity : (n, 3)
+        Of the centre of mass, relative to the origin of the slot.
+    orientation : (n, 4)
+        Tray from body.
+    spin : (n, 3)
     """
 
     position: Array
@@ -50,48 +53,49 @@ class BodyStates:
     velocity: Array
     spin: Array
 
-    def of(self, which: npt.NDArray[Any]) -> 'BodyStates':
-        """Of some of them."""
+    def select(self, which: npt.NDArray[Any]) -> 'BodyStates':
+        """Return the states of some of the bodies."""
         return BodyStates(
             self.position[which], self.orientation[which], self.velocity[which], self.spin[which]
         )
 
 
 class Settling:
-    """The drops of one world, from release until each is over.
+    """The drops of one world, from release until each has ended.
 
-    The attributes have a row for each drop, in the order of the slots asked for.
+    The attributes have one row for each drop, in the order of the slots.
 
     moving : (m,) int
-        The drops that are not over.
+        Rows of the drops that have not ended.
     position, orientation
-        As last seen; as States has them.
+        At the last check; see BodyStates.
     status : (n,) uint8
         Codes of RestStatus.
     minimum : (n,) int
-        The minimum of the landscape to which a drop rolls that was decided by its energy; else -1.
+        For a drop decided by its energy, the minimum of the landscape to which it will roll;
+        otherwise -1.
     time : (n,) float
         From release to the end, T.
     growth : (n,) float
-        Largest growth of the energy from one look to the next, m g R.
+        Maximum growth of the energy between two checks, m g R.
     """
 
-    def __init__(self, job: DropJob, release: InitialState, slots: npt.NDArray[np.int64]) -> None:
+    def __init__(self, job: DropJob, states: InitialState, slots: npt.NDArray[np.int64]) -> None:
         n = len(slots)
         self._job = job
         self.moving = np.arange(n)
-        self.position = release.position[slots]
-        self.orientation = release.orientation[slots]
+        self.position = states.position[slots]
+        self.orientation = states.orientation[slots]
         self.status = np.full(n, RestStatus.UNSETTLED, dtype=np.uint8)
         self.minimum = np.full(n, -1)
         self.time = np.zeros(n)
         self.growth = np.zeros(n)
-        self._elapsed = release.elapsed[slots]
-        self._limit = TIME_LIMIT + release.flight
-        self._still = np.zeros(n, dtype=np.int64)  # looks in a row without motion
-        start = BodyStates(release.position, release.orientation, release.velocity, release.spin)
-        self._energy = self._energies(start.of(slots))
-        self._least = self._energy.copy()  # at any look so far
+        self._elapsed = states.elapsed[slots]
+        self._limit = TIME_LIMIT + states.flight
+        self._still = np.zeros(n, dtype=np.int64)  # consecutive checks without motion
+        start = BodyStates(states.position, states.orientation, states.velocity, states.spin)
+        self._energy = self._energies(start.select(slots))
+        self._min_energy = self._energy.copy()  # of all checks
 
     @property
     def decided_by(self) -> npt.NDArray[np.uint8]:
@@ -99,43 +103,43 @@ class Settling:
         by_energy = self.minimum >= 0
         return np.where(by_energy, DecidedBy.ENERGY, DecidedBy.STILLNESS).astype(np.uint8)
 
-    def look(self, now: float, states: BodyStates) -> npt.NDArray[np.int64]:
-        """Look at the bodies that move, ``now`` T from the start; returns those that are over."""
+    def check(self, now: float, states: BodyStates) -> npt.NDArray[np.int64]:
+        """Update the moving bodies, ``now`` T after the start; returns the drops that ended."""
         moving = self.moving
         failed = self._failed(states)
         self.status[moving[failed]] = RestStatus.FAILED
         self.time[moving[failed]] = math.nan
         sound = moving[~failed]
-        still = self._still_ones(sound, states.of(~failed))
+        still = self._update_still(sound, states.select(~failed))
         if not self._job.until_still:
             self._decide(sound)
         decided = self.minimum[sound] >= 0
         self.status[sound[still | decided]] = RestStatus.SETTLED
         self.time[sound] = now + self._elapsed[sound]
         self.time[sound[still & ~decided]] -= REST_WINDOW
-        goes_on = ~still & ~decided & (now < self._limit)
-        self.moving = sound[goes_on]
-        return np.concatenate([moving[failed], sound[~goes_on]])
+        continues = ~still & ~decided & (now < self._limit)
+        self.moving = sound[continues]
+        return np.concatenate([moving[failed], sound[~continues]])
 
     def _failed(self, states: BodyStates) -> npt.NDArray[np.bool_]:
-        """Note the energies; returns which of the drops that move went numerically wrong."""
+        """Update the energies; returns which of the moving drops failed numerically."""
         numbers = (states.position, states.orientation, states.velocity, states.spin)
         sound = np.isfinite(np.hstack(numbers)).all(axis=1)
-        # A thin part overlaps in an impact until its centre of mass is below the surface; so
-        # deep it has fallen through.
-        sound &= states.position[:, 2] >= -DEEPEST
+        # The penetration of a thin part can bring its centre of mass below the surface. Below
+        # this depth, the part has fallen through the surface.
+        sound &= states.position[:, 2] >= -MAX_DEPTH
         seen = self.moving[sound]
-        before, energy = self._energy[seen], self._energies(states.of(sound))
+        before, energy = self._energy[seen], self._energies(states.select(sound))
         self._energy[seen] = energy
         self.growth[seen] = np.maximum(self.growth[seen], energy - before)
-        least = self._least[seen] = np.minimum(self._least[seen], energy)
-        sound[sound] = energy - least <= MAX_GROWTH * (least + 1)
+        lowest = self._min_energy[seen] = np.minimum(self._min_energy[seen], energy)
+        sound[sound] = energy - lowest <= MAX_GROWTH * (lowest + 1)
         return np.asarray(~sound)
 
-    def _still_ones(
+    def _update_still(
         self, which: npt.NDArray[np.int64], states: BodyStates
     ) -> npt.NDArray[np.bool_]:
-        """Keep what is seen of drops; returns which of them have been still for long enough."""
+        """Update positions and orientations; returns which drops were still for REST_WINDOW."""
         motion = np.maximum(
             np.abs(states.position - self.position[which]).max(axis=1),
             np.abs(states.orientation - self.orientation[which]).max(axis=1),
@@ -143,10 +147,10 @@ class Settling:
         self.position[which] = states.position
         self.orientation[which] = states.orientation
         self._still[which] = np.where(motion < REST_MOTION, self._still[which] + 1, 0)
-        return np.asarray(self._still[which] * LOOK >= REST_WINDOW)
+        return np.asarray(self._still[which] * CHECK_INTERVAL >= REST_WINDOW)
 
     def _decide(self, which: npt.NDArray[np.int64]) -> None:
-        """Note the minima of drops whose energy has decided them."""
+        """Set the minima of the drops that are decided by their energy."""
         rest = self._job.rest
         low = which[self._energy[which] < rest.highest]
         if len(low):
@@ -154,7 +158,7 @@ class Settling:
             self.minimum[low] = rest.decided(down, self._energy[low])
 
     def _energies(self, states: BodyStates) -> Array:
-        """(n,) kinetic energy and height above the surface, m g R."""
+        """Return the sum, (n,), of kinetic energy and height above the surface, m g R."""
         job = self._job
         v, height = states.velocity, states.position[:, 2]
         spin = rotate(states.orientation * [-1, -1, -1, 1], states.spin)
@@ -162,23 +166,23 @@ class Settling:
         kinetic = v[:, 0] ** 2 + v[:, 1] ** 2 + v[:, 2] ** 2
         for axis in range(3):
             kinetic += moments[axis] * spin[:, axis] ** 2
-        # An impact overlaps, and the hull gets out of it again.
+        # A penetrating hull will be pushed back to the surface, so its height is at least that.
         return np.asarray(kinetic / 2 + np.maximum(height, depth_of(states.orientation, job.hull)))
 
 
 def resting_poses(job: DropJob, first_drop: int, ends: Settling) -> RestingPoses:
-    """The poses of drops that are over, the first of them with the index ``first_drop``."""
+    """Return the poses of drops that have ended; the first has the index ``first_drop``."""
     failed = ends.status == RestStatus.FAILED
     body = np.where(failed[:, None], [0.0, 0.0, 0.0, 1.0], ends.orientation)
     orientation = canonical(part_from_body(body, job.axes))
-    # What is decided by energy rolls on, to the minimum; how it turns and slides meanwhile is no
-    # prediction.
+    # A drop decided by its energy would continue to roll to the minimum. Its yaw and its sliding
+    # on the way there are not predicted.
     decided = ends.minimum >= 0
     orientation[decided] = turned_down(
         orientation[decided], job.rest.directions[ends.minimum[decided]]
     )
     centre = ends.position * job.radius
-    # A hull rests a margin (0.001 R) above Bullet's plane; a part rests on the surface.
+    # In Bullet, a hull rests a margin (0.001 R) above the plane; the pose has the part on it.
     settled = ends.status == RestStatus.SETTLED
     depth = depth_of(body_from_part(orientation, job.axes), job.hull) * job.radius
     centre[:, 2] = np.where(settled, depth, centre[:, 2])

@@ -1,4 +1,4 @@
-"""Named sets of conditions, read from a YAML file."""
+"""Named sets of conditions (surfaces), read from a YAML file."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -10,22 +10,22 @@ from resting_aspects_ros.core.yaml_file import read_yaml
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 
 DEFAULT_SURFACE = 'rubber_mat'
-# Conditions that differ in more from every surface are in words their own.
-MAX_NAMED = 4
+# Conditions that differ from every surface in more values than this are described as custom.
+MAX_CHANGES = 4
 
 
 class Surfaces:
-    """The sets of conditions that can be asked for by name."""
+    """The named sets of conditions."""
 
     def __init__(self, sets: Mapping[str, DropConditions]) -> None:
         self._sets = dict(sets)
 
     def names(self) -> list[str]:
-        """All names, sorted."""
+        """Return all names, sorted."""
         return sorted(self._sets)
 
     def get(self, name: str = '') -> DropConditions:
-        """Conditions of a surface; of the default one if the name is empty."""
+        """Return the conditions of a surface; an empty name selects the default surface."""
         name = name or DEFAULT_SURFACE
         if name not in self._sets:
             raise InvalidValueError(
@@ -34,19 +34,19 @@ class Surfaces:
         return self._sets[name]
 
     def named(self, conditions: DropConditions) -> DropConditions:
-        """The same conditions, without their surface's name if they are not that surface's."""
+        """Return the conditions, without the surface's name if the surface has other values."""
         known = self._sets.get(conditions.surface)
         if known is not None and known.values() == conditions.values():
             return known
         return dataclasses.replace(conditions, surface='')
 
     def text(self, conditions: DropConditions) -> str:
-        """Conditions in words: 'steel', or 'steel with friction 0.3 and spin 5 rad/s'."""
+        """Describe conditions: 'steel', or 'steel with friction 0.3 and spin 5 rad/s'."""
         if conditions.surface:
             return conditions.surface
         changes = {name: _changes(known, conditions) for name, known in self._sets.items()}
         name = min(changes, key=lambda name: (len(changes[name]), name != DEFAULT_SURFACE))
-        if len(changes[name]) > MAX_NAMED:
+        if len(changes[name]) > MAX_CHANGES:
             return 'own conditions'
         if not changes[name]:
             return name
@@ -59,15 +59,17 @@ class Surfaces:
         document = read_yaml(path, 'surfaces file')
         label = named('surfaces file', path)
         if not isinstance(document, dict) or not document:
-            raise InvalidValueError(f'{label} must map names to conditions')
+            raise InvalidValueError(f'invalid {label}: expected a mapping of names to conditions')
         sets = {name: _conditions(label, name, entry) for name, entry in document.items()}
         if DEFAULT_SURFACE not in sets:
-            raise InvalidValueError(f'{label} lacks the default, {DEFAULT_SURFACE}')
+            raise InvalidValueError(
+                f'invalid {label}: expected the default surface, {DEFAULT_SURFACE}, among others'
+            )
         return cls(sets)
 
 
 def _changes(known: DropConditions, conditions: DropConditions) -> list[str]:
-    """What differs from a surface, each in words."""
+    """Return a description of each value that differs from a surface."""
     changes = [
         f'{quantity.label} {getattr(conditions, name):g} {quantity.unit}'.rstrip()
         for name, quantity in QUANTITIES.items()
@@ -82,9 +84,11 @@ def _conditions(label: str, name: object, entry: object) -> DropConditions:
     where = f'{label}, {name if isinstance(name, str) and name.isidentifier() else shown(name)}'
     needed = {*QUANTITIES, 'height_of'}
     if not isinstance(name, str):
-        raise InvalidValueError(f'{where}: the name of a surface must be text')
+        raise InvalidValueError(f'{where}: invalid name of a surface: expected text')
     if not isinstance(entry, dict) or set(entry) - {'source'} != needed:
-        raise InvalidValueError(f'{where}: must have exactly {", ".join(sorted(needed))}')
+        raise InvalidValueError(
+            f'{where}: invalid keys: expected exactly {", ".join(sorted(needed))}'
+        )
     values = {key: value for key, value in entry.items() if key != 'source'}
     try:
         values['height_of'] = HeightOf.__members__[values['height_of']]

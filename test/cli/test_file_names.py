@@ -43,7 +43,7 @@ def test_a_mesh_can_have_any_name(strict, tmp_path):
     assert f'Written: {SHOWN}/distribution.json' in ended.stdout
     ended = strict('drop', ODD, '--parts', '.')
     assert ended.returncode == 2
-    assert f"{SHOWN}.stl in '.' is not registered: a part is named with" in ended.stderr
+    assert f"{SHOWN}.stl in '.' is not registered: expected a name" in ended.stderr
 
 
 def test_a_log_can_be_in_a_folder_of_any_name(strict, log):

@@ -227,7 +227,7 @@ def test_neither_file_is_taken_for_the_other(start_with_file, start, namespace):
     assert 'Cannot have a value before ros__parameters' in process.said
     process = start('aspect_classifier', namespace, {'surfaces_file': FILE}, ready='')
     assert process.end(0) == 2
-    assert "'/**/drop_simulator': must have exactly " in process.said
+    assert "'/**/drop_simulator': invalid keys: expected exactly " in process.said
     assert 'Not a ROS parameter file' in surfaces_file().read_text(encoding='utf-8')
 
 

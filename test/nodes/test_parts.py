@@ -147,7 +147,7 @@ def test_meshes_that_are_not_offered_are_told_while_they_are_there(suite, folder
     level, _, values = told.wait('drop_simulator', lambda _, m, __: m == words, words)
     assert level == DiagnosticStatus.WARN
     assert 'empty.stl' in values['not offered: empty']
-    assert 'a part is named with lower case' in values['not offered: My Washer.stl']
+    assert 'expected a name of lower case' in values['not offered: My Washer.stl']
     (folder / 'empty.stl').unlink()
     told.wait('drop_simulator', lambda _, m, __: m == '1 mesh is not offered', 'one')
     (folder / 'My Washer.stl').unlink()

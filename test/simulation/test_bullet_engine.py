@@ -178,7 +178,9 @@ def test_the_aspect_that_the_energy_decides_is_the_one_in_which_the_part_comes_t
     assert by_energy.mean() > 0.9
     assert (still.decided_by == DecidedBy.STILLNESS).all()
     assert (still.status == RestStatus.SETTLED).all()
-    assert (decided.time_to_rest <= still.time_to_rest + settling.LOOK * job.time_unit).all()
+    assert (
+        decided.time_to_rest <= still.time_to_rest + settling.CHECK_INTERVAL * job.time_unit
+    ).all()
     aspects = find_aspects(shape)
     np.testing.assert_array_equal(
         aspects.classify(decided.orientation), aspects.classify(still.orientation)
@@ -225,7 +227,7 @@ def test_the_greatest_seed_and_the_greatest_index_can_be_dropped(part, mat, seed
 )
 def test_drops_that_are_not_of_one_chunk_are_refused(part, mat, first, end):
     job = make_job(part('tetrahedron'), mat, 1)
-    words = f'^drops {first} to {end - 1} are not of one chunk of {CHUNK}$'
+    words = f'^invalid drops {first} to {end - 1}: expected drops of one chunk of {CHUNK}$'
     with pytest.raises(ValueError, match=words):
         drop_chunk(job, first, end)
 

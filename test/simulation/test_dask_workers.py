@@ -18,7 +18,7 @@ from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.simulation import chunks
 from resting_aspects_ros.simulation import dask_workers as drops_cluster
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
-from resting_aspects_ros.simulation.dask_workers import PATIENCE, ClusterWorkers
+from resting_aspects_ros.simulation.dask_workers import TIMEOUT, ClusterWorkers
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.plan import plan_run
 
@@ -142,8 +142,8 @@ A_SCHEDULER = 'the address of a Dask scheduler'
 def test_an_address_where_nobody_answers_is_refused(make_cluster, refused):
     with socket.create_server(('127.0.0.1', 0)) as silent:
         address = f'127.0.0.1:{silent.getsockname()[1]}'
-        assert refused(address, A_SCHEDULER) == f'no answer within {PATIENCE:g} s'
-    assert refused(f'tcp://{address}', A_SCHEDULER) == f'no answer within {PATIENCE:g} s'
+        assert refused(address, A_SCHEDULER) == f'no answer within {TIMEOUT:g} s'
+    assert refused(f'tcp://{address}', A_SCHEDULER) == f'no answer within {TIMEOUT:g} s'
 
 
 @pytest.mark.parametrize('address', ['', 'somewhere', 'nonsense://127.0.0.1:1'])
@@ -160,7 +160,7 @@ def test_the_address_of_a_worker_is_refused(cluster, refused):
 def test_a_scheduler_without_workers_is_refused(make_cluster, refused):
     with make_cluster(0) as cluster:
         reason = refused(cluster.scheduler_address, 'a scheduler that has workers')
-        assert reason == f'none connected within {PATIENCE:g} s'
+        assert reason == f'none connected within {TIMEOUT:g} s'
 
 
 def test_without_dask_it_says_what_to_install(monkeypatch):

@@ -93,7 +93,7 @@ def test_a_drop_fails_whose_energy_grows_beyond_what_an_impact_can_add(looks, gr
     assert (sound.energy_growth >= 0).all()
     least = settling.MAX_GROWTH
     assert 0.45 < least < 0.56
-    speed = math.sqrt(2 * (fall - 20)) + settling.LOOK
+    speed = math.sqrt(2 * (fall - 20)) + settling.CHECK_INTERVAL
     faster = math.sqrt(1 + growth * (fall + 1) / (speed**2 / 2))
     _, poses = looks([faster])
     assert RestStatus(poses.status[0]).name == status

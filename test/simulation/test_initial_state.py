@@ -24,12 +24,12 @@ LEVEL = 1e-3
 # -- Releases -------------------------------------------------------------------------------------
 
 
-def releases(job, chunks):
+def drawn_states(job, chunks):
     """Position, velocity and spin at release, in R and T, of all drops of some chunks.
 
     Private to the engine, because no number that leaves it tells how a drop began.
     """
-    each = [initial_state.releases(job, chunk) for chunk in range(chunks)]
+    each = [initial_state.initial_states(job, chunk) for chunk in range(chunks)]
     return initial_state.InitialState(
         *(
             np.concatenate([getattr(release, field.name) for release in each])
@@ -42,7 +42,7 @@ def test_speed_and_spin_at_release_have_the_declared_deviations(part, mat):
     thrown = mat.changed(speed_horizontal=0.3, speed_vertical=0.1, spin=7.0)
     job = make_job(part('l_bracket'), thrown, 3)
     n = 40 * CHUNK
-    states = releases(job, 40)
+    states = drawn_states(job, 40)
     metres, seconds = job.radius, job.time_unit
     velocity = states.velocity * metres / seconds
     spin = states.spin / seconds
@@ -60,7 +60,7 @@ def test_speed_and_spin_at_release_have_the_declared_deviations(part, mat):
 
 
 def test_without_speed_and_spin_a_part_is_released_at_rest(part, mat):
-    states = releases(make_job(part('l_bracket'), mat.changed(height=1e-4), 3), 2)
+    states = drawn_states(make_job(part('l_bracket'), mat.changed(height=1e-4), 3), 2)
     assert not states.velocity.any()
     assert not states.spin.any()
     assert not states.elapsed.any()
@@ -71,7 +71,7 @@ def test_height_is_that_of_the_lowest_point_or_of_the_centre_of_mass(part, mat, 
     shape = part('l_bracket')
     # With spin, so that no part of the fall is left out.
     job = make_job(shape, mat.changed(height=0.05, height_of=height_of, spin=1e-3), 3)
-    states = releases(job, 2)
+    states = drawn_states(job, 2)
     if height_of is HeightOf.CENTRE_OF_MASS:
         height = states.position[:, 2]
     else:
@@ -82,7 +82,7 @@ def test_height_is_that_of_the_lowest_point_or_of_the_centre_of_mass(part, mat, 
 
 def test_orientations_at_release_are_uniform_and_of_the_part_frame(part, mat):
     job = make_job(part('l_bracket'), mat, 3)
-    body = Rotation.from_quat(releases(job, 40).orientation)
+    body = Rotation.from_quat(drawn_states(job, 40).orientation)
     of_part = (body * Rotation.from_quat(job.axes).inv()).as_quat()
     for coordinate in down_in_part(of_part).T:
         assert kstest(coordinate, 'uniform', args=(-1, 2)).pvalue > LEVEL
@@ -99,8 +99,8 @@ def test_the_fall_that_is_left_out_is_a_free_fall(part, mat, height_of):
     thrown = mat.changed(
         height=0.05, height_of=height_of, speed_horizontal=0.2, speed_vertical=0.4
     )
-    short = releases(make_job(part('l_bracket'), thrown, 3), 4)
-    full = releases(make_job(part('l_bracket'), thrown.changed(spin=1e-12), 3), 4)
+    short = drawn_states(make_job(part('l_bracket'), thrown, 3), 4)
+    full = drawn_states(make_job(part('l_bracket'), thrown.changed(spin=1e-12), 3), 4)
     np.testing.assert_array_equal(short.orientation, full.orientation)
     t = short.elapsed[:, None]
     assert (t >= 0).all()

@@ -90,7 +90,7 @@ def test_files_that_are_not_registered_are_told(folder):
             ['clip.yaml', 'not used'],
             ['cover.yml', '<part>.yaml'],
             ['Teil_1.STL', 'lower case letters'],
-            ['pin.ply, pin.stl', 'only one mesh'],
+            ['pin.ply, pin.stl', 'expected one mesh'],
         ),
         strict=True,
     ):
