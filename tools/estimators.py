@@ -60,7 +60,8 @@ def _heading() -> Iterator[str]:
     yield '| method | weight of an aspect | source |'
     yield '|---|---|---|'
     for name, method in METHODS.items():
-        words = (method.weights.__doc__ or '').split('\n')[0].rstrip('.')
+        words = (method.weights.__doc__ or '').split('\n')[0]
+        words = words.removeprefix('Return ').rstrip('.')
         yield f'| `{name}` | {words} | {method.source} |'
     yield ''
 

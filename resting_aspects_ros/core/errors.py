@@ -1,7 +1,7 @@
-"""The errors of the suite: one root, one subclass per cause.
+"""The exceptions of the suite: one root class and one subclass per cause.
 
-Every message names the thing, its value and what was expected, so that it can be shown as it is:
-in one line, without control characters, and short whatever the input was.
+Every message names the thing, its value and what was expected. It can be displayed unchanged: for
+any input it is a single short line without control characters.
 """
 
 import reprlib
@@ -11,11 +11,11 @@ MAX_SHOWN = 80
 
 
 class RestingAspectsError(Exception):
-    """Root of all errors that the suite raises on purpose."""
+    """Root of all exceptions that the suite raises intentionally."""
 
 
 class RestingAspectsWarning(UserWarning):
-    """The result is usable, but something about it may not be what the user expects."""
+    """The result is usable but may not be what the user expects."""
 
 
 class PartError(RestingAspectsError):
@@ -23,15 +23,15 @@ class PartError(RestingAspectsError):
 
 
 class UnknownPartError(RestingAspectsError):
-    """No part of that name is registered."""
+    """No part with this name is registered."""
 
 
 class InvalidValueError(RestingAspectsError):
-    """A value (a condition, a number of drops, a name) is not allowed."""
+    """A value (a condition, a number of drops, a name) is invalid."""
 
 
 class EngineError(RestingAspectsError):
-    """The physics engine could not do what it was asked."""
+    """The physics engine failed."""
 
 
 class LogError(RestingAspectsError):
@@ -39,32 +39,32 @@ class LogError(RestingAspectsError):
 
 
 class NoLogError(LogError):
-    """What is given as a log is none."""
+    """The given file or folder is not a log."""
 
 
 def warn(text: str) -> None:
-    """Warn the caller of the Python interface; the command line prints it on standard error."""
+    """Issue a warning; the command line prints it on standard error."""
     warnings.warn(text, RestingAspectsWarning, stacklevel=3)
 
 
 def shown(value: object, length: int = MAX_SHOWN) -> str:
-    """Return the repr of any value for a message: one line, at most ``length`` characters.
+    """Return the repr of any value for a message, in one line of at most ``length`` characters.
 
-    Text is shortened in the middle, so that the ending of a path remains. Never raises, and takes
-    no longer for a value that is nested or refers to itself.
+    Text is shortened in the middle, so that the end of a path remains visible. The function never
+    raises, and nested or self-referential values do not slow it down.
     """
     short = reprlib.Repr()
     short.maxlevel = 3
     short.maxstring = short.maxother = short.maxlong = length
     try:
         text = short.repr(value)
-    except Exception:  # noqa: BLE001 an int of more digits than Python converts; any __repr__
+    except Exception:  # noqa: BLE001 an int with too many digits, or any error in __repr__
         text = f'<{type(value).__name__}>'
     return one_line(text, length)
 
 
 def one_line(text: str, length: int = 300) -> str:
-    """Return text of another program or a file for a message: one line, no control characters."""
+    """Return external text for a message, in one line and without control characters."""
     text = ' '.join(text[: 4 * length].split())
     text = ''.join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
     return text if len(text) <= length else f'{text[: length - 3]}...'

@@ -1,11 +1,11 @@
-"""Reading files that people hand in: regular files of a limited size, never a pipe or a device."""
+"""Read input files: only regular files of limited size, never pipes or devices."""
 
 import stat
 from pathlib import Path
 
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, one_line, shown
 
-# Paths are shown whole as far as a person can read them.
+# Maximum length of a path in a message.
 MAX_PATH = 300
 
 
@@ -15,21 +15,21 @@ def read_input(
     what: str,
     error: type[RestingAspectsError] = InvalidValueError,
 ) -> bytes:
-    """Return all bytes of a regular file of at most ``max_bytes``.
+    """Return the content of a regular file of at most ``max_bytes``.
 
-    Opening a pipe waits for its writer, and a device may never end; so the kind and the size are
-    checked before the file is opened.
+    The type and the size are checked before the file is opened, because opening a pipe blocks
+    until a writer appears and reading a device may never end.
 
     Parameters
     ----------
     path : Path
-        A link to a regular file is allowed.
+        A regular file or a link to one.
     max_bytes : int
     what : str
-        What the file is, for the error: 'mesh', 'surfaces file'.
+        Kind of file for the error message, such as 'mesh' or 'surfaces file'.
     error : type
-        Raised, with one line that names the file, if it does not exist, is a folder, a pipe, a
-        device or a socket, is too large, or cannot be read.
+        Exception class; raised with a single line that names the file if the file does not exist,
+        is a folder, a pipe, a device or a socket, is too large, or cannot be read.
     """
     label = named(what, path)
     try:
@@ -50,7 +50,7 @@ def read_input(
 
 
 def is_file(path: Path) -> bool:
-    """Path.is_file, but False where that raises: for a link to a name that is too long."""
+    """Return Path.is_file(), or False if it raises, as for a link to a name that is too long."""
     try:
         return path.is_file()
     except OSError:
@@ -58,7 +58,7 @@ def is_file(path: Path) -> bool:
 
 
 def is_folder(path: Path) -> bool:
-    """Path.is_dir, but False where that raises."""
+    """Return Path.is_dir(), or False if it raises."""
     try:
         return path.is_dir()
     except OSError:
@@ -66,17 +66,17 @@ def is_folder(path: Path) -> bool:
 
 
 def named(what: str, path: str | Path) -> str:
-    """Return what a file is called in errors: its kind and its path."""
+    """Return the name of a file in error messages: its kind and its path."""
     return f'{what} {shown(str(path), MAX_PATH)}'
 
 
 def printable(name: str) -> str:
-    r"""A file's name, any bytes on Linux, as text for streams and messages: '\udcff' for 255."""
+    r"""Return a file name as valid UTF-8; on Linux it can be any bytes: '\udcff' for byte 255."""
     return name.encode('utf-8', 'backslashreplace').decode('utf-8')
 
 
 def is_printable(name: str) -> bool:
-    """Whether a file's name is UTF-8 as it is."""
+    """Return whether a file name is valid UTF-8."""
     return printable(name) == name
 
 

@@ -1,4 +1,4 @@
-"""A part: a mesh with a unit, mass properties, a convex hull and a frame of its own."""
+"""A part: a mesh with a unit, mass properties, a convex hull and an intrinsic frame."""
 
 import hashlib
 import re
@@ -23,20 +23,20 @@ MAX_NAME = 64
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A part as it is dropped: made by part_loading.load_part or part_from_bytes.
+    """A part that can be dropped, made by part_loading.load_part or part_from_bytes.
 
-    All in SI units and in the part frame, which is the mesh file's own, not the centre of mass.
-    The arrays are read-only.
+    All values are in SI units and in the part frame, which is the frame of the mesh file; its
+    origin is not the centre of mass. The arrays are read-only.
 
     Attributes
     ----------
     name : str
     mesh_bytes : bytes
-        The mesh file as it is.
+        The unchanged content of the mesh file.
     mesh_format : str
         'stl', 'obj' or 'ply'.
     unit : str
-        Of the coordinates in ``mesh_bytes``; a key of UNITS.
+        Unit of the coordinates in ``mesh_bytes``; a key of UNITS.
     mass : float
         kg.
     centre_of_mass : (3,) float64
@@ -48,17 +48,17 @@ class Part:
     faces : (m, 3) int64
         Outward.
     hull_vertices : (k, 3) float64
-        m, in lexicographic order; does not depend on the order in the file. Of more than
-        MAX_CORNERS some are left out.
+        m, in lexicographic order, independent of the order in the file. Some are left out if there
+        are more than MAX_CORNERS.
     hull_error : float
-        m; corners that were left out are outside the hull by this at most; 0 if none were.
+        m; maximum distance from the hull of the corners that were left out; 0 if none were.
     volume : float
         m^3; nan if the mesh is not a closed solid.
     warnings : tuple of str
-        What was mended or is suspicious, one sentence each.
+        Repairs and suspicious properties of the mesh, one sentence each.
     body : int
-        Which body of the mesh the part is, from 1 on, the largest first; 0 if the mesh is one
-        body.
+        Number of the body of the mesh that the part is, from 1, largest first; 0 if the mesh is
+        a single body.
     """
 
     name: str
@@ -88,7 +88,7 @@ class Part:
 
     @cached_property
     def hull_radius(self) -> float:
-        """R: the largest distance of a hull vertex from the centre of mass, m."""
+        """R, the maximum distance of a hull vertex from the centre of mass, m."""
         return float(np.linalg.norm(self.hull_vertices - self.centre_of_mass, axis=1).max())
 
     @cached_property
@@ -100,10 +100,10 @@ class Part:
     def principal_axes(self) -> Array:
         """(3, 3) float64: the intrinsic frame; columns are the principal axes in the part frame.
 
-        In the order of principal_moments, right handed, with the signs that make the third
-        moments of the solid (of its hull, if the mesh is not closed) about the centre of mass
-        greatest, so that the frame turns with the part. Where two moments are equal, the axes
-        between them are arbitrary, but the same for the same bytes.
+        The axes are in the order of principal_moments and right-handed. Their signs maximize the
+        third moments of the solid about the centre of mass (of its hull, if the mesh is not
+        closed), so that the frame rotates with the part. If two moments are equal, the axes in
+        their plane are arbitrary, but identical for identical bytes.
         """
         axes = principal_frame(self.inertia)[1]
         vertices, faces, volume = self.vertices, self.faces, self.volume
@@ -119,11 +119,11 @@ class Part:
 
     @cached_property
     def part_sha256(self) -> str:
-        """Hash of what a distribution belongs to, hexadecimal.
+        """Hash of everything that determines a distribution, hexadecimal.
 
-        Over the ASCII text ``<mesh_sha256> <unit> `` and ten little-endian doubles: mass, centre
-        of mass x y z, inertia xx xy xz yy yz zz. If one body of several was chosen, the text goes
-        on with ``body <number> ``.
+        It is the hash of the ASCII text ``<mesh_sha256> <unit> `` and ten little-endian doubles:
+        mass, centre of mass x y z, inertia xx xy xz yy yz zz. If one of several bodies was chosen,
+        the text continues with ``body <number> ``.
         """
         numbers = [self.mass, *self.centre_of_mass, *self.inertia[np.triu_indices(3)]]
         body = f'body {self.body} ' if self.body else ''
@@ -132,11 +132,11 @@ class Part:
 
 
 def valid_name(text: str) -> str:
-    """Return the text made into the name of a part."""
+    """Return the text converted to a valid name of a part."""
     name = re.sub('[^a-z0-9_]+', '_', text.lower())
     return (name if re.match('[a-z]', name) else f'part_{name.lstrip("_")}')[:MAX_NAME]
 
 
 def is_valid_name(text: str) -> bool:
-    """Tell whether the text can be the name of a part."""
+    """Return whether the text is a valid name of a part."""
     return len(text) <= MAX_NAME and re.fullmatch('[a-z][a-z0-9_]*', text) is not None

@@ -1,4 +1,4 @@
-"""Making a part from a mesh file: read, weld, unite its bodies, and find hull and mass."""
+"""Make a part from a mesh file: read, weld, unite its bodies, compute hull and mass."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from resting_aspects_ros.core.errors import InvalidValueError, PartError, shown
-from resting_aspects_ros.core.geometry.bodies import one_solid
+from resting_aspects_ros.core.geometry.bodies import unite_bodies
 from resting_aspects_ros.core.geometry.closed_surface import Surface, closed_surface
 from resting_aspects_ros.core.geometry.hull import convex_hull
 from resting_aspects_ros.core.geometry.mass_properties import GivenMassValues, mass_properties
 from resting_aspects_ros.core.geometry.mesh_file import FORMATS, read_triangles
-from resting_aspects_ros.core.geometry.simplified_hull import simplified
+from resting_aspects_ros.core.geometry.simplified_hull import simplify_hull
 from resting_aspects_ros.core.input_file import named, read_input
 from resting_aspects_ros.core.part import MAX_NAME, Part, is_valid_name, valid_name
 from resting_aspects_ros.core.units import (
@@ -23,8 +23,8 @@ from resting_aspects_ros.core.units import (
     size_warnings,
 )
 
-MAX_BYTES = 256 << 20  # of a mesh file; more than MAX_TRIANGLES have in any format
-# Formats that CAD programs write; they hold curved surfaces, which have to be divided first.
+MAX_BYTES = 256 << 20  # maximum mesh file size; MAX_TRIANGLES need less in any format
+# File formats of CAD programs. They contain curved surfaces, which must be exported as triangles.
 CAD_FORMATS = (
     *('step', 'stp', 'stpz', 'iges', 'igs', 'sldprt', 'sldasm', 'ipt', 'iam', 'prt', 'asm'),
     *('catpart', 'catproduct', 'cgr', 'x_t', 'x_b', 'xmt_txt', 'sat', 'sab', 'jt', 'par', 'psm'),
@@ -45,9 +45,9 @@ def load_part(
 ) -> Part:
     """Read a part from an STL, OBJ or PLY file.
 
-    The name defaults to the file's stem, made into a valid name. For the rest see
-    part_from_bytes. Raises PartError also for a file that is missing, is no regular file, has more
-    than MAX_BYTES, or cannot be read.
+    The default name is the stem of the file, converted to a valid name. For the other parameters
+    see part_from_bytes. PartError is also raised if the file is missing, is not a regular file, is
+    larger than MAX_BYTES, or cannot be read.
     """
     path = Path(path)
     label = named('mesh', path)
@@ -80,9 +80,9 @@ def part_from_bytes(
 ) -> Part:
     """Make a part from the bytes of a mesh file.
 
-    Without overrides the mass properties are those of the solid inside the mesh, of one density.
-    They have no influence on aspects but through the centre of mass and the ratios of the
-    moments; so density and mass matter for nothing but the figures that are shown.
+    By default the mass properties are those of the solid inside the mesh, with a uniform density.
+    They influence the aspects only through the centre of mass and the ratios of the principal
+    moments, so the density and the mass only change the values that are reported.
 
     Parameters
     ----------
@@ -92,27 +92,27 @@ def part_from_bytes(
     name : str
         [a-z][a-z0-9_]*, at most 64 characters.
     unit : str, optional
-        Of the coordinates in the file: a key of UNITS; mm if not given.
+        Unit of the coordinates in the file, a key of UNITS; the default is mm.
     density : float, optional
-        kg/m^3; 1000 if neither density nor mass is given.
+        kg/m^3; the default is 1000 if neither density nor mass is given.
     mass : float, optional
-        kg; scales the solid's inertia.
+        kg; the inertia of the solid is scaled to it.
     centre_of_mass : (3,) array_like, optional
-        m, part frame; inside the convex hull. If no inertia is given with it, the inertia about
-        the solid's own centroid is taken as the one about this point.
+        m, part frame; inside the convex hull. Without a given inertia, the inertia about the
+        centroid of the solid is used as the inertia about this point.
     inertia : (6,) or (3, 3) array_like, optional
-        kg m^2 about the centre of mass, part axes; six are ixx ixy ixz iyy iyz izz.
+        kg m^2 about the centre of mass, part axes; six numbers are ixx ixy ixz iyy iyz izz.
     body : int, optional
-        Which body of the mesh, from 1 on, the largest first; needed if it has several that do not
-        touch each other.
+        Number of the body of the mesh, from 1, largest first; required if the mesh has several
+        bodies that do not touch each other.
 
     Raises
     ------
     PartError
-        The bytes are no mesh, or enclose no solid. A mesh that is not closed is still usable if
-        mass, centre_of_mass and inertia are all given.
+        If the bytes are not a mesh, or the mesh does not enclose a solid. An open mesh can be used
+        if mass, centre_of_mass and inertia are all given.
     InvalidValueError
-        An argument is not allowed.
+        If an argument is invalid.
     """
     return _part(
         f'part {shown(name)}',
@@ -126,8 +126,8 @@ def part_from_bytes(
 
 
 def _wrong_format(suffix: str) -> str:
-    allowed = ', '.join(f'.{ending}' for ending in FORMATS)
-    text = f'the extension {shown(suffix)}: expected one of {allowed}'
+    expected = ', '.join(f'.{ending}' for ending in FORMATS)
+    text = f'the extension {shown(suffix)}: expected one of {expected}'
     if suffix.lower().removeprefix('.') in CAD_FORMATS:
         return f'{text}. It is a CAD file: export an STL from your CAD program'
     return text
@@ -139,7 +139,7 @@ def _part(
     mesh_format: str,
     name: str,
     unit: str | None,
-    chosen: int | None,
+    chosen_body: int | None,
     given: GivenMassValues,
 ) -> Part:
     if not isinstance(name, str) or not is_valid_name(name):
@@ -154,8 +154,8 @@ def _part(
     vertices, faces = read_triangles(data, mesh_format, label)
     check_size(vertices, unit or DEFAULT_UNIT, label)
     try:
-        surface, body = one_solid(
-            closed_surface(vertices, faces), chosen, unit or DEFAULT_UNIT, label
+        surface, body = unite_bodies(
+            closed_surface(vertices, faces), chosen_body, unit or DEFAULT_UNIT, label
         )
         part = _solid_part(label, surface, unit, body, given, (name, data, mesh_format))
     except PartError as error:
@@ -175,14 +175,14 @@ def _solid_part(
     file: tuple[str, bytes, str],
 ) -> Part:
     if not len(surface.faces):
-        raise PartError(f'{label} has no volume: none of its triangles has an area')
+        raise PartError(f'{label} has no volume: all its triangles have zero area')
     warnings = [
         *surface.warnings,
         *size_warnings(surface.vertices, unit or DEFAULT_UNIT, given=unit is not None),
     ]
     vertices = surface.vertices * UNITS[unit or DEFAULT_UNIT]
     corners, triangles, normals = convex_hull(vertices, label)
-    hull_vertices, hull_error = simplified(corners, triangles, normals)
+    hull_vertices, hull_error = simplify_hull(corners, triangles, normals)
     found, defect = mass_properties(
         label, vertices, surface.faces, hull_vertices, surface.defect, given
     )
@@ -192,7 +192,7 @@ def _solid_part(
         radius = np.linalg.norm(hull_vertices - found.centre_of_mass, axis=1).max()
         warnings.append(
             f'its convex hull was simplified from {len(corners)} to {len(hull_vertices)} corners; '
-            f'the others are outside of it by at most {1e3 * hull_error:.2g} mm '
+            f'the omitted corners are outside the hull by at most {1e3 * hull_error:.2g} mm '
             f'({hull_error / radius:.1g} R)'
         )
     return Part(

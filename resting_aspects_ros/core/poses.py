@@ -1,4 +1,4 @@
-"""Resting poses of many drops, as arrays."""
+"""Resting poses of many drops as arrays."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -18,7 +18,7 @@ class RestStatus(IntEnum):
 
 
 class DecidedBy(IntEnum):
-    """What told that a drop is at rest; the codes of the message RestingPose."""
+    """Criterion by which a drop was found to be at rest; the codes of the message RestingPose."""
 
     STILLNESS = 0
     ENERGY = 1
@@ -26,19 +26,19 @@ class DecidedBy(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class RestingPoses:
-    """Where the consecutive drops ``first_drop``, ``first_drop + 1``, ... of a run ended.
+    """Resting poses of the consecutive drops ``first_drop``, ``first_drop + 1``, ... of a run.
 
     position : (n, 3) float
-        Of the part frame in the tray frame, m.
+        Position of the part frame in the tray frame, m.
     orientation : (n, 4) float
         Unit quaternions xyzw, tray from part, w >= 0.
     status, decided_by : (n,) uint8
         Codes of RestStatus and DecidedBy.
     time_to_rest : (n,) float
-        From release until it was decided, s; of an unsettled drop the time it was given, NaN if it
-        failed.
+        Time from the release until the rest was detected, s; for an unsettled drop the time limit,
+        for a failed drop NaN.
     energy_growth : (n,) float
-        Largest growth of the energy between two looks, m g R: what the engine added at impacts.
+        Maximum growth of the energy between two checks, m g R: the engine adds it at impacts.
     """
 
     first_drop: int
@@ -54,11 +54,11 @@ class RestingPoses:
 
     @property
     def end(self) -> int:
-        """Index after the last drop."""
+        """Index of the drop after the last one."""
         return self.first_drop + len(self)
 
     def between(self, first: int, end: int) -> 'RestingPoses':
-        """Those of the drops ``first`` to ``end - 1`` that are here."""
+        """Return the poses of the drops ``first`` to ``end - 1`` that are available."""
         low = min(max(first - self.first_drop, 0), len(self))
         high = min(max(end - self.first_drop, low), len(self))
         names = [field.name for field in fields(self)[1:]]
@@ -67,7 +67,7 @@ class RestingPoses:
 
     @classmethod
     def join(cls, parts: Sequence['RestingPoses']) -> 'RestingPoses':
-        """One after the other; each must begin where the one before it ends."""
+        """Return consecutive parts as one; each must begin where the one before it ends."""
         for before, after in pairwise(parts):
             if before.end != after.first_drop:
                 raise ValueError(f'drops {before.end} to {after.first_drop - 1} are missing')
@@ -77,7 +77,7 @@ class RestingPoses:
 
     @classmethod
     def none(cls, first_drop: int) -> 'RestingPoses':
-        """No drops, where the drop ``first_drop`` would be next."""
+        """Return an empty set of poses, to be continued with the drop ``first_drop``."""
         codes = np.zeros(0, dtype=np.uint8)
         empty = np.zeros(0)
         return cls(first_drop, np.zeros((0, 3)), np.zeros((0, 4)), codes, codes, empty, empty)

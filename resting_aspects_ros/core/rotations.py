@@ -1,8 +1,8 @@
 """Orientations of a part: unit quaternions in the order x, y, z, w with w >= 0, tray from part.
 
-The one place where quaternions are made, brought to canonical form, and turned into directions.
-SciPy is imported where it is needed: worker processes use this module without it, and start in a
-fraction of the time.
+Only this module creates quaternions, normalizes them, and converts them to directions. SciPy is
+imported only in the functions that need it: worker processes use this module without it, which
+reduces their start time to a fraction.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-# How far the length of a quaternion may be from 1: four decimals of its numbers leave 1e-4.
+# Maximum deviation of the length of a quaternion from 1. Rounding to four decimals causes 1e-4.
 LENGTH_TOLERANCE = 1e-3
 
 
@@ -25,15 +25,15 @@ def xyzw_from_wxyz(wxyz: Array) -> Array:
 
 
 def canonical(xyzw: Array) -> Array:
-    """The same rotations (n, 4), given with any length but zero, as unit quaternions, w >= 0."""
+    """Return rotations (n, 4), of any length but zero, as unit quaternions with w >= 0."""
     unit = xyzw / np.linalg.norm(xyzw, axis=-1, keepdims=True)
     return np.asarray(np.where(unit[..., 3:] < 0, -unit, unit))
 
 
 def composed(first: Array, second: Array) -> Array:
-    """(n, 4) unit quaternions of the unit rotation ``second`` (4,) followed by ``first`` (n, 4).
+    """Return unit quaternions (n, 4) of the rotation ``second`` (4,) followed by ``first`` (n, 4).
 
-    Number by number as SciPy's Rotation does, bit for bit.
+    The result is bit for bit that of SciPy's Rotation.
     """
     a, b, c, w = _unit(first).T
     x, y, z, v = second
@@ -52,16 +52,16 @@ def _unit(xyzw: Array) -> Array:
 
 
 def random_orientations(generator: np.random.Generator, n: int) -> Array:
-    """(n, 4) quaternions, independent and uniform on SO(3) (Haar).
+    """Return quaternions (n, 4) that are independent and uniform on SO(3) (Haar measure).
 
-    A normal vector in four dimensions has no preferred direction, so its direction is uniform
-    on the unit quaternions (Muller 1959).
+    A normal vector in four dimensions has no preferred direction, so its direction is uniform on
+    the unit quaternions (Muller 1959).
     """
     return canonical(generator.standard_normal((n, 4)))
 
 
 def down_in_part(xyzw: Array) -> Array:
-    """(n, 3) unit vectors of gravity seen from the part: what is left of a pose without yaw."""
+    """Return unit vectors (n, 3) of gravity in the part frame, which do not depend on the yaw."""
     # Gravity is -z in the tray; in the part it is minus the third row of the rotation matrix.
     x, y, z, w = np.moveaxis(np.asarray(xyzw, dtype=np.float64), -1, 0)
     row = (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
@@ -69,15 +69,16 @@ def down_in_part(xyzw: Array) -> Array:
 
 
 def angle_between(a: Array, b: Array) -> Array:
-    """(...) angles between unit vectors (..., 3), rad; exact for small and large ones alike."""
-    apart, along = np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1)
-    return np.asarray(2 * np.arctan2(apart, along))
+    """Return angles (...) between unit vectors (..., 3), rad, accurate also near 0 and pi."""
+    difference, total = np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1)
+    return np.asarray(2 * np.arctan2(difference, total))
 
 
 def orientation_with_down(down: Array) -> Array:
-    """(4,) quaternion, tray from part, that turns ``down`` (3,), part frame, to point down.
+    """Return the quaternion (4,), tray from part, that makes ``down`` (3,) point down.
 
-    The shortest such turn; a turn about the vertical could be added at will.
+    ``down`` is a direction in the part frame.
+    It is the shortest such rotation; any rotation about the vertical could be added.
     """
     from scipy.spatial.transform import Rotation
 
@@ -86,12 +87,12 @@ def orientation_with_down(down: Array) -> Array:
 
 
 def rotate(xyzw: Array, points: Array) -> Array:
-    """(n, 3) points turned by unit quaternions (4,) or (n, 4)."""
-    # Number by number: SciPy's apply rounds by the number of points, so that a drop's position
-    # would depend on how many others are asked for (rule 1).
+    """Return points (n, 3) rotated by unit quaternions (4,) or (n, 4)."""
+    # Element by element, because the rounding of SciPy's apply depends on the number of points:
+    # the position of a drop would depend on the number of drops in the run.
     x, y, z, w = np.asarray(xyzw).T
     a, b, c = np.asarray(points).T
-    # A turn by twice axis x point; np.cross takes longer than all the rest.
+    # Twice axis x point; np.cross would take longer than all other operations.
     u, v, n = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
     return np.stack(
         [
@@ -104,7 +105,7 @@ def rotate(xyzw: Array, points: Array) -> Array:
 
 
 def turned_about_vertical(xyzw: Array, angle: float) -> Array:
-    """(4,) orientation of a part with orientation ``xyzw`` after a turn by ``angle``, rad."""
+    """Return the orientation (4,) after a rotation of ``xyzw`` about the vertical, rad."""
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.from_rotvec([0.0, 0.0, angle])
@@ -112,17 +113,17 @@ def turned_about_vertical(xyzw: Array, angle: float) -> Array:
 
 
 def turned_down(xyzw: Array, down: Array) -> Array:
-    """(n, 4) orientations turned by as little as makes the given directions point down.
+    """Return orientations (n, 4), rotated by the minimum that makes the directions point down.
 
     Parameters
     ----------
     xyzw : (n, 4) float
         Unit quaternions, tray from part.
     down : (n, 3) float
-        Unit vectors, part frame; none of them points up now.
+        Unit vectors, part frame; none of them may point up in its orientation.
     """
     now = rotate(xyzw, down)
-    # From u to -z: the axis is u x -z, and the quaternion (axis, 1 + u . -z) of twice its length.
+    # From u to -z the axis is u x -z; the quaternion (axis, 1 + u . -z) is not normalized.
     x, y, w = -now[:, 1], now[:, 0], 1 - now[:, 2]
     a, b, c, d = xyzw.T
     turned = (w * a + x * d + y * c, w * b - x * c + y * d, w * c + x * b - y * a)

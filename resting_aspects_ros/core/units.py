@@ -1,4 +1,4 @@
-"""Units of a mesh's coordinates, and the sizes that make sense in them."""
+"""Units of mesh coordinates, and checks of the size of a part."""
 
 import numpy as np
 import numpy.typing as npt
@@ -24,23 +24,22 @@ UNIT_NAMES = {
     'in': 'inches',
     'ft': 'feet',
 }
-DEFAULT_UNIT = 'mm'  # none of STL, OBJ and PLY says its unit; most parts are drawn in mm
+DEFAULT_UNIT = 'mm'  # STL, OBJ and PLY files do not contain a unit; most parts are designed in mm
 
-
-# Longest sides, m. Outside of the first the unit is probably wrong, even if somebody gave it;
-# outside of the second it may be wrong if it is only the default. The last is of parts that are
-# fed, and of the units that are suggested.
+# Ranges of the longest side, m. Outside POSSIBLE_SIZE the unit is probably wrong, even if it was
+# given; outside USUAL_SIZE it may be wrong if it is only the default. LIKELY_SIZE is the range of
+# parts in feeders; only units that bring a part into it are suggested.
 POSSIBLE_SIZE = (1e-4, 2.0)
 USUAL_SIZE = (3e-3, 2.0)
 LIKELY_SIZE = (5e-3, 0.3)
-# A share of the volume by which rounding in the file may change a part without a warning.
-FINE_VOLUME = 1e-4
-MAX_SIZE = 1e6  # m, of any coordinate: far above any part, far below overflow in the integrals
+# Change of the volume by rounding in the file, as a share, up to which there is no warning.
+MAX_VOLUME_CHANGE = 1e-4
+MAX_SIZE = 1e6  # m, any coordinate: far above any part, far below overflow in the integrals
 MIN_SIZE = 1e-9  # m
 
 
 def check_size(vertices: Array, unit: str, label: str) -> None:
-    """Raise PartError for coordinates (n, 3), in the unit, that no part can have."""
+    """Raise PartError if the coordinates (n, 3), in the unit, are too large or too small."""
     with np.errstate(over='ignore'):
         reach = float(np.abs(vertices).max()) * UNITS[unit]
         size = float(np.ptp(vertices, axis=0).max()) * UNITS[unit]
@@ -56,15 +55,15 @@ def check_size(vertices: Array, unit: str, label: str) -> None:
 
 
 def box_text(sides: Array, unit: str) -> str:
-    """Return the sides of a box (3,), in the unit, in mm: '40 x 30 x 20 mm'."""
+    """Return the sides of a box (3,), given in the unit, as text in mm: '40 x 30 x 20 mm'."""
     lengths = 1e3 * UNITS[unit] * sides
     return ' x '.join(f'{x:.4g}' if x < 1e4 else f'{x:.0f}' for x in lengths.tolist()) + ' mm'
 
 
 def size_warnings(vertices: Array, unit: str, *, given: bool) -> list[str]:
-    """Warn of a size that suggests another unit, and say what it would be in each likely one.
+    """Return a warning if the size suggests another unit, with the size in each likely unit.
 
-    given : whether somebody said what the unit is.
+    given : whether the unit was given, or is the default.
     """
     sides = np.ptp(vertices, axis=0)
     size = float(sides.max())
@@ -76,15 +75,15 @@ def size_warnings(vertices: Array, unit: str, *, given: bool) -> list[str]:
         for other, text in UNIT_NAMES.items()
         if other != unit and LIKELY_SIZE[0] <= size * UNITS[other] <= LIKELY_SIZE[1]
     ]
-    told = '; '.join([f'the part is {box_text(sides, unit)} with the unit {unit}', *likely])
-    return [f'{told}. Is the unit right?']
+    sizes = '; '.join([f'the part is {box_text(sides, unit)} with the unit {unit}', *likely])
+    return [f'{sizes}. Is the unit correct?']
 
 
 def coarse_text(vertices: Array, faces: npt.NDArray[np.int64], unit: str) -> str | None:
-    """Say that the file's coordinates are too coarse for the size of a part; None if not.
+    """Return a warning if the coordinates in the file are too coarse for the part, else None.
 
-    STL and most other files store float32, whose steps grow with the distance from the origin.
-    What they can change is estimated by moving each side of the part by half a step.
+    STL and most other files store float32, whose resolution decreases with the distance from the
+    origin. Its effect on the volume is estimated by moving each side of the part by half a step.
 
     Parameters
     ----------
@@ -102,7 +101,7 @@ def coarse_text(vertices: Array, faces: npt.NDArray[np.int64], unit: str) -> str
     volume = abs(float(np.einsum('ij,ij->', a, areas))) / 3
     change = float(np.abs(areas).sum(axis=0) @ steps) / 2
     size = float(np.ptp(vertices, axis=0).max())
-    if change <= FINE_VOLUME * volume and (volume or steps.max() < FINE_VOLUME * size):
+    if change <= MAX_VOLUME_CHANGE * volume and (volume or steps.max() < MAX_VOLUME_CHANGE * size):
         return None
     millimetres = 1e3 * UNITS[unit]
     share = f'{100 * change / volume:.2g} %' if change < volume else '100 % or more'

@@ -1,4 +1,4 @@
-"""Reading YAML that people write: any damage in it becomes one error in one line."""
+"""Read YAML files; any defect in them raises a single error with a message of one line."""
 
 from pathlib import Path
 from typing import Any
@@ -8,9 +8,9 @@ import yaml
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, one_line
 from resting_aspects_ros.core.input_file import named, read_input
 
-MAX_BYTES = 1 << 16  # a part's sheet needs less than a thousand, the surfaces less than ten
-# Values in a document after its aliases are replaced. Ten lines of aliases of aliases stand for
-# more than any memory holds.
+MAX_BYTES = 1 << 16  # a part description has less than 1000 bytes, the surfaces less than 10000
+# Maximum number of values after aliases are expanded. Ten lines of nested aliases can expand to
+# more values than fit into any memory.
 MAX_VALUES = 100_000
 MAX_DEPTH = 50
 
@@ -21,10 +21,10 @@ def read_yaml(
     max_bytes: int = MAX_BYTES,
     error: type[RestingAspectsError] = InvalidValueError,
 ) -> Any:
-    """Return the document in a YAML file, of plain types; None if it is empty.
+    """Return the document in a YAML file as plain Python types; None if it is empty.
 
-    Raises ``error`` with one line that names the file if it is not a readable regular file of at
-    most ``max_bytes``, or not YAML; see parse_yaml.
+    Raises ``error`` with a single line that names the file if it is not a readable regular file of
+    at most ``max_bytes``, or not valid YAML; see parse_yaml.
     """
     data = read_input(path, max_bytes, what, error)
     return parse_yaml(data, named(what, path), error, max_bytes)
@@ -36,12 +36,11 @@ def parse_yaml(
     error: type[RestingAspectsError] = InvalidValueError,
     max_length: int = MAX_BYTES,
 ) -> Any:
-    """Return the document in the text of a YAML file, of plain types; None if it is empty.
+    """Return the document in YAML text as plain Python types; None if it is empty.
 
-    Raises ``error``, in one line that begins with the label, for text that is too long, which
-    takes minutes to read, or not YAML, values
-    that do not fit their tag, nesting that is too deep, and aliases that contain themselves or
-    stand for more than MAX_VALUES values.
+    Raises ``error``, with a single line that begins with the label, if the text is not valid YAML
+    or too long (it would take minutes to read), a value does not fit its tag, the nesting is too
+    deep, or aliases contain themselves or expand to more than MAX_VALUES values.
     """
     try:
         if len(data) > max_length:
@@ -55,7 +54,7 @@ def parse_yaml(
             return loader.construct_document(node)
         finally:
             loader.dispose()
-    except Exception as cause:  # noqa: BLE001 its constructors raise whatever they stumble over
+    except Exception as cause:  # noqa: BLE001 its constructors raise exceptions of any type
         reason = (
             'it is nested too deeply'
             if isinstance(cause, RecursionError)
@@ -65,11 +64,13 @@ def parse_yaml(
 
 
 def _count(node: yaml.Node, known: dict[yaml.Node, int], depth: int = 0) -> int:
-    """Return the number of values in a node, each alias replaced; ValueError if too many."""
+    """Return the number of values in a node with aliases expanded; ValueError if too many."""
     if depth > MAX_DEPTH:
         raise RecursionError
     if node not in known:
-        known[node] = MAX_VALUES  # until it is counted: an alias within itself has no end
+        known[node] = (
+            MAX_VALUES  # until it is counted, so that an alias that contains itself is an error
+        )
         children: list[Any] = node.value if isinstance(node, yaml.CollectionNode) else []
         if isinstance(node, yaml.MappingNode):
             children = [child for pair in children for child in pair]

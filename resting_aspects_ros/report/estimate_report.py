@@ -121,7 +121,7 @@ def estimate_document(
                 'source': METHODS[name].source,
                 'not_defined': reasons.get(name),
                 'aspects': [] if found is None else _rows(found.probabilities),
-                'classes': [] if found is None else _rows(found.of_classes()),
+                'classes': [] if found is None else _rows(found.class_probabilities()),
             }
             for name, found in estimates.items()
         },

@@ -195,7 +195,7 @@ def probability_of(distribution: AspectDistribution, aspects: Iterable[int]) -> 
         The part does not have one of the aspects, or the message is inconsistent.
     """
     if distribution.method in ('', METHOD):
-        return distribution_from(distribution).together(aspects)
+        return distribution_from(distribution).combined_interval(aspects)
     shares = {aspect.id: aspect.probability for aspect in distribution.aspects}
     ids = set(aspects)
     for k in ids - shares.keys():

@@ -409,7 +409,7 @@ def test_a_cad_file_is_told_to_be_exported_as_stl(tmp_path, suffix):
 def test_an_unusual_size_is_told_with_what_it_would_be(sides, unit, words):
     (warning,) = part_from_bytes(stl(box(*sides)), 'stl', 'box', unit=unit).warnings
     assert words in warning
-    assert warning.endswith('Is the unit right?')
+    assert warning.endswith('Is the unit correct?')
 
 
 @pytest.mark.parametrize(

@@ -118,7 +118,11 @@ def show_estimates(
     known_by_class = against is not None and against.by_class
     by_class = known_by_class or not (each or as_json)
     shares = {
-        name: None if found is None else found.of_classes() if by_class else found.probabilities
+        name: None
+        if found is None
+        else found.class_probabilities()
+        if by_class
+        else found.probabilities
         for name, found in estimates.items()
     }
     tally, deviations = None, {}

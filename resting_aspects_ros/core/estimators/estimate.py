@@ -1,7 +1,7 @@
-"""The methods by name, and the distribution that each predicts.
+"""The analytic methods by name, and the distribution that each predicts.
 
-Seen from the centre of mass, the face of aspect i has the solid angle Omega_i and is at the
-distance h_i; r_ij is the distance of the centre of mass from its edge j, and A_i its area.
+Notation: the face of aspect i has the area A_i and, seen from the centre of mass, the solid angle
+Omega_i and the distance h_i; r_ij is the distance of the centre of mass from edge j of the face.
 """
 
 from collections.abc import Callable, Iterable
@@ -18,17 +18,17 @@ from resting_aspects_ros.core.rotations import Array
 
 @dataclass(frozen=True)
 class Method:
-    """A way to predict probabilities.
+    """A method that predicts probabilities.
 
     weights : function
-        Of a RestingShape: (k,) weights by id, to which the probabilities are proportional, or
-        NotDefinedError.
+        Returns the weights (k,) of the aspects of a RestingShape by id, to which the probabilities
+        are proportional, or raises NotDefinedError.
     label : str
-        Its name for people.
+        Display name.
     meaning : str
-        What the probability of an aspect is in proportion to.
+        Quantity to which the probability of an aspect is proportional.
     source : str
-        Where it is from.
+        Publication of the method.
     """
 
     weights: Callable[[RestingShape], Array]
@@ -38,49 +38,49 @@ class Method:
 
 
 def solid_angle(shape: RestingShape) -> Array:
-    """Omega_i."""
+    """Return Omega_i."""
     return shape.face_angles
 
 
 def csa(shape: RestingShape) -> Array:
-    """Omega_i / h_i: the centroid solid angle."""
+    """Return Omega_i / h_i: the centroid solid angle."""
     return np.asarray(shape.face_angles / _heights(shape))
 
 
 def crsa(shape: RestingShape) -> Array:
-    """(Omega_i - mean over j of Omega_crit,ij) / h_i: the critical solid angle.
+    """Return (Omega_i - mean over j of Omega_crit,ij) / h_i: the critical solid angle.
 
-    Omega_crit,ij is that of the face seen from the height r_ij above its foot, to which the centre
-    of mass rises when the part tips over edge j. Each edge counts as much, however short: a
-    corner that is rounded in many steps weighs more than a sharp one.
+    Omega_crit,ij is the solid angle of the face seen from the height r_ij, to which the centre of
+    mass rises when the part tips over edge j. All edges have the same weight, also short ones: a
+    corner that is rounded in many steps has more weight than a sharp one.
     """
     critical = [_critical(polygon, height) for polygon, height in shape.polygons()]
     return np.asarray(np.maximum(shape.face_angles - critical, 0.0) / _heights(shape))
 
 
 def stability(shape: RestingShape) -> Array:
-    """A_i / h_i."""
+    """Return A_i / h_i."""
     return np.array([_area(polygon) / height for polygon, height in shape.polygons()])
 
 
 def energy_barrier(shape: RestingShape) -> Array:
-    """The least energy that takes the part out of the aspect, m g = 1."""
+    """Return the minimum energy that moves the part out of each aspect, with m g = 1."""
     return np.array([aspect.min_barrier for aspect in shape.aspects.aspects])
 
 
 def quasi_static(shape: RestingShape) -> Array:
-    """Omega of all facets of the hull that lead to the aspect.
+    """Return the sum of Omega over all facets of the hull that lead to each aspect.
 
-    A facet on which the part cannot stay hands its share over the edge beyond which the centre of
-    mass is, or over the corner, from facet to facet until it can.
+    From an unstable facet the part tips over the edge, or the corner, beyond which its centre of
+    mass is, from facet to facet, until it reaches a stable one.
     """
     count = len(shape.aspects)
-    found = np.bincount(shape.aspect_of_facets, weights=shape.facet_angles, minlength=count)
-    return np.asarray(found, dtype=np.float64)
+    angles = np.bincount(shape.aspect_of_facets, weights=shape.facet_angles, minlength=count)
+    return np.asarray(angles, dtype=np.float64)
 
 
 def rolling(shape: RestingShape) -> Array:
-    """The area of all directions of gravity from which the part rolls into the aspect, exactly."""
+    """Return the exact share of directions from which the part rolls into each aspect."""
     return np.array([aspect.basin_share for aspect in shape.aspects.aspects])
 
 
@@ -89,7 +89,7 @@ def _heights(shape: RestingShape) -> Array:
 
 
 def _critical(polygon: Array, height: float) -> float:
-    """Mean over the edges of the critical solid angle, sr."""
+    """Return the mean critical solid angle over the edges, sr."""
     along = np.roll(polygon, -1, axis=0) - polygon
     across = polygon[:, 0] * along[:, 1] - polygon[:, 1] * along[:, 0]
     over_edges = np.hypot(height, across / np.linalg.norm(along, axis=1))
@@ -105,7 +105,7 @@ METHODS = {
     'solid_angle': Method(
         solid_angle,
         'solid angle',
-        'that of its side, seen from the centre of mass',
+        'solid angle of its side, seen from the centre of mass',
         "Simpson's rule",
     ),
     'csa': Method(
@@ -117,7 +117,7 @@ METHODS = {
     'crsa': Method(
         crsa,
         'critical solid angle',
-        '(solid angle - mean critical one) / height',
+        '(solid angle - mean critical solid angle) / height',
         'Ngoi, Lye, Chen 1996',
     ),
     'stability': Method(
@@ -129,7 +129,7 @@ METHODS = {
     'energy_barrier': Method(
         energy_barrier,
         'energy barrier',
-        'least energy that takes the part out of it',
+        'minimum energy that moves the part out of it',
         'Boothroyd, Ho 1977',
     ),
     'quasi_static': Method(
@@ -149,12 +149,12 @@ METHODS = {
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """A distribution that a method predicts: no drops, so no interval.
+    """The distribution that a method predicts; it has no drops and no intervals.
 
     method : str
         One of METHODS.
     probabilities : (k,) float
-        Of each aspect, by id from 1; they add up to 1.
+        Probability of each aspect, by id from 1; their sum is 1.
     """
 
     aspects: AspectSet
@@ -163,57 +163,57 @@ class Estimate:
 
     @property
     def source(self) -> str:
-        """Where the method is from."""
+        """Publication of the method."""
         return METHODS[self.method].source
 
-    def of_classes(self) -> Array:
-        """(c,) probability of each symmetry class, by number from 1."""
+    def class_probabilities(self) -> Array:
+        """Return the probability (c,) of each symmetry class, by number from 1."""
         numbers = [aspect.symmetry_class for aspect in self.aspects.aspects]
         return np.asarray(np.bincount(numbers, weights=self.probabilities)[1:])
 
 
 def check_method(method: str) -> None:
-    """Raises InvalidValueError if there is no such method."""
+    """Raise InvalidValueError if there is no such method."""
     if method not in METHODS:
         raise InvalidValueError(f'invalid method {method!r}: expected one of {", ".join(METHODS)}')
 
 
 def estimate(shape: RestingShape, method: str) -> Estimate:
-    """The distribution of a part by a method.
+    """Return the distribution that a method predicts for a part.
 
-    Aspects that a rotation of the part onto itself takes to each other are equally probable. A
-    part with one aspect rests in it, whatever the method.
+    Aspects of one symmetry class are equally probable. If a part has only one aspect, its
+    probability is 1 for every method.
 
     Raises
     ------
     InvalidValueError
         If there is no such method.
     NotDefinedError
-        If the method says nothing about this part.
+        If the method is not defined for this part.
     """
     check_method(method)
     aspects = shape.aspects
     if len(aspects) == 1:
         return Estimate(aspects, method, np.ones(1))
     try:
-        found = METHODS[method].weights(shape)
+        weights = METHODS[method].weights(shape)
     except NotDefinedError as error:
         raise NotDefinedError(f'{method} is not defined for {shape.part.name}: {error}') from error
     for members in aspects.classes():
-        places = [aspect.id - 1 for aspect in members]
-        found[places] = found[places].mean()
-    return Estimate(aspects, method, found / found.sum())
+        indices = [aspect.id - 1 for aspect in members]
+        weights[indices] = weights[indices].mean()
+    return Estimate(aspects, method, weights / weights.sum())
 
 
 def estimate_each(
     shape: RestingShape, names: Iterable[str]
 ) -> tuple[dict[str, Estimate], dict[str, str]]:
-    """By method what it says, and of those that say nothing, why."""
-    found: dict[str, Estimate] = {}
+    """Return the estimates by method, and the reasons for methods that are not defined."""
+    estimates: dict[str, Estimate] = {}
     reasons: dict[str, str] = {}
     for name in names:
         try:
-            found[name] = estimate(shape, name)
+            estimates[name] = estimate(shape, name)
         except NotDefinedError as error:
             reasons[name] = str(error)
-    return found, reasons
+    return estimates, reasons

@@ -1,25 +1,26 @@
-"""Which method to trust for a part and a height of release.
+"""Recommendation of an analytic method for a part and a release height.
 
-The figures behind it are in docs/explanation/estimators.md.
+It is based on the measurements in docs/explanation/estimators.md.
 """
 
 from dataclasses import dataclass
 
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 
-# Heights of release, hull radii, between which csa deviates least from drops: halfway, on a
-# logarithmic scale, between the heights at which that was found and not.
+# Release heights, hull radii, between which csa deviates least from drops. The limits are halfway,
+# on a logarithmic scale, between heights at which this was measured and heights at which not.
 _LOW, _HIGH = 0.2, 20.0
-# Where fewer directions than this lead to a curved side, as the rim of a washer, csa holds.
-_CURVED_SHARE = 0.15
+# Share of directions that lead to a curved side, such as the rim of a washer, up to which csa is
+# valid.
+_MAX_CURVED_SHARE = 0.15
 
 
 @dataclass(frozen=True)
 class Recommendation:
-    """The method that deviates least from drops, and why, in a sentence.
+    """The method that deviates least from drops, and the reason in a sentence.
 
     method : str
-        One of METHODS; empty if none is to be trusted.
+        One of METHODS; empty if no method is recommended.
     """
 
     method: str
@@ -27,22 +28,22 @@ class Recommendation:
 
 
 def recommend(aspects: AspectSet, height: float, *, thrown: bool) -> Recommendation:
-    """Return the method to trust for a part.
+    """Return the recommended method for a part.
 
     Parameters
     ----------
     aspects : AspectSet
-        Of the part.
+        Aspects of the part.
     height : float
-        Of release, hull radii.
+        Release height, hull radii.
     thrown : bool
-        Whether the part is released with a speed or a spin that matters beside the height.
+        Whether the part is released with a significant speed or spin.
     """
     if len(aspects) == 1:
         return Recommendation('', 'The part has one aspect: its probability is 100 %.')
     curved = sum(a.basin_share for a in aspects.aspects if a.sweep.curved)
     radii = f'{height:.2g} times the radius of the part'
-    if curved > _CURVED_SHARE:
+    if curved > _MAX_CURVED_SHARE:
         return Recommendation(
             '',
             f'No method is recommended: from {100 * curved:.0f} % of all directions the part '

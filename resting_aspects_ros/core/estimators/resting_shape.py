@@ -1,4 +1,4 @@
-"""What the estimators look at: the landscape of a part, and the faces of its aspects."""
+"""Input of the estimators: the landscape of a part, and the faces of its aspects."""
 
 from functools import cached_property
 
@@ -16,23 +16,23 @@ from resting_aspects_ros.core.geometry.solid_angle import facet_angles
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array, rotate
 
-# Where a curved side meets facets that are narrower or wider than its own by more than this it
-# ends: at a fillet, or at a flat side that it runs into.
-NARROWER = 3.0
+# A curved side ends at facets that are narrower or wider than its own by more than this factor: at
+# a fillet, or at an adjacent flat side.
+MAX_WIDTH_RATIO = 3.0
 
 
 class NotDefinedError(InvalidValueError):
-    """A method says nothing about a part."""
+    """A method is not defined for a part."""
 
 
 class RestingShape:
-    """A part with its aspects, as polygons and solid angles.
+    """The faces of the aspects of a part, as polygons and solid angles.
 
     Attributes
     ----------
     part : Part
     aspects : AspectSet
-        Of the part; found, if they are not known.
+        Aspects of the part; computed if not given.
     landscape : Landscape
     """
 
@@ -43,9 +43,9 @@ class RestingShape:
 
     @cached_property
     def aspect_of_facets(self) -> Indices:
-        """(f,) place, id - 1, of the aspect to which the part rolls from each facet."""
-        of_minima = self.aspects.locate(self.landscape.directions)[0] - 1
-        return np.asarray(of_minima[self.landscape.minima_of_facets])
+        """(f,) index, id - 1, of the aspect to which the part rolls from each facet."""
+        aspect_of_minima = self.aspects.locate(self.landscape.directions)[0] - 1
+        return np.asarray(aspect_of_minima[self.landscape.minima_of_facets])
 
     @cached_property
     def facet_angles(self) -> Array:
@@ -56,27 +56,28 @@ class RestingShape:
     def face_angles(self) -> Array:
         """(k,) solid angle of the face on which each aspect rests, sr.
 
-        Of flat ones all facets within a degree of those it rests on; else the curved side, up to
-        its edges. NotDefinedError if it has none before it is that of another aspect, too.
+        The face of a flat aspect consists of all facets within a degree of those it rests on, the
+        face of a curved aspect is the curved side up to its edges. NotDefinedError if there is no
+        edge between the curved side and another aspect.
         """
         return np.array([self.facet_angles[self._face(a)].sum() for a in self.aspects.aspects])
 
     def polygons(self) -> list[tuple[Array, float]]:
-        """For each aspect the corners of its face (n, 2), m, counter-clockwise, and com_height, m.
+        """Return for each aspect the corners of its face (n, 2), m, and its com_height, m.
 
-        NotDefinedError if one rests on a curved side.
+        The corners are counter-clockwise. NotDefinedError if an aspect rests on a curved side.
         """
-        hull, found = self.landscape.hull, []
+        hull, polygons = self.landscape.hull, []
         for aspect in self.aspects.aspects:
             if aspect.sweep.curved:
                 raise NotDefinedError(f'aspect {aspect.id} rests on a curved side, not a polygon')
             corners = np.unique(np.concatenate([hull.corners(f) for f in self._face(aspect)]))
             flat = rotate(aspect.orientation, hull.points[corners] * self.landscape.radius)[:, :2]
-            found.append((flat[ConvexHull(flat).vertices], aspect.com_height))
-        return found
+            polygons.append((flat[ConvexHull(flat).vertices], aspect.com_height))
+        return polygons
 
     def _face(self, aspect: Aspect) -> list[int]:
-        """The facets of the face of an aspect."""
+        """Return the facets of the face of an aspect."""
         hull, minima = self.landscape.hull, self.landscape.minima
         own = self.aspect_of_facets[minima] == aspect.id - 1
         face: list[int] = minima[own].tolist()
@@ -91,8 +92,8 @@ class RestingShape:
                     face.append(other)
         if known & set(minima[~own].tolist()):
             raise NotDefinedError(
-                f'aspect {aspect.id} rests on a curved side that goes on to another aspect '
-                'without an edge between'
+                f'aspect {aspect.id} rests on a curved side that continues to another '
+                'aspect without an edge'
             )
         return face
 
@@ -101,12 +102,12 @@ class RestingShape:
         return is_curved(self.landscape.hull)
 
     def _alike(self, facet: int, other: int, edge: int) -> bool:
-        """Whether two facets of a mesh are about as wide, seen from the edge between them."""
+        """Return whether two facets have similar widths, measured from the edge between them."""
         one, two = self._width(facet, edge), self._width(other, edge)
-        return max(one, two) < NARROWER * min(one, two)
+        return max(one, two) < MAX_WIDTH_RATIO * min(one, two)
 
     def _width(self, facet: int, edge: int) -> float:
-        """How far a facet reaches from one of its edges, R."""
+        """Return how far a facet extends from one of its edges, R."""
         hull = self.landscape.hull
         start, end = hull.points[hull.ends[edge]]
         arms = hull.points[hull.corners(facet)] - start

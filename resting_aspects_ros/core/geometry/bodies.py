@@ -62,7 +62,9 @@ class _Body:
         return manifold3d.Manifold(manifold3d.Mesh64(points, faces))
 
 
-def one_solid(surface: Surface, chosen: int | None, unit: str, label: str) -> tuple[Surface, int]:
+def unite_bodies(
+    surface: Surface, chosen: int | None, unit: str, label: str
+) -> tuple[Surface, int]:
     """Return the surface of one solid, and the number of the body that was chosen, 0 if none was.
 
     Bodies that touch are one; they are united if they overlap. Bodies are numbered from 1 on,

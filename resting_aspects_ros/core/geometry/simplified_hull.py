@@ -43,7 +43,7 @@ OUTLINE = 1e-4
 CROWD = 50_000
 
 
-def simplified(
+def simplify_hull(
     corners: Array, triangles: Indices, normals: Array, most: int = MAX_CORNERS
 ) -> tuple[Array, float]:
     """Return the corners of a hull, or some of them if they are too many, and the error.

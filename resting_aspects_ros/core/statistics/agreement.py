@@ -1,4 +1,4 @@
-"""Two classifiers of the same poses held against each other: by aspects, and by clusters."""
+"""Comparison of two classifications of the same poses: by aspects and by clusters."""
 
 from dataclasses import dataclass
 
@@ -14,20 +14,20 @@ Ids = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """Which poses the two say the same of.
+    """The poses on which the two classifications agree.
 
-    An aspect and a cluster go together if each has more poses of the other than of any else. A
-    pose is agreed on if it is in an aspect and in the cluster that goes with it; so one that is
-    in no aspect never is, since every pose is in some cluster.
+    An aspect and a cluster match if each contains more poses of the other than of any third. The
+    classifications agree on a pose if it is in an aspect and in the matching cluster. They never
+    agree on a pose in no aspect, because every pose is in a cluster.
 
     aspect : (n,) int
         Id of each pose's aspect; 0 for none.
     cluster : (n,) int
         Label of each pose's cluster.
     cluster_of : (a,) int
-        For each aspect, by id from 1, the cluster with most of its poses; 0 if it has no pose.
+        For each aspect, by id from 1, the cluster with most of its poses; 0 if it has no poses.
     shared : (a,) int
-        How many poses of each aspect are in that cluster.
+        Number of poses of each aspect in that cluster.
     agree : (n,) bool
     """
 
@@ -39,12 +39,12 @@ class Agreement:
 
 
 def compare(ids: Ids, aspects: int, clusters: Clusters) -> Agreement:
-    """Hold (n,) ids of the poses' aspects, of which there are ``aspects``, against clusters."""
+    """Return the agreement of aspect ids (n,), of ``aspects`` different ones, with clusters."""
     shape = (aspects + 1, len(clusters) + 1)
     cells = np.bincount(ids * shape[1] + clusters.labels, minlength=shape[0] * shape[1])
     table = cells.reshape(shape)
     table[0] = 0  # in no aspect
-    cluster_of = table.argmax(axis=1)  # the larger cluster and the lower id, if there are two
+    cluster_of = table.argmax(axis=1)  # of equal ones the larger cluster and the lower id
     aspect_of = table.argmax(axis=0)
     agree = (ids > 0) & (cluster_of[ids] == clusters.labels) & (aspect_of[clusters.labels] == ids)
     return Agreement(ids, clusters.labels, cluster_of[1:], table.max(axis=1)[1:], agree)
@@ -52,11 +52,11 @@ def compare(ids: Ids, aspects: int, clusters: Clusters) -> Agreement:
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """The poses on which two classifiers differ, in their order; each field is (m,).
+    """The poses on which the two classifications differ, in order; each field is (m,).
 
-    pose : int, which of the poses that were compared, from 0.
+    pose : int, index of the pose, from 0.
     nearest, angle : the nearest aspect, 0 if the part has none, and the angle to it, rad.
-    aspect, cluster : int, what the two say; aspect 0 is none.
+    aspect, cluster : int, the two classifications; aspect 0 means none.
     """
 
     pose: Ids
@@ -70,7 +70,7 @@ class Differences:
 
 
 def find_differences(agreement: Agreement, aspects: AspectSet, down: Array) -> Differences:
-    """The poses that are not agreed on, of those with the down directions (n, 3)."""
+    """Return the poses without agreement; ``down`` are the down directions (n, 3) of all poses."""
     pose = np.flatnonzero(~agreement.agree)
     nearest, angle = aspects.locate(down[pose])
     return Differences(pose, nearest, angle, agreement.aspect[pose], agreement.cluster[pose])

@@ -1,4 +1,4 @@
-"""How probable each aspect of a part is: counts, probabilities and intervals."""
+"""The distribution of drops over the aspects of a part: counts, probabilities, intervals."""
 
 import dataclasses
 from collections.abc import Iterable
@@ -18,20 +18,21 @@ METHOD = 'drops'
 
 @dataclass(frozen=True, eq=False)
 class Distribution:
-    """Where the drops of a run ended: each is counted exactly once.
+    """Counts of the drops of a run by aspect; each drop is counted exactly once.
 
     counts : (k,) int
         Drops at rest in each aspect, by id from 1.
     unclassified, unsettled, failed : int
-        Drops at rest in no aspect, not at rest in the time allowed, and numerically wrong.
+        Drops at rest in no aspect, drops not at rest within the time limit, and drops with
+        numerical errors.
     interval : str
-        Method of the intervals, one of core.intervals.METHODS.
+        Method of the intervals, one of intervals.METHODS.
     confidence : float
-        Of the intervals.
+        Confidence of the intervals.
     by_precision : bool
         Whether the run stopped when its intervals were narrow enough.
     energy_growth : float
-        Largest of any drop, m g R; as RestingPoses has it.
+        Maximum energy_growth of the drops, m g R; see RestingPoses.
     """
 
     aspects: AspectSet
@@ -46,27 +47,27 @@ class Distribution:
 
     @property
     def drops(self) -> int:
-        """How many drops were counted."""
+        """Number of drops that were counted."""
         return int(self.counts.sum()) + self.unclassified + self.unsettled + self.failed
 
     def intervals(self) -> list[Interval]:
-        """For each aspect count / drops with an interval, n = drops; as core.intervals has it.
+        """Return count / drops of each aspect with its interval, for n = drops; see intervals.
 
-        The interval of a count of zero begins at zero, and it is the bound on how probable an
-        aspect can be that was never seen. Without drops: 0 to 1. After a stop by precision they
-        are a little wider, so that they cover as often as they say: core.stopping.
+        The lower bound of a count of zero is zero; the upper bound limits the probability of an
+        aspect that was never seen. Without drops the interval is 0 to 1. After a stop by precision
+        the intervals are slightly wider, to preserve their coverage; see stopping.
         """
         return self._intervals(self.counts)
 
-    def together(self, ids: Iterable[int]) -> Interval:
-        """How probable it is to end in one of some aspects, with an interval of their sum.
+    def combined_interval(self, ids: Iterable[int]) -> Interval:
+        """Return the probability to rest in any of several aspects, with its interval.
 
-        Raises InvalidValueError if the part has no aspect of an id.
+        Raises InvalidValueError if the part has no aspect with one of the ids.
         """
-        most = len(self.counts)
+        max_id = len(self.counts)
         for k in set(ids):
-            if not 1 <= k <= most:
-                raise InvalidValueError(f'invalid aspect {k!r}: expected 1 to {most}')
+            if not 1 <= k <= max_id:
+                raise InvalidValueError(f'invalid aspect {k!r}: expected 1 to {max_id}')
         count = self.counts[[k - 1 for k in sorted(set(ids))]].sum()
         return self._intervals(count[None])[0]
 
@@ -74,18 +75,20 @@ class Distribution:
         stopped = stopping_confidence(self.confidence) if self.by_precision else self.confidence
         return intervals(counts, self.drops, self.interval, stopped)
 
-    def stops(self, precision: float, ceiling: int) -> bool:
-        """Whether a run is over with these counts; as core.stopping has it."""
-        return stops(self.counts, self.drops, precision, ceiling, self.interval, self.confidence)
+    def stops(self, precision: float, drop_limit: int) -> bool:
+        """Return whether a run stops with these counts; see stopping."""
+        return stops(
+            self.counts, self.drops, precision, drop_limit, self.interval, self.confidence
+        )
 
     def by_class(self) -> 'Distribution':
-        """The counts of the symmetry classes, in their order."""
+        """Return the distribution over the symmetry classes, in their order."""
         classes = [[a.id - 1 for a in members] for members in self.aspects.classes()]
         counts = np.array([self.counts[ids].sum() for ids in classes], dtype=np.int64)
         return dataclasses.replace(self, counts=counts)
 
     def __add__(self, other: 'Distribution') -> 'Distribution':
-        """The distribution over the drops of both: different drops of the same part."""
+        """Return the distribution over the drops of both: different drops of the same part."""
         if self.aspects.part_sha256 != other.aspects.part_sha256:
             raise ValueError('distributions of different parts cannot be added')
         return dataclasses.replace(
@@ -105,14 +108,14 @@ def no_drops(
     confidence: float = CONFIDENCE,
     by_precision: bool = False,
 ) -> Distribution:
-    """The distribution before the first drop."""
+    """Return the distribution before the first drop."""
     none = np.zeros(len(aspects), dtype=np.int64)
     return Distribution(aspects, none, 0, 0, 0, interval, confidence, by_precision)
 
 
 def aspect_ids(aspects: AspectSet, poses: RestingPoses) -> npt.NDArray[np.int64]:
-    """(n,) aspect in which each drop came to rest; 0 if in none, or if it did not."""
-    settled = poses.status == RestStatus.SETTLED  # of others the pose can be no number
+    """Return the aspect id (n,) of each drop; 0 if it is in no aspect or did not come to rest."""
+    settled = poses.status == RestStatus.SETTLED  # other poses can be NaN
     ids = np.zeros(len(poses), dtype=np.int64)
     ids[settled] = aspects.classify(poses.orientation[settled])
     return ids
@@ -121,7 +124,7 @@ def aspect_ids(aspects: AspectSet, poses: RestingPoses) -> npt.NDArray[np.int64]
 def count_poses(
     aspects: AspectSet, poses: RestingPoses, ids: npt.NDArray[np.int64] | None = None
 ) -> Distribution:
-    """Classify and count; ``ids`` as aspect_ids, if they are known already."""
+    """Return the counts of poses by aspect; ``ids`` are their aspect_ids, if known already."""
     settled = poses.status == RestStatus.SETTLED
     ids = aspect_ids(aspects, poses) if ids is None else ids
     by_id = np.bincount(ids[settled], minlength=len(aspects) + 1)

@@ -197,7 +197,7 @@ def test_methods_not_defined_for_a_curved_side(solids, shape):
     egg = shape(solids.ellipsoid(10, 10, 6, 3))
     assert len(egg.aspects) == 2
     for method in ('solid_angle', 'csa'):
-        with pytest.raises(NotDefinedError, match='goes on to another aspect without an edge'):
+        with pytest.raises(NotDefinedError, match='continues to another aspect without an edge'):
             estimate(egg, method)
     for method in ('quasi_static', 'rolling', 'energy_barrier'):
         np.testing.assert_allclose(predicted(egg, method), 0.5, atol=1e-6)

@@ -94,7 +94,7 @@ def test_flat_mesh_and_line_have_no_volume():
     flat, line = box(), box()
     flat.vertices[:, 2] = 0
     line.vertices[:, 1:] = 0
-    for mesh, words in ((flat, 'in a plane'), (line, 'none of its triangles has an area')):
+    for mesh, words in ((flat, 'in a plane'), (line, 'all its triangles have zero area')):
         for turned in (mesh, mesh.copy().apply_transform(turn)):
             turned.vertices = turned.vertices.astype(np.float32)
             with pytest.raises(PartError, match='has no volume') as caught:

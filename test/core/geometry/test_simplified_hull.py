@@ -163,7 +163,7 @@ def test_what_is_left_out_is_said_with_its_numbers(solids, solid, whole):
     (sentence,) = part.warnings
     numbers = re.search(
         r"^part 'solid': its convex hull was simplified from (\d+) to (\d+) corners; "
-        r'the others are outside of it by at most ([\d.e-]+) mm \(([\d.e-]+) R\)$',
+        r'the omitted corners are outside the hull by at most ([\d.e-]+) mm \(([\d.e-]+) R\)$',
         sentence,
     )
     before, after, error, share = (float(number) for number in numbers.groups())

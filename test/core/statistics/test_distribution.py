@@ -71,7 +71,7 @@ def test_together_counts_several_aspects_as_one(data):
     ids = data.draw(st.lists(st.integers(1, len(numbers))))
     found = distribution(numbers, (1, 2, 3))
     count = sum(numbers[k - 1] for k in set(ids))
-    share = found.together(ids)
+    share = found.combined_interval(ids)
     assert share.probability == count / found.drops
     assert (share.lower, share.upper) == pytest.approx(wilson(count, found.drops), abs=1e-12)
 
@@ -79,13 +79,13 @@ def test_together_counts_several_aspects_as_one(data):
 def test_together_of_one_aspect_is_its_own_interval():
     for by_precision in (False, True):
         found = dataclasses.replace(distribution([5, 10]), by_precision=by_precision)
-        assert [found.together([k]) for k in (1, 2)] == found.intervals()
+        assert [found.combined_interval([k]) for k in (1, 2)] == found.intervals()
 
 
 @pytest.mark.parametrize('k', [0, 3, -1])
 def test_unknown_aspect_id_is_rejected(k):
     with pytest.raises(InvalidValueError, match=f'invalid aspect {k}: expected 1 to 2'):
-        distribution([5, 10]).together([1, k])
+        distribution([5, 10]).combined_interval([1, k])
 
 
 def test_textbook_interval():
