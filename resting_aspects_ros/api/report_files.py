@@ -21,17 +21,17 @@ from resting_aspects_ros.report.page import ENDINGS, FIGURES, PAGE, Report, repo
 from resting_aspects_ros.report.rounding import size_text
 from resting_aspects_ros.report.table import symmetry_text
 
-# Of the tables that are drawn for p values: the same question has the same answer.
+# Seed of the Monte Carlo p values, so that equal inputs give equal reports.
 SEED = 1
 
 
 def default_folder(part: str) -> Path:
-    """Where the report of a part goes if nobody says it."""
+    """Return the folder of the report of a part if none is given."""
     return Path('out') / part
 
 
 def check_report(flag: str, folder: Path) -> None:
-    """Make the folder; InvalidValueError if that cannot be, or a file in it cannot be written."""
+    """Make the folder; raises InvalidValueError if it, or a file in it, cannot be written."""
     make_folder(flag, folder)
     for name in (PAGE, *_figure_files()):
         check_output(flag, folder / name)
@@ -42,14 +42,14 @@ def _figure_files() -> list[str]:
 
 
 def write_report(answer: DropResult, folder: Path, against: CountsFile | None = None) -> Path:
-    """Write it; returns where the page is. Raises OutputError."""
+    """Write the report and return the path of the page. Raises OutputError."""
     written = set()
     for name, data in report_files(_report(answer, against)):
         with whole_file(folder / name) as file:
             file.write_bytes(data)
         written.add(name)
     for name in _figure_files():
-        if name not in written:  # of an earlier report: it does not belong to this page
+        if name not in written:  # a figure of an earlier report
             (folder / name).unlink(missing_ok=True)
     return folder / PAGE
 
@@ -90,14 +90,14 @@ def _measured(answer: DropResult, against: CountsFile) -> ReferenceCounts:
 def _notes(answer: DropResult) -> Iterator[str]:
     run, drops = answer.run, answer.distribution.drops
     if not answer.complete:
-        asked = f'those to a precision of ±{run.precision:g}' if run.precision else f'{run.drops}'
-        yield f'The run is not complete: {drops} drops are counted, asked for were {asked}.'
+        goal = f'a precision of ±{run.precision:g}' if run.precision else f'{run.drops} drops'
+        yield f'The run is not complete: it has {drops} drops, and {goal} was requested.'
     if answer.convergence is not None:
         yield answer.convergence.text().replace('\n', ' ')
     if answer.part is None:
         yield (
-            'The mesh of the part is not at hand: there are no pictures, and nothing from its '
-            'shape alone.'
+            'The mesh of the part is not available. Therefore this report has no pictures and '
+            'no analytic estimates.'
         )
     else:
         yield from (f'{warning[0].upper()}{warning[1:]}.' for warning in answer.part.warnings)
@@ -105,22 +105,19 @@ def _notes(answer: DropResult) -> Iterator[str]:
 
 def _facts(answer: DropResult) -> dict[str, list[tuple[str, str]]]:
     run = answer.run
-    asked = f'{run.drops}' if not run.precision else f'up to {run.drops}'
-    drops = [('made', f'{answer.distribution.drops} of {asked}')]
+    requested = f'{run.drops}' if not run.precision else f'up to {run.drops}'
+    drops = [('number of drops', f'{answer.distribution.drops} of {requested}')]
     if run.precision:
-        drops.append(('until intervals are at most', f'±{run.precision:g}'))
+        drops.append(('required precision', f'intervals of at most ±{run.precision:g}'))
     drops += [
         ('seed', str(run.seed)),
-        *([('first drop', str(run.first_drop))] if run.first_drop else []),
+        *([('index of the first drop', str(run.first_drop))] if run.first_drop else []),
         ('engine', f'{run.engine} {run.engine_version}'),
         ('time step', f'{run.time_step:.3g} s'),
         ('resting_aspects_ros', run.suite_version),
         ('date', when_text(run.started)),
         ('run id', run.run_id),
-        (
-            'most energy that the engine added in a drop',
-            _energy_text(answer),
-        ),
+        ('maximum energy gain in a drop', _energy_text(answer)),
     ]
     return {
         'Part': _part_facts(answer.part, answer),
@@ -128,16 +125,16 @@ def _facts(answer: DropResult) -> dict[str, list[tuple[str, str]]]:
             ('surface', surface_text(run.conditions)),
             *condition_facts(run.conditions),
         ],
-        'Drops': drops,
+        'Run': drops,
     }
 
 
 def _energy_text(answer: DropResult) -> str:
-    """An energy as the height to which it lifts the part."""
+    """Return the energy that the engine added in a drop, as the rise of the part it equals."""
     growth = answer.distribution.energy_growth  # as a height, hull radii
     if answer.part is None:
-        return f'lifts the part by {growth:.2g} of its radius'
-    return f'lifts the part by {1000 * growth * answer.part.hull_radius:.2g} mm'
+        return f'equal to a rise by {growth:.2g} of the part radius'
+    return f'equal to a rise by {1000 * growth * answer.part.hull_radius:.2g} mm'
 
 
 def _part_facts(part: Part | None, answer: DropResult) -> list[tuple[str, str]]:
@@ -147,7 +144,7 @@ def _part_facts(part: Part | None, answer: DropResult) -> list[tuple[str, str]]:
     symmetry = answer.distribution.aspects.symmetry
     return [
         ('name', part.name),
-        ('size along its axes', size_text(part)),
+        ('size along the mesh axes', size_text(part)),
         ('mesh', f'{part.mesh_format} in {part.unit}, {len(part.faces)} triangles'),
         ('mass', f'{1000 * part.mass:.4g} g'),
         *([('symmetry', symmetry_text(symmetry))] if symmetry is not None else []),

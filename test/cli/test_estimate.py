@@ -84,12 +84,12 @@ def test_aspects_that_look_alike_are_one_row_with_their_sum(run, document):
     ('words', 'method', 'reason'),
     [
         # The surface's 60 mm.
-        (['l_bracket'], 'csa', 'release from 2.1 times the radius'),
-        (['l_bracket', '--height', '2mm'], 'rolling', 'release from 0.07 times the radius'),
-        (['l_bracket', '--height', '1.2'], 'crsa', 'release from 42 times the radius'),
-        (['l_bracket', '--surface', 'thrown'], 'crsa', 'for a thrown part'),
-        (['washer', '--height', '1'], 'csa', 'rarely rests on its curved side'),
-        (['cylinder_d20_h20'], None, 'from 71 % of all directions the part rolls onto a curved'),
+        (['l_bracket'], 'csa', '0.2 to 20 part radii (here 2.1)'),
+        (['l_bracket', '--height', '2mm'], 'rolling', 'below 0.2 part radii (here 0.07)'),
+        (['l_bracket', '--height', '1.2'], 'crsa', 'above 20 part radii (here 42)'),
+        (['l_bracket', '--surface', 'thrown'], 'crsa', 'for thrown parts'),
+        (['washer', '--height', '1'], 'csa', 'rarely rest on their curved side'),
+        (['cylinder_d20_h20'], None, 'from 71 % of all orientations the part rolls onto'),
         (['sphere.stl'], None, 'has one aspect'),
     ],
 )

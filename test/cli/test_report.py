@@ -59,7 +59,7 @@ def test_a_report_at_once(dropped):
         f'bullet {document["engine_version"]}',
         '12 rotations map it onto itself',
         'quasi-static',
-        'Recommended is the centroid solid angle (csa)',
+        'The recommended method is the centroid solid angle (csa)',
     ):
         assert said in page
 

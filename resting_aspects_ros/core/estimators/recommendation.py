@@ -42,35 +42,36 @@ def recommend(aspects: AspectSet, height: float, *, thrown: bool) -> Recommendat
     if len(aspects) == 1:
         return Recommendation('', 'The part has one aspect: its probability is 100 %.')
     curved = sum(a.basin_share for a in aspects.aspects if a.sweep.curved)
-    radii = f'{height:.2g} times the radius of the part'
     if curved > _MAX_CURVED_SHARE:
         return Recommendation(
             '',
-            f'No method is recommended: from {100 * curved:.0f} % of all directions the part '
-            'rolls onto a curved side, and there all methods deviate from drops by 5 points and '
-            'more.',
+            f'No method is recommended: from {100 * curved:.0f} % of all orientations the part '
+            'rolls onto a curved side, and for such parts all methods deviate from drops by 5 '
+            'points or more.',
         )
     if height < _LOW and not thrown:
         return Recommendation(
             'rolling',
-            f'Recommended is rolling: for a release from {radii}, below {_LOW:g} times, it '
-            'deviates least from drops, by about 1 point.',
+            f'The recommended method is rolling: for release heights below {_LOW:g} part radii '
+            f'(here {height:.2g}), it has the smallest deviation from drops, about 1 point.',
         )
-    csa = 'Recommended is the centroid solid angle (csa): '
+    csa = 'The recommended method is the centroid solid angle (csa): '
     if curved:
         return Recommendation(
             'csa',
-            f'{csa}it deviates least from drops where a part rarely rests on its curved side.',
+            f'{csa}it has the smallest deviation from drops for parts that rarely rest on their '
+            'curved side.',
         )
     if height <= _HIGH and not thrown:
         return Recommendation(
             'csa',
-            f'{csa}for a release from {radii}, between {_LOW:g} and {_HIGH:g} times, it deviates '
-            'least from drops, by about 1 point.',
+            f'{csa}for release heights from {_LOW:g} to {_HIGH:g} part radii (here {height:.2g}), '
+            'it has the smallest deviation from drops, about 1 point.',
         )
-    how = 'a thrown part' if thrown else f'a release from {radii}, above {_HIGH:g} times,'
+    high = f'release heights above {_HIGH:g} part radii (here {height:.2g})'
     return Recommendation(
         'crsa',
-        f'Recommended is the critical solid angle (crsa): for {how} it deviates least from '
-        'drops, by 1 to 2 points.',
+        'The recommended method is the critical solid angle (crsa): for '
+        f'{"thrown parts" if thrown else high}, it has the smallest deviation from drops, 1 to 2 '
+        'points.',
     )
