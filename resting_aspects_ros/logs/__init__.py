@@ -1,6 +1,6 @@
-"""MCAP logs, as rosbag2 writes and reads them.
+"""MCAP logs that are compatible with rosbag2.
 
 Contains the writer, three readers (by index, as a stream, for playback) and the recovery of logs
-that were broken off. The only package that imports mcap; knows no ROS. Read `run_writer.py`
-first, then `record_reader.py`.
+that were not closed. This is the only package that imports mcap, and it does not depend on ROS.
+Read `run_writer.py` first, then `record_reader.py`.
 """

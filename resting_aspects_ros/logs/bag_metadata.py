@@ -1,4 +1,4 @@
-"""metadata.yaml, which makes a folder with an MCAP file a bag of rosbag2, version 9 (Jazzy)."""
+"""metadata.yaml of rosbag2, version 9 (Jazzy), which makes a folder with an MCAP file a bag."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ _VERSION = 9
 _ROS_DISTRO = 'jazzy'
 _FILE_NAME = 'metadata.yaml'
 _INFORMATION = 'rosbag2_bagfile_information'
-# A topic needs about 700 bytes of it.
+# Maximum size of metadata.yaml. A topic needs about 700 bytes.
 _MAX_BYTES = 1 << 20
 
-# rosbag2's word for the starting time of a bag in which nothing is.
-_NEVER = 2**63 - 1
+# Starting time that rosbag2 writes for an empty bag.
+_NO_START = 2**63 - 1
 
 
-# The record of free text that tells how a log ended.
+# Name of the metadata record that contains the outcome of a log.
 OUTCOME = 'outcome'
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Drops in a log, and whether it is whole: all drops of its run, and the part."""
+    """Number of drops in a log, and whether it is whole: has the part and all drops of its run."""
 
     drops: int
     whole: bool
 
     def record(self) -> dict[str, str]:
-        """The values of the record."""
+        """Return the values of the metadata record."""
         return {'whole': str(self.whole).lower(), 'drops': str(self.drops)}
 
     @classmethod
-    def of(cls, notes: Mapping[str, Mapping[str, str]]) -> Outcome | None:
-        """What the records of a log say; None if they do not."""
-        values = notes.get(OUTCOME, {})
+    def of(cls, records: Mapping[str, Mapping[str, str]]) -> Outcome | None:
+        """Return the outcome in the metadata records of a log; None if they have none."""
+        values = records.get(OUTCOME, {})
         drops = values.get('drops', '')
         if 'whole' not in values or not drops.isdecimal():
             return None
@@ -51,10 +51,10 @@ class Outcome:
 
 @dataclass
 class TopicCount:
-    """A recorded topic, as its channel in the file has it, and how many messages are in there.
+    """A recorded topic, with the attributes of its channel and the number of its messages.
 
     qos : list
-        Its `offered_qos_profiles`, see `qos_profiles`.
+        The `offered_qos_profiles`, see `qos_profiles`.
     """
 
     name: str
@@ -66,14 +66,14 @@ class TopicCount:
 
 @dataclass
 class BagMetadata:
-    """What metadata.yaml says of a bag of one file, kept up to date while the file is written.
+    """The content of metadata.yaml for a bag of one file, updated while the file is written.
 
     topics : dict
-        By name, in the order in which they came.
+        Topics by name, in the order of their first messages.
     start, end : int
-        Log time of the first and of the last message, ns since 1970; None if there is none.
+        Log time of the first and of the last message, ns since 1970; None without messages.
     custom : dict
-        What rosbag2 calls custom data: free text by name.
+        The custom data of rosbag2: text by name.
     """
 
     file_name: str
@@ -83,17 +83,17 @@ class BagMetadata:
     custom: dict[str, str] = field(default_factory=dict)
 
     def count(self, topic_name: str, log_time: int) -> None:
-        """Count a message of a topic that is known; log times must not run backwards."""
+        """Count a message of a known topic; log times must not decrease."""
         self.topics[topic_name].messages += 1
         self.start = log_time if self.start is None else self.start
         self.end = log_time
 
-    def note(self, name: str, values: dict[str, str]) -> None:
-        """Repeat a record of free text of the file, as `name.key`."""
+    def add_record(self, name: str, values: dict[str, str]) -> None:
+        """Copy a metadata record of the file to the custom data, with keys `name.key`."""
         self.custom.update({f'{name}.{key}': value for key, value in values.items()})
 
     def information(self) -> dict[str, Any]:
-        """Give the keys and values under `rosbag2_bagfile_information`."""
+        """Return the keys and values under `rosbag2_bagfile_information`."""
         messages = sum(each.messages for each in self.topics.values())
         return {
             'version': _VERSION,
@@ -103,7 +103,8 @@ class BagMetadata:
             'topics_with_message_count': [
                 _topic_information(each) for each in self.topics.values()
             ],
-            # Of whole files or messages, by rosbag2. The chunks of the file say it themselves.
+            # Compression of whole files or messages by rosbag2, which is not used. The chunks in
+            # the file state their own compression.
             'compression_format': '',
             'compression_mode': '',
             'relative_file_paths': [self.file_name],
@@ -113,7 +114,7 @@ class BagMetadata:
         }
 
     def _span(self) -> dict[str, Any]:
-        start = _NEVER if self.start is None else self.start
+        start = _NO_START if self.start is None else self.start
         end = start if self.end is None else self.end
         return {
             'duration': {'nanoseconds': end - start},
@@ -122,7 +123,7 @@ class BagMetadata:
 
 
 def write_metadata(folder: Path, metadata: BagMetadata) -> None:
-    """Write metadata.yaml whole or not at all; OSError if it cannot be written."""
+    """Write metadata.yaml atomically; raises OSError if it cannot be written."""
     temporary = folder / 'metadata.yaml.tmp'
     try:
         with temporary.open('w', encoding='utf-8') as file:
@@ -139,7 +140,7 @@ def write_metadata(folder: Path, metadata: BagMetadata) -> None:
 
 
 def read_information(folder: Path) -> object:
-    """What metadata.yaml has under `rosbag2_bagfile_information`; None if it cannot be read."""
+    """Return `rosbag2_bagfile_information` of metadata.yaml; None if it cannot be read."""
     try:
         document = read_yaml(folder / _FILE_NAME, 'metadata', _MAX_BYTES, LogError)
     except LogError:
@@ -148,7 +149,7 @@ def read_information(folder: Path) -> object:
 
 
 def recorded_outcome(folder: Path) -> Outcome | None:
-    """What metadata.yaml says of the log in a folder; None if it does not."""
+    """Return the outcome in the metadata.yaml of a folder; None if it has none."""
     information = read_information(folder)
     custom = information.get('custom_data') if isinstance(information, dict) else None
     if not isinstance(custom, dict):
@@ -159,7 +160,7 @@ def recorded_outcome(folder: Path) -> Outcome | None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make the names in a folder survive a loss of power."""
+    """Write the entries of a folder to disk, so that they survive a power failure."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -1,33 +1,33 @@
-"""What a closed log says, found by the index at its end: the rest of the file is not read."""
+"""Reading a closed log through the index at its end, without reading the rest of the file."""
 
 from pathlib import Path
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.core.input_file import named
-from resting_aspects_ros.logs.message_reader import check_definition, one_file, written_hash
+from resting_aspects_ros.logs.message_reader import check_definition, mcap_file, written_hash
 from resting_aspects_ros.logs.record_reader import LogFile
 
 
 class NoIndexError(LogError):
-    """The log was broken off, is being written, or comes from a writer of no index."""
+    """The log was not closed, is being written, or comes from a writer that writes no index."""
 
 
 class IndexedLog(LogFile):
-    """A closed log, open for reading; use it with `with`.
+    """A closed log, opened for reading; to be used as a context manager.
 
     log : Path
         The folder of a run, or its MCAP file.
 
-    Raises LogError if it is no log or damaged, NoIndexError if it has no index.
+    Raises LogError if it is damaged or not a log, NoIndexError if it has no index.
     """
 
     def __init__(self, log: Path) -> None:
-        super().__init__(one_file(log))
+        super().__init__(mcap_file(log))
         try:
             summary = self.summary()
             if summary is None or summary.statistics is None:
                 raise NoIndexError(
-                    f'{named("log", self.path)} has no index: it was broken off, or is being '
+                    f'{named("log", self.path)} has no index: it was not closed, or is being '
                     'written ("resting_aspects recover" closes it)'
                 )
         except BaseException:
@@ -36,17 +36,17 @@ class IndexedLog(LogFile):
         self._index = summary
         self.message_count: int = summary.statistics.message_count
 
-    def notes(self) -> dict[str, dict[str, str]]:
-        """Return the records of free text, by name."""
-        found = [self.metadata_at(each.offset) for each in self._index.metadata_indexes]
-        return {each.name: each.metadata for each in found}
+    def read_metadata(self) -> dict[str, dict[str, str]]:
+        """Return the metadata records, by name."""
+        records = [self.metadata_at(each.offset) for each in self._index.metadata_indexes]
+        return {each.name: each.metadata for each in records}
 
     def first(self, type_name: str) -> bytes | None:
-        """Return the first message of a type in the file, in CDR; None if there is none."""
+        """Return the first message of a type in the file as CDR; None if there is none."""
         return self._message(type_name, last=False)
 
     def last(self, type_name: str) -> bytes | None:
-        """Return the last message of a type in the file, in CDR; None if there is none."""
+        """Return the last message of a type in the file as CDR; None if there is none."""
         return self._message(type_name, last=True)
 
     def _message(self, type_name: str, *, last: bool) -> bytes | None:
@@ -56,11 +56,11 @@ class IndexedLog(LogFile):
         chunks = [
             each.chunk_start_offset
             for each in self._index.chunk_indexes
-            # A writer may leave the index of messages out.
+            # A writer may omit the message index.
             if not each.message_index_offsets or wanted & each.message_index_offsets.keys()
         ]
         for start in sorted(chunks, reverse=last):
-            found = [each.data for each in self.messages_at(start) if each.channel_id in wanted]
-            if found:
-                return bytes(found[-1] if last else found[0])
+            data = [each.data for each in self.messages_at(start) if each.channel_id in wanted]
+            if data:
+                return bytes(data[-1] if last else data[0])
         return None

@@ -1,6 +1,7 @@
-"""What every MCAP file of the suite has: its profile, its channels, its end, and its lock.
+"""Common properties of the suite's MCAP files: profile, channels, end of file and lock.
 
-Who writes or recovers a log holds an advisory lock on its file, at most until the process ends.
+An advisory lock is held on the file while a log is written or recovered. It is released at the
+latest when the process ends.
 """
 
 import fcntl
@@ -14,15 +15,15 @@ from resting_aspects_ros.logs.bag_metadata import BagMetadata, TopicCount
 from resting_aspects_ros.logs.topic_metadata import yaml_text
 
 MAGIC = b'\x89MCAP0\r\n'
-# The last record, before the magic bytes at the end.
+# Size of the footer record, which precedes the magic bytes at the end.
 FOOTER_SIZE = 29
-# The record in which rosbag2 keeps a bag's metadata.yaml.
+# Name of the metadata record in which rosbag2 stores a bag's metadata.yaml.
 ROSBAG2 = 'rosbag2'
 
 
 def start_file(stream: BinaryIO) -> Writer:
-    """Begin a file; OSError if it cannot be written."""
-    # With checksums over all of it, a flipped bit anywhere is found.
+    """Write the start of a file; raises OSError if it cannot be written."""
+    # Checksums cover the whole file, so that every flipped bit is detected.
     writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
     library = f'resting_aspects_ros {__version__}; {LIBRARY_IDENTIFIER}'
     writer.start(profile='ros2', library=library)
@@ -31,7 +32,7 @@ def start_file(stream: BinaryIO) -> Writer:
 
 
 def register_channel(writer: Writer, schema_id: int, topic: TopicCount) -> int:
-    """The channel of a topic, which says what metadata.yaml says, in the same words."""
+    """Add a channel for a topic, with the same metadata as in metadata.yaml; returns its id."""
     metadata = {
         'offered_qos_profiles': yaml_text(topic.qos),
         'topic_type_hash': topic.type_hash,
@@ -40,8 +41,8 @@ def register_channel(writer: Writer, schema_id: int, topic: TopicCount) -> int:
 
 
 def finish_file(writer: Writer, stream: BinaryIO, metadata: BagMetadata) -> None:
-    """Write index and summary, and bring the file to the disk; OSError if that cannot be."""
-    # What rosbag2 shows of a file without its folder comes from this record.
+    """Write index and summary, and sync the file to disk; raises OSError if this fails."""
+    # rosbag2 reads this record when it opens the file without its folder.
     information = yaml_text(metadata.information())
     writer.add_metadata(ROSBAG2, {'serialized_metadata': information})
     writer.finish()
@@ -51,7 +52,10 @@ def finish_file(writer: Writer, stream: BinaryIO, metadata: BagMetadata) -> None
 
 
 def lock_file(file: IO[bytes]) -> bool:
-    """Lock a file; False if another has. Where the file system has no locks none is taken."""
+    """Lock a file; returns False if it is locked already.
+
+    Returns True without a lock if the file system does not support locks.
+    """
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -62,7 +66,7 @@ def lock_file(file: IO[bytes]) -> bool:
 
 
 def is_locked(file: IO[bytes]) -> bool:
-    """Whether another process, or another stream of this one, is writing the file."""
+    """Return whether another process, or another stream of this process, holds the lock."""
     try:
         fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:

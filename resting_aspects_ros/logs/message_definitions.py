@@ -1,6 +1,6 @@
 """Definitions of message types, from the share folders of the installed packages.
 
-They travel in every log, so that whoever reads it needs none of the packages.
+Every log contains the definitions of its types, so that it can be read without the packages.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from resting_aspects_ros.core.errors import LogError
 _BUILT_IN = re.compile(r'bool|byte|char|float(32|64)|u?int(8|16|32|64)|w?string')
 _SEPARATOR = '=' * 80
 
-# The type of a field without what bounds it: `geometry_msgs/Pose` of `geometry_msgs/Pose[<=3] p`.
-# A constant (`uint8 OK=0`) matches too; its type is built in.
+# The type of a field without its bounds: `geometry_msgs/Pose` of `geometry_msgs/Pose[<=3] p`.
+# A constant (`uint8 OK=0`) matches too; the type of a constant is built in.
 _FIELD = re.compile(r'\s*(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+[A-Za-z]', re.ASCII)
 
 
@@ -29,9 +29,10 @@ class Schema:
     name : str
         `package/msg/Type`.
     text : str
-        Its .msg text, followed by that of everything it is made of (encoding `ros2msg`).
+        Text of the .msg file, followed by the texts of all types it depends on (encoding
+        `ros2msg`).
     type_hash : str
-        `RIHS01_...`, the hash by which ROS 2 tells two versions of a type apart.
+        `RIHS01_...`, the hash with which ROS 2 distinguishes versions of a type.
     """
 
     name: str
@@ -40,13 +41,13 @@ class Schema:
 
 
 def load_schema(type_name: str) -> Schema:
-    """Find the definition of a type in the installed packages.
+    """Return the definition of a type from the installed packages.
 
     type_name : str
         `package/msg/Type`.
 
-    Raises LogError if it, or a type it is made of, is not installed; the message says where
-    it was looked for.
+    Raises LogError if the type, or a type it depends on, is not installed; the message lists the
+    folders that were searched.
     """
     package, _, short = type_name.partition('/msg/')
     path = _find(package, short)
@@ -54,20 +55,20 @@ def load_schema(type_name: str) -> Schema:
 
 
 def share_folders() -> list[Path]:
-    """Give the folders that hold one folder a package, in the order in which they are searched.
+    """Return the folders with one subfolder per package, in search order.
 
     Sourced workspaces come first. The wheels of a virtual environment install into its own
-    `share`, which nothing needs to be sourced for.
+    `share` folder, which does not need to be sourced.
     """
     prefixes = [p for p in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if p]
     return [Path(prefix) / 'share' for prefix in dict.fromkeys([*prefixes, sys.prefix])]
 
 
 def _full_text(package: str, short: str) -> str:
-    """Join a definition and those it needs, each once, in the order in which they are named."""
+    """Join a definition and its dependencies, each once, in the order of their first use."""
     wanted = [(package, short)]
     parts: list[str] = []
-    for name in wanted:  # grows while it is walked
+    for name in wanted:  # the loop appends to this list
         text = _read(_find(*name))
         # Foxglove's parser finds a dependency by its short name only.
         heading = f'{_SEPARATOR}\nMSG: {"/".join(name)}\n' if parts else ''
@@ -77,16 +78,16 @@ def _full_text(package: str, short: str) -> str:
 
 
 def _dependencies(text: str, package: str) -> list[tuple[str, str]]:
-    """List the (package, type) of each field that is a message, once, in order."""
-    found: dict[tuple[str, str], None] = {}
+    """Return the (package, type) of each field with a message type, once, in order."""
+    types: dict[tuple[str, str], None] = {}
     for line in text.splitlines():
         field = _FIELD.match(line)
         if field is None or _BUILT_IN.fullmatch(field['type']):
             continue
         *named, short = field['type'].split('/')
-        # A type without a package is one of the same package, as rosidl has it.
-        found[named[0] if named else package, short] = None
-    return list(found)
+        # As in rosidl, a type without a package belongs to the same package.
+        types[named[0] if named else package, short] = None
+    return list(types)
 
 
 def _find(package: str, short: str) -> Path:
@@ -109,7 +110,7 @@ def _type_hash(type_name: str, path: Path) -> str:
         hashes = json.loads(text)['type_hashes']
         return str({each['type_name']: each['hash_string'] for each in hashes}[type_name])
     except (ValueError, KeyError, TypeError) as error:
-        raise LogError(f'{description} holds no hash of {type_name}: {error!r}') from error
+        raise LogError(f'{description} contains no hash of {type_name}: {error!r}') from error
 
 
 def _read(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""Read a log, whole or broken off: messages as the bytes that were on the wire."""
+"""Reading of logs, closed or not; messages are returned as serialized bytes."""
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -12,43 +12,43 @@ from resting_aspects_ros.logs.message_definitions import load_schema
 from resting_aspects_ros.logs.record_reader import EXPECTED, LogFile
 
 _SUFFIX = '.mcap'
-_BEGINS = MAGIC[:5]
+_MAGIC_START = MAGIC[:5]
 
 
 def is_log(path: Path) -> bool:
-    """Whether it is meant to be a log: a folder, or an MCAP file by its name or first bytes."""
+    """Return whether a path looks like a log: a folder, or MCAP by its suffix or first bytes."""
     if is_folder(path) or path.suffix == _SUFFIX:
         return True
     if not is_file(path):
-        return False  # nothing, or a pipe, of which what is read is gone
+        return False  # it does not exist, or is a pipe, whose data can be read only once
     try:
         with path.open('rb') as file:
-            return file.read(len(_BEGINS)) == _BEGINS
+            return file.read(len(_MAGIC_START)) == _MAGIC_START
     except OSError:
         return False
 
 
 def messages(path: Path, type_name: str) -> Iterator[bytes]:
-    """Read all messages of a type, in CDR, in their order.
+    """Yield all messages of a type as CDR, in file order.
 
-    The index at the end of a file is not needed: of a log that was broken off, or is still being
-    written, what is whole in it counts.
+    The index at the end of the file is not needed. From a log that was not closed, or is being
+    written, all complete messages are read.
 
     path : Path
         The folder of a run, or its MCAP file.
     type_name : str
         `resting_aspects_interfaces/msg/AspectDistribution`.
 
-    Raises LogError if it is no log, cannot be read, is damaged, or was written with another
-    definition of the type than the installed one.
+    Raises LogError if it is not a log, cannot be read, is damaged, or was written with a
+    definition of the type that differs from the installed one.
     """
-    with LogFile(one_file(path)) as file:
+    with LogFile(mcap_file(path)) as file:
         for _, message in typed_messages(file, [type_name]):
             yield message.data
 
 
 def typed_messages(file: LogFile, types: Collection[str]) -> Iterator[tuple[str, Message]]:
-    """Read all messages of some types in a file, each with its type; raises as messages."""
+    """Yield all messages of the given types in a file, each with its type; see `messages`."""
     checked: set[int] = set()
     for record in file.records():
         if not isinstance(record, Message):
@@ -62,40 +62,40 @@ def typed_messages(file: LogFile, types: Collection[str]) -> Iterator[tuple[str,
             yield type_name, record
 
 
-def one_file(path: Path) -> Path:
+def mcap_file(path: Path) -> Path:
     """Return the MCAP file of a log; NoLogError for a folder with none, LogError with several."""
     if not is_folder(path):
         return path
-    found = list(filter(is_file, path.glob(f'*{_SUFFIX}')))
-    if len(found) > 1:
+    files = list(filter(is_file, path.glob(f'*{_SUFFIX}')))
+    if len(files) > 1:
         raise LogError(
-            f'invalid {named("log", path)}: expected one {_SUFFIX} file, found {len(found)}'
+            f'invalid {named("log", path)}: expected one {_SUFFIX} file, found {len(files)}'
         )
-    if not found:
+    if not files:
         message = f'{named("folder", path)} is not a log: it has no {_SUFFIX} file'
         if logs := len({file.parent for file in path.glob(f'*/*{_SUFFIX}')}):
             message += f', but {logs} of its subfolders have one'
         raise NoLogError(f'{message}; {EXPECTED}')
-    return found[0]
+    return files[0]
 
 
 def is_being_written(path: Path) -> bool:
-    """Whether a process is writing a log now; LogError if it cannot be read."""
-    with LogFile(one_file(path)) as file:
+    """Return whether a process is writing a log; LogError if it cannot be read."""
+    with LogFile(mcap_file(path)) as file:
         return file.being_written
 
 
-def unfinished(path: Path) -> str:
-    """Return what it means that a log has no end, in a line for a person; empty if it has one.
+def not_closed_warning(path: Path) -> str:
+    """Return a warning if a log is not closed, otherwise an empty text.
 
     Raises LogError if it cannot be read.
     """
-    with LogFile(one_file(path)) as file:
-        return state_text(path, being_written=file.being_written, finished=file.finished)
+    with LogFile(mcap_file(path)) as file:
+        return state_warning(path, being_written=file.being_written, finished=file.finished)
 
 
-def state_text(path: Path, *, being_written: bool, finished: bool) -> str:
-    """Return the warning for a log that is used in this state; empty if it is closed."""
+def state_warning(path: Path, *, being_written: bool, finished: bool) -> str:
+    """Return the warning for a log in the given state; empty if it is closed."""
     if being_written:
         return f'{named("log", path)} is being written: the messages in it so far are used'
     if finished:
@@ -109,10 +109,10 @@ def state_text(path: Path, *, being_written: bool, finished: bool) -> str:
 def check_definition(path: Path, type_name: str, type_hash: str | None) -> None:
     """Raise LogError if a type is not installed, or the log was written with another definition.
 
-    CDR does not say what is in it: read with another definition it would be nonsense.
+    CDR does not describe its content, so data read with another definition would be meaningless.
 
     type_hash : str
-        That of the log's definition; None if it does not say.
+        Hash of the definition in the log; None if it is not recorded.
     """
     installed = load_schema(type_name).type_hash
     if type_hash not in (None, installed):
@@ -124,5 +124,5 @@ def check_definition(path: Path, type_name: str, type_hash: str | None) -> None:
 
 
 def written_hash(channel: Channel) -> str | None:
-    """Return the hash of the definition with which a channel was written, if the log says it."""
+    """Return the hash of the definition with which a channel was written; None if unknown."""
     return channel.metadata.get('topic_type_hash') or None

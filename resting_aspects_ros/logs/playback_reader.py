@@ -1,4 +1,4 @@
-"""A log to be played again: its topics, its span, and its messages in their order, with times."""
+"""Reading of a log for playback: its topics, its time span, and its messages in time order."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
@@ -9,21 +9,21 @@ from mcap.records import Channel, Message
 
 from resting_aspects_ros.core.errors import LogError, one_line
 from resting_aspects_ros.core.input_file import named
-from resting_aspects_ros.logs.message_reader import one_file, written_hash
+from resting_aspects_ros.logs.message_reader import mcap_file, written_hash
 from resting_aspects_ros.logs.record_reader import LogFile
 from resting_aspects_ros.logs.topic_metadata import Qos, recorded_qos
 
 
 @dataclass(frozen=True)
 class RecordedTopic:
-    """A topic as a log describes it, which may come from any writer.
+    """A topic as described by a log of any writer.
 
     encoding : str
-        Of its messages: `cdr` in a log of ROS 2.
+        Encoding of the messages: `cdr` in a log of ROS 2.
     qos : Qos
-        None if the log does not say.
+        None if it is not recorded.
     type_hash : str
-        None if the log does not say.
+        None if it is not recorded.
     """
 
     name: str
@@ -35,12 +35,12 @@ class RecordedTopic:
 
 @dataclass(frozen=True)
 class RecordedMessage:
-    """A message as it was on the wire.
+    """A serialized message.
 
     topic : str
-        Its name in the log.
+        Name of the topic in the log.
     time : int
-        When it was logged, ns since 1970.
+        Log time, ns since 1970.
     """
 
     topic: str
@@ -50,7 +50,7 @@ class RecordedMessage:
 
 @dataclass
 class Span:
-    """How many messages there are, and the times of the first and of the last, ns since 1970."""
+    """Log times of the first and the last message, ns since 1970, and the number of messages."""
 
     start: int
     end: int
@@ -58,25 +58,26 @@ class Span:
 
 
 class Recording:
-    """What is whole in a log now: it is read once to find out, and again for the messages.
+    """The complete messages of a log, which is read once for its topics and again for playback.
 
-    No index is needed, so a log that was broken off, or is still being written, will do. No more
-    than a chunk is in memory at a time.
+    No index is needed, so the log may be one that was not closed or is being written. At most one
+    chunk is in memory at a time.
 
     path : Path
         The folder of a run, or an MCAP file.
 
-    Raises LogError if it is no log, cannot be read, is damaged before its end, or has no message.
+    Raises LogError if it is not a log, cannot be read, is damaged before its end, or has no
+    message.
 
     topics : dict
-        Those with a message, by name.
+        The topics that have messages, by name.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.topics: dict[str, RecordedTopic] = {}
         self._spans: dict[str, Span] = {}
-        self._file = one_file(path)
+        self._file = mcap_file(path)
         self._count = 0
         for topic, message in _read(self._file):
             known = self.topics.setdefault(topic.name, topic)
@@ -97,7 +98,7 @@ class Recording:
             raise LogError(f'invalid log {str(path)!r}: expected at least one message, found none')
 
     def span(self, topics: Collection[str]) -> Span:
-        """That of the messages of some topics, at least one."""
+        """Return the span of the messages of at least one topic."""
         spans = [self._spans[name] for name in topics]
         return Span(
             min(span.start for span in spans),
@@ -108,10 +109,11 @@ class Recording:
     def messages(
         self, topics: Collection[str], first: Collection[str] = ()
     ) -> Iterator[RecordedMessage]:
-        """Messages of some topics in the order of their times, which never run backwards.
+        """Yield the messages of some topics in time order; times never decrease.
 
         first : names of topics
-            The first message of each comes before all others, at the time of the first of them.
+            The first message of each of these topics is yielded before all other messages, with
+            the time of the first message of all.
         """
         waiting = set(first)
         start = self.span(topics).start
@@ -121,15 +123,15 @@ class Recording:
                 yield replace(message, time=start)
             if not waiting:
                 break
-        gone = set(first) - waiting
+        yielded = set(first) - waiting
         for message in self._all():
-            if message.topic in gone:
-                gone.remove(message.topic)
+            if message.topic in yielded:
+                yielded.remove(message.topic)
             elif message.topic in topics:
                 yield message
 
     def _all(self) -> Iterator[RecordedMessage]:
-        """Those messages that were there when the log was looked through."""
+        """Yield the messages that were complete when the log was read for its topics."""
         return islice((message for _, message in _read(self._file)), self._count)
 
 

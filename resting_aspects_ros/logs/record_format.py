@@ -1,7 +1,7 @@
-"""The content of single MCAP records, from bytes that may be damaged.
+"""Parsing of single MCAP records from bytes that may be damaged.
 
-The parsers are those of the mcap library. It trusts the lengths within a record and unpacks a
-chunk to whatever size comes out; here both are limited.
+The parsers are those of the mcap library. The library trusts the lengths within a record and
+unpacks a chunk to any size; this module limits both.
 """
 
 import zlib
@@ -32,10 +32,10 @@ from mcap.records import (
 )
 from mcap.summary import Summary
 
-# Bytes of a record, and of what a chunk is unpacked to. The largest that a log needs is a part's
-# description with its mesh.
+# Maximum size in bytes of a record, and of an unpacked chunk. The largest record of a log is a
+# part's description with its mesh.
 MAX_RECORD = 1 << 28
-# Opcode and length, which precede the content of a record.
+# Size of opcode and length, which precede the content of a record.
 HEAD = 9
 _PARSERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
     Opcode.HEADER: Header.read,
@@ -57,13 +57,13 @@ _IN_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 
 
 class DamageError(Exception):
-    """What was found instead of what a writer of MCAP leaves."""
+    """The bytes are not valid MCAP; the message describes what was found."""
 
 
 def parse_record(opcode: int, content: bytes) -> McapRecord:
-    """Parse a record; raises DamageError, or whatever the parser raises for content that is none.
+    """Parse a record; raises DamageError, or any exception of the parser for invalid content.
 
-    Records of other programs, which MCAP allows, are refused: no writer of ROS logs has any.
+    Private records, which MCAP allows, are rejected: no writer of ROS logs uses them.
     """
     stream = ReadDataStream(_Content(content))
     if opcode == Opcode.MESSAGE:
@@ -83,12 +83,12 @@ def split_records(content: bytes) -> Iterator[tuple[int, bytes]]:
         begin = start + HEAD
         start = begin + int.from_bytes(content[start + 1 : begin], 'little')
         if not begin <= start <= len(content):
-            raise DamageError('a record that does not end where it must')
+            raise DamageError('a record that exceeds its container')
         yield content[begin - HEAD], content[begin:start]
 
 
 def chunk_records(chunk: Chunk) -> Iterator[McapRecord]:
-    """Unpack a chunk, and parse its records one by one; errors as parse_record."""
+    """Unpack a chunk, and parse its records one by one; for errors see `parse_record`."""
     content = _unpacked(chunk)
     _check_crc('a chunk', chunk.uncompressed_crc, content)
     return _parsed(content)
@@ -105,7 +105,7 @@ def _unpacked(chunk: Chunk) -> bytes:
     size = chunk.uncompressed_size
     if size > MAX_RECORD:
         raise DamageError(f'a chunk of {size} bytes unpacked: expected at most {MAX_RECORD}')
-    # A byte more than was declared shows that there is more, and nothing is unpacked beyond.
+    # Unpacking stops one byte after the declared size, which is enough to detect excess data.
     if chunk.compression == 'zstd':
         with zstandard.ZstdDecompressor().stream_reader(chunk.data) as reader:
             content = reader.read(size + 1)
@@ -116,7 +116,7 @@ def _unpacked(chunk: Chunk) -> bytes:
     else:
         content = chunk.data
     if len(content) != size:
-        raise DamageError(f'a chunk that is not unpacked to its {size} bytes')
+        raise DamageError(f'a chunk whose unpacked size is not the declared {size} bytes')
     return bytes(content)
 
 
@@ -126,40 +126,40 @@ def _check_crc(what: str, crc: int, content: bytes) -> None:
 
 
 def parse_summary(content: bytes) -> Summary:
-    """Parse the index at the end of a file; errors as parse_record."""
-    found = Summary()
+    """Parse the index at the end of a file; for errors see `parse_record`."""
+    summary = Summary()
     for opcode, each in split_records(content):
         record = parse_record(opcode, each)
         if isinstance(record, Schema):
-            found.schemas[record.id] = record
+            summary.schemas[record.id] = record
         elif isinstance(record, Channel):
-            found.channels[record.id] = record
+            summary.channels[record.id] = record
         elif isinstance(record, Statistics):
-            found.statistics = record
+            summary.statistics = record
         elif isinstance(record, ChunkIndex):
-            found.chunk_indexes.append(record)
+            summary.chunk_indexes.append(record)
         elif isinstance(record, MetadataIndex):
-            found.metadata_indexes.append(record)
-    return found
+            summary.metadata_indexes.append(record)
+    return summary
 
 
 def is_complete(summary: Summary) -> bool:
-    """Whether an index has all messages; DamageError if it contradicts itself."""
+    """Return whether an index covers all messages; DamageError if it is inconsistent."""
     statistics = summary.statistics
     if statistics is None or statistics.chunk_count != len(summary.chunk_indexes):
         return False
     counts = statistics.channel_message_counts
     named = {*counts, *(k for each in summary.chunk_indexes for k in each.message_index_offsets)}
     if unknown := named - summary.channels.keys():
-        raise DamageError(f'an index of messages of the unknown channel {min(unknown)}')
+        raise DamageError(f'a message index of the unknown channel {min(unknown)}')
     return bool(statistics.chunk_count or not statistics.message_count)
 
 
 class _Content(BytesIO):
-    """A record's content; DamageError where a field does not end within it."""
+    """Content of a record; reading beyond its end raises DamageError."""
 
     def read(self, size: int | None = -1) -> bytes:
         data = super().read(size)
         if len(data) != size:
-            raise DamageError('a field that does not end within its record')
+            raise DamageError('a field that exceeds its record')
         return data

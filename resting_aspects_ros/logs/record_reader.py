@@ -1,8 +1,8 @@
-"""An MCAP file, open for reading: its records in their order, and its index.
+"""Reading of the records and the index of an MCAP file.
 
-Every batch is flushed, so a crash cuts a file at its end: what is whole before that counts.
-Anything else that is not as a writer left it is damage. A damaged file is refused: nothing here
-looks for what may still be readable in it, as `mcap recover` does.
+Every batch is flushed, so a crash truncates a file at its end, and all complete records before
+the end are valid. Any other deviation is damage, and a damaged file is rejected. Unlike `mcap
+recover`, this module does not search a damaged file for readable records.
 """
 
 import os
@@ -41,27 +41,27 @@ from resting_aspects_ros.logs.record_format import (
 
 Self = TypeVar('Self', bound='LogFile')  # typing.Self is newer than Python 3.10
 EXPECTED = 'expected the folder of a run, or an .mcap file'
-# A loss of power leaves a file with zeros at its end, more than any record ends in.
-_ZEROS = 16
+# A power failure can leave zeros at the end of a file, more than any valid record ends with.
+_MIN_ZEROS = 16
 
 
 class LogFile:
-    """An MCAP file, open for reading as it is now, whole or broken off; to be used with `with`.
+    """An MCAP file, closed or truncated, opened for reading; to be used as a context manager.
 
     path : Path
 
-    Raises NoLogError if it cannot be opened or is no MCAP file.
+    Raises NoLogError if the file cannot be opened or is not an MCAP file.
 
     being_written : bool
-        A process is writing it.
+        Whether a process is writing the file.
     finished : bool
-        It ends as a closed file does.
+        Whether the file has the end of a closed file.
     messages : int
-        How many ``records`` has read.
+        Number of messages that ``records`` has read.
     schemas, channels : dict
-        Those that were read, by their ids in the file.
-    texts : dict
-        The records of free text that were read, by name.
+        The schemas and channels that were read, by id.
+    metadata : dict
+        The metadata records that were read, by name.
     """
 
     def __init__(self, path: Path) -> None:
@@ -69,7 +69,7 @@ class LogFile:
         self.messages = 0
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
-        self.texts: dict[str, dict[str, str]] = {}
+        self.metadata: dict[str, dict[str, str]] = {}
         try:
             if path.exists() and not path.is_file():
                 raise NoLogError(f'{named("log", path)} is neither a file nor a folder')
@@ -103,28 +103,28 @@ class LogFile:
         self.stream.close()
 
     def type_of(self, channel_id: int) -> str:
-        """Return the type of the messages of a known channel; empty if the file does not say."""
+        """Return the message type of a known channel; empty if the file has no schema for it."""
         schema = self.schemas.get(self.channels[channel_id].schema_id)
         return '' if schema is None else schema.name
 
     def records(self) -> Iterator[Message | Metadata | Attachment]:
-        """Read the messages, metadata and attachments, in their order, up to where it is cut.
+        """Yield the messages, metadata and attachments in file order, up to a truncated end.
 
-        The schemas and channels of messages are in ``schemas`` and ``channels``. Raises LogError
-        if the file cannot be read or is damaged, which may show at its end only.
+        Their schemas and channels are in ``schemas`` and ``channels``. Raises LogError if the file
+        cannot be read or is damaged; damage may be detected only at the end.
         """
         with self._checked():
             yield from self._records()
 
     def summary(self) -> Summary | None:
-        """Read the index at the end; None if there is none. LogError if it is damaged."""
+        """Return the index at the end; None if there is none. LogError if it is damaged."""
         if not self.finished:
             return None
         with self._checked():
             return self._summary()
 
     def metadata_at(self, start: int) -> Metadata:
-        """Read the record of free text at an offset, in bytes; LogError if there is none."""
+        """Return the metadata record at an offset in bytes; LogError if there is none."""
         with self._checked():
             record = self._record(start)
             if not isinstance(record, Metadata):
@@ -132,7 +132,7 @@ class LogFile:
             return record
 
     def messages_at(self, start: int) -> list[Message]:
-        """Read the messages of the chunk at an offset, in bytes; LogError if there is none."""
+        """Return the messages of the chunk at an offset in bytes; LogError if there is none."""
         with self._checked():
             chunk = self._record(start)
             if not isinstance(chunk, Chunk):
@@ -144,7 +144,7 @@ class LogFile:
 
     @contextmanager
     def _checked(self) -> Iterator[None]:
-        """Make one LogError of whatever reading or parsing raises."""
+        """Convert every exception of reading or parsing to a LogError."""
         try:
             yield
         except LogError:
@@ -155,7 +155,7 @@ class LogFile:
             found = str(error) if isinstance(error, DamageError) else repr(error)
             raise LogError(
                 f'{named("log", self.path)} is damaged: found {one_line(found)}; "mcap recover", '
-                'of the MCAP command line tool, copies what is still readable'
+                'of the MCAP command line tool, copies the readable messages'
             ) from error
 
     def _records(self) -> Iterator[Message | Metadata | Attachment]:
@@ -167,7 +167,7 @@ class LogFile:
                 content = chunk_records(record) if isinstance(record, Chunk) else [record]
             except Exception:
                 if not self.finished and self._ends_in_zeros(end - 1):
-                    return  # as after a loss of power
+                    return  # as after a power failure
                 raise
             if isinstance(record, Footer):
                 self._check_footer(record, end)
@@ -196,12 +196,12 @@ class LogFile:
         return found if is_complete(found) else None
 
     def _record(self, start: int) -> McapRecord:
-        """Read the record at an offset."""
+        """Return the record at an offset."""
         raw = self._frame(start)
         return parse_record(raw[0], raw[HEAD:])
 
     def _frame(self, start: int) -> bytes:
-        """Read the bytes of a record at an offset; none if the file was cut within it."""
+        """Return the bytes of the record at an offset; empty if the record is truncated."""
         if not len(MAGIC) <= start <= self._size:
             raise DamageError(f'a record at byte {start} of {self._size}')
         head = self._at(start, HEAD)
@@ -211,16 +211,16 @@ class LogFile:
                 raise DamageError(f'a record of {length} bytes: expected at most {MAX_RECORD}')
             return self._at(start, HEAD + length)
         if self.finished:
-            raise DamageError(f'a record at byte {start} that does not end within the file')
+            raise DamageError(f'a record at byte {start} that exceeds the file')
         return b''
 
     def _note(self, record: McapRecord) -> None:
-        """Keep texts and what describes messages, and check that each is described."""
+        """Store schemas, channels and metadata, and check that messages have a channel."""
         if isinstance(record, Message):
             if record.channel_id not in self.channels:
                 raise DamageError(f'a message of the unknown channel {record.channel_id}')
         elif isinstance(record, Metadata):
-            self.texts[record.name] = record.metadata
+            self.metadata[record.name] = record.metadata
         elif isinstance(record, Schema):
             self.schemas[record.id] = record
         elif isinstance(record, Channel):
@@ -229,22 +229,22 @@ class LogFile:
             self.channels[record.id] = record
 
     def _check_footer(self, footer: Footer, end: int) -> None:
-        """Raise DamageError if the file does not end there, or the summary is damaged."""
+        """Raise DamageError if the file does not end at ``end``, or the summary is damaged."""
         if not MAGIC.startswith(self._at(end, len(MAGIC) + 1)):
             raise DamageError('more data after the footer')
         start = footer.summary_start
         if start and not len(MAGIC) <= start <= end - FOOTER_SIZE <= start + MAX_RECORD:
             raise DamageError(f'a summary at byte {start} of {self._size}')
-        # With the footer up to the checksum.
+        # The checksum covers the summary and the footer up to the checksum itself.
         if start and footer.summary_crc not in (0, zlib.crc32(self._at(start, end - 4 - start))):
             raise DamageError('a summary with a wrong checksum')
 
     def _ends_in_zeros(self, start: int) -> bool:
-        """Whether only zeros follow from an offset on, more than a record ends in."""
-        start = min(start, max(0, self._size - _ZEROS))
+        """Return whether the file has only zeros from an offset on, at least _MIN_ZEROS."""
+        start = min(start, max(0, self._size - _MIN_ZEROS))
         return not self._at(start, self._size).strip(b'\0')
 
     def _at(self, start: int, length: int) -> bytes:
-        """Read so many bytes, or as many as there were when the file was opened."""
+        """Return up to ``length`` bytes, but none beyond the size at the time of opening."""
         self.stream.seek(start)
         return self.stream.read(max(0, min(length, self._size - start)))

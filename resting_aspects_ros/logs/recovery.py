@@ -1,6 +1,6 @@
-"""Close a log that was broken off: index, summary and metadata.yaml, in one pass over it.
+"""Recovery of a log that was not closed: writes index, summary and metadata.yaml in one pass.
 
-What is read is copied message by message; nothing is decoded, so any log of ROS 2 will do.
+Messages are copied one by one without being decoded, so any log of ROS 2 can be recovered.
 """
 
 import glob
@@ -30,33 +30,33 @@ from resting_aspects_ros.logs.mcap_format import (
     register_channel,
     start_file,
 )
-from resting_aspects_ros.logs.message_reader import check_definition, one_file, written_hash
+from resting_aspects_ros.logs.message_reader import check_definition, mcap_file, written_hash
 from resting_aspects_ros.logs.record_reader import LogFile
 from resting_aspects_ros.logs.topic_metadata import Qos, qos_profiles
 
-# Of a channel that does not say what was offered: what rosbag2 takes for it.
+# QoS of a channel that does not record one, as rosbag2 assumes it.
 _DEFAULT_QOS = Qos(10)
 
 
 @dataclass
 class RecoveryCounter:
-    """Counts what is in a log while it is recovered.
+    """Counts the messages of a log while it is recovered.
 
-    take : called with type and CDR of each message of the types
-    notes : called after the last message; gives records of free text by name, which are written
-        instead of those of the same name
+    add : called with type and CDR of each message of the types
+    metadata : called after the last message; returns metadata records by name, which replace
+        records with the same name
     error : str
-        Why the messages cannot be counted, if take raised a LogError, or they were written with
-        other definitions than the installed ones. The log is recovered nevertheless.
+        Reason why the messages cannot be counted: ``add`` raised a LogError, or the log was
+        written with definitions that differ from the installed ones. The log is still recovered.
     """
 
     types: Collection[str]
-    take: Callable[[str, bytes], None]
-    notes: Callable[[], Mapping[str, dict[str, str]]]
+    add: Callable[[str, bytes], None]
+    metadata: Callable[[], Mapping[str, dict[str, str]]]
     error: str = ''
 
     def check(self, path: Path, type_name: str, type_hash: str | None) -> None:
-        """Note if the messages of a channel cannot be counted."""
+        """Set the error if the messages of a channel cannot be counted."""
         if type_name in self.types:
             try:
                 check_definition(path, type_name, type_hash)
@@ -67,14 +67,14 @@ class RecoveryCounter:
         """Count a message."""
         if type_name in self.types and not self.error:
             try:
-                self.take(type_name, data)
+                self.add(type_name, data)
             except LogError as error:
                 self.error = str(error)
 
     def result(self) -> Mapping[str, dict[str, str]]:
-        """Return the records to be written."""
+        """Return the metadata records to be written."""
         try:
-            return {} if self.error else self.notes()
+            return {} if self.error else self.metadata()
         except LogError as error:
             self.error = str(error)
             return {}
@@ -82,12 +82,13 @@ class RecoveryCounter:
 
 @dataclass(frozen=True)
 class RecoveryResult:
-    """What became of a log.
+    """Result of the recovery of a log.
 
     messages : int
-        That are in it.
+        Number of messages in the log.
     being_written, closed : bool
-        A process is writing it, or nothing was missing: it was left as it is.
+        Whether a process is writing the log, or whether it was complete already. In both cases
+        it was not changed.
     """
 
     messages: int
@@ -95,29 +96,29 @@ class RecoveryResult:
     closed: bool = False
 
 
-def recover_log(log: Path, account: RecoveryCounter | None = None) -> RecoveryResult:
-    """Write a log that was broken off anew, with its end, and metadata.yaml if it is a folder.
+def recover_log(log: Path, counter: RecoveryCounter | None = None) -> RecoveryResult:
+    """Rewrite a log that was not closed with its end, and with metadata.yaml if it is a folder.
 
-    The new file takes the place of the old one when it is on the disk. Of a log that has its end
-    only metadata.yaml is written, if it is not what belongs to the log.
+    The new file replaces the old one after it was synced to disk. For a closed log, only
+    metadata.yaml is written, and only if it does not match the log.
 
     log : Path
         The folder of a run, or its MCAP file.
 
-    Raises LogError if it is no log, is damaged before its end, or cannot be written; then it is as
-    it was. If metadata.yaml alone cannot be written, recovering it again does the rest.
+    Raises LogError if it is not a log, is damaged before its end, or cannot be written. The log
+    is unchanged then. If only metadata.yaml cannot be written, a second recovery writes it.
     """
-    with LogFile(one_file(log)) as file:
+    with LogFile(mcap_file(log)) as file:
         if not is_printable(file.path.name):
             raise LogError(
                 f'{named("log", file.path)} cannot be recovered: expected a file name in UTF-8, '
                 'because the metadata contain it'
             )
-        # Kept while it is recovered, so that nobody else writes it.
+        # The lock is held during the recovery, so that no other process writes the log.
         if not lock_file(file.stream):
             return RecoveryResult(0, being_written=True)
         try:
-            return _Recovery(file, log if log.is_dir() else None, account).run()
+            return _Recovery(file, log if log.is_dir() else None, counter).run()
         except OSError as error:
             raise LogError(
                 f'{named("log", file.path)} cannot be written: {error.strerror or error}'
@@ -126,11 +127,11 @@ def recover_log(log: Path, account: RecoveryCounter | None = None) -> RecoveryRe
 
 class _Recovery:
     def __init__(
-        self, file: LogFile, folder: Path | None, account: RecoveryCounter | None
+        self, file: LogFile, folder: Path | None, counter: RecoveryCounter | None
     ) -> None:
         self._file = file
         self._folder = folder
-        self._account = account or RecoveryCounter((), lambda *_: None, dict)
+        self._counter = counter or RecoveryCounter((), lambda *_: None, dict)
         self._metadata = BagMetadata(file.path.name)
         self._topics: dict[int, TopicCount] = {}  # by channel
 
@@ -139,7 +140,7 @@ class _Recovery:
         if closed:
             for _ in self._contents():
                 pass
-            self._note(self._file.texts)
+            self._add_records(self._file.metadata)
         else:
             self._copy()
         folder = self._folder
@@ -149,45 +150,48 @@ class _Recovery:
         return RecoveryResult(self._file.messages, closed=closed)
 
     def _contents(self) -> Iterator[Message | Attachment]:
-        """Read messages and attachments in their order; count the messages, keep the notes."""
+        """Yield messages and attachments in file order, and count the messages."""
         for record in self._file.records():
             if isinstance(record, Metadata):
-                continue  # it comes last, in what is written
+                continue  # metadata records are written at the end
             if isinstance(record, Message):
                 topic = self._topic(record.channel_id)
                 record.log_time = max(record.log_time, self._metadata.end or 0)
                 self._metadata.count(topic.name, record.log_time)
-                self._account.count(topic.type, record.data)
+                self._counter.count(topic.type, record.data)
             yield record
 
     def _topic(self, channel_id: int) -> TopicCount:
-        """Describe the topic of a channel."""
+        """Return the topic of a channel."""
         if channel_id not in self._topics:
             channel = self._file.channels[channel_id]
             type_name, type_hash = self._file.type_of(channel_id), written_hash(channel)
             topic = TopicCount(channel.topic, type_name, _offered(channel), type_hash or '')
             self._topics[channel_id] = self._metadata.topics.setdefault(topic.name, topic)
-            self._account.check(self._file.path, type_name, type_hash)
+            self._counter.check(self._file.path, type_name, type_hash)
         return self._topics[channel_id]
 
-    def _note(self, texts: Mapping[str, dict[str, str]]) -> list[tuple[str, dict[str, str]]]:
-        """Repeat records of free text in the metadata; returns them."""
-        own = [(name, values) for name, values in texts.items() if name != ROSBAG2]
+    def _add_records(
+        self, records: Mapping[str, dict[str, str]]
+    ) -> list[tuple[str, dict[str, str]]]:
+        """Copy metadata records to metadata.yaml; returns them without that of rosbag2."""
+        own = [(name, values) for name, values in records.items() if name != ROSBAG2]
         for name, values in own:
-            self._metadata.note(name, values)
+            self._metadata.add_record(name, values)
         return own
 
     def _copy(self) -> None:
-        """Write the file anew in the place of the old one; OSError if that cannot be."""
+        """Replace the file by a complete copy; raises OSError if this fails."""
         path = self._file.path
-        for left in path.parent.glob(f'{glob.escape(path.name)}.*.recovering'):
-            left.unlink()  # of one that was killed
+        for abandoned in path.parent.glob(f'{glob.escape(path.name)}.*.recovering'):
+            abandoned.unlink()  # left by a recovery that was killed
         new = path.with_name(f'{path.name}.{uuid.uuid4().hex}.recovering')
         try:
             with new.open('xb') as stream:
                 writer = start_file(stream)
                 self._write(writer)
-                for name, values in self._note({**self._file.texts, **self._account.result()}):
+                records = {**self._file.metadata, **self._counter.result()}
+                for name, values in self._add_records(records):
                     writer.add_metadata(name, values)
                 finish_file(writer, stream, self._metadata)
             new.replace(path)
@@ -198,7 +202,7 @@ class _Recovery:
     def _write(self, writer: Writer) -> None:
         """Copy the messages and attachments."""
         channels: dict[int, int] = {}
-        schemas: dict[int, int] = {0: 0}  # of a channel without one
+        schemas: dict[int, int] = {0: 0}  # 0: a channel without a schema
         for record in self._contents():
             if isinstance(record, Attachment):
                 writer.add_attachment(
@@ -224,7 +228,7 @@ class _Recovery:
 
 
 def _offered(channel: Channel) -> list[dict[str, Any]]:
-    """The QoS that the channel's metadata has as text."""
+    """Return the QoS profiles in the channel's metadata, or the default."""
     text = channel.metadata.get('offered_qos_profiles', '')
     try:
         offered = parse_yaml(text, 'QoS', LogError)

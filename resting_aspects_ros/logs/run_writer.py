@@ -1,7 +1,7 @@
-"""Write the log of one run: a folder with an MCAP file and metadata.yaml, as rosbag2 makes it.
+"""Writing of the log of one run: a folder with an MCAP file and metadata.yaml, as in rosbag2.
 
-The file explains itself: definitions of the types, the QoS of the topics, attachments. Messages
-come in as the CDR bytes that were on the wire, so nothing here knows ROS.
+The file is self-contained: it has the definitions of the types, the QoS of the topics, and
+attachments. Messages are passed as CDR bytes, so this module does not depend on ROS.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from resting_aspects_ros.logs.mcap_format import (
 from resting_aspects_ros.logs.message_definitions import Schema, load_schema
 from resting_aspects_ros.logs.topic_metadata import Topic, qos_profiles
 
-# A name that is one folder, on every file system, and not a hidden one.
+# A name that is one folder on every file system, and not hidden.
 _FOLDER_NAME = re.compile(r'\w[\w.-]*', re.ASCII)
 
-# rosbag2 and rosbags hold times in 63 bits.
-_LAST_TIME = 2**63 - 1
+# rosbag2 and rosbags store times in 63 bits.
+_MAX_TIME = 2**63 - 1
 
 
 def run_folder_name(part: str, started: datetime, run_id: str) -> str:
-    """Give the name of a run's folder: `l_bracket_20250131T235959Z_4f1c`.
+    """Return the name of a run's folder, such as `l_bracket_20250131T235959Z_4f1c`.
 
     started : datetime
-        With a time zone; written in UTC, to the second.
+        With a time zone; the name has it in UTC, in whole seconds.
     """
     if started.tzinfo is None:
         raise LogError(f'start {started} of run {run_id!r} has no time zone')
@@ -47,24 +47,24 @@ def run_folder_name(part: str, started: datetime, run_id: str) -> str:
 
 
 class LogExistsError(LogError):
-    """A log of that name is there already."""
+    """A log with this name exists already."""
 
 
 @final
 class RunLog:
-    """The log of one run while it is being written. To be used by one thread.
+    """The log of one run while it is being written; to be used by one thread.
 
-    Nothing is lost that was flushed: if the process is killed, a reader that does not need the
-    index at the end of the file finds it. After an error the log takes nothing more and raises
-    the LogError again; `close` then keeps what is in the file and raises nothing.
+    Flushed data are not lost: if the process is killed, a reader that does not need the index at
+    the end of the file can read them. After an error, every further write raises the same
+    LogError; `close` then keeps the content of the file and raises nothing.
 
     folder : Path
-        Where logs are; made if it is not there.
+        Folder of the logs; created if it does not exist.
     name : str
-        Of this log, see `run_folder_name`. Makes folder/name/name_0.mcap.
+        Name of this log, see `run_folder_name`. Creates folder/name/name_0.mcap.
 
-    Raises LogExistsError if a log of that name is there already, LogError if it cannot be written.
-    `path` is that of the MCAP file.
+    Raises LogExistsError if a log with this name exists, LogError if it cannot be written.
+    `path` is the path of the MCAP file.
     """
 
     def __init__(self, folder: Path, name: str) -> None:
@@ -86,14 +86,14 @@ class RunLog:
         """Add a message.
 
         topic : Topic
-            Its definition is taken into the file with its first message.
+            Its definition is written to the file with its first message.
         data : bytes
-            The message in CDR, with its four bytes of encapsulation header.
+            The message as CDR, with the four bytes of its encapsulation header.
         log_time : int
-            When it was received, ns since 1970. One that is before the last message's is
-            stored as that one's: times in a log do not run backwards.
+            Time of reception, ns since 1970. If it is before the log time of the last message,
+            that time is stored instead, because times in a log do not decrease.
         publish_time : int
-            When it was sent, ns since 1970; log_time if not known.
+            Time of publication, ns since 1970; None if unknown, log_time is used then.
         """
         self._check_time('log_time', log_time)
         publish_time = log_time if publish_time is None else publish_time
@@ -106,7 +106,7 @@ class RunLog:
             self._metadata.count(topic.name, stored)
 
     def attach(self, name: str, media_type: str, data: bytes, log_time: int) -> None:
-        """Add a file, such as the part's mesh, whole.
+        """Add a file, such as the part's mesh, as an attachment.
 
         media_type : str
             `model/stl`, for instance.
@@ -115,20 +115,20 @@ class RunLog:
         """
         self._check_time('log_time', log_time)
         with self._guard():
-            # 0: when the attachment was made is not known.
+            # 0: the creation time of the attachment is unknown.
             self._writer.add_attachment(0, log_time, name, media_type, data)
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Add a record of free text, which metadata.yaml repeats as `name.key` in custom_data."""
+        """Add a metadata record, which metadata.yaml repeats as `name.key` in custom_data."""
         with self._guard():
             self._writer.add_metadata(name, values)
-            self._metadata.note(name, values)
+            self._metadata.add_record(name, values)
 
     def flush(self) -> None:
-        """Bring everything written so far to where it survives the death of this process.
+        """Write buffered data to the file, so that they survive the death of this process.
 
-        A loss of power it survives after `close` only. Each call ends a chunk, the unit of
-        compression: call it once a batch.
+        Only `close` protects them against a power failure. Each call ends a chunk, the unit of
+        compression, so call it once per batch.
         """
         with self._guard():
             self._writer.flush()
@@ -136,8 +136,8 @@ class RunLog:
     def close(self) -> Path:
         """Finish the file and write metadata.yaml; a second call does nothing.
 
-        Returns the run's folder. After an error there is no metadata.yaml in it and no index in
-        the file, as after a crash. Raises LogError if a log that was good cannot be finished.
+        Returns the run's folder. After an error, the folder has no metadata.yaml and the file has
+        no index, as after a crash. Raises LogError if a log without errors cannot be finished.
         """
         try:
             if not self._closed and self._broken is None:
@@ -159,7 +159,7 @@ class RunLog:
         if error is None:
             self.close()
             return
-        # The error that is on its way tells more than one that follows from it.
+        # The original error is more informative than an error of `close`.
         with suppress(LogError):
             self.close()
 
@@ -176,7 +176,7 @@ class RunLog:
             with suppress(OSError):
                 self._folder.rmdir()
             raise
-        lock_file(stream)  # so that nobody recovers it meanwhile
+        lock_file(stream)  # so that no other process recovers it meanwhile
         return stream
 
     def _start_writer(self) -> Writer:
@@ -194,7 +194,7 @@ class RunLog:
             self._metadata.topics[topic.name] = count
         channel, known = self._channels[topic.name]
         if topic != known:
-            raise LogError(f'{topic} differs from {known}, which log {self.path} holds already')
+            raise LogError(f'{topic} differs from {known}, which log {self.path} has already')
         return channel
 
     def _schema(self, type_name: str) -> tuple[int, Schema]:
@@ -205,12 +205,12 @@ class RunLog:
         return self._schemas[type_name]
 
     def _check_time(self, what: str, value: int) -> None:
-        if not 0 <= value <= _LAST_TIME:
+        if not 0 <= value <= _MAX_TIME:
             raise LogError(f'invalid {what} {value}: expected ns since 1970, from 0 to 2**63 - 1')
 
     @contextmanager
     def _guard(self) -> Iterator[None]:
-        """Refuse a log that is closed or broken, and remember what breaks it."""
+        """Raise LogError if the log is closed or has failed, and store the first failure."""
         if self._broken is not None:
             raise LogError(self._broken)
         if self._closed:
@@ -218,13 +218,13 @@ class RunLog:
         try:
             yield
         except LogError:
-            raise  # refused before anything was written
+            raise  # raised before anything was written
         except OSError as error:
             self._broken = f'log {self.path} cannot be written: {error.strerror or error}'
             raise LogError(self._broken) from error
         except BaseException as error:
-            # Half a record may be in the file: what would come after it could not be read.
-            self._broken = f'log {self.path} was broken off: {error!r}'
+            # The file may end with a partial record, after which no record could be read.
+            self._broken = f'log {self.path} was interrupted: {error!r}'
             raise
 
     def _finish(self) -> None:
@@ -233,7 +233,7 @@ class RunLog:
             write_metadata(self._folder, self._metadata)
 
     def _release(self) -> None:
-        """Close the file as it is. The buffer is tried once more: space may be free again."""
+        """Close the file; this tries to write the buffer again, as space may have become free."""
         with suppress(OSError):
             self._stream.close()
 

@@ -1,4 +1,4 @@
-"""What a recorded topic is: name, type and the QoS that its publisher offered, as plain data."""
+"""Name, type and offered QoS of a recorded topic, as plain data."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ import yaml
 from resting_aspects_ros.core.errors import LogError, shown
 from resting_aspects_ros.core.yaml_file import parse_yaml
 
-# The types of what a run's log holds.
+# The message types in the log of a run.
 POSES_TYPE = 'resting_aspects_interfaces/msg/RestingPoses'
 PART_TYPE = 'resting_aspects_interfaces/msg/PartDescription'
 DISTRIBUTION_TYPE = 'resting_aspects_interfaces/msg/AspectDistribution'
 
-# The words of rmw on Jazzy, what ROS takes by default first. A rosbag2 player that meets another
-# word offers nothing.
+# The names that rmw uses on Jazzy; the default of ROS comes first. A rosbag2 player does not
+# offer a topic with any other name.
 _HISTORIES = ('keep_last', 'keep_all')
 _RELIABILITIES = ('reliable', 'best_effort')
 _DURABILITIES = ('volatile', 'transient_local')
 
-# What rosbag2 writes where it was not told: DDS hands on neither history nor depth.
-_NOT_TOLD = ('unknown', 'system_default', 'best_available')
+# The names that rosbag2 writes for unknown policies: DDS transmits neither history nor depth.
+_UNSPECIFIED = ('unknown', 'system_default', 'best_available')
 
 _TYPE_NAME = re.compile(r'[A-Za-z]\w*/msg/[A-Za-z]\w*', re.ASCII)
 _TOPIC_NAME = re.compile(r'(/[A-Za-z_]\w*)+', re.ASCII)
@@ -32,13 +32,13 @@ _TOPIC_NAME = re.compile(r'(/[A-Za-z_]\w*)+', re.ASCII)
 
 @dataclass(frozen=True)
 class Qos:
-    """The quality of service that a publisher offers, in the words that rosbag2 stores.
+    """The quality of service that a publisher offers, with the names that rosbag2 stores.
 
-    rclpy gives the same words: `profile.reliability.short_key`. Deadline, lifespan and liveliness
-    have no field: the suite leaves them at their defaults.
+    rclpy uses the same names: `profile.reliability.short_key`. Deadline, lifespan and liveliness
+    have no field, because the suite uses their defaults.
 
     depth : int
-        Messages that are kept for a reader, >= 0; of no meaning with `keep_all`.
+        Number of messages that are kept for a reader, >= 0; ignored with `keep_all`.
     reliability : str
         `reliable` or `best_effort`.
     durability : str
@@ -67,7 +67,7 @@ class Topic:
     """One recorded topic.
 
     name : str
-        Absolute, as it is on the graph: `/resting_poses`.
+        Absolute name on the ROS graph, such as `/resting_poses`.
     type : str
         `resting_aspects_interfaces/msg/RestingPoses`.
     """
@@ -88,10 +88,10 @@ class Topic:
 
 
 def qos_profiles(qos: Qos) -> list[dict[str, Any]]:
-    """Give the `offered_qos_profiles` of a topic with one kind of publisher, all nine keys.
+    """Return the `offered_qos_profiles` of a topic with one kind of publisher, all nine keys.
 
-    Both the channel in the MCAP file and metadata.yaml are made from this: a reader that finds
-    two different profiles takes them for two topics.
+    Both the channel in the MCAP file and metadata.yaml use this result, because a reader treats
+    two different profiles as two topics.
     """
     return [
         {
@@ -109,20 +109,21 @@ def qos_profiles(qos: Qos) -> list[dict[str, Any]]:
 
 
 def recorded_qos(text: str) -> Qos | None:
-    """Read the `offered_qos_profiles` of a topic; None if there are none.
+    """Parse the `offered_qos_profiles` of a topic; None if there are none.
 
-    Of several publishers the most that one of them offered, which suits the readers of each. What
-    was not told is what ROS takes: keep_last, reliable, volatile; the depth is 0 then.
+    For several publishers, the result has the strongest policy that any of them offered, which is
+    compatible with the readers of all. Unspecified policies get the defaults of ROS: keep_last,
+    reliable, volatile. If the history is unspecified, the depth is 0.
 
-    Raises LogError if it is no such text.
+    Raises LogError if the text is not valid.
     """
     try:
         offered = [
             Qos(
-                0 if each['history'] in _NOT_TOLD else each['depth'],
-                _told(each['reliability'], _RELIABILITIES),
-                _told(each['durability'], _DURABILITIES),
-                _told(each['history'], _HISTORIES),
+                0 if each['history'] in _UNSPECIFIED else each['depth'],
+                _or_default(each['reliability'], _RELIABILITIES),
+                _or_default(each['durability'], _DURABILITIES),
+                _or_default(each['history'], _HISTORIES),
             )
             for each in parse_yaml(text, f'QoS {shown(text)}', LogError) or []
         ]
@@ -141,20 +142,22 @@ def recorded_qos(text: str) -> Qos | None:
 
 
 def yaml_text(document: object) -> str:
-    """Write plain data as YAML in block style, keys in their order.
+    """Return plain data as YAML in block style, with keys in their order.
 
-    In ASCII, with escapes: rosbags reads metadata.yaml in the encoding of the reader's locale.
+    The text is ASCII with escapes, because rosbags reads metadata.yaml in the encoding of the
+    reader's locale.
     """
     return str(yaml.safe_dump(document, sort_keys=False, default_flow_style=False))
 
 
 def _infinite() -> dict[str, int]:
-    # RMW_DURATION_INFINITE. A new one each time: PyYAML writes one that is used twice as an alias.
+    # RMW_DURATION_INFINITE. A new object each time, because PyYAML writes an object that is used
+    # twice as an alias.
     return {'sec': 9223372036, 'nsec': 854775807}
 
 
-def _told(word: str, words: tuple[str, ...]) -> str:
-    return words[0] if word in _NOT_TOLD else word
+def _or_default(policy: str, policies: tuple[str, ...]) -> str:
+    return policies[0] if policy in _UNSPECIFIED else policy
 
 
 def _require_one_of(what: str, value: str, allowed: Collection[str]) -> None:

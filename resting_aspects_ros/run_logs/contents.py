@@ -1,4 +1,4 @@
-"""What a log says of its run."""
+"""Content of a log: the run, its part, its poses and its counts."""
 
 from collections.abc import Callable, Iterator
 from functools import cached_property
@@ -22,7 +22,7 @@ from resting_aspects_ros.core.statistics.distribution import (
 from resting_aspects_ros.core.statistics.history import History
 from resting_aspects_ros.logs.bag_metadata import Outcome
 from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
-from resting_aspects_ros.logs.message_reader import one_file, state_text, typed_messages
+from resting_aspects_ros.logs.message_reader import mcap_file, state_warning, typed_messages
 from resting_aspects_ros.logs.record_reader import LogFile
 from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE
 from resting_aspects_ros.ros.conversions import serialized_batch, serialized_part, serialized_poses
@@ -36,28 +36,28 @@ TYPES = (POSES_TYPE, PART_TYPE, DISTRIBUTION_TYPE)
 
 
 class LoggedRun:
-    """The run of a log, told by its messages one after the other.
+    """The run in a log, collected from its messages one by one.
 
     Parameters
     ----------
     log : Path
-        As it was given.
+        The path that the user specified.
     keep_poses : bool
-        Keep the poses of all batches, in ``pieces``.
+        Keep the poses of all batches, in ``batches``.
 
     Attributes
     ----------
     run : RunDescription
-        None while no batch of poses came.
-    seen : Coverage
-        Drops of the run that came.
+        None until a batch of poses was added.
+    seen : IndexRanges
+        Drops of the run that are in the log.
     path, messages, finished, being_written
-        Of the MCAP file, once it was read. ``finished``: it was not broken off.
+        Path and state of the MCAP file after it was read. ``finished``: it was closed.
     recorded : Outcome
-        What the log says that it holds; None if it does not.
+        The outcome that the log records; None if it records none.
 
-    ``part`` and ``counted`` are read from the last message of their type when they are first asked
-    for; LogError if it cannot be read.
+    ``part`` and ``last_distribution`` are parsed from the last message of their type on first
+    access; LogError if it cannot be read.
     """
 
     def __init__(self, log: Path, *, keep_poses: bool = False) -> None:
@@ -67,18 +67,18 @@ class LoggedRun:
         self.recorded: Outcome | None = None
         self.run: RunDescription | None = None
         self.seen = IndexRanges()
-        self.pieces: list[RunPoses] = []
+        self.batches: list[RunPoses] = []
         self._keep_poses = keep_poses
         self._last: dict[str, bytes] = {}
         self._end: int | None = None  # index after the last drop, once it is known
 
-    def take(self, type_name: str, data: bytes) -> None:
-        """Note what a message says; raises LogError if it cannot be read."""
+    def add(self, type_name: str, data: bytes) -> None:
+        """Add a message; raises LogError if it cannot be read."""
         if type_name != POSES_TYPE:
             self._last[type_name] = data
             return
         run, first, drops, last = self._batch(data)
-        # Later ones can be of other runs, whose drops filled gaps of this one.
+        # Later batches can belong to other runs, whose drops filled gaps of this run.
         self.run = self.run or run
         end = first + drops
         if run.sequence() == self.run.sequence():
@@ -88,25 +88,25 @@ class LoggedRun:
 
     @cached_property
     def part(self) -> Part | None:
-        """The part as it was dropped, of the last description."""
+        """The part according to its last description; None if the log has none."""
         data = self._last.get(PART_TYPE)
         return None if data is None else self._read(serialized_part, data)
 
     @cached_property
-    def counted(self) -> tuple[Distribution, RunDescription, bool] | None:
-        """The last distribution, its run, and whether it counts all drops of that."""
+    def last_distribution(self) -> tuple[Distribution, RunDescription, bool] | None:
+        """The last distribution, its run, and whether it counts all drops of this run."""
         data = self._last.get(DISTRIBUTION_TYPE)
         return None if data is None else self._read(serialized_distribution, data)
 
     @property
     def outcome(self) -> Outcome:
-        """How many drops there are, and whether it is all of them, and the part."""
+        """The number of drops, and whether the log has the part and all drops of its run."""
         if self.recorded is not None:
             return self.recorded
         run, part = self.run, self.part
         if run is None or part is None:
             return Outcome(len(self.seen), whole=False)
-        # Without a last batch it can have all drops, too: if the end was asked for again.
+        # A log without the last batch can still have all drops, if a later run repeated the end.
         end = run.end if self._end is None else max(self._end, self.seen.end)
         missing = self.seen.missing(run.first_drop, end)
         whole = not missing and part.part_sha256 == run.part_sha256
@@ -114,29 +114,29 @@ class LoggedRun:
 
     @property
     def ranges(self) -> list[tuple[int, int]]:
-        """The drops that it holds, [first, end) of each row of them without a gap."""
+        """The ranges [first, end) of drops in the log, ascending."""
         run = self.run
         if run is None or not self.outcome.whole:
             return self.seen.ranges
         return [(run.first_drop, run.first_drop + self.outcome.drops)]
 
     def warn_if_unfinished(self) -> None:
-        """Warn if the log has no end."""
-        state = state_text(self.log, being_written=self.being_written, finished=self.finished)
-        if state:
-            warn(state)
+        """Warn if the log is not closed."""
+        text = state_warning(self.log, being_written=self.being_written, finished=self.finished)
+        if text:
+            warn(text)
 
     def _batch(self, data: bytes) -> tuple[RunDescription, int, int, bool]:
         if not self._keep_poses:
             return self._read(serialized_batch, data)
         run, poses, last = self._read(serialized_poses, data)
-        self.pieces.append((run, poses))
+        self.batches.append((run, poses))
         return run, poses.first_drop, len(poses), last
 
     def _read(self, read: Callable[[bytes], T], data: bytes) -> T:
         try:
             return read(data)
-        except Exception as error:  # whatever is in it
+        except Exception as error:  # the data can be invalid in any way
             raise LogError(
                 f'{named("log", self.log)} has a message that cannot be read: '
                 f'{one_line(str(error))}'
@@ -144,46 +144,46 @@ class LoggedRun:
 
 
 def rest_of_run(run: RunDescription, outcome: Outcome) -> str:
-    """Return why a log does not have all drops of its run, in words to come after how many."""
+    """Return why a log does not have all drops of its run, to be appended to their number."""
     if outcome.drops >= run.drops or run.precision:
         return ''
     return ', where the run ended' if outcome.whole else ', the others are not in this log'
 
 
 def read_logged_run(log: Path, *, keep_poses: bool = False) -> LoggedRun:
-    """Read what is in a log, closed or broken off; raises LogError.
+    """Read the run in a log, closed or not; raises LogError.
 
-    Of a closed log only what is needed is read, found by its index; all of it if the poses are
-    kept, or if nobody counted its drops.
+    From a closed log, only the required messages are read through its index. The whole log is
+    read if the poses are kept, or if the log does not record its outcome.
     """
     run = LoggedRun(log, keep_poses=keep_poses)
     if not keep_poses and _read_by_index(run):
         return run
-    with LogFile(one_file(log)) as file:
+    with LogFile(mcap_file(log)) as file:
         for type_name, message in typed_messages(file, TYPES):
-            run.take(type_name, message.data)
+            run.add(type_name, message.data)
         run.path, run.messages = file.path, file.messages
         run.finished, run.being_written = file.finished, file.being_written
-        # Without its end nothing vouches for a text in the file.
-        run.recorded = Outcome.of(file.texts) if file.finished else None
+        # The outcome is reliable only if the log was closed.
+        run.recorded = Outcome.of(file.metadata) if file.finished else None
     return run
 
 
 def _read_by_index(run: LoggedRun) -> bool:
-    """Read a closed log that says what it holds; False if it is none."""
+    """Read a closed log that records its outcome; returns False for any other log."""
     try:
         with IndexedLog(run.log) as indexed:
-            run.recorded = Outcome.of(indexed.notes())
+            run.recorded = Outcome.of(indexed.read_metadata())
             if run.recorded is None:
                 return False
             if not run.recorded.whole:  # there can be gaps
                 for _, message in typed_messages(indexed, [POSES_TYPE]):
-                    run.take(POSES_TYPE, message.data)
+                    run.add(POSES_TYPE, message.data)
             elif batch := indexed.first(POSES_TYPE):
-                run.take(POSES_TYPE, batch)
+                run.add(POSES_TYPE, batch)
             for type_name in (PART_TYPE, DISTRIBUTION_TYPE):
                 if data := indexed.last(type_name):
-                    run.take(type_name, data)
+                    run.add(type_name, data)
             run.path, run.messages = indexed.path, indexed.message_count
             run.finished, run.being_written = True, indexed.being_written
     except NoIndexError:
@@ -192,29 +192,29 @@ def _read_by_index(run: LoggedRun) -> bool:
 
 
 def logged_result(log: Path, *, keep_poses: bool = False) -> DropResult:
-    """Count the drops of a log again, each once.
+    """Return a result with a new count of the drops in a log, without duplicates.
 
-    The result has the poses only if ``keep_poses``, and if no drops are missing. Raises
-    InvalidValueError if it is no log of a run with its part, LogError if it cannot be read.
+    The result has the poses only if ``keep_poses`` is set and no drops are missing. Raises
+    InvalidValueError if the log has no drops or not their part, LogError if it cannot be read.
     """
     logged = read_logged_run(log, keep_poses=True)
     run, part = logged.run, logged.part
     if run is None:
-        raise InvalidValueError(f'{named("log", log)} holds no drops')
+        raise InvalidValueError(f'{named("log", log)} contains no drops')
     if part is None or part.part_sha256 != run.part_sha256:
         raise InvalidValueError(f'{named("log", log)} does not describe its part')
     logged.warn_if_unfinished()
-    counted = no_drops(find_aspects(part), by_precision=run.precision > 0)
-    history = History(counted.aspects)
-    chunks = list(_poses(logged.pieces, run))
+    distribution = no_drops(find_aspects(part), by_precision=run.precision > 0)
+    history = History(distribution.aspects)
+    chunks = list(_poses(logged.batches, run))
     for poses in chunks:
-        ids = aspect_ids(counted.aspects, poses)
+        ids = aspect_ids(distribution.aspects, poses)
         history.add(ids)
-        counted += count_poses(counted.aspects, poses, ids)
+        distribution += count_poses(distribution.aspects, poses, ids)
     whole = logged.outcome.whole and logged.finished
     gaps = any(before.end != after.first_drop for before, after in pairwise(chunks))
     return DropResult(
-        counted,
+        distribution,
         run,
         part,
         METHOD,
@@ -224,9 +224,9 @@ def logged_result(log: Path, *, keep_poses: bool = False) -> DropResult:
     )
 
 
-def _poses(pieces: list[RunPoses], run: RunDescription) -> Iterator[RestingPoses]:
-    """Give the drops of a run, each once, by index."""
-    for merged in merge_drops(pieces, any_engine=True):
+def _poses(batches: list[RunPoses], run: RunDescription) -> Iterator[RestingPoses]:
+    """Yield the drops of a run without duplicates, ascending."""
+    for merged in merge_drops(batches, any_engine=True):
         if merged.run.sequence() == run.sequence():
             for poses in merged.poses:
                 yield poses.between(run.first_drop, run.end)

@@ -1,4 +1,4 @@
-"""Record one run in a log."""
+"""Recording of one run in a log."""
 
 import dataclasses
 import time
@@ -15,26 +15,26 @@ from resting_aspects_ros.logs.topic_metadata import Topic
 from resting_aspects_ros.ros.conversions import NANOSECONDS
 from resting_aspects_ros.simulation.run_description import RunDescription
 
-# When a run is over, its part and its last distribution have so long to arrive, s.
+# Timeout for the part and the last distribution to arrive after the end of a run, s.
 END_TIMEOUT = 10.0
 
 
 class RunRecorder:
-    """The log of a run and what it still waits for.
+    """The log of a run, and which of its messages have not arrived yet.
 
-    A log that cannot be written takes nothing more; ``error`` says why. Nothing here raises.
-    A run of which earlier logs hold only a part gets one of its own beside them, with a number
-    after its name. One that an earlier log holds whole gets none, and ``earlier`` is the folder of
-    that. ``folder`` is that of the log.
+    No method raises LogError. When the log cannot be written, ``error`` has the reason and further
+    messages are ignored. If earlier logs of the run are incomplete, a new log is written, with a
+    number appended to its name. If an earlier log is whole, no log is written, and ``earlier`` is
+    the folder of the earlier one. ``folder`` is the folder of the log.
     """
 
     def __init__(self, folder: Path, run: RunDescription) -> None:
         self.run = run
         self.error = ''
-        self.reported = False  # the error was told
+        self.reported = False  # whether the error was reported
         self.has_part = False
-        self.has_distribution = False  # the one after the last drop
-        self.drops = 0  # that are written
+        self.has_distribution = False  # whether the one after the last drop was written
+        self.drops = 0  # number of drops that were written
         self.closed_whole = False
         self.earlier: Path | None = None
         self._whole = False
@@ -49,7 +49,7 @@ class RunRecorder:
             self._fail(error)
 
     def _begin(self, folder: Path) -> RunLog | None:
-        """A log beside those that are there, unless one of them is whole; may raise LogError."""
+        """Create the log unless an earlier one is whole; may raise LogError."""
         run = self.run
         started = datetime.fromtimestamp(run.started / NANOSECONDS, timezone.utc)
         name = run_folder_name(run.part, started, run.run_id)
@@ -66,15 +66,15 @@ class RunRecorder:
 
     @property
     def being_written(self) -> bool:
-        """Whether it takes what comes."""
+        """Whether messages are written to the log."""
         return self._log is not None and not self.error
 
     def write(self, topic: Topic, data: bytes, log_time: int, publish_time: int) -> None:
-        """Write a message so that it survives the death of this process."""
+        """Write a message, and flush it so that it survives the death of this process."""
         if self._log is None or self.error:
             return
         try:
-            # MCAP has no time before the epoch; a stamp can say one.
+            # MCAP has no times before the epoch, but a stamp can be before it.
             self._log.write(topic, data, log_time, max(publish_time, 0))
             self._log.flush()
         except LogError as error:
@@ -83,14 +83,14 @@ class RunRecorder:
     def write_poses(
         self, topic: Topic, data: bytes, log_time: int, publish_time: int, drops: int
     ) -> int:
-        """Write a batch, in which so many drops are new; how many were written."""
+        """Write a batch with ``drops`` new drops; returns how many of these were written."""
         self.write(topic, data, log_time, publish_time)
         written = drops if self.being_written else 0
         self.drops += written
         return written
 
     def write_part(self, topic: Topic, data: bytes, part: PartDescription, log_time: int) -> None:
-        """Write the part's description, and its mesh as a file."""
+        """Write the part's description, and its mesh as an attachment."""
         self.write(topic, data, log_time, log_time)
         if self._log is None or self.error:
             return
@@ -103,12 +103,12 @@ class RunRecorder:
             self._fail(error)
 
     def run_is_over(self, *, whole: bool) -> None:
-        """No poses come any more; whether all that were published are here."""
+        """Mark the end of the run; ``whole``: all published poses were written."""
         self._over_at = time.monotonic()
         self._whole = whole
 
     def problem(self) -> str:
-        """What an error means for the run, in words."""
+        """Return a message with the consequence of the error for the run."""
         run = f'run {self.run.run_id} of {self.run.part}'
         if self._whole or self.drops >= self.run.drops:
             return f'all {self.drops} drops of {run} are recorded, but not the end: {self.error}'
@@ -118,19 +118,19 @@ class RunRecorder:
 
     @property
     def run_over(self) -> bool:
-        """Whether no poses come any more."""
+        """Whether the run has ended."""
         return self._over_at is not None
 
     @property
     def done(self) -> bool:
-        """All is there, or has been waited for long enough."""
+        """Whether the log can be closed: all messages were written, or the timeout is over."""
         if self._over_at is None:
             return False
         waited = time.monotonic() - self._over_at > END_TIMEOUT
         return waited or not self.being_written or (self.has_part and self.has_distribution)
 
     def close(self) -> Path | None:
-        """Finish the log; the run's folder, or None if there is no whole log."""
+        """Finish the log; returns its folder, or None if it cannot be finished."""
         if self._log is None or self.error:
             return None
         whole = self._whole and self.has_part
@@ -144,7 +144,7 @@ class RunRecorder:
         return folder
 
     def _fail(self, error: LogError) -> None:
-        """Let go of the file, so that what is in it can be recovered."""
+        """Store the error and release the file, so that its content can be recovered."""
         self.error = str(error)
         if self._log is not None:
             with suppress(LogError):
@@ -152,16 +152,16 @@ class RunRecorder:
 
 
 def _earlier_logs(folder: Path, name: str) -> list[Path]:
-    """The logs of the same run that are there already, in their order; may raise LogError."""
-    found = []
+    """Return the existing logs of the same run, in their order; may raise LogError."""
+    logs = []
     log = folder / name
     try:
-        while log.exists() or log.is_symlink():  # one that leads nowhere is in the way, too
-            found.append(log)
-            log = folder / f'{name}_{len(found) + 1}'
-    except OSError as error:  # a name that is too long, a disk that is gone
+        while log.exists() or log.is_symlink():  # a broken link also occupies the name
+            logs.append(log)
+            log = folder / f'{name}_{len(logs) + 1}'
+    except OSError as error:  # a name that is too long, a disk that was removed
         raise LogError(f'log {log} cannot be written: {error.strerror}') from None
-    return found
+    return logs
 
 
 def _as_text(run: RunDescription) -> dict[str, str]:

@@ -128,7 +128,7 @@ def by_index(folder):
     try:
         with IndexedLog(folder) as log:
             ends = [[log.first(name), log.last(name)] for name in (PART_TYPE, POSES_TYPE)]
-            return [ends, log.message_count, log.notes()['run']]
+            return [ends, log.message_count, log.read_metadata()['run']]
     except NoIndexError:
         return in_order(folder)
 

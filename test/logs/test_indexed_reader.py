@@ -41,7 +41,7 @@ def test_first_and_last_of_a_type_counts_and_notes(log):
             assert found.last(DISTRIBUTION_TYPE) == bytes([104]) * 40
             assert found.last(PART_TYPE) is None
             assert found.message_count == 10
-            assert found.notes()['run'] == {'note': 'café'}
+            assert found.read_metadata()['run'] == {'note': 'café'}
 
 
 def test_only_what_is_asked_for_is_read(log):
@@ -57,7 +57,7 @@ def test_only_what_is_asked_for_is_read(log):
 
 
 def test_a_log_without_its_end_has_no_index(log, tmp_path):
-    words = 'has no index: it was broken off, or is being written'
+    words = 'has no index: it was not closed, or is being written'
     with pytest.raises(NoIndexError, match=words):
         IndexedLog(log.path)
     log.close()

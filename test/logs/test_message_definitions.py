@@ -175,7 +175,7 @@ def test_a_description_without_a_hash(share, content):
     description.write_text(content)
     with pytest.raises(LogError) as caught:
         load_schema('a_msgs/msg/Top')
-    assert str(caught.value).startswith(f'{description} holds no hash of a_msgs/msg/Top')
+    assert str(caught.value).startswith(f'{description} contains no hash of a_msgs/msg/Top')
 
 
 def test_a_description_that_is_missing(share):

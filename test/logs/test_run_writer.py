@@ -435,7 +435,7 @@ def test_a_write_that_is_broken_off_is_not_written_over(tmp_path):
     log.flush()
     with pytest.raises(TypeError):
         log.write(POSES, 'not bytes', 2)
-    with pytest.raises(LogError, match=f'log {log.path} was broken off: TypeError'):
+    with pytest.raises(LogError, match=f'log {log.path} was interrupted: TypeError'):
         log.write(POSES, b'batch 01', 3)
     log.close()
     assert [message.data for message in stream(log.path)] == [b'batch 00']

@@ -50,7 +50,7 @@ def _read_log(path: Path) -> CountsFile:
 
     try:
         logged = read_logged_run(path)
-        counted = logged.counted
+        counted = logged.last_distribution
     except LogError as error:
         raise InvalidValueError(str(error)) from None
     if counted is None:

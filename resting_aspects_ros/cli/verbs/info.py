@@ -46,8 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     for label, text in _lines(found):
         print(f'{label:12}{one_line(text, _WIDEST)}')
-    if found.counted is not None:
-        distribution, _, complete = found.counted
+    if found.last_distribution is not None:
+        distribution, _, complete = found.last_distribution
         print()
         of = '' if complete else ', counted before the run was over'
         title = f'Distribution of {distribution.drops} drops{of}'
@@ -111,9 +111,9 @@ def _document(found: LoggedRun) -> dict[str, object]:
         fields['mesh_sha256'] = part.mesh_sha256
     if run is not None:
         fields['drops_asked'] = run.drops
-    if found.counted is None:
+    if found.last_distribution is None:
         return {'schema_version': SCHEMA_VERSION, **fields, 'log': log}
-    distribution, _, complete = found.counted
+    distribution, _, complete = found.last_distribution
     fields |= {'method': METHOD, 'complete': complete, 'log': log}
     return distribution_document(distribution, fields, _part(found, distribution))
 

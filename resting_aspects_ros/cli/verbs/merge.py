@@ -51,8 +51,8 @@ def run(arguments: argparse.Namespace) -> int:
     """
     logs = arguments.logs
     found = [read_logged_run(log, keep_poses=True) for log in logs]
-    pieces = (piece for each in found for piece in each.pieces)
-    merged = merge_drops(pieces, any_engine=arguments.any_engine)
+    batches = (batch for each in found for batch in each.batches)
+    merged = merge_drops(batches, any_engine=arguments.any_engine)
     if not merged:
         raise InvalidValueError(f'no drops are in {_named(logs)}, allowed are logs of runs')
     run = merged[0].run

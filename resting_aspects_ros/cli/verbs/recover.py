@@ -49,17 +49,17 @@ def run(arguments: argparse.Namespace) -> int:
 def _recover(log: Path) -> str:
     """Recover a log; returns what was done."""
     logged = LoggedRun(log)
-    account = RecoveryCounter(TYPES, logged.take, lambda: _notes(logged))
-    recovered = recover_log(log, account)
+    counter = RecoveryCounter(TYPES, logged.add, lambda: _metadata(logged))
+    recovered = recover_log(log, counter)
     if recovered.being_written:
         return 'is being written, left as it is'
-    words = _drops(logged) if not account.error else f'its drops were not counted: {account.error}'
+    words = _drops(logged) if not counter.error else f'its drops were not counted: {counter.error}'
     if recovered.closed:
         return f'is closed already, {recovered.messages} messages, {words}'
     return f'{recovered.messages} messages recovered, {words}'
 
 
-def _notes(logged: LoggedRun) -> dict[str, dict[str, str]]:
+def _metadata(logged: LoggedRun) -> dict[str, dict[str, str]]:
     return {} if logged.run is None else {OUTCOME: logged.outcome.record()}
 
 

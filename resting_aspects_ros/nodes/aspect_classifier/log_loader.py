@@ -71,7 +71,7 @@ def read_log(log: Path) -> LoggedRun | None:
     """
     try:
         with IndexedLog(log) as indexed:
-            outcome = Outcome.of(indexed.notes())
+            outcome = Outcome.of(indexed.read_metadata())
             last = indexed.last(DISTRIBUTION_TYPE)
     except NoIndexError:
         if is_being_written(log):

@@ -12,7 +12,7 @@ from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import Trigger
 
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.logs.message_reader import unfinished
+from resting_aspects_ros.logs.message_reader import not_closed_warning
 from resting_aspects_ros.logs.playback_reader import RecordedMessage, Recording
 from resting_aspects_ros.nodes.log_replayer.player import LogPlayer, ReplayPosition
 from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
@@ -78,8 +78,8 @@ class LogReplayer(Node):
         self._simulators = LivelinessMonitor(self, DROP_SIMULATOR)
         announce(self, LOG_REPLAYER)
         publish_diagnostics(self, self._diagnose)
-        if words := unfinished(recording.path):
-            self.get_logger().warning(words)
+        if warning := not_closed_warning(recording.path):
+            self.get_logger().warning(warning)
         for words in skipped:
             self.get_logger().warning(f'not replayed: {words}')
         self.get_logger().info(
