@@ -42,7 +42,7 @@ class RestingAspectsClient(AsyncClient):
         found = await client.get_distribution_async('l_bracket', drops=1000)
 
     A callback that awaits holds up all others of its group, if that is mutually exclusive, as the
-    node's own is: give it a ReentrantCallbackGroup, as in docs/ros.md.
+    node's own is: give it a ReentrantCallbackGroup, as in docs/how_to/integrate_ros.md.
 
     Answers are the suite's messages, as they come on its topics, too. To wait no longer cancel the
     future: whoever awaits it gets None. A run that was begun for a request ends with it, after a
