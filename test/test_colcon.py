@@ -11,7 +11,7 @@ import pytest
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parent.parent
-ROS_DOC = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
+GUIDE = (ROOT / 'docs' / 'how_to' / 'installed_ros.md').read_text(encoding='utf-8')
 
 IMPORTS = """
 import resting_aspects_interfaces.msg, resting_aspects_ros
@@ -114,7 +114,7 @@ def test_the_example_is_not_built_with_the_suite(workspace):
 
 def test_colcon_finds_the_example_where_the_docs_name_it(workspace):
     """It then asks for rclcpp, which is not here. After the tests of what the suite alone is."""
-    build = re.search(r'^colcon build --base-paths .*examples/cpp$', ROS_DOC, re.MULTILINE)[0]
+    build = re.search(r'^colcon build --base-paths .*examples/cpp$', GUIDE, re.MULTILINE)[0]
     source = (workspace / 'examples' / 'cpp' / 'src' / 'pickable_share.cpp').read_text()
     assert f'//   {build}\n' in source
     printed = run(workspace, 'sh', '-c', f'python -m {build} || true')

@@ -46,7 +46,7 @@ def constant(name):
 
 
 def test_docs_name_all_launch_arguments():
-    text = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
+    text = (ROOT / 'docs' / 'how_to' / 'installed_ros.md').read_text(encoding='utf-8')
     sentence = text.split('The launch file takes ')[1].split('installed')[0]
     assert re.findall(r'`(\w+):=', sentence) == ARGUMENTS
 

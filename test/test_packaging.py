@@ -189,7 +189,8 @@ def test_interface_package_names_the_packages_whose_types_it_uses():
 
 def test_rosdep_is_given_folders_that_lead_to_both_packages():
     """It looks for no package within a package."""
-    line = re.search(r'rosdep install --from-paths (.+?) --', (ROOT / 'README.md').read_text())
+    guide = (ROOT / 'docs' / 'how_to' / 'installed_ros.md').read_text(encoding='utf-8')
+    line = re.search(r'rosdep install --from-paths (.+?) --', guide)
     found = [find_packages(ROOT / path) for path in line[1].split()]
     names = {package.name for packages in found for package in packages.values()}
     assert names == {'resting_aspects_ros', 'resting_aspects_interfaces'}

@@ -5,9 +5,7 @@ import json
 import signal
 import subprocess
 import sys
-import textwrap
 from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,8 +19,6 @@ from resting_aspects_ros.nodes.aspect_classifier.log_loader import (
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.plan import make_job
 from resting_aspects_ros.simulation.process_workers import ProcessWorkers
-
-README = Path(__file__).resolve().parents[2] / 'README.md'
 
 
 @pytest.fixture(scope='module')
@@ -39,14 +35,6 @@ def test_examples_in_docstrings_hold(module):
     failed, attempted = doctest.testmod(tested, optionflags=doctest.ELLIPSIS)
     assert failed == 0
     assert attempted > 0
-
-
-def test_the_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
-    text = README.read_text('utf-8').partition('## From Python\n')[2].partition('\nThis needs')[0]
-    monkeypatch.chdir(tmp_path)
-    exec(textwrap.dedent(text))
-    assert '(1000, 3)' in capsys.readouterr().out
-    assert (tmp_path / 'out' / 'l_bracket' / 'report.html').is_file()
 
 
 def test_every_public_name_exists():

@@ -1,12 +1,15 @@
-"""docs/ros.md: what it shows is run, and what it lists is what there is."""
+"""The pages about ROS: their Python is run, and their tables are compared with the code."""
 
 import ast
 import re
 import shlex
 import sys
+from importlib.metadata import entry_points
+from itertools import takewhile
 from pathlib import Path
 
 import pytest
+from doc_pages import PAGES, ROOT, code, first_cells, section
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from resting_aspects_interfaces.msg import Status
 from resting_aspects_interfaces.srv import ListParts
@@ -19,7 +22,19 @@ from resting_aspects_ros.nodes.log_replayer import node as log_replayer
 from resting_aspects_ros.ros import interface
 from resting_aspects_ros.ros.parameters import Parameter
 
-DOC = (Path(__file__).resolve().parents[2] / 'docs' / 'ros.md').read_text(encoding='utf-8')
+TUTORIAL = 'docs/tutorials/first_controller.md'
+GUIDE = 'docs/how_to/integrate_ros.md'
+LOGS = 'docs/how_to/logs.md'
+PARAMETERS = 'docs/reference/parameters.md'
+INTERFACE = 'docs/reference/ros_interface.md'
+INTERFACES = ROOT / 'resting_aspects_interfaces'
+NODE_LINES = [
+    line
+    for page in (PARAMETERS, TUTORIAL)
+    for block in code(page, 'bash')
+    for line in block.splitlines()
+    if not line.startswith('.venv/bin/resting_aspects ')
+]
 LOG = 'out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50'
 TOPICS = {
     interface.RESTING_POSES: interface.POSES,
@@ -32,25 +47,25 @@ TOPICS = {
 }
 
 
-def blocks(language):
-    return re.findall(rf'^```{language}\n(.*?)^```', DOC, re.MULTILINE | re.DOTALL)
+# A word of each block of Python, by page.
+SNIPPETS = {
+    TUTORIAL: ['probability_of'],
+    GUIDE: [
+        'create_subscription',
+        'ReentrantCallbackGroup',
+        'list_parts',
+        'remove_pending_request',
+        'CancelGoal',
+    ],
+    LOGS: ['AnyReader', 'mcap_ros2'],
+}
 
 
 def snippet(word):
-    """The Python that has a word."""
-    (found,) = [block for block in blocks('python') if word in block]
+    """Return the block of Python that has a word."""
+    (page,) = [page for page, words in SNIPPETS.items() if word in words]
+    (found,) = [block for block in code(page, 'python') if word in block]
     return found
-
-
-SNIPPETS = (
-    'create_subscription',
-    'ReentrantCallbackGroup',
-    'list_parts',
-    'remove_pending_request',
-    'CancelGoal',
-    'AnyReader',
-    'mcap_ros2',
-)
 
 
 @pytest.fixture
@@ -71,7 +86,8 @@ def dropped(suite):
 
 
 def test_all_snippets_are_known_to_the_tests_below():
-    assert [snippet(word) for word in SNIPPETS] == blocks('python')
+    for page, words in SNIPPETS.items():
+        assert [snippet(word) for word in words] == code(page, 'python')
 
 
 def test_a_subscription_has_what_is_latched(suite, dropped, run_snippet):
@@ -88,6 +104,19 @@ def test_a_node_asks(suite, run_snippet):
     suite.client.wait(lambda: 'mostly' in process.said or not process.running, 'its words')
     assert process.running, process.said
     assert re.search(r'cell\]: \d+ drops, mostly in aspect \d', process.said)
+    assert process.end() == 0
+    assert 'Traceback' not in process.said
+
+
+def test_the_controller_of_the_tutorial_follows_a_distribution(suite, run_snippet):
+    code = snippet('probability_of').replace('drops=1000', 'drops=60')
+    process = run_snippet(code)
+    suite.client.wait(lambda: 'answered' in process.said or not process.running, 'its answer')
+    assert process.running, process.said
+    assert re.search(r'controller\]: the request is answered: \d+ drops', process.said)
+    # Its topic brings the same distribution, sooner or later.
+    suite.client.wait(lambda: 'can be picked' in process.said, 'a share')
+    assert re.search(r'\]: \d+\.\d% can be picked \(.*% to .*%\), \d+ drops', process.said)
     assert process.end() == 0
     assert 'Traceback' not in process.said
 
@@ -121,7 +150,7 @@ def test_a_plain_service_client_is_answered(suite, dropped, run_snippet):
 def test_the_documented_depth_keeps_many_answers_at_once(suite, connect):
     """All answers of a service go to all of its clients, and the default depth is 10."""
     (depth,) = re.findall(r'QoSProfile\(depth=(\d+)\)', snippet('remove_pending_request'))
-    assert f'keep_last({depth})' in DOC
+    assert f'keep_last({depth})' in PAGES[GUIDE]
     other = connect(suite.namespace)
     client = other.node.create_client(
         ListParts, interface.LIST_PARTS, qos_profile=QoSProfile(depth=int(depth))
@@ -162,13 +191,13 @@ def test_a_log_is_read(suite, dropped, run_snippet, word):
 
 def test_the_keys_of_the_metadata_are_there(suite, dropped):
     text = (suite.log_of(dropped.run.run_id) / 'metadata.yaml').read_text()
-    paragraph = DOC.split('What is not a message')[1].split('\n\n')[0]
+    paragraph = section('docs/reference/files.md', '## Log of a run')
     keys = re.findall(r'`((?:run|outcome)\.\w+)`', paragraph)
     assert len(keys) == 9
     assert all(f' {key}: ' in text for key in keys)
 
 
-@pytest.mark.parametrize('line', [line for block in blocks('bash') for line in block.splitlines()])
+@pytest.mark.parametrize('line', NODE_LINES)
 def test_a_node_starts_with_such_parameters(line, run_command, wait, namespace):
     program, *words = shlex.split(line)
     program = Path(sys.executable).parent / program.removeprefix('.venv/bin/')
@@ -183,53 +212,125 @@ def test_a_node_starts_with_such_parameters(line, run_command, wait, namespace):
 )
 def test_parameters_are_listed(node):
     name = 'feeder_example' if node is feeder else node.__name__.split('.')[-2]
-    section = DOC.split(f'\n| `{name}` | `')[1]
-    rows = re.match(r'(?:.*\n)(?:\| \| .*\n)*', f'| `{section}')[0]
-    listed = re.findall(r'\| `(\w+)` (\*?) ?\|', rows)
-    declared = [
-        # The example's are as ROS has them.
-        (p.name, '*' if p.changeable else '') if isinstance(p, Parameter) else (p[0], '')
-        for p in node.PARAMETERS
+    rows = re.findall(r'^\| (.*) \|$', PAGES[PARAMETERS], re.MULTILINE)
+    cells = [[cell.strip() for cell in row.split('|')] for row in rows]
+    first = [row[0] for row in cells].index(f'`{name}`')
+    listed = [cells[first], *takewhile(lambda row: not row[0], cells[first + 1 :])]
+    assert len(listed) == len(node.PARAMETERS)
+    # The example declares its parameters as any ROS node does.
+    declared = [p if isinstance(p, Parameter) else Parameter(*p) for p in node.PARAMETERS]
+    for (_, shown, default, meaning), parameter in zip(listed, declared, strict=True):
+        assert shown == f'`{parameter.name}`{" *" if parameter.changeable else ""}'
+        if isinstance(parameter.default, bool):
+            assert default == str(parameter.default).lower()
+        else:
+            assert default == str(parameter.default)
+        if parameter.bounds is not None:
+            assert '{:g} to {:g}'.format(*parameter.bounds) in meaning
+
+
+def interface_rows():
+    """The rows of services, the action and topics: name, kind, type, and the QoS of a topic."""
+    return [
+        (name, kind, type_name, others.split(' | ')[0])
+        for name, kind, type_name, others in re.findall(
+            r'^\| `([\w/<>]+)` \| (service|topic|action) (\S+) \| (.*) \|$',
+            PAGES[INTERFACE],
+            re.MULTILINE,
+        )
     ]
-    assert listed == declared
 
 
 def test_the_interface_is_listed():
-    rows = re.findall(
-        r'^\| `([\w/<>]+)` \| (?:service|topic|action) \S+ \|([^|]*)\|', DOC, re.MULTILINE
-    )
-    assert [name for name, _ in rows] == [
+    rows = interface_rows()
+    assert {name for name, *_ in rows} == {
         interface.GET_DISTRIBUTION,
         interface.CLASSIFY_POSE,
         interface.LIST_PARTS,
         interface.DROP_PART,
-        interface.RESTING_POSES,
-        f'{interface.ASPECT_DISTRIBUTIONS}/<part>',
-        f'{interface.PARTS}/<part>',
-        interface.MARKERS,
-        interface.RECORDED_RUNS,
         interface.DIAGNOSTICS,
         interface.PAUSE.replace('~', 'log_replayer'),
         interface.RESUME.replace('~', 'log_replayer'),
-        interface.CURRENT_POSES,
-        interface.DEFAULT_CONDITIONS,
         feeder.EXPECTED_PICK_RATE,
-    ]
-    said = dict(rows)
-    assert {name for name, qos in said.items() if 'latched' in qos} == {
-        *TOPICS, feeder.EXPECTED_PICK_RATE
-    }  # fmt: skip
+        *TOPICS,
+    }
+    latched = {name for name, kind, _, qos in rows if kind == 'topic' and 'latched' in qos}
+    assert latched == {*TOPICS, feeder.EXPECTED_PICK_RATE}
+
+
+def full_type(kind, name):
+    """The name of a type as ROS has it: the page leaves out the package of the suite."""
+    package, _, name = name.rpartition('/')
+    folder = {'topic': 'msg', 'service': 'srv', 'action': 'action'}[kind]
+    return f'{package or "resting_aspects_interfaces"}/{folder}/{name}'
+
+
+def test_types_are_those_of_the_running_nodes(suite, dropped):
+    assert dropped.drops
+    node = suite.client.node
+    types = dict(node.get_topic_names_and_types()) | dict(node.get_service_names_and_types())
+    for name, kind, type_name, _ in interface_rows():
+        if name.startswith('log_replayer/') or name == feeder.EXPECTED_PICK_RATE:
+            continue  # neither of these runs here
+        expected = full_type(kind, type_name)
+        path = node.resolve_topic_name(name.replace('<part>', 'l_bracket'))
+        if kind == 'action':
+            assert types[f'{path}/_action/send_goal'] == [f'{expected}_SendGoal']
+        else:
+            assert types[path] == [expected]
+
+
+def test_every_topic_and_service_of_the_nodes_is_listed(suite, dropped):
+    assert dropped.drops
+    node, namespace = suite.client.node, f'{suite.namespace}/'
+    listed = {name.removesuffix('/<part>') for name, *_ in interface_rows()}
+    for program in ('drop_simulator', 'aspect_classifier', 'drop_recorder'):
+        names = [
+            *node.get_publisher_names_and_types_by_node(program, suite.namespace),
+            *node.get_service_names_and_types_by_node(program, suite.namespace),
+        ]
+        own = {name.removeprefix(namespace) for name, _ in names if name.startswith(namespace)}
+        found = {
+            name.partition('/_action/')[0].partition('/')[0]
+            for name in own
+            if not name.startswith((f'{program}/', '_'))
+        }
+        assert found
+        assert found <= listed, program
 
 
 @pytest.mark.parametrize('name', TOPICS)
 def test_the_quality_of_service_is_the_publisher_s(suite, dropped, name):
     profile = TOPICS[name]
-    words = 'latched, ' + str(profile.depth)
-    assert f'| `{name}` | topic ' in DOC
-    assert f'| {words} |' in DOC.split(f'| `{name}` | topic ')[1].splitlines()[0]
+    ((*_, qos),) = [row for row in interface_rows() if row[0] == name]
+    assert qos == f'latched, {profile.depth}'
     topic = suite.client.node.resolve_topic_name(name.replace('<part>', 'l_bracket'))
     found = suite.client.wait(
         lambda: suite.client.node.get_publishers_info_by_topic(topic), f'publisher of {name}'
     )
     assert {each.qos_profile.durability for each in found} == {DurabilityPolicy.TRANSIENT_LOCAL}
     assert {each.qos_profile.reliability for each in found} == {profile.reliability}
+
+
+def test_every_type_is_listed():
+    files = [path for path in INTERFACES.glob('*/*') if path.suffix in ('.msg', '.srv', '.action')]
+    names = sorted(f'{path.parent.name}/{path.stem}' for path in files)
+    listed = re.findall(r'^\| \[([\w/]+)\]', section(INTERFACE, '## Types'), re.MULTILINE)
+    assert listed == names
+
+
+def test_every_status_code_is_listed():
+    listed = re.findall(r'^\| `(\w+)` \| (\d+) ', PAGES[INTERFACE], re.MULTILINE)
+    text = (INTERFACES / 'msg' / 'Status.msg').read_text()
+    codes = re.findall(r'^uint8 (\w+)=(\d+)', text, re.MULTILINE)
+    assert listed == codes
+
+
+def test_every_program_is_listed():
+    scripts = {
+        entry.name
+        for entry in entry_points(group='console_scripts')
+        if entry.value.startswith('resting_aspects_ros.')
+    }
+    listed = {cell.strip('`') for cell in first_cells(section(INTERFACE, '## Programs'))}
+    assert listed == scripts - {'resting_aspects'}

@@ -1,0 +1,54 @@
+"""The Python in README.md and the pages of docs that needs no ROS graph is run here."""
+
+import pytest
+from doc_pages import code, code_blocks, first_cells, section
+
+import resting_aspects_ros as ra
+from resting_aspects_ros import client
+
+TUTORIAL = 'docs/tutorials/python.md'
+REFERENCE = 'docs/reference/python.md'
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Run code in an empty folder, in one namespace; returns what it printed."""
+    monkeypatch.chdir(tmp_path)
+    namespace = {}
+
+    def run(text, page):
+        exec(compile(text, page, 'exec'), namespace)
+        return capsys.readouterr().out
+
+    return run
+
+
+def test_the_tutorial_prints_what_it_shows(run):
+    printed = ''
+    for language, text in code_blocks(TUTORIAL, 'python', 'text'):
+        if language == 'python':
+            assert printed == '', 'the page shows no output of the block before'
+            printed = run(text, TUTORIAL)
+        else:
+            assert printed == text
+            printed = ''
+    assert printed == ''
+
+
+def test_the_example_of_the_readme_runs(run, tmp_path):
+    (text,) = [text for text in code('README.md', 'python') if 'ra.drop' in text]
+    assert '(1000, 3)' in run(text, 'README.md')
+    assert (tmp_path / 'out' / 'l_bracket' / 'report.html').is_file()
+
+
+def test_conditions_of_your_own(run):
+    (text,) = code('docs/how_to/choose_conditions.md', 'python')
+    printed = run(f'{text}\nprint(result.run.conditions)', 'choose_conditions.md')
+    assert 'friction=0.3' in printed
+    assert 'restitution=0.6' in printed
+
+
+@pytest.mark.parametrize('module', [ra, client], ids=lambda module: module.__name__)
+def test_every_public_name_is_listed(module):
+    listed = first_cells(section(REFERENCE, f'## {module.__name__}'))
+    assert listed == [f'`{name}`' for name in module.__all__]

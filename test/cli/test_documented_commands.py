@@ -1,0 +1,210 @@
+"""The commands that README.md and the pages of docs show are run here."""
+
+import ast
+import json
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from doc_pages import PAGES, ROOT, code, code_blocks
+
+from resting_aspects_ros.cli import main
+from resting_aspects_ros.core.part_loading import load_part
+from resting_aspects_ros.simulation.part_library import read_part_yaml
+
+PARTS = ROOT / 'config' / 'parts'
+FEW_DROPS = ['--drops', '50']
+PROGRAM = '.venv/bin/resting_aspects'
+LOG = 'out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50'
+TUTORIAL = 'docs/tutorials/first_part.md'
+# The nodes run until they are stopped: tests of their own cover them.
+NODE_VERBS = {'nodes', 'request', 'replay'}
+
+
+def lines_of(page):
+    return [line for text in code(page, 'bash') for line in text.splitlines()]
+
+
+def arguments_of(line):
+    """The arguments of a line that runs the command; None for another program."""
+    program, *arguments = shlex.split(line)
+    return arguments if program == PROGRAM else None
+
+
+COMMANDS = {
+    (page, line): arguments
+    for page in PAGES
+    for line in lines_of(page)
+    if (arguments := arguments_of(line))
+}
+RUN_HERE = [
+    pytest.param(arguments, id=f'{Path(page).stem}: {line.removeprefix(PROGRAM).strip()}')
+    for (page, line), arguments in COMMANDS.items()
+    if arguments[0] not in NODE_VERBS and page != TUTORIAL
+]
+
+
+@pytest.fixture(scope='session')
+def printed(run_in):
+    """Run the command in this process; returns what it printed."""
+
+    def run(folder, *words):
+        ended = run_in(folder, *words)
+        assert ended.returncode == 0, ended.stderr
+        return ended.stdout
+
+    return run
+
+
+@pytest.fixture(scope='module')
+def folder(printed, tmp_path_factory):
+    """Give a folder with the files that the pages use: meshes, results, counts and a log."""
+    folder = tmp_path_factory.mktemp('pages')
+    (folder / 'config').symlink_to(ROOT / 'config')
+    (folder / 'FOLDER').mkdir()
+    for name in ('bracket.stl', 'my_part.stl', 'FOLDER/my_part.stl'):
+        shutil.copy(PARTS / 'l_bracket.stl', folder / name)
+    printed(folder, 'drop', 'hex_nut', *FEW_DROPS, '--out', 'out/nut')
+    document = json.loads((folder / 'out/nut/distribution.json').read_text())
+    rows = [f'{aspect["id"]},{aspect["count"]}' for aspect in document['aspects']]
+    (folder / 'manual.csv').write_text('\n'.join(['aspect,count', *rows]))
+    printed(folder, 'drop', 'l_bracket', *FEW_DROPS, '--log', 'out/logs')
+    return folder
+
+
+def with_files(folder, arguments):
+    """The arguments with the log that is there, and what a shell makes of patterns."""
+    (log,) = folder.glob('out/logs/l_bracket_*')
+    for word in arguments:
+        if word == LOG:
+            yield str(log)
+        elif '*' in word:
+            yield from sorted(map(str, folder.glob(word)))
+        else:
+            yield word
+
+
+@pytest.mark.parametrize(('page', 'line'), COMMANDS)
+def test_every_command_is_understood(page, line):
+    arguments = COMMANDS[page, line]
+    assert callable(main.make_parser(arguments).parse_args(arguments).run)
+
+
+def test_other_programs_are_known_to_tests():
+    others = {line for page in PAGES for line in lines_of(page) if arguments_of(line) is None}
+    assert {line for line in others if not re.match(r'\.venv/bin/\w+ --ros-args ', line)} == {
+        'make demo', 'make test', 'make setup', 'cp config/parts/l_bracket.stl bracket.stl'
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize('arguments', RUN_HERE)
+def test_command(arguments, printed, folder):
+    few = []
+    if arguments[0] == 'drop' and not {'--precision', '--from-log'} & {*arguments}:
+        few = FEW_DROPS
+    table = printed(folder, *with_files(folder, arguments), *few)
+    assert few == [] or '50' in table
+
+
+def test_files_of_a_report(folder, printed):
+    printed(folder, 'drop', 'bracket.stl', *FEW_DROPS, '--out', 'out/files', '--report')
+    files = {path.name for path in (folder / 'out' / 'files').iterdir()}
+    assert {'distribution.json', 'distribution.png', 'poses.csv', 'report.html'} <= files
+
+
+def test_results_of_commands(folder, printed):
+    assert 'Symmetry: 12 rotations' in printed(folder, 'aspects', 'hex_nut')
+    assert 'probability by method' in printed(folder, 'estimate', 'hex_nut')
+    compared = printed(folder, 'compare', 'out/nut/distribution.json', 'manual.csv')
+    assert re.search(r'total variation +0 %', compared)
+
+
+def assert_shown(shown, printed):
+    """Check that lines were printed as a page shows them; `...` stands for any lines."""
+    rows = [line.rstrip() for line in printed.strip().splitlines()]
+    pieces = [piece.strip('\n') for piece in re.split(r'^\.\.\.$', shown, flags=re.MULTILINE)]
+    pattern = '(?s:.*)'.join(re.escape(piece) for piece in pieces)
+    assert re.fullmatch(rf'\n*{pattern}\n*', '\n'.join(rows)), '\n'.join(rows)
+
+
+def test_the_table_of_the_readme_is_what_is_printed(folder, printed):
+    (shown,) = code('README.md', 'text')
+    assert_shown(f'{shown}...\n', printed(folder, 'drop', 'l_bracket'))
+
+
+def test_the_tutorial_prints_what_it_shows(printed, tmp_path):
+    shutil.copy(PARTS / 'l_bracket.stl', tmp_path / 'bracket.stl')
+    out = ''
+    for language, text in code_blocks(TUTORIAL, 'bash', 'text', 'csv'):
+        if language == 'csv':
+            (tmp_path / 'counted.csv').write_text(text)
+        elif language == 'text':
+            assert_shown(text, out)
+        else:
+            for line in text.splitlines():
+                arguments = arguments_of(line)
+                out = printed(tmp_path, *arguments) if arguments else out
+    assert (tmp_path / 'out' / 'bracket' / 'report.html').is_file()
+
+
+def test_nodes_request_and_the_python_client(tmp_path):
+    (nodes,) = [line for line in lines_of('README.md') if ' nodes' in line]
+    (request,) = [line for line in lines_of('README.md') if ' request ' in line]
+    (client,) = [text for text in code('README.md', 'python') if 'Client' in text]
+    suite = subprocess.Popen(here(nodes), cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    try:
+        table = run_program([*here(request), *FEW_DROPS], cwd=tmp_path)
+        assert 'drops in total' in table
+        few = client.replace('drops=1000', 'drops=50')
+        rows = ast.literal_eval(run_program([sys.executable, '-c', few], cwd=tmp_path))
+        assert [row[0] for row in rows] == [1, 2, 3, 4, 5]
+        assert all(0 <= lower <= p <= upper <= 1 for _, p, lower, upper in rows)
+        assert sum(row[1] for row in rows) == pytest.approx(1, abs=0.05)
+    finally:
+        suite.send_signal(signal.SIGINT)
+        _, complaints = suite.communicate(timeout=60)
+    assert suite.returncode == 0, complaints
+    (log,) = (tmp_path / 'out' / 'logs').glob('l_bracket_*')
+    assert 'closed, ' in run_program([*here(PROGRAM), 'info', os.fspath(log)])
+
+
+def run_program(command, **options):
+    ended = subprocess.run(
+        command, capture_output=True, text=True, timeout=120, check=False, **options
+    )
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    return ended.stdout
+
+
+def here(line):
+    """The command in the .venv that runs this test."""
+    program, *arguments = shlex.split(line)
+    return [str(Path(sys.executable).parent / Path(program).name), *arguments]
+
+
+def test_make_targets_exist_and_ci_runs_the_tests():
+    for target in ('demo', 'test', 'setup'):
+        run_program(['make', '--dry-run', target], cwd=ROOT)
+    assert 'make test' in (ROOT / '.ci' / 'run').read_text().splitlines()
+
+
+def test_the_colcon_build_is_the_one_that_is_tested():
+    text, *_ = code('docs/how_to/installed_ros.md', 'sh')
+    (build,) = [line for line in text.splitlines() if line.startswith('colcon')]
+    assert f'python -m {build}' in (ROOT / 'test' / 'test_colcon.py').read_text()
+
+
+def test_the_part_file_can_be_used(tmp_path):
+    (text,) = code('docs/how_to/add_a_part.md', 'yaml')
+    path = tmp_path / 'my_part.yaml'
+    path.write_text(text)
+    values = read_part_yaml(path)
+    assert set(values) == set(yaml.safe_load(text))
+    assert load_part(PARTS / 'l_bracket.stl', **values).unit == 'mm'

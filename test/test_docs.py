@@ -1,0 +1,65 @@
+"""The pages of the documentation: links, length and place."""
+
+import re
+
+import pytest
+from doc_pages import PAGES, ROOT, anchors, code_blocks
+
+MAX_README = 150  # lines
+# Written by make bench, make validate and make estimators.
+GENERATED = ('bench', 'validation', 'estimators')
+# Languages of code blocks. Tests run python and bash, and compare text with what they print;
+# sh and cpp need what is not on PyPI, and csv and yaml are files.
+LANGUAGES = {'python', 'bash', 'text', 'sh', 'cpp', 'csv', 'yaml'}
+
+
+def links(page):
+    """The targets of the relative links of a page."""
+    prose = re.sub(r'^```.*?^```$', '', PAGES[page], flags=re.MULTILINE | re.DOTALL)
+    found = re.findall(r'\]\(([^)\s]+)\)', prose)
+    return [link for link in found if not re.match('https?:', link)]
+
+
+@pytest.mark.parametrize('page', PAGES)
+def test_every_link_leads_to_a_file_or_heading(page):
+    broken = []
+    for link in links(page):
+        path, _, heading = link.partition('#')
+        target = ((ROOT / page).parent / path).resolve() if path else ROOT / page
+        name = target.relative_to(ROOT).as_posix()
+        if not target.exists() or (heading and heading not in anchors(name)):
+            broken.append(link)
+    assert broken == []
+
+
+def test_the_readme_is_short():
+    assert len(PAGES['README.md'].splitlines()) <= MAX_README
+
+
+def test_the_readme_leads_to_every_page():
+    linked = {link.partition('#')[0] for link in links('README.md')}
+    assert set(PAGES) - {'README.md'} <= linked
+
+
+def test_every_page_is_of_one_kind():
+    kinds = {page.split('/')[1] for page in PAGES if page.startswith('docs/')}
+    assert kinds == {'tutorials', 'how_to', 'reference', 'explanation'}
+
+
+@pytest.mark.parametrize('page', PAGES)
+def test_code_blocks_have_a_known_language(page):
+    fences = re.findall(r'^```(.*)$', PAGES[page], re.MULTILINE)
+    assert set(fences[::2]) <= LANGUAGES
+    assert set(fences[1::2]) <= {''}
+
+
+@pytest.mark.parametrize('page', PAGES)
+def test_python_in_a_page_can_be_compiled(page):
+    for _, text in code_blocks(page, 'python'):
+        compile(text, page, 'exec')
+
+
+@pytest.mark.parametrize('name', GENERATED)
+def test_generated_pages_are_written_to_their_place(name):
+    tools = '\n'.join(path.read_text(encoding='utf-8') for path in ROOT.glob('tools/**/*.py'))
+    assert f"'explanation' / '{name}.md'" in tools
