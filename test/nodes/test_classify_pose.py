@@ -89,8 +89,8 @@ def test_where_no_aspect_fits_the_nearest_is_told(box):
     response, error = answer(box, tilted(box.aspects[4], -12.5), counted(box, 1, 1, 1, 1, 1, 1))
     assert isinstance(error, NotAvailableError)
     assert str(error) == (
-        f'orientation is in no aspect of {BOX}: the nearest is 5 at 12.5 degrees, allowed is up '
-        'to 3'
+        f'no aspect of {BOX} matches the orientation: the nearest is aspect 5 at 12.5 degrees, '
+        'expected at most 3'
     )
     assert (response.aspect, response.symmetry_class) == (0, 0)
     assert response.angle == pytest.approx(np.radians(12.5), abs=1e-12)
@@ -173,14 +173,16 @@ def test_only_what_counts_the_aspects_of_the_part_is_known(box, run):
     fewer = AspectSet(sha, box.aspects[:5])
     known.add(run(1), counted(box, 1, 0, 0, 0, 0, 0))
     known.add(run(2), counted(fewer, 1, 0, 0, 0, 0))
-    assert known.check(sha) == []
+    assert known.remove_inconsistent(sha) == []
     described[sha] = box
-    assert known.check(sha) == [run(2)]
+    assert known.remove_inconsistent(sha) == [run(2)]
     assert len(known) == 1
-    with pytest.raises(InvalidValueError, match='run run2 counts other aspects than box_10x20x30'):
+    with pytest.raises(
+        InvalidValueError, match='invalid distribution of run run2: expected the 6'
+    ):
         known.add(run(2), counted(fewer, 1, 0, 0, 0, 0))
     turned = AspectSet(sha, box.aspects[::-1])
-    with pytest.raises(InvalidValueError, match='allowed are its 6'):
+    with pytest.raises(InvalidValueError, match='expected the 6 aspects of box_10x20x30'):
         known.add(run(3), counted(turned, 1, 0, 0, 0, 0, 0))
 
 
@@ -188,8 +190,9 @@ def test_another_version_is_named_only_where_one_is_known(box, run):
     known = DistributionStore(lambda _: None)
     known.add(run(1), counted(box, 1, 0, 0, 0, 0, 0))
     words = '1 drops on rubber_mat'
-    assert known.others(BOX, box.part_sha256, None) == known.others(BOX, '', None) == [words]
-    assert known.others(BOX, 'another', None) == [f'{words} of another version of the part']
+    assert known.describe(BOX, box.part_sha256, None) == [words]
+    assert known.describe(BOX, '', None) == [words]
+    assert known.describe(BOX, 'another', None) == [f'{words} of another version of the part']
 
 
 # Over DDS
@@ -252,7 +255,7 @@ def test_before_the_first_drop_the_aspect_is_known_and_its_probability_is_not(cl
 def test_a_pose_between_aspects(classify, box):
     found = classify(BOX, tilted(box.aspects[0], 20))
     assert found.status.code == Status.NOT_AVAILABLE
-    assert 'the nearest is 1 at 20 degrees, allowed is up to 3' in found.status.message
+    assert 'the nearest is aspect 1 at 20 degrees, expected at most 3' in found.status.message
     assert found.aspect == 0
     assert found.angle == pytest.approx(np.radians(20), abs=1e-9)
 

@@ -62,8 +62,8 @@ def test_the_default_is_published_whole(suite, simulator, surfaces):
 def test_the_default_is_known_as_long_as_its_simulator_was_heard(fresh_suite):
     quick = {
         'aspect_classifier': {
-            'nodes.aspect_classifier.drop_part_requests.STARTING': 1.0,
-            'nodes.aspect_classifier.part_registry.QUIET': 1.0,
+            'nodes.aspect_classifier.drop_part_requests.STARTUP_TIMEOUT': 1.0,
+            'nodes.aspect_classifier.part_registry.QUIET_PERIOD': 1.0,
         }
     }
     suite = fresh_suite(quick, workers=1, surface='steel')

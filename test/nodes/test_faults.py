@@ -13,8 +13,8 @@ QUICK = {
     'aspect_classifier': {
         'nodes.run_tracking.tracker.CHECK_PERIOD': 0.2,
         'ros.drop_part_client.RETRY_PERIOD': 1.0,
-        'nodes.aspect_classifier.drop_part_requests.STARTING': 1.0,
-        'nodes.aspect_classifier.drop_part_requests.DISCOVERY': 1.0,
+        'nodes.aspect_classifier.drop_part_requests.STARTUP_TIMEOUT': 1.0,
+        'nodes.aspect_classifier.drop_part_requests.DISCOVERY_TIMEOUT': 1.0,
     },
     'drop_recorder': {
         'nodes.run_tracking.tracker.CHECK_PERIOD': 0.2,
@@ -109,7 +109,7 @@ def test_without_a_simulator_the_answer_is_that_there_is_none(suite):
     assert asked.result().status.message == ('the simulator stopped while it dropped tetrahedron')
     answer = suite.client.ask(drops=5, seed=[46])
     assert answer.status.code == Status.NOT_AVAILABLE
-    why, _, known_are = answer.status.message.partition('; known are ')
+    why, _, known_are = answer.status.message.partition('; known distributions: ')
     assert why == (
         f'no drop_simulator answers on {suite.namespace}/drop_part, waited 1 s: start '
         'drop_simulator'

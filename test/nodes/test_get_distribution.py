@@ -62,16 +62,16 @@ def test_what_is_known_is_answered_without_a_drop(suite, first, counts):
 @pytest.mark.parametrize(
     ('fields', 'words'),
     [
-        ({'drops': 261}, ['over at least 261 drops is known', ' 260 drops on rubber_mat']),
-        ({'seed': [8]}, ['with seed 8 over', ' 260 drops on rubber_mat with seed 7']),
-        ({'part': 'washer'}, ['no distribution of washer under these conditions over']),
+        ({'drops': 261}, ['has at least 261 drops', ' 260 drops on rubber_mat']),
+        ({'seed': [8]}, ['with seed 8 has', ' 260 drops on rubber_mat with seed 7']),
+        ({'part': 'washer'}, ['no known distribution of washer under these conditions has']),
     ],
     ids=['more drops', 'another seed', 'another part'],
 )
 def test_only_known_drops_nothing(suite, first, fields, words):
     answer = suite.client.ask(**{'drops': 260, 'only_known': True, **fields})
     assert answer.status.code == Status.NOT_AVAILABLE
-    for each in (*words, 'drops is known'):
+    for each in (*words, 'no known distribution'):
         assert each in answer.status.message
 
 
@@ -127,7 +127,9 @@ def test_drops_from_the_middle_of_a_seed_do_not_answer_for_the_seed(suite, count
     slice_of_run = suite.client.drop('box_10x20x30', 30, first_drop=500, seed=5).result
     assert slice_of_run.drops == 30
     refused = suite.client.ask('box_10x20x30', 30, seed=[5], only_known=True).status
-    assert refused.message.endswith('; known are 30 drops on rubber_mat from drop 500 on')
+    assert refused.message.endswith(
+        '; known distributions: 30 drops on rubber_mat from drop 500 on'
+    )
     answer = suite.client.ask('box_10x20x30', 30, seed=[5])
     assert answer.distribution.run.first_drop == 0
     assert answer.distribution.run.run_id != slice_of_run.run_id

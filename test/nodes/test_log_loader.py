@@ -110,8 +110,8 @@ def test_of_a_log_with_gaps_the_first_drops_are_known(write, run_of, aspects):
 @pytest.mark.parametrize(
     ('given', 'words'),
     [
-        ({'pieces': [(10, 20)]}, 'it does not hold the first drops'),
-        ({'pieces': []}, 'it holds no drops'),
+        ({'pieces': [(10, 20)]}, 'it does not contain the first drops'),
+        ({'pieces': []}, 'it contains no drops'),
         ({'described': 'washer'}, 'it does not describe its part'),
     ],
 )
@@ -124,7 +124,9 @@ def test_a_log_that_was_broken_off_is_used_once_it_is_recovered(write):
     log = write()
     (file,) = log.glob('*.mcap')
     file.write_bytes(file.read_bytes()[:-100])
-    with pytest.raises(LogError, match='it was broken off: "resting_aspects recover" closes it'):
+    with pytest.raises(
+        LogError, match='it is not closed: repair it with "resting_aspects recover"'
+    ):
         read_log(log)
     assert main(['recover', str(log)]) == 0
     assert read_log(log)[1].drops == CHUNK
@@ -190,7 +192,7 @@ def test_one_bad_log_costs_no_other_and_is_named(write, start, connect, namespac
     assert answer.distribution.drops == CHUNK
     (warning,) = [line for line in classifier.said.splitlines() if 'cannot be used' in line]
     assert f'2 logs in {tmp_path} cannot be used: {pipe.name}: ' in warning
-    assert f'{cut.parent.name}: it was broken off: ' in warning
+    assert f'{cut.parent.name}: it is not closed: ' in warning
 
 
 def test_of_too_many_logs_the_newest_are_read(write, start, connect, namespace, tmp_path):

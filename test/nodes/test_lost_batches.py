@@ -30,7 +30,7 @@ QUICK = {
     'nodes.run_tracking.tracker.GRACE': 0.5,
     'run_logs.run_recorder.END_TIMEOUT': 2.0,
 }
-QUIET = {'nodes.aspect_classifier.part_registry.QUIET': 1.0}
+QUIET = {'nodes.aspect_classifier.part_registry.QUIET_PERIOD': 1.0}
 
 
 class FakeSimulator:

@@ -36,8 +36,8 @@ def suite(fresh_suite, folder):
         {
             'drop_simulator': {'nodes.drop_simulator.part_publisher.SCAN_PERIOD': 0.2},
             'aspect_classifier': {
-                'nodes.aspect_classifier.drop_part_requests.STARTING': 1.0,
-                'nodes.aspect_classifier.part_registry.QUIET': 1.0,
+                'nodes.aspect_classifier.drop_part_requests.STARTUP_TIMEOUT': 1.0,
+                'nodes.aspect_classifier.part_registry.QUIET_PERIOD': 1.0,
             },
         },
         parts_folder=folder,
@@ -100,7 +100,9 @@ def test_more_drops_other_conditions_or_another_seed_are_not_the_same(restarted,
     answer = known(restarted, **fields)
     assert answer.status.code == Status.NOT_AVAILABLE
     with_seed = f' with seed {SEED}' if 'seed' in fields else ''
-    assert answer.status.message.endswith(f'; known are 300 drops on rubber_mat{with_seed}')
+    assert answer.status.message.endswith(
+        f'; known distributions: 300 drops on rubber_mat{with_seed}'
+    )
 
 
 def test_conditions_are_compared_by_value(restarted, first):
@@ -123,7 +125,7 @@ def test_another_mesh_of_the_same_name_is_not_the_same_part(restarted, first, fo
     answer = known(restarted)
     assert answer.status.code == Status.NOT_AVAILABLE
     assert answer.status.message.endswith(
-        '; known are 300 drops on rubber_mat of another version of the part'
+        '; known distributions: 300 drops on rubber_mat of another version of the part'
     )
     assert not restarted.client.parts()['tetrahedron'].known
     shutil.copy(parts_folder() / 'tetrahedron.stl', folder)
@@ -168,8 +170,8 @@ def test_without_a_simulator_a_request_is_answered_from_logs(restarted, first, r
     assert code == 1
     assert printed.endswith(
         f'error: no drop_simulator answers on {restarted.namespace}/drop_part, waited 1 s: '
-        'start drop_simulator; no distribution of tetrahedron under these conditions over at '
-        'least 301 drops is known; known are 300 drops on rubber_mat\n'
+        'start drop_simulator; no known distribution of tetrahedron under these conditions '
+        'has at least 301 drops; known distributions: 300 drops on rubber_mat\n'
     )
     restarted.start_again('drop_simulator')
 

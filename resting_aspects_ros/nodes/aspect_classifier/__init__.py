@@ -1,6 +1,6 @@
 """The node that counts resting poses by aspect and answers requests.
 
-There is a module for each service (`get_distribution`, `classify_pose`), one for what is
-published, and `distribution_store` for the counts. Read `node.py` first, then
-`distribution_store.py`.
+`get_distribution` and `classify_pose` implement the services, `publishers` the topics,
+`run_counting` counts active runs, and `distribution_store` keeps finished distributions. Read
+`node.py` first, then `run_counting.py`.
 """

@@ -1,4 +1,4 @@
-"""Answers of classify_pose: which aspect a pose is in, and how probable that is."""
+"""The service classify_pose: the aspect of a pose, and the probability of this aspect."""
 
 import math
 
@@ -19,24 +19,24 @@ def answer_pose(
     aspects: AspectSet,
     newest: Distribution | None,
 ) -> None:
-    """Fill in the response, in which what is not known is NaN.
+    """Fill in the response; unknown values stay NaN.
 
     Parameters
     ----------
     aspects : AspectSet
-        Of the part that is asked about.
+        Aspects of the requested part.
     newest : Distribution, optional
-        From which the probability is taken.
+        Distribution that provides the probability.
 
     Raises
     ------
     InvalidValueError
-        The orientation is no unit quaternion.
+        The orientation is not a unit quaternion.
     NotAvailableError
-        No aspect fits; the response has the angle to the nearest.
+        No aspect matches; the response contains the angle to the nearest aspect.
     """
-    given = request.orientation
-    orientation = unit_orientation([given.x, given.y, given.z, given.w])
+    quaternion = request.orientation
+    orientation = unit_orientation([quaternion.x, quaternion.y, quaternion.z, quaternion.w])
     nearest = nearest_aspect(aspects, orientation)
     if nearest is None:
         response.angle = math.inf
@@ -44,8 +44,8 @@ def answer_pose(
     response.angle = nearest.angle
     if not nearest.fits:
         raise NotAvailableError(
-            f'orientation is in no aspect of {request.part}: the nearest is {nearest.aspect.id} '
-            f'at {np.degrees(nearest.angle):.6g} degrees, allowed is up to '
+            f'no aspect of {request.part} matches the orientation: the nearest is aspect '
+            f'{nearest.aspect.id} at {np.degrees(nearest.angle):.6g} degrees, expected at most '
             f'{np.degrees(POSE_ANGLE):g}'
         )
     response.aspect = nearest.aspect.id

@@ -1,4 +1,4 @@
-"""What the classifier knows of runs: the distribution of each, under way or finished."""
+"""Distributions of active and finished runs, as the classifier knows them."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from resting_aspects_ros.core.statistics.stopping import is_precise
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.run_description import RunDescription
 
-# Finished distributions that are kept.
+# Maximum number of finished distributions that are kept.
 MAX_KNOWN = 10_000
 
 Known = tuple[RunDescription, Distribution]
@@ -19,43 +19,45 @@ Known = tuple[RunDescription, Distribution]
 
 @dataclass
 class RunCounts:
-    """The distribution of one run so far; poses wait until the part's aspects are known.
+    """The current distribution of one run; poses wait until the aspects of the part are known.
 
-    over : the run has ended
-    problem : why it has not all drops of its run; empty if it has
-    gap : drops in between are not there, so what was counted is the distribution of no run
+    pending : poses that are not counted yet
+    finished : whether the run has ended
+    problem : why drops of the run are missing; empty if none are
+    has_gap : whether drops before the last one are missing, so that the distribution is not that
+        of a run
     """
 
     run: RunDescription
     distribution: Distribution | None = None
-    waiting: list[RestingPoses] = field(default_factory=list)
-    over: bool = False
+    pending: list[RestingPoses] = field(default_factory=list)
+    finished: bool = False
     problem: str = ''
-    gap: bool = False
+    has_gap: bool = False
 
     @property
     def counted(self) -> Distribution:
-        """The distribution; only after something was counted."""
+        """The distribution; valid after the first call of ``count``."""
         assert self.distribution is not None
         return self.distribution
 
     def count(self, aspects: AspectSet) -> None:
-        """Count what waits."""
+        """Count the pending poses."""
         total = self.distribution or no_drops(aspects, by_precision=self.run.precision > 0)
-        for batch in self.waiting:
+        for batch in self.pending:
             total += count_poses(aspects, batch)
-        self.distribution, self.waiting = total, []
+        self.distribution, self.pending = total, []
 
 
 class DistributionStore:
-    """Finished distributions; of those that begin with the same drop the one with most drops.
+    """Finished distributions; of runs with the same first drop, the one with the most drops.
 
-    What is known, and what is answered of it, depends on the runs alone, not on the order in which
-    they come: after a restart they come as their logs are read.
+    The contents depend only on the runs, not on the order in which they are added: after a
+    restart, this is the order in which their logs are read.
 
     Parameters
     ----------
-    aspects_of : gives the aspects of a version of a part, by its part_sha256; None while it has
+    aspects_of : returns the aspects of a version of a part by its part_sha256, or None if it has
         not been described
     """
 
@@ -64,32 +66,32 @@ class DistributionStore:
         self._known: dict[tuple[object, ...], Known] = {}  # by _key
 
     def add(self, run: RunDescription, distribution: Distribution) -> None:
-        """Take the distribution of a run that is over.
+        """Add the distribution of a finished run.
 
-        Raises InvalidValueError if it is not over the aspects that the part has.
+        Raises InvalidValueError if its aspects are not those of the part.
         """
         if distribution.drops == 0:
-            return  # it was canceled at once
+            return  # it was canceled before the first drop
         aspects = self._aspects_of(run.part_sha256)
         if aspects is not None and not aspects.is_like(distribution.aspects):
             raise InvalidValueError(
-                f'run {run.run_id} counts other aspects than {run.part} has, allowed are its '
-                f'{len(aspects)}'
+                f'invalid distribution of run {run.run_id}: expected the {len(aspects)} aspects '
+                f'of {run.part}'
             )
         key = _key(run)
-        both = [self._known.pop(key, None), (run, distribution)]
-        self._known[key] = max(filter(None, both), key=_most_drops)
+        candidates = [self._known.pop(key, None), (run, distribution)]
+        self._known[key] = max(filter(None, candidates), key=_most_drops)
         while len(self._known) > MAX_KNOWN:
             self._known.pop(next(iter(self._known)))
 
-    def check(self, part_sha256: str) -> list[RunDescription]:
-        """Forget what is not over the aspects of a part that is described now; the runs of it."""
+    def remove_inconsistent(self, part_sha256: str) -> list[RunDescription]:
+        """Remove the distributions over other aspects than those of a part; return their runs."""
         of_part = {k: v for k, v in self._known.items() if v[0].part_sha256 == part_sha256}
         aspects = self._aspects_of(part_sha256) if of_part else None
         if aspects is None:
             return []
-        unlike = [k for k, (_, each) in of_part.items() if not aspects.is_like(each.aspects)]
-        return [self._known.pop(key)[0] for key in unlike]
+        wrong = [k for k, (_, each) in of_part.items() if not aspects.is_like(each.aspects)]
+        return [self._known.pop(key)[0] for key in wrong]
 
     def find(
         self,
@@ -99,48 +101,47 @@ class DistributionStore:
         precision: float,
         seed: int | None,
     ) -> Known | None:
-        """The one with most drops, if it has at least those, or the precision, asked for.
+        """Return the matching distribution with the most drops; ties go to the newest run.
 
-        Of several the newest.
-
-        A seed stands for its drops from the first on.
+        A distribution matches if it has at least the requested drops, or the requested precision.
+        With a seed, only a run of this seed matches that starts with drop 0.
         """
-        asked = part_sha256, conditions.values()
+        requested = part_sha256, conditions.values()
         if seed is None:
-            known = [each for key, each in self._known.items() if key[:2] == asked]
+            known = [each for key, each in self._known.items() if key[:2] == requested]
         else:
-            known = [self._known[key]] if (key := (*asked, seed, 0)) in self._known else []
-        fitting = [
-            (run, found)
-            for run, found in known
-            if found.drops >= drops
-            or (precision and is_precise(found.counts, found.drops, precision))
+            known = [self._known[key]] if (key := (*requested, seed, 0)) in self._known else []
+        matching = [
+            (run, each)
+            for run, each in known
+            if each.drops >= drops
+            or (precision and is_precise(each.counts, each.drops, precision))
         ]
-        return max(fitting, key=_most_drops, default=None)
+        return max(matching, key=_most_drops, default=None)
 
     def has_all(self, run: RunDescription) -> bool:
-        """Whether all drops that were asked for in a run are known."""
-        found = self._known.get(_key(run))
-        return found is not None and found[0].run_id == run.run_id and found[1].drops >= run.drops
+        """Return whether all requested drops of a run are known."""
+        known = self._known.get(_key(run))
+        return known is not None and known[0].run_id == run.run_id and known[1].drops >= run.drops
 
     def sha_of(self, name: str) -> str | None:
-        """The newest version of a part of which a distribution is known."""
+        """Return the part_sha256 of the newest run of a part, or None."""
         of_name = (each for each in self._known.values() if each[0].part == name)
-        newest = max(of_name, key=_newest, default=None)
+        newest = max(of_name, key=_start_order, default=None)
         return newest[0].part_sha256 if newest else None
 
-    def others(self, name: str, part_sha256: str, seed: int | None) -> list[str]:
-        """What is known of parts of a name, and how it differs from that part; newest first.
+    def describe(self, name: str, part_sha256: str, seed: int | None) -> list[str]:
+        """Return descriptions of the known distributions of a part name, newest run first.
+
+        Each says how it differs from the requested version and seed.
 
         part_sha256 : str
-            Empty: no version is known that counts.
-
-        With a seed also how it differs from that one's drops from the first on.
+            Requested version of the part; empty if no version is known.
         """
         of_name = [each for each in self._known.values() if each[0].part == name]
-        of_name.sort(key=_newest, reverse=True)
+        of_name.sort(key=_start_order, reverse=True)
         return [
-            f'{found.drops} drops on {run.conditions.surface or "own conditions"}'
+            f'{each.drops} drops on {run.conditions.surface or "own conditions"}'
             + ('' if seed in (None, run.seed) else f' with seed {run.seed}')
             + ('' if seed is None or not run.first_drop else f' from drop {run.first_drop} on')
             + (
@@ -148,20 +149,20 @@ class DistributionStore:
                 if part_sha256 not in ('', run.part_sha256)
                 else ''
             )
-            for run, found in of_name
+            for run, each in of_name
         ]
 
     def __len__(self) -> int:
-        """How many are known."""
+        """Return the number of known distributions."""
         return len(self._known)
 
     def newest(self, part_sha256: str) -> Known | None:
-        """That of the newest run of a part, under whatever conditions."""
+        """Return the distribution of the newest run of a part, under any conditions, or None."""
         of_part = (each for each in self._known.values() if each[0].part_sha256 == part_sha256)
-        return max(of_part, key=_newest, default=None)
+        return max(of_part, key=_start_order, default=None)
 
     def has(self, part_sha256: str) -> bool:
-        """Whether any is known of a part."""
+        """Return whether any distribution of a part is known."""
         return any(run.part_sha256 == part_sha256 for run, _ in self._known.values())
 
 
@@ -169,25 +170,25 @@ def _key(run: RunDescription) -> tuple[object, ...]:
     return run.part_sha256, run.conditions.values(), run.seed, run.first_drop
 
 
-def _newest(known: Known) -> tuple[int, str]:
-    """Begun last; where clocks say the same the id decides, by which nothing else is tied."""
+def _start_order(known: Known) -> tuple[int, str]:
+    """Sort key by start time; equal times are ordered by run id, which is unique."""
     return known[0].started, known[0].run_id
 
 
 def _most_drops(known: Known) -> tuple[int, int, str]:
-    return known[1].drops, *_newest(known)
+    return known[1].drops, *_start_order(known)
 
 
 def newest_distribution(
-    known: DistributionStore, under_way: Iterable[RunCounts], part_sha256: str
+    known: DistributionStore, active: Iterable[RunCounts], part_sha256: str
 ) -> Distribution | None:
-    """The newest of a part that is finished, else of its newest run that has counted a drop."""
+    """Return the newest finished distribution of a part, else that of its newest active run."""
     counted = [
-        account.distribution
-        for account in under_way
-        if account.run.part_sha256 == part_sha256
-        and account.distribution is not None
-        and account.distribution.drops
+        counts.distribution
+        for counts in active
+        if counts.run.part_sha256 == part_sha256
+        and counts.distribution is not None
+        and counts.distribution.drops
     ]
     finished = known.newest(part_sha256)
     return finished[1] if finished else next(reversed(counted), None)

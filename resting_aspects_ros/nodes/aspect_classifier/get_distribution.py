@@ -1,4 +1,4 @@
-"""Answers of get_distribution: what is known, or what drops or an estimator find."""
+"""The service get_distribution: known distributions, new drops, and estimators."""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -35,14 +35,15 @@ from resting_aspects_ros.simulation.run_description import (
 )
 from resting_aspects_ros.simulation.surfaces import Surfaces
 
-# Distributions that do not fit and are named, in an answer that there is none.
-MAX_NAMED = 5
-# To make the message of a distribution takes as long as to send it; one is asked for often.
-MESSAGES_KEPT = 100
+# Maximum number of known distributions that an error lists.
+MAX_LISTED = 5
+# Number of cached messages: creating a message takes as long as sending it, and the same one is
+# often requested again.
+MAX_MESSAGES = 100
 
 
 class DistributionService:
-    """Finds the distribution that a request asks for."""
+    """Finds the distribution for a request."""
 
     def __init__(
         self,
@@ -62,14 +63,14 @@ class DistributionService:
         self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
 
     async def answer(self, request: GetDistribution.Request) -> AspectDistribution:
-        """Return the distribution; raises RestingAspectsError."""
+        """Return the requested distribution; raises RestingAspectsError."""
         method = requested_estimator(request.method)
         if method is None:
             return await self._find_or_drop(request)
         offered = await self._usable(request.part)
         part, aspects = self._parts.version(requested_part(offered, request.part).part_sha256)
-        found = estimate(RestingShape(part, aspects), method)
-        return estimate_msg(found, part, self._node.get_clock().now().to_msg(), self._frame)
+        prediction = estimate(RestingShape(part, aspects), method)
+        return estimate_msg(prediction, part, self._node.get_clock().now().to_msg(), self._frame)
 
     async def _find_or_drop(self, request: GetDistribution.Request) -> AspectDistribution:
         drops = max_drops(request.drops, request.precision, MAX_DROPS)
@@ -84,8 +85,8 @@ class DistributionService:
         if request.only_known:
             if parts and not sha:
                 requested_part(parts, request.part)
-            raise self._nothing_known(request, sha)
-        await self._simulator(request, sha)
+            raise self._not_known(request, sha)
+        await self._wait_for_simulator(request, sha)
         seed = DEFAULT_SEED if seed is None else seed
         goal = DropPart.Goal(
             part=request.part,
@@ -95,17 +96,17 @@ class DistributionService:
             precision=request.precision,
             seed=seed,
         )
-        account = await self._requests.drop(goal)
-        return self._message(account.run, account.counted)
+        counts = await self._requests.drop(goal)
+        return self._message(counts.run, counts.counted)
 
     async def _usable(self, name: str) -> dict[str, Part]:
-        return await self._parts.usable(name, self._requests.simulator_is_there)
+        return await self._parts.usable(name, self._requests.simulator_is_ready)
 
-    async def _simulator(self, request: GetDistribution.Request, sha: str) -> None:
+    async def _wait_for_simulator(self, request: GetDistribution.Request, sha: str) -> None:
         try:
-            await self._requests.simulator()
+            await self._requests.wait_for_simulator()
         except NotAvailableError as error:
-            raise NotAvailableError(f'{error}{self._others(request, sha)}') from None
+            raise NotAvailableError(f'{error}{self._known_text(request, sha)}') from None
 
     async def _conditions(self, request: GetDistribution.Request, sha: str) -> DropConditions:
         if request.surface or request.conditions:
@@ -114,14 +115,14 @@ class DistributionService:
                 self._surfaces, request.surface, request.conditions, default
             )
         if not self._default.is_received:
-            await self._simulator(request, sha)
+            await self._wait_for_simulator(request, sha)
         return await self._default.conditions()
 
     def _version(self, parts: Mapping[str, Part], name: str) -> str:
-        """The part_sha256 that counts: what is offered, else what was dropped last; '' if none."""
+        """Return the part_sha256 that is offered, else the one dropped last; empty if none."""
         if name in parts:
             return parts[name].part_sha256
-        if self._requests.simulator_is_there():
+        if self._requests.simulator_is_ready():
             return ''
         return self._known.sha_of(name) or ''
 
@@ -130,25 +131,25 @@ class DistributionService:
         message.header.stamp = self._node.get_clock().now().to_msg()
         return message
 
-    def _nothing_known(self, request: GetDistribution.Request, sha: str) -> NotAvailableError:
+    def _not_known(self, request: GetDistribution.Request, sha: str) -> NotAvailableError:
         seed = request.seed[0] if request.seed else None
         with_seed = '' if seed is None else f' with seed {seed}'
-        words = (
-            f'no distribution of {request.part} under these conditions{with_seed} over at least '
-            f'{request.drops} drops is known'
+        text = (
+            f'no known distribution of {request.part} under these conditions{with_seed} has at '
+            f'least {request.drops} drops'
         )
-        return NotAvailableError(words + self._others(request, sha))
+        return NotAvailableError(text + self._known_text(request, sha))
 
-    def _others(self, request: GetDistribution.Request, sha: str) -> str:
-        """What is known of the part and does not fit, to be said after that; empty: nothing."""
+    def _known_text(self, request: GetDistribution.Request, sha: str) -> str:
+        """Return the end of an error that lists the known distributions; empty without any."""
         seed = request.seed[0] if request.seed else None
-        others = self._known.others(request.part, sha, seed)
-        if not others:
+        known = self._known.describe(request.part, sha, seed)
+        if not known:
             return ''
-        more = ', ...' if len(others) > MAX_NAMED else ''
-        return f'; known are {", ".join(others[:MAX_NAMED])}{more}'
+        more = ', ...' if len(known) > MAX_LISTED else ''
+        return f'; known distributions: {", ".join(known[:MAX_LISTED])}{more}'
 
 
-@lru_cache(MESSAGES_KEPT)
+@lru_cache(MAX_MESSAGES)
 def _message(run: RunDescription, distribution: Distribution, frame: str) -> AspectDistribution:
     return distribution_msg(distribution, run, Time(), True, frame)

@@ -1,4 +1,4 @@
-"""What earlier runs found, read from their logs when a node starts."""
+"""Distributions of earlier runs, read from their logs when a node starts."""
 
 import re
 import time
@@ -27,47 +27,46 @@ from resting_aspects_ros.ros.formatting import count_text
 from resting_aspects_ros.simulation.merge_runs import merge_drops
 from resting_aspects_ros.simulation.run_description import RunDescription
 
-# Logs that are read at most; 1000 take some 10 s. All of them together may take so long, s.
+# Limits for reading: number of logs (1000 take about 10 s), and total time, s.
 MAX_LOGS = 1000
 MAX_SECONDS = 120.0
-# So many logs that cannot be used are named with the reason.
-MAX_NAMED = 10
-# <part>_<start>_<run id>, see logs.run_log.run_folder_name; _<number> after it is another log.
+# Maximum number of unusable logs that are listed with the reason.
+MAX_LISTED = 10
+# <part>_<start>_<run id>, see logs.run_log.run_folder_name; _<number> may follow.
 _STARTED = re.compile(r'_(\d{8}T\d{6}Z)_')
 
 LoggedRun = tuple[RunDescription, Distribution]
 
 
 def logs_in(folder: Path) -> list[Path]:
-    """Return the folders of logs, for a FileWorker: the newest of each part, then the second.
+    """Return the folders of logs: the newest of each part, then the second newest, and so on.
 
-    A folder that does not exist, or cannot be read, holds none.
+    Runs in a FileWorker. The result is empty if the folder does not exist or cannot be read.
     """
     try:
         found = [p for p in folder.iterdir() if _STARTED.search(p.name) and is_folder(p)]
     except OSError:
-        return []  # no log was written yet
+        return []  # no log has been written yet
 
     def started(path: Path) -> str:
         return str(_STARTED.findall(path.name)[-1])
 
-    newer: Counter[str] = Counter()  # logs of a part that are newer than the one in turn
-    turn: dict[Path, int] = {}
+    newer: Counter[str] = Counter()  # by part: number of newer logs
+    rank: dict[Path, int] = {}
     for path in sorted(found, key=lambda path: (started(path), path.name), reverse=True):
         part = path.name[: path.name.rindex(f'_{started(path)}_')]
-        turn[path] = newer[part]
+        rank[path] = newer[part]
         newer[part] += 1
-    # Sorting is stable: of those in the same turn the newest is first.
-    return sorted(turn, key=lambda path: turn[path])
+    # Sorting is stable: of logs with the same rank, the newest is first.
+    return sorted(rank, key=lambda path: rank[path])
 
 
 def read_log(log: Path) -> LoggedRun | None:
-    """Return a run and its distribution, for a FileWorker; None if the log is being written.
+    """Return a run and its distribution, or None if the log is being written.
 
-    The distribution in the log is taken if it counts all drops of the run, and the aspects have
-    the ids that they have today; otherwise the run's drops from its first one on are counted.
-
-    Raises RestingAspectsError if the log holds neither.
+    Runs in a FileWorker. The result is the distribution in the log if it counts all drops of the
+    run and uses the current aspect numbering; otherwise the consecutive drops from the first one
+    on are counted. Raises RestingAspectsError if the log contains neither.
     """
     try:
         with IndexedLog(log) as indexed:
@@ -76,7 +75,7 @@ def read_log(log: Path) -> LoggedRun | None:
     except NoIndexError:
         if is_being_written(log):
             return None
-        raise LogError('it was broken off: "resting_aspects recover" closes it') from None
+        raise LogError('it is not closed: repair it with "resting_aspects recover"') from None
     if outcome is not None and outcome.whole and last is not None:
         message = deserialize_message(last, AspectDistribution)
         if message.complete and message.aspect_numbering == ASPECT_NUMBERING:
@@ -85,13 +84,14 @@ def read_log(log: Path) -> LoggedRun | None:
 
 
 def _count_first_drops(log: Path) -> LoggedRun:
-    """Count the drops of a run up to one that is not in the log: they are a run that ended there.
+    """Return a run and the distribution of its drops up to the first missing one.
 
-    Raises RestingAspectsError if there are none, or not the part.
+    They are a run that ended there. Raises RestingAspectsError if the log lacks the first drop or
+    the part.
     """
     merged = merge_drops(serialized_poses(data)[:2] for data in messages(log, POSES_TYPE))
     if not merged:
-        raise LogError('it holds no drops')
+        raise LogError('it contains no drops')
     run = merged[0].run
     parts = (serialized_part(data) for data in messages(log, PART_TYPE))
     part = next((part for part in parts if part.part_sha256 == run.part_sha256), None)
@@ -100,20 +100,20 @@ def _count_first_drops(log: Path) -> LoggedRun:
     for poses in merged[0].poses:
         if poses.first_drop <= run.first_drop < poses.end:
             return run, count_poses(find_aspects(part), poses.between(run.first_drop, run.end))
-    raise LogError('it does not hold the first drops of its run')
+    raise LogError('it does not contain the first drops of its run')
 
 
 class LogLoader:
-    """Reads the logs in a folder, newest first; of more than MAX_LOGS as many of each part.
+    """Reads the logs in a folder, up to MAX_LOGS: the newest of each part first.
 
-    ready : whether all are read
-    state : how far it is, in words
+    ready : whether all logs have been read
+    state : text describing the progress
 
     Parameters
     ----------
-    files : reads them, so that no file can block the node
-    known : takes the distribution of each
-    folder : None: there is nothing to read
+    folder : folder of the logs; None: read nothing
+    files : reads the logs, so that a file cannot block the node
+    known : receives the distributions
     """
 
     def __init__(
@@ -123,45 +123,45 @@ class LogLoader:
         self._folder = folder
         self._files = files
         self._known = known
-        self._unused: dict[str, str] = {}  # why, by name
+        self._unused: dict[str, str] = {}  # reasons by name
         self._used = 0
         self.ready = False
         self.state = 'the logs of earlier runs are still being read'
 
     async def load(self, done: Callable[[], None]) -> None:
-        """Read them; what cannot be read costs no other log. ``done`` is called at the end."""
-        await guarded_task(self._node, 'earlier runs are not used', self._load)()
+        """Read all logs, skipping unreadable ones, then call ``done``."""
+        await guarded_task(self._node, 'the logs of earlier runs were not read', self._load)()
         self.ready = True
         done()
 
     async def _load(self) -> None:
         if self._folder is None:
             return
-        begun = time.monotonic()
+        start = time.monotonic()
         try:
             logs: list[Path] = await self._files.run(logs_in, self._folder)
         except RestingAspectsError as error:
             self._node.get_logger().warning(f'log_folder {str(self._folder)!r}: {error}')
             return
-        left = len(logs[MAX_LOGS:])
+        skipped = len(logs[MAX_LOGS:])
         for k, log in enumerate(logs[:MAX_LOGS]):
-            if time.monotonic() - begun > MAX_SECONDS:
-                left += len(logs[k:MAX_LOGS])
+            if time.monotonic() - start > MAX_SECONDS:
+                skipped += len(logs[k:MAX_LOGS])
                 break
-            self.state = f'{k} of {len(logs)} logs of earlier runs are read, ask again soon'
+            self.state = f'{k} of {len(logs)} logs of earlier runs have been read, try again soon'
             await self._read(log)
-        self._tell(len(logs), left, time.monotonic() - begun)
+        self._log_summary(len(logs), skipped, time.monotonic() - start)
 
     async def _read(self, log: Path) -> None:
         try:
-            found: LoggedRun | None = await self._files.run(read_log, log)
-            if found is not None:
-                self._known.add(*found)
+            logged: LoggedRun | None = await self._files.run(read_log, log)
+            if logged is not None:
+                self._known.add(*logged)
                 self._used += 1
         except RestingAspectsError as error:
             self._unused[printable(log.name)] = str(error)
 
-    def _tell(self, logs: int, left: int, seconds: float) -> None:
+    def _log_summary(self, logs: int, skipped: int, seconds: float) -> None:
         if not logs:
             return
         known = count_text(len(self._known), 'distribution is', 'distributions are')
@@ -169,13 +169,13 @@ class LogLoader:
             f'{self._used} of {count_text(logs, "log of an earlier run", "logs of earlier runs")} '
             f'in {self._folder} read in {seconds:.1f} s: {known} known'
         )
-        if left:
+        if skipped:
             self._node.get_logger().warning(
-                f'{count_text(left, "log", "logs")} in {self._folder} not read: of each part the '
-                f'newest are, at most {MAX_LOGS} logs or {MAX_SECONDS:g} s in all'
+                f'{count_text(skipped, "log", "logs")} in {self._folder} not read: the limit is '
+                f'{MAX_LOGS} logs or {MAX_SECONDS:g} s, newest logs of each part first'
             )
         if self._unused:
-            named = list(self._unused.items())[:MAX_NAMED]
+            named = list(self._unused.items())[:MAX_LISTED]
             more = len(self._unused) - len(named)
             unused = count_text(len(self._unused), 'log', 'logs')
             self._node.get_logger().warning(

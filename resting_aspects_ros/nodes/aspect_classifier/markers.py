@@ -1,4 +1,4 @@
-"""A part in each of its aspects, with their probabilities, as markers for RViz."""
+"""RViz markers: a part in each of its aspects, with the probabilities."""
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
@@ -14,15 +14,16 @@ from resting_aspects_ros.report.colours import aspect_colour, rgb
 from resting_aspects_ros.report.rounding import probability_text
 from resting_aspects_ros.ros.interface import FRAME
 
-# Namespaces of the meshes and of the texts; in both the id is the aspect's.
+# Namespaces of the mesh and text markers; the id of a marker is the id of the aspect.
 MESHES, TEXTS = 'aspects', 'probabilities'
-# Height of the letters, and of their middle above the part, R: ten letters fit between places.
+# Height of the letters, and of their centre above the part, in units of R. With this height, ten
+# letters fit between two aspects.
 LETTERS, ABOVE = 0.3, 0.35
 TEXT_COLOUR = '#FFFFFF'  # on RViz's dark background
 
 
 class PartMarkers:
-    """The markers of one part: made once, as only texts and stamps change with drops.
+    """The markers of one part, created once: only texts and stamps change with drops.
 
     Meshes are sent as triangles: a mesh resource would be a path of the simulator's machine, and
     RViz knows neither all formats of parts nor their units.
@@ -41,9 +42,9 @@ class PartMarkers:
         self._texts = [_text(one, part.hull_radius) for one in standing]
 
     def message(self, distribution: Distribution, stamp: Time) -> MarkerArray:
-        """All markers, after one that deletes those that were shown before.
+        """Return a marker that deletes all previous markers, followed by the markers of the part.
 
-        It is valid until the next call, which changes it.
+        The next call modifies the returned message.
         """
         for text, label in zip(self._texts, labels(distribution), strict=True):
             text.text = label
@@ -55,9 +56,9 @@ class PartMarkers:
 
 
 def labels(distribution: Distribution) -> list[str]:
-    """What is written above each aspect, such as '2: 27.1 %', or '2: no drops' before the first.
+    """Return the text above each aspect, such as '2: 27.1 %', or '2: no drops' without drops.
 
-    With as many digits as the number of drops allows.
+    The number of digits depends on the number of drops.
     """
     rows = zip(distribution.aspects.aspects, distribution.intervals(), strict=True)
     return [
@@ -101,6 +102,6 @@ def _point(point: Array) -> Point:
 
 
 def _colour(text: str) -> ColorRGBA:
-    """Of '#RRGGBB'; opaque."""
+    """Return the opaque colour for a text '#RRGGBB'."""
     red, green, blue = rgb(text)
     return ColorRGBA(r=red, g=green, b=blue, a=1.0)

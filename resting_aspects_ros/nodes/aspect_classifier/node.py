@@ -1,4 +1,4 @@
-"""The node that turns resting poses into distributions over aspects, and answers for them."""
+"""The aspect_classifier node: counts resting poses by aspect and answers requests."""
 
 import math
 import sys
@@ -9,17 +9,12 @@ from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
-from rclpy.task import Future
-from resting_aspects_interfaces.msg import PartDescription, PartSummary, RestingPoses, Status
+from resting_aspects_interfaces.msg import PartDescription, PartSummary, Status
 from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, ListParts
 
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.nodes.aspect_classifier.classify_pose import answer_pose
-from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
-    DistributionStore,
-    RunCounts,
-    newest_distribution,
-)
+from resting_aspects_ros.nodes.aspect_classifier.distribution_store import DistributionStore
 from resting_aspects_ros.nodes.aspect_classifier.drop_part_requests import DropRequests
 from resting_aspects_ros.nodes.aspect_classifier.get_distribution import DistributionService
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import LogLoader
@@ -28,12 +23,12 @@ from resting_aspects_ros.nodes.aspect_classifier.publishers import (
     PUBLISH_PERIOD,
     DistributionPublisher,
 )
+from resting_aspects_ros.nodes.aspect_classifier.run_counting import RunCounter
 from resting_aspects_ros.nodes.run_tracking.health import RunHealth
-from resting_aspects_ros.nodes.run_tracking.tracker import RunProgress, RunTracker
-from resting_aspects_ros.ros.callbacks import guarded_task, steady_timer, subscribe
-from resting_aspects_ros.ros.conversions import poses_from, status
+from resting_aspects_ros.ros.callbacks import guarded_task, steady_timer
+from resting_aspects_ros.ros.conversions import status
 from resting_aspects_ros.ros.default_conditions import DefaultConditionsSubscriber
-from resting_aspects_ros.ros.diagnostics import Diagnosis, RateCounter, publish_diagnostics
+from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import (
     ASPECT_CLASSIFIER,
@@ -41,8 +36,6 @@ from resting_aspects_ros.ros.interface import (
     GET_DISTRIBUTION,
     LIST_PARTS,
     PARTS,
-    POSES,
-    RESTING_POSES,
     SERVICES,
 )
 from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
@@ -51,7 +44,6 @@ from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.ros.status import NotAvailableError, status_from_errors
 from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.simulation.config_files import surfaces_file
-from resting_aspects_ros.simulation.run_description import RunDescription
 from resting_aspects_ros.simulation.surfaces import Surfaces
 
 PARAMETERS = (
@@ -61,11 +53,9 @@ PARAMETERS = (
     Parameter(
         'log_folder',
         'out/logs',
-        'folder of the logs in which earlier runs are looked for; empty: none are',
+        'folder of logs, from which earlier runs are read at the start; empty: none',
     ),
 )
-# Ends of so many runs are remembered, for requests that wait for them.
-RUNS_KEPT = 10_000
 
 
 class AspectClassifier(Node):
@@ -80,14 +70,14 @@ class AspectClassifier(Node):
         values = declare(self, PARAMETERS)
         surfaces = Surfaces.read(Path(values['surfaces_file'] or surfaces_file()))
         self._files = FileWorker(self)
-        self._parts = PartRegistry(self, self._files, self._part_known, self._part_rejected)
+        self._parts = PartRegistry(self, self._files, self._on_part_read, self._on_part_rejected)
         self._known = DistributionStore(self._parts.aspects)
-        self._accounts: dict[str, RunCounts] = {}  # of runs that are not over
-        self._over: dict[str, Future] = {}  # run id -> done when the run is over
+        folder = Path(values['log_folder']) if values['log_folder'] else None
+        self._logs = LogLoader(self, folder, self._files, self._known)
         self._outputs = DistributionPublisher(self, self._parts)
-        self._tracker = RunTracker(self, self._run_over, self._is_known)
-        self._health = RunHealth(self, self._tracker)
-        self._requests = DropRequests(self, self._tracker.simulators, self._over_future)
+        self._runs = RunCounter(self, self._parts, self._known, self._outputs, self._logs)
+        self._health = RunHealth(self, self._runs.tracker)
+        self._requests = DropRequests(self, self._runs.tracker.simulators, self._runs.finished)
         self._answers = DistributionService(
             self,
             surfaces,
@@ -96,152 +86,77 @@ class AspectClassifier(Node):
             self._requests,
             self._parts,
         )
-        self._drops = RateCounter()
-        self._watch = TopicDiscovery(
-            self, PARTS, PartDescription, self._part_described, gone=self._parts.remove, raw=True
+        self._discovery = TopicDiscovery(
+            self, PARTS, PartDescription, self._on_description, gone=self._parts.remove, raw=True
         )
-        subscribe(self, RestingPoses, RESTING_POSES, self._batch, POSES)
-        # In the node's own group a request that waits would hold up everything it waits for.
+        # In the default group of the node, a waiting request would block what it waits for.
         serve = partial(
             self.create_service, qos_profile=SERVICES, callback_group=ReentrantCallbackGroup()
         )
         serve(GetDistribution, GET_DISTRIBUTION, self._get_distribution)
         serve(ClassifyPose, CLASSIFY_POSE, self._classify_pose)
         self.create_service(ListParts, LIST_PARTS, self._list_parts, qos_profile=SERVICES)
-        folder = Path(values['log_folder']) if values['log_folder'] else None
-        self._logs = LogLoader(self, folder, self._files, self._known)
-        self._start = steady_timer(self, 0.0, self._load)
+        self._start = steady_timer(self, 0.0, self._load_logs)
 
     def destroy_node(self) -> None:
-        """Also ends its action clients, and the process that reads files."""
+        """Destroy the action clients and end the process that reads files too."""
         self._files.stop()
-        self._tracker.destroy()
+        self._runs.tracker.destroy()
         self._requests.destroy()
         super().destroy_node()
 
     # Start
 
-    def _load(self) -> None:
+    def _load_logs(self) -> None:
         """Read the logs of earlier runs."""
         self.destroy_timer(self._start)
-        self._execute(self._logs.load, self._announce)
+        self._execute(self._logs.load, self._on_logs_read)
 
-    def _announce(self) -> None:
-        """All logs have been read."""
+    def _on_logs_read(self) -> None:
+        """Publish known distributions and diagnostics, and log that the node is ready."""
         for _, part_sha256 in self._parts.offered():
-            self._show_known(part_sha256)
+            self._publish_known(part_sha256)
         publish_diagnostics(self, self._diagnose, DuplicateNodeDetector(self, ASPECT_CLASSIFIER))
         self.get_logger().info('ready')
 
     def _check_ready(self) -> None:
-        """Raises NotAvailableError while logs are read, which may hold the answer."""
+        """Raise NotAvailableError while logs are being read, which may contain the answer."""
         if not self._logs.ready:
             raise NotAvailableError(self._logs.state)
 
-    def _execute(self, task: Callable[..., Awaitable[None]], *given: Any) -> None:
+    def _execute(self, task: Callable[..., Awaitable[None]], *arguments: Any) -> None:
         assert self.executor is not None  # this is called by it
-        self.executor.create_task(task, *given)
+        self.executor.create_task(task, *arguments)
 
     # Topics
 
-    def _part_described(self, name: str, data: bytes) -> None:
-        describe = guarded_task(
-            self, f'the description of {name} is not used', self._parts.describe
-        )
+    def _on_description(self, name: str, data: bytes) -> None:
+        describe = guarded_task(self, f'ignored a description of {name}', self._parts.describe)
         self._execute(describe, name, data)
 
-    def _part_known(self, part: Part) -> None:
-        for run in self._known.check(part.part_sha256):
+    def _on_part_read(self, part: Part) -> None:
+        for run in self._known.remove_inconsistent(part.part_sha256):
             self.get_logger().warning(
-                f'the log of run {run.run_id} is not used: it counts other aspects than '
-                f'{part.name} has'
+                f'ignored the log of run {run.run_id}: its aspects are not those of {part.name}'
             )
-        self._outputs.offer(part.name)  # before the first run, so that all of it is heard
-        self._show_known(part.part_sha256)
-        for account in list(self._accounts.values()):
-            if account.run.part == part.name:
-                self._advance(account)
+        self._outputs.offer(part.name)  # before the first run, so that no message is missed
+        self._publish_known(part.part_sha256)
+        self._runs.part_changed(part.name)
 
-    def _part_rejected(self, part_sha256: str, _: str) -> None:
-        for account in list(self._accounts.values()):
-            if account.run.part_sha256 == part_sha256:
-                self._advance(account)
+    def _on_part_rejected(self, part_sha256: str, _: str) -> None:
+        self._runs.part_rejected(part_sha256)
 
-    def _show_known(self, part_sha256: str) -> None:
-        """Publish what an earlier run found, unless something newer was."""
+    def _publish_known(self, part_sha256: str) -> None:
+        """Publish the distribution of an earlier run, unless a newer one is published."""
         known = self._known.newest(part_sha256)
         if known is not None and self._logs.ready:
             self._outputs.restore(*known)
 
-    def _batch(self, message: RestingPoses) -> None:
-        poses = poses_from(message)
-        arrived = self._tracker.accept(message)
-        self._outputs.poses.take(message.run.run_id, poses, message.header.stamp)
-        if arrived is None:
-            return
-        progress, new = arrived
-        account = self._accounts.setdefault(progress.run.run_id, RunCounts(progress.run))
-        account.waiting.extend(poses.between(first, end) for first, end in new)
-        self._drops.add(sum(end - first for first, end in new))
-        self._advance(account)
-        self._tracker.settle(progress)
-
-    def _is_known(self, run: RunDescription) -> bool | None:
-        """Whether all of a run is known from its log; None while the logs are read."""
-        return self._known.has_all(run) if self._logs.ready else None
-
-    def _run_over(self, progress: RunProgress) -> None:
-        account = self._accounts.get(progress.run.run_id)
-        if account is None:
-            return
-        if not (progress.complete or progress.lost):
-            del self._accounts[progress.run.run_id]  # it is known, and nobody waits for it
-            return
-        account.over = True
-        if progress.lost:
-            account.problem, account.gap = progress.loss, not progress.broken_off
-        self._advance(account)
-
-    def _advance(self, account: RunCounts) -> None:
-        """Count what can be counted; end the account if its run is over."""
-        run = account.run
-        aspects = self._parts.aspects(run.part_sha256)
-        if aspects is None:
-            problem = self._parts.why_not(run.part_sha256)
-            if account.over and not problem and self._parts.get(run.part) is not None:
-                # The description that is latched is of another version: this one is gone.
-                problem = f'run {run.run_id} is of another version of {run.part}, ignored'
-            if problem:
-                account.waiting.clear()
-                account.problem = problem
-            if problem and account.over:
-                self.get_logger().warning(problem)
-                self._end(account)
-            return
-        account.count(aspects)
-        self._outputs.change(account)
-        if account.over:
-            if not account.gap:  # the first m of n drops are the run of m
-                self._known.add(run, account.counted)
-            self._outputs.publish()
-            self._end(account)
-
-    def _end(self, account: RunCounts) -> None:
-        """Tell those who wait for it that a run is over."""
-        del self._accounts[account.run.run_id]
-        self._over_future(account.run.run_id).set_result(account)
-
-    def _over_future(self, run_id: str) -> Future:
-        while len(self._over) > RUNS_KEPT:
-            self._over.pop(next(iter(self._over)))
-        return self._over.setdefault(run_id, Future())
-
     def _diagnose(self) -> Diagnosis:
-        accounts = self._accounts.values()
         values = {
-            'drops received': self._drops.total,
-            'drops per second': self._drops.rate(),
-            'drops not counted yet': sum(len(p) for each in accounts for p in each.waiting),
+            'drops received': self._runs.drops.total,
+            'drops per second': self._runs.drops.rate(),
+            'drops not counted yet': self._runs.pending_drops(),
             'distributions known': len(self._known),
             **self._health.values(),
         }
@@ -264,11 +179,10 @@ class AspectClassifier(Node):
         response.probability = response.angle = math.nan
         with status_from_errors(CLASSIFY_POSE, response, self.get_logger().error):
             self._check_ready()
-            parts = await self._parts.usable(request.part, self._requests.simulator_is_there)
+            parts = await self._parts.usable(request.part, self._requests.simulator_is_ready)
             part = requested_part(parts, request.part)
             aspects = self._parts.version(part.part_sha256)[1]
-            newest = newest_distribution(self._known, self._accounts.values(), part.part_sha256)
-            answer_pose(request, response, aspects, newest)
+            answer_pose(request, response, aspects, self._runs.newest(part.part_sha256))
         return response
 
     def _list_parts(
@@ -284,7 +198,7 @@ class AspectClassifier(Node):
 
 
 def main() -> int:
-    """Run the node alone in this process."""
+    """Run the node in a process of its own."""
     return run_node(AspectClassifier, PARAMETERS)
 
 

@@ -1,4 +1,4 @@
-"""The parts that the classifier was told of, and their aspects."""
+"""The parts that the classifier has received, and their aspects."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -17,14 +17,15 @@ from resting_aspects_ros.ros.conversions import check_description, part_from
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.status import unknown_part
 
-# A simulator's parts come in one after another; after so long without a new one all are there, s.
-QUIET = 5.0
-# While parts come in, one that is asked for is looked for this often, s.
-PERIOD = 0.1
+# The parts of a simulator arrive one after another. Time without a new part after which all parts
+# have arrived, s.
+QUIET_PERIOD = 5.0
+# Interval of checks for a requested part while parts arrive, s.
+CHECK_PERIOD = 0.1
 
 
 def read_part(data: bytes, name: str) -> tuple[Part, AspectSet]:
-    """Return the part of a serialised description on parts/<name>; for a FileWorker."""
+    """Return the part in a serialized description on parts/<name>; runs in a FileWorker."""
     message = deserialize_message(data, PartDescription)
     check_description(message, name)
     part = part_from(message)
@@ -32,13 +33,13 @@ def read_part(data: bytes, name: str) -> tuple[Part, AspectSet]:
 
 
 class PartRegistry:
-    """The parts as they are described now, and the aspects of every version that was seen.
+    """The parts as currently described, and the aspects of every version received.
 
     Parameters
     ----------
-    files : reads descriptions, so that no mesh can block the node
-    changed : called with the part when a description was read
-    rejected : called with part_sha256 and the reason when one cannot be used
+    files : reads descriptions, so that a mesh cannot block the node
+    changed : called with the part when a description has been read
+    rejected : called with part_sha256 and the reason when a description cannot be used
     """
 
     def __init__(
@@ -55,31 +56,31 @@ class PartRegistry:
         self._newest: dict[str, bytes] = {}  # by name: the description that is being read
         self._described: dict[str, bytes] = {}  # by name: hash of the description read last
         self._parts: dict[str, Part] = {}
-        self._last: dict[str, Part] = {}  # by name, also those that are offered no more
+        self._last: dict[str, Part] = {}  # by name, including parts that are no longer offered
         self._versions: dict[str, tuple[Part, AspectSet]] = {}
-        self._unusable: dict[str, tuple[str, str]] = {}  # by name: part_sha256, why
-        self._last_news = time.monotonic()
-        self._simulator_was_there = False
+        self._unusable: dict[str, tuple[str, str]] = {}  # by name: part_sha256, reason
+        self._last_arrival = time.monotonic()
+        self._simulator_was_ready = False
 
     async def describe(self, name: str, data: bytes) -> None:
-        """Read a serialised description of a part, unless a newer one comes meanwhile.
+        """Read a serialized description of a part; ignore the result if a newer one has arrived.
 
-        One that is read already is not read again: a replay in a loop repeats it, and could
-        repeat it faster than it is read.
+        The same description is read only once: a looped replay repeats it, possibly faster than
+        it can be read.
         """
         digest = sha256(data).digest()
         if self._described.get(name) == digest:
             return
         self._described[name] = digest
         self._newest[name] = data
-        self._last_news = time.monotonic()
+        self._last_arrival = time.monotonic()
         error: RestingAspectsError | None = None
         try:
             part, aspects = await self._files.run(read_part, data, name)
         except RestingAspectsError as raised:
             error = raised
         finally:
-            self._last_news = time.monotonic()
+            self._last_arrival = time.monotonic()
             newest = self._newest.get(name) is data
             if newest:
                 del self._newest[name]
@@ -98,7 +99,7 @@ class PartRegistry:
             self._rejected(sha, self._unusable[name][1])
 
     def remove(self, name: str) -> None:
-        """The part is offered no more; its aspects stay known."""
+        """Remove a part that is no longer offered; its aspects stay known."""
         self._newest.pop(name, None)
         self._described.pop(name, None)
         self._forget(name)
@@ -108,48 +109,48 @@ class PartRegistry:
         self._unusable.pop(name, None)
 
     def get(self, name: str) -> Part | None:
-        """Return the part as it is offered now."""
+        """Return the currently offered part of a name, or None."""
         return self._parts.get(name)
 
     def offered(self) -> list[tuple[str, str]]:
-        """Return name and part_sha256 of each, sorted."""
+        """Return name and part_sha256 of each offered part, sorted."""
         return sorted((name, part.part_sha256) for name, part in self._parts.items())
 
     def why_not(self, part_sha256: str) -> str:
-        """Return why a version of a part cannot be used; empty if that is not known."""
+        """Return why a version of a part cannot be used; empty if no reason is known."""
         return next((why for sha, why in self._unusable.values() if sha == part_sha256), '')
 
     def aspects(self, part_sha256: str) -> AspectSet | None:
-        """Return those of a version of a part, or None if no description of it was read."""
+        """Return the aspects of a version of a part, or None if it has not been read."""
         known = self._versions.get(part_sha256)
         return known[1] if known else None
 
     def version(self, part_sha256: str) -> tuple[Part, AspectSet]:
-        """Return a version of a part that was read, and its aspects."""
+        """Return a version of a part that has been read, and its aspects."""
         return self._versions[part_sha256]
 
-    async def usable(self, name: str, simulator_is_there: Callable[[], bool]) -> dict[str, Part]:
-        """Return the parts that can be asked about, by name; waits for that one to come in.
+    async def usable(self, name: str, simulator_is_ready: Callable[[], bool]) -> dict[str, Part]:
+        """Return the parts that can be requested, by name; waits for the named part to arrive.
 
-        Without a simulator no part is offered; what is known of it is known still. Raises
-        PartError if the part is offered and cannot be used.
+        Without a simulator, no part is offered, and the result contains the parts offered before.
+        Raises PartError if the part is offered but cannot be used.
         """
         while True:
-            there = simulator_is_there()
-            if there and not self._simulator_was_there:
-                self._last_news = time.monotonic()  # its parts are still to be discovered
-            self._simulator_was_there = there
-            parts = self._parts if there else self._last
+            is_ready = simulator_is_ready()
+            if is_ready and not self._simulator_was_ready:
+                self._last_arrival = time.monotonic()  # its parts are not discovered yet
+            self._simulator_was_ready = is_ready
+            parts = self._parts if is_ready else self._last
             if name in self._unusable:
                 raise PartError(self._unusable[name][1])
-            reading = name in self._newest or time.monotonic() - self._last_news < QUIET
+            reading = name in self._newest or time.monotonic() - self._last_arrival < QUIET_PERIOD
             if name in parts or not reading:
                 return dict(parts)
-            await sleep_for(self._node, PERIOD)
+            await sleep_for(self._node, CHECK_PERIOD)
 
 
 def requested_part(parts: Mapping[str, Part], name: str) -> Part:
-    """Return the part of a name; raises UnknownPartError, which lists the others."""
+    """Return a part by name; raises UnknownPartError, which lists the known parts."""
     if name in parts:
         return parts[name]
     raise unknown_part(name, parts)

@@ -1,4 +1,4 @@
-"""What the classifier publishes: the newest distribution of each part, markers of one, poses."""
+"""Publishers of the classifier: distributions by part, markers of one part, and poses."""
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -27,29 +27,29 @@ from resting_aspects_ros.ros.interface import (
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, on_change
 from resting_aspects_ros.simulation.run_description import RunDescription
 
-# Markers can be 1.4 MB: over a slow link less often is better.
+# A message of markers can have 1.4 MB: a slow connection needs a longer period.
 PUBLISH_PERIOD = Parameter(
     'publish_period',
     0.2,
-    'how often distributions, markers and poses of runs under way are published, s',
+    'interval at which distributions, markers and poses of active runs are published, s',
     bounds=(0.05, 10.0),
     changeable=True,
 )
-# All lie around the tray's origin: more than this cannot be told from each other.
+# Maximum number of poses. All are around the origin of the tray: more are indistinguishable.
 MAX_SHOWN = 100
 
 
 class DistributionPublisher:
-    """Publishes aspect_distributions/<part>, markers of the part that changed last, current_poses.
+    """Publishes aspect_distributions/<part>, markers of the last changed part, and current_poses.
 
-    Every publish_period, a parameter of the node; the end of a run at once.
+    It publishes every publish_period, a parameter of the node, and at the end of each run.
     """
 
     def __init__(self, node: Node, parts: PartRegistry) -> None:
         self._node = node
         self._parts = parts
         self._outputs: dict[str, Publisher] = {}
-        self._changed: dict[str, RunCounts] = {}  # by part; what changed last is last
+        self._changed: dict[str, RunCounts] = {}  # by part, in the order of changes
         self._published: dict[str, str] = {}  # part -> part_sha256
         self._markers = advertise(node, MarkerArray, MARKERS, LATCHED)
         self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
@@ -61,33 +61,33 @@ class DistributionPublisher:
         on_change(node, PUBLISH_PERIOD.name, PUBLISH_PERIOD.check, self._set_period)
 
     def offer(self, part: str) -> Publisher:
-        """Make the topic of a part, if it is not there yet."""
+        """Return the publisher of a part; creates it with the first call."""
         if part not in self._outputs:
             topic = f'{ASPECT_DISTRIBUTIONS}/{part}'
             self._outputs[part] = advertise(self._node, AspectDistribution, topic, LATCHED)
         return self._outputs[part]
 
-    def change(self, account: RunCounts) -> None:
-        """Take a distribution that is to be published next."""
-        self._changed.pop(account.run.part, None)
-        self._changed[account.run.part] = account
+    def change(self, counts: RunCounts) -> None:
+        """Store a distribution to be published next."""
+        self._changed.pop(counts.run.part, None)
+        self._changed[counts.run.part] = counts
 
     def restore(self, run: RunDescription, distribution: Distribution) -> None:
-        """Take one of an earlier run, unless one of that version of the part is published."""
+        """Store the distribution of an earlier run, unless its part version is published."""
         published = self._published.get(run.part) == run.part_sha256
         if not published and run.part not in self._changed:
-            self.change(RunCounts(run, distribution, over=True))
+            self.change(RunCounts(run, distribution, finished=True))
 
     def publish(self) -> None:
-        """Publish what changed."""
+        """Publish the changed distributions, markers and poses."""
         changed, self._changed = self._changed, {}
-        for part, account in changed.items():
+        for part, counts in changed.items():
             stamp = self._node.get_clock().now().to_msg()
             message = distribution_msg(
-                account.counted, account.run, stamp, account.over, self._frame
+                counts.counted, counts.run, stamp, counts.finished, self._frame
             )
             self.offer(part).publish(message)
-            self._published[part] = account.run.part_sha256
+            self._published[part] = counts.run.part_sha256
         if changed:
             newest = next(reversed(changed.values()))
             markers = self._markers_of(newest.run.part_sha256)
@@ -96,7 +96,7 @@ class DistributionPublisher:
 
     def _set_period(self, seconds: float) -> None:
         self._timer.timer_period_ns = round(seconds * NANOSECONDS)
-        self._timer.reset()  # else the period that was begun goes on
+        self._timer.reset()  # otherwise the current period continues
 
     def _markers_of(self, part_sha256: str) -> PartMarkers:
         if self._shown is None or self._shown[0] != part_sha256:
@@ -106,9 +106,9 @@ class DistributionPublisher:
 
 
 class CurrentPosesPublisher:
-    """Publishes current_poses: the newest drops of a run that came to rest, as they came.
+    """Publishes current_poses: the newest settled drops of a run.
 
-    Nothing is made while nobody listens; who comes later gets the newest.
+    Without a subscriber it does not create messages; a late subscriber receives the newest poses.
     """
 
     def __init__(self, node: Node, frame: str = FRAME) -> None:
@@ -121,7 +121,7 @@ class CurrentPosesPublisher:
         self._changed = False
 
     def take(self, run_id: str, poses: RestingPoses, stamp: Time) -> None:
-        """Take a batch; the poses of another run are forgotten."""
+        """Store the poses of a batch; those of another run are removed."""
         known = len(self._position) if run_id == self._run_id else 0
         settled = np.flatnonzero(poses.status == RestStatus.SETTLED)[-MAX_SHOWN:]
         position = np.concatenate([self._position[:known], poses.position[settled]])
@@ -130,7 +130,7 @@ class CurrentPosesPublisher:
         self._run_id, self._stamp, self._changed = run_id, stamp, True
 
     def publish(self) -> None:
-        """Publish them if they are new and somebody listens."""
+        """Publish the poses if they are new and the topic has a subscriber."""
         if not self._changed or not self._publisher.get_subscription_count():
             return
         self._changed = False
