@@ -1,4 +1,4 @@
-"""Time what has to be fast, side by side in one run.
+"""Benchmark of everything that must be fast, in one run.
 
 Prints tables, and writes out/bench.json and docs/explanation/bench.md.
 """
@@ -14,7 +14,7 @@ from bench_latency import latency
 from bench_memory import memory
 from bench_report import Section, machine, markdown, show
 from bench_scaling import scaling
-from bench_suite import begun_workers
+from bench_suite import running_workers
 from bench_ways import ways
 from dropper import ROOT
 from rich.console import Console
@@ -26,7 +26,7 @@ DOCUMENT = ROOT / 'docs' / 'explanation' / 'bench.md'
 
 
 def main() -> None:
-    """Run all of it."""
+    """Run all sections, print them, and write the results."""
     console = Console()
     conditions = machine()
     workers = default_workers()
@@ -54,7 +54,7 @@ def main() -> None:
 
 
 def _scaling(count: int) -> Section:
-    with begun_workers(count, example_job()) as workers:
+    with running_workers(count, example_job()) as workers:
         return scaling(workers)
 
 

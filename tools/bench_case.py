@@ -1,4 +1,4 @@
-"""What the ways of dropping are compared on, and how one body after another is dropped."""
+"""The part on which methods are compared, and the simulation of one body after another."""
 
 import time
 from dataclasses import dataclass
@@ -36,12 +36,12 @@ EXAMPLE = 'l_bracket'
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """Some drops, timed.
+    """Timed drops.
 
     steps : float
-        Time steps of all bodies together.
+        Total number of time steps of all bodies.
     down : (m, 3) float
-        Down directions, part axes, of the drops that came to rest.
+        Down in part of the drops that came to rest.
     """
 
     drops: int
@@ -51,13 +51,13 @@ class Trial:
 
 
 class Body(Protocol):
-    """One body in a world of some engine, in R and T, tray axes."""
+    """One body in a world of any engine, in R and T, in tray axes."""
 
     def place(self, position: Array, orientation: Array) -> None:
-        """Put it there, xyzw, without motion."""
+        """Place the body at rest; orientation xyzw."""
 
     def step(self, steps: int) -> None:
-        """Let time pass."""
+        """Simulate this number of time steps."""
 
     def pose(self) -> list[float]:
         """Return x y z of the centre of mass, then the orientation xyzw, tray from body."""
@@ -67,25 +67,25 @@ class Body(Protocol):
 
 
 def example_part() -> Part:
-    """The part."""
+    """Return the example part."""
     return PartLibrary(ROOT / 'config' / 'parts').load(EXAMPLE)
 
 
 def job_of(part: Part) -> DropJob:
-    """A part on the default surface."""
+    """Return the job of a part on the default surface."""
     return make_job(part, Surfaces.read(ROOT / 'config' / 'surfaces.yaml').get(), SEED)
 
 
 def example_job() -> DropJob:
-    """The example part on the default surface."""
+    """Return the job of the example part on the default surface."""
     return job_of(example_part())
 
 
 def full_starts(job: DropJob, chunks: range) -> list[InitialState]:
-    """The orientations that the suite's drops have, each at its full height, not yet falling."""
+    """Return the orientations of the suite's drops, each at its full height and at rest."""
     c = job.conditions
     if c.height_of is not HeightOf.LOWEST_POINT or c.speed_horizontal or c.speed_vertical:
-        raise ValueError('only a fall from rest, from a clearance, is compared')
+        raise ValueError('the comparison supports only a release at rest from a clearance')
     found = []
     for chunk in chunks:
         orientation = initial_states(job, chunk).orientation
@@ -121,7 +121,7 @@ def drop_until_still(
 
 
 def drop_until_decided(body: Body, job: DropJob, chunks: range) -> Trial:
-    """The same, until the suite's own rule says where it ends: by energy, else by stillness."""
+    """Simulate one drop after another until the suite's rule ends it, by energy or stillness."""
     look = steps_in(job, CHECK_INTERVAL)
     starts = full_starts(job, chunks)
     ends, looks = [], 0
@@ -148,12 +148,12 @@ def drop_until_decided(body: Body, job: DropJob, chunks: range) -> Trial:
 def still_trial(
     job: DropJob, drops: int, seconds: float, steps: int, ends: list[list[float]]
 ) -> Trial:
-    """The trial of drops whose last poses are ``ends``."""
+    """Return the trial of drops whose last poses are ``ends``."""
     orientation = np.array(ends).reshape(-1, 7)[:, 3:]
     down = down_in_part(part_from_body(orientation, job.axes))
     return Trial(drops, seconds, steps, down)
 
 
 def steps_in(job: DropJob, duration: float) -> int:
-    """How many time steps are in a duration, T."""
+    """Return the number of time steps in a duration, T."""
     return round(duration * job.steps_per_t)

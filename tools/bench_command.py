@@ -1,4 +1,4 @@
-"""The command as somebody types it: time until the answer, and memory at its peak."""
+"""Run time and peak memory of the command line."""
 
 import re
 import statistics
@@ -19,14 +19,15 @@ from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS
 REPEATS = 3
 # Memory is compared between these numbers of drops.
 FEW, MANY = 2000, 20_000
-# How often memory is read, s: the kernel keeps the peak, so only the very end can be missed.
+# Period of reading the memory, s. The kernel stores the peak, so only the last period can be
+# missed.
 PERIOD = 0.05
 PROCESSES = Path('/proc')
 
 
 @dataclass(frozen=True)
 class Run:
-    """A command that is over; memory in MiB: of the parent, and of the worker that has most."""
+    """A finished command; peak memory, MiB, of the parent and of the largest worker."""
 
     seconds: float
     parent: float
@@ -34,7 +35,7 @@ class Run:
 
 
 def command() -> Section:
-    """Time it, and watch its memory."""
+    """Measure the run time and the peak memory."""
     numbers = [*[DEFAULT_DROPS] * REPEATS, FEW, MANY]
     runs = [(n, _run(n)) for n in track(numbers, 'command', transient=True)]
     by_number: dict[int, list[Run]] = defaultdict(list)
@@ -59,10 +60,10 @@ def command() -> Section:
     }
     text = (
         f'`resting_aspects drop {EXAMPLE} --drops N`, from the start of the process to its end, '
-        f'with the table printed; {DEFAULT_DROPS} drops (the default): the median of {REPEATS}. '
-        'Memory is resident memory at its peak (VmHWM).'
+        f'including the printed table. For {DEFAULT_DROPS} drops (the default), the time is the '
+        f'median of {REPEATS} runs. Memory is the peak of the resident memory (VmHWM).'
     )
-    return Section('From command to answer', text, [table], {'command': found})
+    return Section('Run time of the command', text, [table], {'command': found})
 
 
 def _run(drops: int) -> Run:
@@ -92,12 +93,12 @@ def _run(drops: int) -> Run:
 
 
 def _peaks(parent: int) -> dict[int, float]:
-    """Peak memory of a process and of its children so far, MiB."""
+    """Return the peak memory of a process and of its children, MiB, by process id."""
     found = {}
     for folder in PROCESSES.glob('[0-9]*'):
         try:
             status = (folder / 'status').read_text(encoding='utf-8')
-        except OSError:  # it is over
+        except OSError:  # the process has ended
             continue
         numbers = {key: int(n) for key, n in re.findall(r'^(\w+):\s+(\d+)', status, re.MULTILINE)}
         if parent in (numbers['Pid'], numbers['PPid']) and 'VmHWM' in numbers:

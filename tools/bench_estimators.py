@@ -35,10 +35,10 @@ def estimators() -> Section:
         found[name.replace(' ', '_')] = times
         table.rows.append([name, *(f'{seconds:.4f}' for seconds in times.values())])
     note = (
-        f'Best of {REPEATS}. *Aspects*: with the symmetry of the solid. *All methods*: '
-        f'{", ".join(METHODS)}, from the part on, with its aspects. *quasi_static*: that one, '
-        'likewise. *trimesh*: `compute_stable_poses` of the same hull, whose facets it does not '
-        'merge into aspects.'
+        f'Times are the best of {REPEATS} runs. *Aspects*: including the symmetry of the solid. '
+        f'*All methods*: {", ".join(METHODS)}, including the aspects of the part. '
+        '*quasi_static*: this method alone, including the aspects. *trimesh*: '
+        '`compute_stable_poses` of the same hull; it does not merge facets into aspects.'
     )
     return Section('Estimators', note, [table], {'estimators': found})
 

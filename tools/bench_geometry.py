@@ -1,4 +1,4 @@
-"""What the geometry costs: landscapes of many corners, and poses by the million."""
+"""Run time of the geometry: landscapes with many corners, and millions of poses."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -24,12 +24,12 @@ POSES = 1_000_000
 CORNERS = 2000
 EGG = np.array([10.0, 8.0, 5.0])  # half axes, mm
 BALL = 10.0
-DIVISIONS = 8  # of the sides of a box that is made round: 786,432 triangles
+DIVISIONS = 8  # subdivisions of a box that is projected to an ellipsoid: 786,432 triangles
 
 
 def geometry() -> Section:
-    """Time all of it."""
-    table = Table(['what', 'seconds'])
+    """Time the geometry."""
+    table = Table(['task', 'seconds'])
     found: dict[str, dict[str, float]] = {'landscape': {}, 'classify': {}}
     for group, key, title, work in track(list(_works()), 'geometry', transient=True):
         seconds = best(work)
@@ -40,12 +40,12 @@ def geometry() -> Section:
     part = part_from_bytes(scan, 'stl', 'scan')
     loaded = time.perf_counter()
     aspects = find_aspects(part)
-    sorted_out = time.perf_counter()
+    classified = time.perf_counter()
     files = dict(report_files(Report('scan', '', no_drops(aspects), part)))
     found['scan'] = {
         'load_s': loaded - begun,
-        'aspects_s': sorted_out - loaded,
-        'page_s': time.perf_counter() - sorted_out,
+        'aspects_s': classified - loaded,
+        'page_s': time.perf_counter() - classified,
     }
     for step, seconds in zip(
         ('load', 'aspects of', f'page of {len(files[PAGE]) / 1e6:.1f} MB, with figures, of'),
@@ -54,23 +54,23 @@ def geometry() -> Section:
     ):
         title = f'{step} a scan of {len(part.faces)} triangles, once'
         table.rows.append([title, f'{seconds:.2f}'])
-    return Section('Geometry', f'Best of {REPEATS}.', [table], found)
+    return Section('Geometry', f'Times are the best of {REPEATS} runs.', [table], found)
 
 
 def egg(corners: int, axes: Array = EGG) -> Part:
-    """A part whose corners are random points of an ellipsoid, all of them on its hull."""
+    """Return a part whose corners are random points on an ellipsoid, all of them on its hull."""
     directions = np.random.default_rng(1).standard_normal((corners, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     return _part(trimesh.convex.convex_hull(directions * axes))
 
 
 def prism(corners: int) -> Part:
-    """An upright cylinder of half as many sides."""
+    """Return an upright cylinder with this number of corners."""
     return _part(trimesh.creation.cylinder(BALL, 2 * BALL, sections=corners // 2))
 
 
 def _scan() -> bytes:
-    """An ellipsoid with the noise of a scanner, as STL."""
+    """Return an ellipsoid with the noise of a scanner, as STL."""
     ball = trimesh.creation.box()
     for _ in range(DIVISIONS):
         ball = ball.subdivide()
@@ -107,7 +107,7 @@ def _landscape(part: Part) -> None:
 
 
 def best(work: Callable[[], object]) -> float:
-    """Seconds of the quickest of some runs."""
+    """Return the time of the fastest of REPEATS runs, s."""
     times = []
     for _ in range(REPEATS):
         begun = time.perf_counter()

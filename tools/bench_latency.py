@@ -1,4 +1,4 @@
-"""How long get_distribution of a known part takes, beside a service that does nothing."""
+"""Latency of get_distribution for a known part, compared with a service that does nothing."""
 
 import os
 import subprocess
@@ -26,10 +26,10 @@ from std_srvs.srv import Trigger
 
 CALLS = 1000
 DROPS = 1000
-# More than are made while it is measured.
+# More drops than the run can simulate during the measurement.
 MANY_DROPS = 2_000_000
-DEADLINE = 60.0
-# DDS can lose a call on a machine that is very busy; more than this are no accident.
+TIMEOUT = 60.0
+# DDS can lose a call on a very busy machine; more lost calls than this indicate a defect.
 MAX_LOST = 10
 # A service that does nothing.
 TRIGGER = """
@@ -44,7 +44,7 @@ try:
 except rclpy.executors.ExternalShutdownException:
     pass
 """
-# A service that has the whole answer at hand.
+# A service that sends a stored response.
 READY = """
 import sys
 from pathlib import Path
@@ -64,7 +64,7 @@ except rclpy.executors.ExternalShutdownException:
 
 
 def latency() -> Section:
-    """Median and 99th percentile of many calls, idle and while a run goes on."""
+    """Measure median and 99th percentile of many calls, idle and during a run."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     ros = ['--ros-args', '-r', f'__ns:=/bench_{os.getpid()}']
     table = Table(['', 'service', 'median (ms)', 'ratio', 'p99 (ms)', 'ratio'])
@@ -95,18 +95,19 @@ def latency() -> Section:
                 f'{load}_p99_ratio': float(ratios[1]),
             }
     note = (
-        f'{CALLS} calls of `get_distribution` for {EXAMPLE}, of which {DROPS} drops are known, '
-        'and as many of a bare `std_srvs/Trigger` and of a service that sends the same answer '
-        'and does nothing else, in turn, from one process to three others; ratios are to the '
-        'Trigger. *During a run*: of another seed, on all cores. Aim: ratios of at most 1.5.'
+        f'{CALLS} calls of `get_distribution` for {DROPS} known drops of {EXAMPLE}, alternating '
+        'with the same number of calls of a plain `std_srvs/Trigger` service and of a service '
+        'that only sends the same response. One process calls services in three other '
+        'processes. Ratios are relative to the Trigger. *During a run*: while a run with another '
+        'seed uses all cores. Aim: ratios of at most 1.5.'
     )
     if client.lost:
-        note += f' {client.lost} calls had no answer in {DEADLINE:g} s and were repeated.'
+        note += f' {client.lost} calls had no response within {TIMEOUT:g} s and were repeated.'
     return Section('Latency', note, [table], {'latency': found})
 
 
 class _Client:
-    """Calls both services."""
+    """Client of all three services."""
 
     def __init__(self) -> None:
         self.lost = 0  # calls without an answer
@@ -119,45 +120,45 @@ class _Client:
         self._drop = ActionClient(self._node, DropPart, 'drop_part')
 
     def meet(self) -> GetDistribution.Response:
-        """Wait for everybody, and have the part dropped."""
+        """Wait for the services, and request a distribution until it is available."""
         waits = (
             self._trigger.wait_for_service,
             self._ask.wait_for_service,
             self._drop.wait_for_server,
         )
         for wait in waits:
-            if not wait(timeout_sec=DEADLINE):
-                raise SystemExit(f'the suite did not answer in {DEADLINE:g} s')
-        # Before both have found this client their answers are lost.
+            if not wait(timeout_sec=TIMEOUT):
+                raise SystemExit(f'the suite did not respond within {TIMEOUT:g} s')
+        # Responses are lost until both services have discovered this client.
         self._until(lambda: self._call(self._trigger, Trigger.Request()) is not None)
         while True:
             answer, _ = self._timed(self._ask, _request())
-            if answer.status.code != Status.NOT_AVAILABLE:  # else it still reads logs and parts
+            if answer.status.code != Status.NOT_AVAILABLE:  # it is still reading logs and parts
                 return answer
             time.sleep(0.1)
 
     def meet_ready(self) -> None:
-        """Wait for the service that has the answer at hand."""
-        self._until(lambda: self._ready.wait_for_service(timeout_sec=DEADLINE))
+        """Wait for the service that sends a stored response."""
+        self._until(lambda: self._ready.wait_for_service(timeout_sec=TIMEOUT))
         self._until(lambda: self._call(self._ready, _request()) is not None)
 
     def begin_run(self) -> None:
-        """Have all cores drop, until the end."""
+        """Start a run that uses all cores for the rest of the measurement."""
         goal = DropPart.Goal(part=EXAMPLE, drops=MANY_DROPS, seed=2)
-        begun: list[object] = []
-        self._drop.send_goal_async(goal, begun.append)  # the first feedback
+        feedback: list[object] = []
+        self._drop.send_goal_async(goal, feedback.append)
 
         def has_begun() -> bool:
             self._executor.spin_once(timeout_sec=0.1)
-            return bool(begun)
+            return bool(feedback)
 
         self._until(has_begun)
 
     def measure(self, what: str) -> dict[str, list[float]]:
-        """The times of the calls of each, ms."""
+        """Return the times of the calls of each service, ms."""
         calls = {
             'Trigger': (self._trigger, Trigger.Request()),
-            'the same answer': (self._ready, _request()),
+            'the same response': (self._ready, _request()),
             'get_distribution': (self._ask, _request()),
         }
         times: dict[str, list[float]] = {name: [] for name in calls}
@@ -170,7 +171,7 @@ class _Client:
         return times
 
     def _timed(self, client: Any, request: Any) -> tuple[Any, float]:
-        """The response and how long it took, ms; asked again if there is none."""
+        """Return the response and its latency, ms; repeats the call if there is none."""
         while True:
             begun = time.perf_counter()
             answer = self._call(client, request)
@@ -181,24 +182,24 @@ class _Client:
     def _count_lost(self) -> None:
         self.lost += 1
         if self.lost > MAX_LOST:
-            raise SystemExit(f'{self.lost} calls had no answer in {DEADLINE:g} s')
+            raise SystemExit(f'{self.lost} calls had no response within {TIMEOUT:g} s')
 
     def _call(self, client: Any, request: Any) -> Any:
-        """The response, or None if there is none in time."""
+        """Return the response, or None after the timeout."""
         answer: Future = client.call_async(request)
-        end = time.monotonic() + DEADLINE
-        # spin_until_future_complete leaves tasks behind, more with each call.
+        end = time.monotonic() + TIMEOUT
+        # spin_until_future_complete would leave tasks in the executor, more with each call.
         while not answer.done() and time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=DEADLINE)
+            self._executor.spin_once(timeout_sec=TIMEOUT)
         if not answer.done():
             client.remove_pending_request(answer)
         return answer.result()
 
     def _until(self, holds: Callable[[], bool]) -> None:
-        end = time.monotonic() + DEADLINE
+        end = time.monotonic() + TIMEOUT
         while not holds():
             if time.monotonic() > end:
-                raise SystemExit(f'the suite did not answer in {DEADLINE:g} s')
+                raise SystemExit(f'the suite did not respond within {TIMEOUT:g} s')
 
     def destroy(self) -> None:
         self._drop.destroy()
@@ -231,6 +232,6 @@ def _process(words: list[str]) -> Iterator[None]:
     finally:
         process.terminate()
         try:
-            process.wait(DEADLINE)
+            process.wait(TIMEOUT)
         except subprocess.TimeoutExpired:
-            process.kill()  # rclpy.spin misses a SIGTERM now and then
+            process.kill()  # rclpy.spin occasionally misses a SIGTERM

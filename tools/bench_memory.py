@@ -1,4 +1,4 @@
-"""How long a classifier that is started takes to read the logs of earlier runs."""
+"""Time that a classifier needs at its start to read the logs of earlier runs."""
 
 import os
 import re
@@ -12,13 +12,13 @@ from bench_case import EXAMPLE
 from bench_report import Section, Table
 
 LOGS = 200
-DEADLINE = 60.0
-# As the node says it.
+TIMEOUT = 60.0
+# Part of the log message of the node.
 READ = re.compile(r'read in ([0-9.]+) s')
 
 
 def memory() -> Section:
-    """As the node itself reports it, while it answers others."""
+    """Measure the time that the node reports."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     with tempfile.TemporaryDirectory() as folder:
         log = _log_of_a_run(Path(folder) / 'demo')
@@ -28,8 +28,8 @@ def memory() -> Section:
         seconds = _seconds_to_read(logs)
     table = Table(['', 'time (s)'], [[f'{LOGS} logs', f'{seconds:.1f}']])
     note = (
-        f'The time that a classifier takes to read {LOGS} logs, each of the run of `make demo`, '
-        'after it was started on their folder; as it says itself. Aim: at most 5 s.'
+        f'Time that a classifier needs at its start to read {LOGS} logs, each a copy of the log '
+        'of `make demo`, as reported by the node. Aim: at most 5 s.'
     )
     return Section('Logs of earlier runs', note, [table], {'memory': {'logs_read_s': seconds}})
 
@@ -54,7 +54,7 @@ def _seconds_to_read(logs: Path) -> float:
         for line in classifier.stdout:
             if found := READ.search(line):
                 return float(found[1])
-        raise SystemExit(f'the classifier ended before it had read {logs}')
+        raise SystemExit(f'the classifier exited before it had read {logs}')
     finally:
         classifier.terminate()
-        classifier.wait(DEADLINE)
+        classifier.wait(TIMEOUT)

@@ -1,7 +1,7 @@
-"""The plain way: one body in one PyBullet world, stepped from a Python loop.
+"""The plain loop: one body in one PyBullet world, stepped from Python.
 
-Scale, mass, inertia, friction and contacts are the suite's, and so is the step. The world is kept
-for all drops: to make one for each takes longer than the drop.
+Scale, mass, inertia, friction, contacts and time step are those of the suite. The world is reused
+for all drops, because creating one takes longer than a drop.
 """
 
 import time
@@ -29,12 +29,12 @@ from resting_aspects_ros.simulation.settling import (
     BodyStates,
 )
 
-# Of all imports the last, when the engine has silenced its greeting.
+# The last import, because the import of the engine suppresses the message that pybullet prints.
 import pybullet  # isort:skip
 
 
 class PlainBody:
-    """A body of bench_case.Body in a world of its own."""
+    """A bench_case.Body in its own PyBullet world."""
 
     def __init__(self, job: DropJob, client: int) -> None:
         self.client = client
@@ -58,7 +58,7 @@ class PlainBody:
         hull = pybullet.createCollisionShape(
             pybullet.GEOM_MESH, vertices=job.hull.tolist(), physicsClientId=client
         )
-        # In maximal coordinates because a step then takes a tenth less.
+        # With maximal coordinates, a step takes a tenth less time.
         self.id = pybullet.createMultiBody(
             1, hull, useMaximalCoordinates=1, physicsClientId=client
         )
@@ -80,24 +80,24 @@ class PlainBody:
         )
 
     def place(self, position: Array, orientation: Array) -> None:
-        """Put it there, without motion."""
+        """Place the body at rest."""
         pybullet.resetBasePositionAndOrientation(
             self.id, position.tolist(), orientation.tolist(), physicsClientId=self.client
         )
         pybullet.resetBaseVelocity(self.id, [0, 0, 0], [0, 0, 0], physicsClientId=self.client)
 
     def step(self, steps: int) -> None:
-        """Let time pass."""
+        """Simulate this number of time steps."""
         for _ in range(steps):
             pybullet.stepSimulation(physicsClientId=self.client)
 
     def pose(self) -> list[float]:
-        """Position, orientation xyzw."""
+        """Return position and orientation xyzw."""
         pose = pybullet.getBasePositionAndOrientation(self.id, physicsClientId=self.client)
         return [*pose[0], *pose[1]]
 
     def states(self) -> BodyStates:
-        """Pose and motion."""
+        """Return pose and motion."""
         pose = pybullet.getBasePositionAndOrientation(self.id, physicsClientId=self.client)
         motion = pybullet.getBaseVelocity(self.id, physicsClientId=self.client)
         return BodyStates(*(np.array([numbers]) for numbers in (*pose, *motion)))
@@ -113,26 +113,26 @@ def _body(job: DropJob) -> Iterator[PlainBody]:
 
 
 def plain_loop(job: DropJob, chunks: range) -> Trial:
-    """Read after each step."""
+    """Simulate drops; the pose is read after each step."""
     with _body(job) as body:
         return _drop_until_still(body, job, chunks)
 
 
-def plain_loop_looks(job: DropJob, chunks: range) -> Trial:
-    """Read at every look only."""
+def plain_loop_checks(job: DropJob, chunks: range) -> Trial:
+    """Simulate drops; the pose is read only at every check."""
     with _body(job) as body:
         return drop_until_still(body, job, chunks)
 
 
 def plain_loop_energy(job: DropJob, chunks: range) -> Trial:
-    """Read at every look, and ended by the suite's own rule."""
+    """Simulate drops; the pose is read at every check, and the suite's rule ends a drop."""
     with _body(job) as body:
         return drop_until_decided(body, job, chunks)
 
 
 def _drop_until_still(body: PlainBody, job: DropJob, chunks: range) -> Trial:
-    """A drop is over when for REST_WINDOW nothing has moved by more than REST_MOTION."""
-    window, most = steps_in(job, REST_WINDOW), steps_in(job, TIME_LIMIT)
+    """Simulate drops until no coordinate changes by more than REST_MOTION in REST_WINDOW."""
+    window, max_steps = steps_in(job, REST_WINDOW), steps_in(job, TIME_LIMIT)
     step: Callable[..., None] = pybullet.stepSimulation
     read: Callable[..., tuple[tuple[float, ...], tuple[float, ...]]]
     read = pybullet.getBasePositionAndOrientation
@@ -144,7 +144,7 @@ def _drop_until_still(body: PlainBody, job: DropJob, chunks: range) -> Trial:
         for slot in range(CHUNK):
             body.place(start.position[slot], start.orientation[slot])
             before, since = body.pose(), 0
-            for k in range(most):
+            for k in range(max_steps):
                 step(physicsClientId=body.client)
                 position, orientation = read(body.id, physicsClientId=body.client)
                 now = [*position, *orientation]

@@ -1,4 +1,4 @@
-"""What the benchmark found: shown, and written down with what it was measured on."""
+"""Report of the benchmark: tables on the terminal, and the document with the machine's data."""
 
 import datetime as dt
 import os
@@ -22,7 +22,7 @@ CPUINFO = Path('/proc/cpuinfo')
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of text; the first column is read as words, the others as numbers."""
+    """Rows of text; the first column has labels, the others have numbers."""
 
     columns: list[str]
     rows: list[list[str]] = field(default_factory=list)
@@ -30,12 +30,12 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """One thing that was measured.
+    """One section of the benchmark.
 
     text : str
-        How it was measured, in Markdown.
+        Description of the measurement, in Markdown.
     found : dict
-        For out/bench.json: groups of figures by name.
+        Groups of figures by name, for out/bench.json.
     """
 
     title: str
@@ -45,7 +45,7 @@ class Section:
 
 
 def show(console: Console, section: Section) -> None:
-    """On the terminal."""
+    """Print a section on the terminal."""
     for table in section.tables:
         rich = RichTable(title=section.title, box=box.SIMPLE_HEAD)
         for k, column in enumerate(table.columns):
@@ -56,7 +56,7 @@ def show(console: Console, section: Section) -> None:
 
 
 def machine() -> dict[str, Any]:
-    """What it is measured on, and how busy that was before."""
+    """Return the machine, the versions, and the load before the benchmark."""
     return {
         'date': dt.datetime.now(tz=dt.timezone.utc).date().isoformat(),
         'processor': _processor(),
@@ -69,7 +69,7 @@ def machine() -> dict[str, Any]:
 
 
 def markdown(conditions: dict[str, Any], sections: list[Section]) -> str:
-    """The whole of docs/explanation/bench.md."""
+    """Return the content of docs/explanation/bench.md."""
     return '\n'.join([*_heading(conditions), *(line for s in sections for line in _lines(s))])
 
 
@@ -80,10 +80,10 @@ def _heading(conditions: dict[str, Any]) -> Iterator[str]:
     yield ''
     yield (
         f'Written by `make bench` on {c["date"]}, in one run on one machine: {c["cores"]} cores '
-        f'of {c["processor"]}, Python {c["python"]}, {versions}. Load average before it began: '
-        f'{c["load_before"]}; after: {c["load_after"]}, of which up to {c["cores"]} are the '
-        'benchmark itself. Times are those of the clock on the wall, so whatever else ran at '
-        'the time is in them.'
+        f'of {c["processor"]}, Python {c["python"]}, {versions}. The load average was '
+        f'{c["load_before"]} before the benchmark and {c["load_after"]} after it, of which up to '
+        f'{c["cores"]} are caused by the benchmark itself. All times are wall-clock times, so '
+        'they include the effect of other processes.'
     )
     yield ''
 
@@ -112,7 +112,7 @@ def _version(package: str) -> str | None:
 
 
 def _processor() -> str:
-    """As the kernel names it."""
+    """Return the kernel's name of the processor."""
     lines = CPUINFO.read_text(encoding='utf-8').splitlines() if CPUINFO.exists() else []
     names = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
     return names[0] if names else platform.machine()

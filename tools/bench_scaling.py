@@ -1,4 +1,4 @@
-"""How the cost of drops grows with the corners of the hull and with their number."""
+"""Scaling of the run time with the number of hull vertices and the number of drops."""
 
 import time
 
@@ -16,34 +16,33 @@ from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.process_workers import ProcessWorkers
 
 CORNERS = (8, 20, 50, 100, 200, 500, 1000, 2000)
-EGG_CHUNKS = 2  # for each worker
+EGG_CHUNKS = 2  # per worker
 NUMBERS = (100, 1000, 10_000, 100_000, 1_000_000)
-# What would take longer, s, is told from the last so many drops of it.
-LONGEST = 60.0
+# A time that would exceed this, s, is extrapolated from the last SLICE drops.
+MAX_TIME = 60.0
 SLICE = 10_000
 
 
 def scaling(workers: ProcessWorkers) -> Section:
-    """Both, with workers that have begun."""
+    """Measure both, with running workers."""
     by_corners, eggs = _corners(workers)
     by_number, numbers = _numbers(workers)
     text = (
-        f'{workers.count} workers that have begun. First hulls of random points on an ellipsoid '
-        f'with half axes {":".join(f"{a:g}" for a in EGG)} mm, on `rubber_mat`, '
-        f'{EGG_CHUNKS * workers.count * CHUNK} drops of each: the more corners, the rounder, and '
-        'the longer it rolls; *µs a step* is the cost of one step of one body, on all cores '
-        'together. *Prepare*: landscape and rest rule, once for a part. Then the example part: '
-        'drops made, classified and counted, of which the parent keeps nothing. What would take '
-        f'more than {LONGEST:g} s is told from its last {SLICE} drops, and marked.'
+        f'{workers.count} running workers. The first table has hulls of random points on an '
+        f'ellipsoid with half axes {":".join(f"{a:g}" for a in EGG)} mm, on `rubber_mat`, with '
+        f'{EGG_CHUNKS * workers.count * CHUNK} drops of each. A hull with more corners is rounder '
+        'and rolls longer. *µs per step* is the time of one step of one body, on all cores '
+        'together. *Prepare*: computation of the landscape and the rest rule, once per part. The '
+        'second table has drops of the example part that are simulated, classified and counted, '
+        f'but not stored. A time of more than {MAX_TIME:g} s is extrapolated from its last '
+        f'{SLICE} drops, and marked.'
     )
-    return Section(
-        'How cost grows', text, [by_corners, by_number], {'corners': eggs, 'numbers': numbers}
-    )
+    return Section('Scaling', text, [by_corners, by_number], {'corners': eggs, 'numbers': numbers})
 
 
 def _corners(workers: ProcessWorkers) -> tuple[Table, dict[str, dict[str, float]]]:
     table = Table(
-        ['corners', 'aspects', 'prepare (s)', 'drops/s', 'T simulated', 'µs a step', 'unsettled']
+        ['corners', 'aspects', 'prepare (s)', 'drops/s', 'T simulated', 'µs per step', 'unsettled']
     )
     found = {}
     for corners in track(CORNERS, 'corners', transient=True):
@@ -84,7 +83,7 @@ def _numbers(workers: ProcessWorkers) -> tuple[Table, dict[str, dict[str, object
     found: dict[str, dict[str, object]] = {}
     seconds, before = 0.0, 1
     for drops in track(NUMBERS, 'numbers', transient=True):
-        measured = seconds * drops / before < LONGEST
+        measured = seconds * drops / before < MAX_TIME
         made = drops if measured else SLICE
         distribution = no_drops(aspects)
         begun = time.perf_counter()

@@ -15,16 +15,16 @@ from resting_aspects_ros.simulation.initial_state import CHUNK, initial_states
 from resting_aspects_ros.simulation.process_workers import ProcessWorkers
 from resting_aspects_ros.simulation.settling import REST_WINDOW
 
-# Chunks for each worker.
+# Chunks per worker.
 _WARM_UP = 10
 
 
 @contextmanager
-def begun_workers(count: int, job: DropJob) -> Iterator[ProcessWorkers]:
-    """Worker processes that have all read their modules."""
+def running_workers(count: int, job: DropJob) -> Iterator[ProcessWorkers]:
+    """Yield worker processes that have all imported their modules."""
     workers = ProcessWorkers(count)
     try:
-        # More chunks than one worker drops while another one starts.
+        # More chunks than one worker can simulate while another one starts.
         for future in submit_drops(job, 0, _WARM_UP * count * CHUNK, workers):
             future.result()
         yield workers
@@ -33,7 +33,7 @@ def begun_workers(count: int, job: DropJob) -> Iterator[ProcessWorkers]:
 
 
 def suite(workers: ProcessWorkers, job: DropJob, chunks: range) -> Trial:
-    """Make the drops of some chunks, as the commands do."""
+    """Simulate the drops of some chunks, as the commands do."""
     first, drops = chunks.start * CHUNK, len(chunks) * CHUNK
     begun = time.perf_counter()
     futures = submit_drops(job, first, drops, workers)
@@ -45,7 +45,7 @@ def suite(workers: ProcessWorkers, job: DropJob, chunks: range) -> Trial:
 
 
 def simulated(job: DropJob, poses: RestingPoses) -> np.ndarray:
-    """(n,) times that were simulated, T: without the fall, with the wait for stillness."""
+    """Return the simulated times, (n,), T: without the free fall, with the rest window."""
     numbers = range(poses.first_drop // CHUNK, (poses.first_drop + len(poses) - 1) // CHUNK + 1)
     left_out = np.concatenate([initial_states(job, chunk).elapsed for chunk in numbers])
     begin = poses.first_drop - numbers.start * CHUNK

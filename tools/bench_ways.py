@@ -1,4 +1,4 @@
-"""How many drops in a second the suite makes of the example part, and what else makes."""
+"""Drops per second of the suite for the example part, compared with other methods."""
 
 import statistics
 from collections.abc import Callable
@@ -18,9 +18,9 @@ from bench_engines import (
     mujoco_energy,
     mujoco_still,
 )
-from bench_plain import plain_loop, plain_loop_energy, plain_loop_looks
+from bench_plain import plain_loop, plain_loop_checks, plain_loop_energy
 from bench_report import Section, Table
-from bench_suite import begun_workers, suite
+from bench_suite import running_workers, suite
 from rich.console import Console
 from rich.progress import track
 
@@ -31,9 +31,9 @@ from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.settling import REST_MOTION, REST_WINDOW
 
-# Each way has its turn in each round, so that what else the machine does meets all of them.
+# All methods take turns in each round, so that other load on the machine affects all of them.
 ROUNDS = 3
-# Chunks of drops in a turn, for each worker of the suite and for each other way: 2 to 4 s.
+# Chunks of drops per turn, for each worker of the suite and for each other method: 2 to 4 s.
 SUITE_CHUNKS = 20
 OTHER_CHUNKS = 2
 
@@ -41,13 +41,13 @@ Work = Callable[[DropJob, range], Trial]
 
 
 @dataclass
-class Way:
-    """One way to drop the part, and its turns.
+class Method:
+    """One method to simulate drops of the part, and its trials.
 
     work : callable
-        Makes the drops of some chunks, in this process or in another.
+        Simulates the drops of some chunks, in this process or in another.
     package : str
-        What has to be installed for it, as pip names it; empty if the suite has it.
+        The pip package that the method needs; empty if the suite depends on it.
     """
 
     key: str
@@ -59,17 +59,17 @@ class Way:
 
     @property
     def rates(self) -> list[float]:
-        """Drops in a second, for each round."""
+        """Drops per second in each round."""
         return [trial.drops / trial.seconds for trial in self.trials]
 
     @property
     def rate(self) -> float:
-        """The median."""
+        """Median of the rates."""
         return statistics.median(self.rates)
 
 
 def ways(console: Console, workers: int) -> Section:
-    """Time all ways that can be timed."""
+    """Time all available methods."""
     with ExitStack() as stack:
         known = _known(stack, workers)
         skipped = _turns(console, known)
@@ -85,27 +85,27 @@ def ways(console: Console, workers: int) -> Section:
         **{f'ratio_to_{way.key}': whole.rate / way.rate for way in made[3:]},
         'skipped': sorted(skipped),
     }
-    title = f'Drops of {EXAMPLE} in a second'
+    title = f'Drops of {EXAMPLE} per second'
     return Section(title, _text(made), _tables(made), {EXAMPLE: found})
 
 
-def _known(stack: ExitStack, workers: int) -> list[Way]:
+def _known(stack: ExitStack, workers: int) -> list[Method]:
     job = example_job()
-    many, one = (stack.enter_context(begun_workers(count, job)) for count in (workers, 1))
+    many, one = (stack.enter_context(running_workers(count, job)) for count in (workers, 1))
 
     def alone(work: Work) -> Work:
         pool = ProcessPoolExecutor(1, get_context('spawn'))
         return partial(_elsewhere, stack.enter_context(pool), work)
 
     return [
-        Way('suite', f'suite, {workers} workers', partial(suite, many), SUITE_CHUNKS * workers),
-        Way('one_worker', 'suite, 1 worker', partial(suite, one), SUITE_CHUNKS),
-        Way('plain_loop', 'plain loop, read each step', alone(plain_loop)),
-        Way('plain_loop_looks', 'plain loop, read every T/2', alone(plain_loop_looks)),
-        Way('plain_loop_energy', 'plain loop, ended by energy', alone(plain_loop_energy)),
-        Way('mujoco', 'MuJoCo', alone(mujoco_still), package=MUJOCO),
-        Way('mujoco_energy', 'MuJoCo, ended by energy', alone(mujoco_energy), package=MUJOCO),
-        Way('blender', 'Blender', alone(blender_still), package=BLENDER),
+        Method('suite', f'suite, {workers} workers', partial(suite, many), SUITE_CHUNKS * workers),
+        Method('one_worker', 'suite, 1 worker', partial(suite, one), SUITE_CHUNKS),
+        Method('plain_loop', 'plain loop, read each step', alone(plain_loop)),
+        Method('plain_loop_looks', 'plain loop, read every T/2', alone(plain_loop_checks)),
+        Method('plain_loop_energy', 'plain loop, ended by energy', alone(plain_loop_energy)),
+        Method('mujoco', 'MuJoCo', alone(mujoco_still), package=MUJOCO),
+        Method('mujoco_energy', 'MuJoCo, ended by energy', alone(mujoco_energy), package=MUJOCO),
+        Method('blender', 'Blender', alone(blender_still), package=BLENDER),
     ]
 
 
@@ -113,8 +113,8 @@ def _elsewhere(pool: ProcessPoolExecutor, work: Work, job: DropJob, chunks: rang
     return pool.submit(work, job, chunks).result()
 
 
-def _turns(console: Console, known: list[Way]) -> set[str]:
-    """Let each way have its turns; returns the packages that are missing."""
+def _turns(console: Console, known: list[Method]) -> set[str]:
+    """Run all rounds; returns the packages that are missing."""
     job = example_job()
     missing: set[str] = set()
     for way in track(known, 'first drops', console=console, transient=True):
@@ -125,7 +125,7 @@ def _turns(console: Console, known: list[Way]) -> set[str]:
                 raise
             if way.package not in missing:
                 console.print(
-                    f'{way.title} is skipped ({error}); to compare with it: '
+                    f'{way.title} is skipped ({error}); install it with '
                     f'.venv/bin/python -m pip install {way.package}',
                     highlight=False,
                     soft_wrap=True,
@@ -137,11 +137,13 @@ def _turns(console: Console, known: list[Way]) -> set[str]:
     return missing
 
 
-def _tables(made: list[Way]) -> list[Table]:
-    """How fast each way is, and why."""
+def _tables(made: list[Method]) -> list[Table]:
+    """Return a table of the rates, and a table of the reasons for them."""
     whole = made[0]
-    speed = Table(['way', 'drops/s', 'lowest', 'highest', 'suite is faster by'])
-    reasons = Table(['way', 'drops', 'steps a drop', 'µs a step', 'in an aspect', 'apart'])
+    speed = Table(['method', 'drops/s', 'lowest', 'highest', 'suite is faster by'])
+    reasons = Table(
+        ['method', 'drops', 'steps per drop', 'µs per step', 'in an aspect', 'distance']
+    )
     aspects = find_aspects(example_part())
     ours = _shares(aspects, whole)
     for way in made:
@@ -170,43 +172,46 @@ def _tables(made: list[Way]) -> list[Table]:
     return [speed, reasons]
 
 
-def _shares(aspects: AspectSet, way: Way) -> Array:
-    """(k,) shares of the drops that ended in each aspect."""
+def _shares(aspects: AspectSet, way: Method) -> Array:
+    """Return the shares, (k,), of the drops that ended in each aspect."""
     ids, _ = aspects.locate(np.vstack([trial.down for trial in way.trials]))
     drops = sum(trial.drops for trial in way.trials)
     return np.bincount(ids, minlength=len(aspects) + 1)[1:] / drops
 
 
-def _text(made: list[Way]) -> str:
+def _text(made: list[Method]) -> str:
     job = example_job()
     text = (
-        f'{EXAMPLE} on `{job.conditions.surface}`, {job.steps_per_t} steps in T = sqrt(R / g), '
-        f'{1e3 * job.time_unit:.1f} ms. Drops in a second: the median of {ROUNDS} rounds, in '
-        'which each way has its turn. *Suite*: worker processes that have begun, each with '
-        f'{CHUNK} bodies in one world; from the first request to the last pose in the parent. '
-        'All others: one body in one thread, one drop after another, from the full height (the '
-        'suite leaves the free fall out); without what it takes to make the world, which is kept '
-        'for all drops, and to import the engine. *Plain loop*: PyBullet stepped one by one from '
-        'Python, at the same scale, mass, inertia, friction and contact settings. A drop is over '
-        f'when for {REST_WINDOW:g} T no coordinate of its pose moves by more than {REST_MOTION:g} '
-        '(R, or of a quaternion), from look to look where it is looked at every T/2 only; *ended '
-        'by energy*: by the rule of the suite, at every look. *Lowest*, *highest*: of the rounds. '
-        '*µs a step*: of one body, on all cores that work. *In an aspect*: where it came to rest. '
-        '*Apart*: total variation between where its drops end and where those of the suite do; '
-        f'sampling alone makes about 0.03 of {OTHER_CHUNKS * ROUNDS * CHUNK} drops. *Aim*: on '
-        'two cores 50 times the plain loop that is read at each step, and 20 at least. What is '
-        'between is the engine itself: hardly anything but its steps takes time, fewer steps are '
-        'not to be had without another answer, and the plain loop has the same solver settings.'
+        f'{EXAMPLE} on `{job.conditions.surface}`, {job.steps_per_t} steps per T = sqrt(R / g), '
+        f'{1e3 * job.time_unit:.1f} ms. The rate is the median of {ROUNDS} rounds, in each of '
+        'which all methods take turns. *Suite*: running worker processes, each with '
+        f'{CHUNK} bodies in one world, timed from the first request to the last pose in the '
+        'parent. All other methods simulate one body in one thread, one drop after another, from '
+        'the full height (the suite does not simulate the free fall). Their times exclude the '
+        'import of the engine and the creation of the world, which is reused for all drops. '
+        '*Plain loop*: PyBullet, stepped one by one from Python, with the same scale, mass, '
+        'inertia, friction and contact settings. A drop ends when, for '
+        f'{REST_WINDOW:g} T, no coordinate of its pose changes by more than {REST_MOTION:g} '
+        '(in R, or of a quaternion), compared between checks if the pose is read only every T/2. '
+        '*Ended by energy*: with the rule of the suite, applied at every check. *Lowest*, '
+        '*highest*: rates of the rounds. *µs per step*: time of one step of one body, on all '
+        'cores used. *In an aspect*: share of drops that came to rest in an aspect. *Distance*: '
+        "total variation distance to the suite's distribution; sampling alone causes about 0.03 "
+        f'for {OTHER_CHUNKS * ROUNDS * CHUNK} drops. *Aim*: on two cores, 50 times the rate of '
+        'the plain loop that is read at each step, and at least 20 times. The engine itself sets '
+        'the limit: almost all of the time is spent in its steps, fewer steps would change the '
+        'result, and the plain loop uses the same solver settings.'
     )
     if any(way.key == 'mujoco' for way in made):
         text += (
-            ' *MuJoCo*: same hull, mass, inertia and step; contacts as springs that bounce as '
-            'high, elliptic friction cones, no rolling friction; still within '
-            f'{MUJOCO_MOTION:g} a look, because its contacts creep.'
+            ' *MuJoCo*: same hull, mass, inertia and time step; contacts are springs with the '
+            'same bounce height, with elliptic friction cones and without rolling friction; a '
+            f'part is still within {MUJOCO_MOTION:g} between checks, because its contacts creep.'
         )
     if any(way.key == 'blender' for way in made):
         text += (
-            ' *Blender*: its rigid body world without a window, the same hull and step, a frame '
-            'every T/2; the inertia is that of a box, and there is no rolling friction.'
+            ' *Blender*: its rigid body world without a window, with the same hull and time step '
+            'and a frame every T/2; the inertia is that of a box, and there is no rolling '
+            'friction.'
         )
     return text

@@ -1,4 +1,4 @@
-"""What the validation drops: parts under conditions, by the workers of this machine."""
+"""Simulation of the drops for the validation, with the workers of this machine."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +17,7 @@ SEED = 1
 
 
 class Dropper:
-    """The example parts, the shipped conditions, and workers."""
+    """The example parts, the shipped surfaces, and workers that simulate drops."""
 
     def __init__(self, workers: Workers) -> None:
         self._workers = workers
@@ -26,12 +26,12 @@ class Dropper:
         self.parts = [library.load(name) for name in library.names()]
 
     def poses(self, job: DropJob, drops: int) -> Iterator[RestingPoses]:
-        """The first drops of a job, in pieces."""
+        """Yield the first drops of a job in chunks."""
         for future in submit_drops(job, 0, drops, self._workers):
             yield self._workers.result(future)
 
     def distribution(self, part: Part, job: DropJob, drops: int) -> Distribution:
-        """Where the first drops of a job end."""
+        """Return the distribution of the first drops of a job."""
         aspects = find_aspects(part)
         found = no_drops(aspects)
         for poses in self.poses(job, drops):

@@ -1,8 +1,6 @@
-"""Hold the analytic methods to what was counted and to the drops.
+"""Compare the analytic methods with measurements and with drops.
 
-Writes docs/explanation/estimators.md.
-
-Takes some minutes on two cores.
+Writes docs/explanation/estimators.md. Takes some minutes on two cores.
 """
 
 import datetime as dt
@@ -22,15 +20,15 @@ from resting_aspects_ros.simulation.plan import ENGINE, ENGINE_VERSION, make_job
 from resting_aspects_ros.simulation.process_workers import ProcessWorkers, default_workers
 
 RESULT = ROOT / 'docs' / 'explanation' / 'estimators.md'
-# Of each part on each surface: a standard error of 0.006 for a share of 0.25.
+# Drops of each part on each surface: the standard error of a share of 0.25 is 0.006.
 DROPS = 5_000
-# Parts with flat sides, and heights of release in their hull radii.
+# Parts with flat sides, and release heights in units of their hull radii.
 OF_HEIGHTS = ('box_10x20x30', 'hex_nut', 'l_bracket')
 HEIGHTS = (0.1, 0.5, 1.0, 3.0, 10.0, 30.0, 100.0)
 
 
 def main() -> None:
-    """Make the drops, compare, print and write."""
+    """Simulate the drops, compare, print and write."""
     console = Console()
     lines = list(_heading())
     workers = ProcessWorkers(default_workers())
@@ -52,9 +50,10 @@ def _heading() -> Iterator[str]:
     yield '# Estimators'
     yield ''
     yield (
-        f'Written by `make estimators` on {today}. What each analytic method predicts from the '
-        'shape of a part alone, held against what was counted by hand or by a machine, and '
-        f'against drops of this suite ({ENGINE} {ENGINE_VERSION}). All figures are in percent.'
+        f'Written by `make estimators` on {today}. The predictions of each analytic method, '
+        'which uses only the shape of a part, are compared with shares that were counted by '
+        f'hand or by a machine, and with drops of this suite ({ENGINE} {ENGINE_VERSION}). All '
+        'figures are in percent.'
     )
     yield ''
     yield '| method | weight of an aspect | source |'
@@ -67,14 +66,15 @@ def _heading() -> Iterator[str]:
 
 
 def _counted() -> Iterator[str]:
-    """All methods against the physical cases."""
-    yield '## Against what was counted'
+    """Compare all methods with the measured cases."""
+    yield '## Comparison with measurements'
     yield ''
     yield (
-        'The share of rolls on the faces that were counted. Rolls are energetic, and no method '
-        'knows that. *Interval*, sizes and sources: validation.md and tools/measured.py. *-*: '
-        'the method is not defined for the part. Means and largest are over the bodies for which '
-        'all methods are defined: without the coin.'
+        'Share of rolls that end on the counted faces. Rolls have a high energy, which no method '
+        'takes into account. For intervals see validation.md; for sizes and sources see '
+        'tools/measured.py. *-*: the method is not defined for the part. Mean and largest '
+        'deviation are over the bodies for which all methods are defined, which excludes the '
+        'coin.'
     )
     yield ''
     yield '| body | counted | ' + ' | '.join(METHODS) + ' |'
@@ -92,20 +92,20 @@ def _counted() -> Iterator[str]:
             if None not in estimates.values():
                 off[name].append(abs(share - case.share))
         yield f'| {case.name} | {100 * case.share:.1f} | ' + ' | '.join(cells) + ' |'
-    for words, of in (('mean deviation', np.mean), ('largest', np.max)):
-        figures = (f'{100 * float(of(each)):.1f}' for each in off.values())
-        yield f'| {words} | | ' + ' | '.join(figures) + ' |'
+    for label, function in (('mean deviation', np.mean), ('largest deviation', np.max)):
+        figures = (f'{100 * float(function(each)):.1f}' for each in off.values())
+        yield f'| {label} | | ' + ' | '.join(figures) + ' |'
     yield ''
 
 
 def _dropped(dropper: Dropper) -> Iterator[str]:
-    """All methods against drops of the example parts."""
-    yield '## Against drops of the example parts'
+    """Compare all methods with drops of the example parts."""
+    yield '## Comparison with drops of the example parts'
     yield ''
     yield (
-        f'{DROPS} drops of each part on each surface, seed {SEED}. First the mean over the '
-        "part's aspects of the absolute deviation, then the largest. The last line is over the "
-        'parts for which all methods are defined: those with flat sides only.'
+        f'{DROPS} drops of each part on each surface, seed {SEED}. Each cell has the mean and the '
+        "largest absolute deviation over the part's aspects. The last line is over the parts for "
+        'which all methods are defined, which are the parts with only flat sides.'
     )
     for surface in dropper.surfaces.names():
         yield ''
@@ -133,19 +133,20 @@ def _dropped(dropper: Dropper) -> Iterator[str]:
         figures = (
             f'{100 * np.mean(mean[name]):.1f}, {100 * max(largest[name]):.1f}' for name in METHODS
         )
-        yield '| mean of the means, largest of all | | ' + ' | '.join(figures) + ' |'
+        yield '| mean of the means, largest of all parts | | ' + ' | '.join(figures) + ' |'
     yield ''
 
 
 def _by_height(dropper: Dropper) -> Iterator[str]:
-    """All methods against drops from heights in proportion to the part."""
-    yield '## By height of release'
+    """Compare all methods with drops from heights in proportion to the part."""
+    yield '## Comparison by release height'
     yield ''
     yield (
-        f'{DROPS} drops of each of {", ".join(OF_HEIGHTS)} on `rubber_mat`, released from other '
-        'heights, in hull radii R of the part (about half its length): a drop of 60 mm is 3 R for '
-        'a part of 40 mm, and 30 R for one of 4 mm. Mean over the parts of the mean deviation, '
-        'then the largest of all.'
+        f'{DROPS} drops of each of {", ".join(OF_HEIGHTS)} on `rubber_mat`, released from '
+        'different heights in units of the hull radius R of the part, which is about half its '
+        'length. A height of 60 mm is 3 R for a part of 40 mm, and 30 R for a part of 4 mm. Each '
+        'cell has the mean over the parts of the mean deviation, and the largest deviation of '
+        'all parts.'
     )
     yield ''
     yield '| height | ' + ' | '.join(METHODS) + ' |'
@@ -189,37 +190,42 @@ def _largest(comparison: Comparison) -> float:
     return float(np.abs(comparison.deviation).max())
 
 
-ADVICE = """## Which to trust
+ADVICE = """## Which method to use
 
-Read off the tables above as they were on 2026-11-21. What counts is the height of release in
-proportion to the part, so the same 60 mm are little for a large part and much for a small one.
+This section refers to the tables above as they were on 2026-11-21. The relevant quantity is the
+release height in proportion to the part, so 60 mm are low for a large part and high for a small
+one. Deviations are in percentage points.
 
-* **Flat sides, from 0.5 to 10 R** (as `rubber_mat` and `steel` are for parts of some centimetres):
-  `csa`. It is off by 0.6 to 1.2 on the mean over the parts of the table by height, and for no
-  aspect by more than 4.0; for the example parts on the two surfaces by 0.9 and 1.2 (t_prism on
-  steel by 2.4).
-* **Flat sides, from 30 R on, thrown or rolled** (small parts; `thrown`; what was counted by hand):
-  `crsa`. It sharpens the differences, as more energy does: off by 1.3 from 30 R, by 1.5 for the
-  example parts thrown, by 4.1 for the blocks and dice. Of low releases it says too much.
-* **Flat sides, laid down or let go just above the surface** (0.1 R): `quasi_static` or `rolling`,
-  0.6 to 0.7. A drop has energy to leave the high and narrow aspects, and they say too much for
-  those: 4 to 6 on the mean from 0.5 R on, and up to 30 for a block that was rolled. A slender bar
-  leaves them from however little: rocking is enough.
-* **A part that rests on a curved side**: none. What the methods say of it is off by 5 to 55 here,
-  up or down: of the side of the cylinder those with solid angles say 10 to 18 too much and
-  `energy_barrier` 21 to 56 too little, of the coin's rim 9 too much or 4 too little, and of a dome
-  it can be the other way round. Drop it. Where the side hardly counts, as the rim of a washer,
-  `csa` is within 1.
-* `energy_barrier` orders the aspects by how hard they are to leave. It is no probability.
-* **Rare aspects**: none. Of the block of 1.60 1.7 % of rolls end on a square face: the methods
-  say 7 to 26. Of rare aspects only drops, with their interval, tell.
+* **Flat sides, from 0.5 to 10 R** (`rubber_mat` and `steel` for parts of a few centimetres):
+  use `csa`. Its mean deviation is 0.6 to 1.2 in the table by height, and its largest deviation
+  is 4.0. For the example parts on the two surfaces, the mean deviation is 0.9 and 1.2 (2.4 for
+  t_prism on steel).
+* **Flat sides, from 30 R, thrown or rolled** (small parts; `thrown`; the measured bodies): use
+  `crsa`. It increases the differences between aspects, as a higher energy does. Its mean
+  deviation is 1.3 from 30 R, 1.5 for the example parts on `thrown`, and 4.1 for the blocks and
+  dice. For low releases, its differences are too large.
+* **Flat sides, put down or released just above the surface** (0.1 R): use `quasi_static` or
+  `rolling`, with mean deviations of 0.6 to 0.7. In higher drops, parts have enough energy to
+  leave high and narrow aspects, whose probabilities these methods overestimate: the mean
+  deviation is 4 to 6 from 0.5 R, and up to 30 for a rolled block. A slender bar leaves such
+  aspects at any height, because rocking is enough.
+* **A part that rests on a curved side**: use no method, but simulate drops. The deviations are
+  5 to 55 in both directions: for the side of the cylinder, the methods with solid angles are 10
+  to 18 too high and `energy_barrier` is 21 to 56 too low; for the rim of the coin, the
+  deviations are 9 too high or 4 too low; for a dome, the signs can be reversed. If the curved
+  side has a low probability, such as the rim of a washer, `csa` is within 1.
+* `energy_barrier` ranks the aspects by the energy needed to leave them. It is not a
+  probability.
+* **Rare aspects**: use no method. For the block of 1.60, 1.7 % of the rolls end on a square
+  face, but the methods predict 7 to 26 %. Only drops, with their intervals, predict rare
+  aspects.
 
-Drops of this suite are off by 3.3 on the mean over the same counted bodies
-([validation.md](validation.md)), by conditions of which four values were fitted to them (3.0 for
-a body that was left out of the fit). The literature gives `csa`, `crsa` and `stability` mean
-deviations of 8.5 to 11.1 from drops by hand of parts shaped like sectors of a cylinder; those
-rest on a curved side, for which `crsa` and `stability` need a polygon that there is not, so here
-they are not defined.
+Drops of this suite have a mean deviation of 3.3 for the same measured bodies
+([validation.md](validation.md)), with conditions of which four values were fitted to these
+bodies (3.0 for a body that was left out of the fit). In the literature, `csa`, `crsa` and
+`stability` have mean deviations of 8.5 to 11.1 from manual drops of parts shaped like sectors
+of a cylinder. Such parts rest on a curved side, which has no polygon that `crsa` and
+`stability` need, so these two methods are not defined for them here.
 """
 
 

@@ -60,14 +60,14 @@ BINOM3_FACES = ((0.910, 0.415, -0.004), (0.910, -0.415, -0.004))
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A body, and how often it was found to lie on some of its faces.
+    """A body, and the measured share of rolls that ended on some of its faces.
 
     faces : (k, 3) float
-        Unit vectors, part frame, that point down there; without any: those across the z axis.
+        Unit vectors of down in part for these faces; if empty, all directions across the z axis.
     share : float
-        Measured.
+        Measured share of rolls.
     rolls : int
-        Counted; 0 if that is not published.
+        Number of rolls; 0 if it is not published.
     """
 
     name: str
@@ -77,20 +77,20 @@ class Case:
     rolls: int
 
     def hits(self, down: Array) -> int:
-        """How many of the down directions (n, 3) are on those faces."""
+        """Return how many of the down directions, (n, 3), are on these faces."""
         if len(self.faces):
             return int(((down @ self.faces.T) > np.cos(FACE_ANGLE)).any(axis=1).sum())
         return int((np.abs(down[:, 2]) < np.sin(FACE_ANGLE)).sum())
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of the measurement, sampling and scatter."""
+        """Standard deviation of the measurement, from sampling and scatter."""
         sampling = self.share * (1 - self.share) / self.rolls if self.rolls else 0.0
         return float(np.hypot(np.sqrt(sampling), SCATTER))
 
 
 def cases() -> list[Case]:
-    """All of them."""
+    """Return all measured cases."""
     ends = np.array([[0, 0, 1.0], [0, 0, -1.0]])
     found = []
     for thickness, share, rolls in CUBOIDS:

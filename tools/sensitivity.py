@@ -1,4 +1,4 @@
-"""How simulated shares answer to conditions, and what a fit to measurements makes of that."""
+"""Sensitivity of simulated shares to conditions, and a fit of the conditions to measurements."""
 
 from dataclasses import dataclass
 
@@ -10,12 +10,12 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A least-squares fit of the values of conditions, linear about those that were simulated.
+    """A least-squares fit of the values of conditions, linear about the simulated values.
 
     step : (v,) float
-        From the simulated values to the best ones, in the units of the slopes.
+        Difference from the simulated values to the best values, in the units of the slopes.
     left_out : (m,) float
-        Deviation, simulated less measured, of each case with the values that fit all others best.
+        Deviation, simulated minus measured, of each case with the values fitted to all others.
     spread : (v,) float
         Standard errors of the best values.
     """
@@ -26,19 +26,19 @@ class Fit:
 
 
 def fit(residuals: Array, slopes: Array, deviations: Array) -> Fit:
-    """Fit, with all cases and with each left out.
+    """Return the fit of all cases, and the deviations with each case left out.
 
-    Without a case i the residual there is r_i / (1 - h_ii), with the hat matrix h of the weighted
-    fit of all (Cook and Weisberg 1982), after the step that the fit of all makes.
+    If case i is left out, its residual is r_i / (1 - h_ii), with the residual r_i and the hat
+    matrix h of the weighted fit of all cases (Cook and Weisberg 1982).
 
     Parameters
     ----------
     residuals : (m,) float
-        Simulated less measured.
+        Simulated minus measured.
     slopes : (m, v) float
-        Derivatives of the simulated shares by the values.
+        Derivatives of the simulated shares with respect to the values.
     deviations : (m,) float
-        Standard deviations of the measurements: the weights.
+        Standard deviations of the measurements, whose inverses are the weights.
     """
     design, given = slopes / deviations[:, None], residuals / deviations
     inverse = np.linalg.pinv(design)

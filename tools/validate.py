@@ -1,8 +1,7 @@
-"""Hold the drops to themselves and to the world.
+"""Validation of the drops: time step, decision by energy, and comparison with measurements.
 
-Prints tables and writes docs/explanation/validation.md.
-
-Takes about an hour on two cores. `tools/validate.py world` prints one section alone.
+Prints tables and writes docs/explanation/validation.md. Takes about an hour on two cores.
+`tools/validate.py world` prints only one section.
 """
 
 import datetime as dt
@@ -40,7 +39,7 @@ def _heading(workers: int) -> Iterator[str]:
 
 
 def main() -> None:
-    """Run all of it, or the sections that are named."""
+    """Run all sections, or the sections given as arguments."""
     workers = ProcessWorkers(default_workers())
     console = Console()
     lines = list(_heading(workers.count))
@@ -50,7 +49,7 @@ def main() -> None:
             for line in SECTIONS[name](dropper):
                 console.print(line, highlight=False, soft_wrap=True)
                 lines.append(line)
-            if not sys.argv[1:]:  # section by section: each takes long
+            if not sys.argv[1:]:  # written after each section, because each takes long
                 RESULT.write_text('\n'.join(lines), encoding='utf-8')
     finally:
         workers.stop()

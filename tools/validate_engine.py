@@ -1,4 +1,4 @@
-"""Whether the drops hold what they promise: the time step, and the decision by energy."""
+"""Validation of the time step and of the decision by energy."""
 
 from collections.abc import Iterator
 
@@ -17,17 +17,19 @@ DECISION_DROPS = 3000
 
 
 def time_step(dropper: Dropper) -> Iterator[str]:
-    """Whether half the step moves any aspect of the example parts."""
+    """Compare the distributions of the example parts with those of half the time step."""
     yield '## Time step'
     yield ''
     yield (
-        f'{STEP_DROPS} drops of each part on `rubber_mat` in the steps that the suite '
-        'chooses, and again in half of them, the same starts. *Shift*: of the aspect that '
-        'moves most, with the interval that holds for all aspects of the part at once '
-        '(95 %); *p*: how often chance alone moves them so far. Aim: no shift above 0.01.'
+        f'{STEP_DROPS} drops of each part on `rubber_mat`, simulated with the time step of the '
+        'suite and again with half the step, from the same initial states. *Shift*: largest '
+        'change of the probability of an aspect, with a simultaneous 95 % interval over all '
+        'aspects of the part. *p*: probability that chance alone causes a shift at least as '
+        'large. *Energy growth*: the largest growth of the energy of any drop between two '
+        'checks, m g R. Aim: no shift above 0.01.'
     )
     yield ''
-    yield '| part | steps in T | shift | interval | p | energy growth | in half steps |'
+    yield '| part | steps per T | shift | interval | p | energy growth | with half steps |'
     yield '|---|---|---|---|---|---|---|'
     for part in track(dropper.parts, 'time step'):
         job = make_job(part, dropper.surfaces.get(), SEED)
@@ -40,24 +42,22 @@ def time_step(dropper: Dropper) -> Iterator[str]:
             f'| {coarse.energy_growth:.3f} | {fine.energy_growth:.3f} |'
         )
     yield ''
-    yield 'Energy growth: the largest of any drop from one look to the next, m g R.'
-    yield ''
 
 
 def decision(dropper: Dropper) -> Iterator[str]:
-    """Whether what the energy decides is what happens."""
+    """Compare the aspects that the energy decides with those of continued simulation."""
     yield '## Decision by energy'
     yield ''
     yield (
-        f'{DECISION_DROPS} drops of each part on `rubber_mat`, each run on after its energy '
-        'had decided the aspect until the part was still. *Agree*: it came to rest in the '
-        'aspect that was decided. *By stillness*: drops that the energy did not decide. Aim: '
-        '999 of 1000 agree, and at most 1 in 1000 unsettled.'
+        f'{DECISION_DROPS} drops of each part on `rubber_mat`. Each drop was simulated until its '
+        'energy decided the aspect, and again until the part was still. *Agree*: drops that '
+        'came to rest in the decided aspect. *By stillness*: drops that the energy did not '
+        'decide. Aim: at least 999 of 1000 agree, and at most 1 of 1000 is unsettled.'
     )
     yield ''
     yield (
-        '| part | decided | agree | by stillness | unsettled | failed | unsettled, run on '
-        '| failed, run on | time decided (T) | time still (T) |'
+        '| part | decided | agree | by stillness | unsettled | failed | unsettled, until still '
+        '| failed, until still | time decided (T) | time still (T) |'
     )
     yield '|---|---|---|---|---|---|---|---|---|---|'
     for part in track(dropper.parts, 'decision'):

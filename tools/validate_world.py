@@ -1,4 +1,4 @@
-"""Whether the simulation agrees with what was measured."""
+"""Validation of the simulation against measurements."""
 
 from collections.abc import Iterator
 
@@ -15,25 +15,25 @@ from resting_aspects_ros.core.statistics.intervals import intervals
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.plan import make_job
 
-# Of each case; and, of each, for each of the steps up and down of a value.
+# Number of drops of each case, and of each case at each end of a slope.
 CASE_DROPS = 6000
 SLOPE_DROPS = 2500
-# What the fit came to, which the slopes at one place do not say.
+# Result of a search of conditions, which the slopes at one point do not show.
 SEARCHED = (
-    'It does not: of some 100 sets of conditions that were tried (restitution 0.3 to 0.95, '
-    'friction 0.03 to 0.6, spin up to 85 rad/s, speed up to 1.4 m/s, heights of 2 to 30 cm) none '
-    'came below 0.03 in 1000 drops of each body or more. The aim is 0.02. What stays: the tall '
-    'blocks, the block of 0.75 and the die fall on their less stable faces otherwise than any one '
-    'set explains, and the log odds of neighbouring blocks differ by a factor of two over the '
-    'same step of height, which no smooth law follows.'
+    'They are not: of about 100 sets of conditions (restitution 0.3 to 0.95, friction 0.03 to '
+    '0.6, spin up to 85 rad/s, speed up to 1.4 m/s, heights of 2 to 30 cm), none had a mean '
+    'deviation below 0.03 with at least 1000 drops of each body. The aim is 0.02. Two deviations '
+    'remain: no single set of conditions explains how often the tall blocks, the block of 0.75 '
+    'and the die fall on their less stable faces, and the log odds of neighbouring blocks differ '
+    'by a factor of two over the same step of height, which no smooth law can describe.'
 )
-# The values of `thrown` that are fitted, and by how much each is varied for the slopes, as a
-# factor: enough to see it in so many drops.
+# The values of `thrown` that are fitted, with the factor by which each is varied for its slope.
+# The factors are large enough for a significant change with this number of drops.
 FITTED = {'restitution': 1.1, 'friction': 1.5, 'spin': 1.3, 'speed_horizontal': 1.5}
 
 
 def world(dropper: Dropper) -> Iterator[str]:
-    """Whether the simulation agrees with what was measured."""
+    """Compare the simulation with the measurements."""
     thrown = dropper.surfaces.get('thrown')
     known = cases()
     measured = np.array([case.share for case in known])
@@ -47,7 +47,7 @@ def world(dropper: Dropper) -> Iterator[str]:
     )
     residuals = simulated - measured
     found = fit(residuals, slopes, np.array([case.deviation for case in known]))
-    yield '## Against the world'
+    yield '## Comparison with measurements'
     yield ''
     yield from _introduction(thrown)
     yield (
@@ -72,9 +72,9 @@ def world(dropper: Dropper) -> Iterator[str]:
         for name, step, spread in zip(FITTED, found.step, found.spread, strict=True)
     )
     yield (
-        f'The best fit, linear about these values, would move {moves}. The mean deviation '
-        f'would then be {np.abs(residuals + slopes @ found.step).mean():.3f}, if all stayed '
-        f'linear so far. {SEARCHED}'
+        f'A linear fit about these values would change {moves}. The mean deviation '
+        f'would then be {np.abs(residuals + slopes @ found.step).mean():.3f} if the shares were '
+        f'linear over this range. {SEARCHED}'
     )
     yield ''
 
@@ -82,7 +82,7 @@ def world(dropper: Dropper) -> Iterator[str]:
 def _slopes(
     dropper: Dropper, known: list[Case], thrown: DropConditions, name: str, factor: float
 ) -> npt.NDArray[np.float64]:
-    """Derivatives of the shares by the logarithm of a value."""
+    """Return the derivatives of the shares with respect to the logarithm of a value."""
     value = getattr(thrown, name)
     ends = [
         np.array([_share(dropper, c, thrown.changed(**{name: v}), SLOPE_DROPS) for c in known])
@@ -104,13 +104,14 @@ def _share(dropper: Dropper, case: Case, conditions: DropConditions, drops: int)
 
 def _introduction(thrown: DropConditions) -> Iterator[str]:
     yield (
-        'What was counted by hand or by a machine, and what one set of conditions gives for all '
-        f'of it: `thrown`, {CASE_DROPS} drops of each. Four of its values were fitted to these '
-        f'cases: restitution {thrown.restitution:g}, friction {thrown.friction:g}, spin '
-        f'{thrown.spin:g} rad/s and speed {thrown.speed_horizontal:g} m/s. *Left out*: the '
-        'deviation when the four values are fitted to all other cases. The last columns are '
-        'sensitivities: how much the share moves when a value grows by a tenth (central '
-        f'differences, {SLOPE_DROPS} drops each). Sizes and sources are in tools/measured.py.'
+        'Shares that were counted by hand or by a machine, compared with the simulation of all '
+        f'bodies under one set of conditions: `thrown`, {CASE_DROPS} drops of each. Four of its '
+        f'values were fitted to these cases: restitution {thrown.restitution:g}, friction '
+        f'{thrown.friction:g}, spin {thrown.spin:g} rad/s and speed '
+        f'{thrown.speed_horizontal:g} m/s. *Left out*: the deviation when the four values are '
+        'fitted to all other cases. The last columns are sensitivities: the change of the share '
+        f'when a value grows by a tenth (central differences, {SLOPE_DROPS} drops each). Sizes '
+        'and sources are in tools/measured.py.'
     )
     yield ''
 

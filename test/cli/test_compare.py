@@ -228,7 +228,7 @@ def test_what_is_no_log_with_a_distribution(refused, write_log, tmp_path):
     junk = refused('compare', 'junk', 'm.csv')
     assert "log 'junk' has a message that cannot be read: failed to deseri" in junk
     (tmp_path / 'folder').mkdir()
-    assert "folder 'folder' is no log" in refused('compare', 'm.csv', 'folder')
+    assert "folder 'folder' is not a log" in refused('compare', 'm.csv', 'folder')
     (tmp_path / 'x.mcap').write_text(BY_HAND, encoding='utf-8')
     assert "log 'x.mcap' is damaged, or not an MCAP file" in refused('compare', 'x.mcap', 'm.csv')
 
