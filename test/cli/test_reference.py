@@ -1,0 +1,115 @@
+"""The pages of docs/reference about commands and files are compared with the code."""
+
+import argparse
+import csv
+import io
+import json
+import re
+
+import pytest
+from doc_pages import PAGES, code, first_cells, section
+
+from resting_aspects_ros.api.inputs.count_files import read_counts
+from resting_aspects_ros.cli import main
+from resting_aspects_ros.simulation.conditions import QUANTITIES, HeightOf
+from resting_aspects_ros.simulation.part_library import KEYS
+from resting_aspects_ros.simulation.run_description import MAX_DROPS
+
+COMMANDS = 'docs/reference/commands.md'
+FILES = 'docs/reference/files.md'
+# Sections of flags that several commands share, as their pages name them.
+SHARED = ('Part', 'Conditions')
+
+
+def keys(page, heading, part=0):
+    """The names in the first column of a table below a heading: of its tables the one asked."""
+    text = section(page, heading)
+    tables = re.split(r'\n\n', text)
+    tables = [table for table in tables if table.startswith('|')]
+    cells = first_cells(tables[part])
+    return [name for cell in cells for name in re.findall(r'`([^`]+)`', cell)]
+
+
+def flags(heading):
+    """Flag and default of each row of a table of flags."""
+    rows = re.findall(r'^\| `(--[^`]+)` \| ([^|]*)\|', section(COMMANDS, heading), re.MULTILINE)
+    return {flag: default.strip().strip('`') for flag, default in rows}
+
+
+def actions(command):
+    """The options of a command, without --help, by their first name."""
+    parser = main.make_parser([command])
+    (choices,) = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+    options = [a for a in choices.choices[command]._actions if a.option_strings]
+    return {a.option_strings[0]: a for a in options if a.dest != 'help'}
+
+
+def test_every_command_is_listed():
+    listed = re.findall(r'^\| \[`(\w+)`\]\(#(\w+)\) ', PAGES[COMMANDS], re.MULTILINE)
+    assert listed == [(name, name) for name in main.COMMANDS]
+
+
+@pytest.mark.parametrize('command', main.COMMANDS)
+def test_every_flag_is_listed(command):
+    heading = f'## {command}'
+    listed = flags(heading)
+    for shared in SHARED:
+        if f'[{shared}](#{shared.lower()})' in section(COMMANDS, heading):
+            listed |= flags(f'## {shared}')
+    expected = actions(command)
+    assert {flag.split()[0] for flag in listed} == set(expected)
+    for flag, default in listed.items():
+        name, _, value = flag.partition(' ')
+        action = expected[name]
+        assert bool(value) == (action.nargs != 0), flag
+        if action.metavar and value != '...':
+            assert value == action.metavar
+        if action.default and action.nargs is None:
+            assert default == str(action.default), flag
+
+
+def test_every_exit_code_is_listed():
+    listed = [int(cell) for cell in first_cells(section(COMMANDS, '## Exit codes and output'))]
+    assert listed == sorted([main.DONE, main.FAILED, main.WRONG_INPUT, main.INTERRUPTED])
+
+
+def test_the_maximum_of_drops_is_that_of_a_run():
+    assert f'at most {MAX_DROPS};' in section(COMMANDS, '## drop')
+
+
+def test_every_condition_is_listed_with_its_bounds():
+    rows = re.findall(r'^\| `(\w+)` \| (.*?) \|', section(FILES, '## Conditions'), re.MULTILINE)
+    for (name, allowed), (expected, quantity) in zip(rows[:-1], QUANTITIES.items(), strict=True):
+        assert name == expected
+        numbers = [float(number) for number in re.findall(r'\d[\d.e-]*', allowed)[:2]]
+        assert numbers == [quantity.low, quantity.high], name
+        assert allowed.endswith(quantity.unit)
+    assert rows[-1] == ('height_of', ', '.join(each.name for each in HeightOf))
+
+
+def test_every_key_of_a_part_is_listed():
+    assert keys(FILES, '## Part description') == list(KEYS)
+
+
+def test_every_key_of_a_result_is_listed(run):
+    ended = run('drop', 'tetrahedron', '--drops', '20', '--json', '--check-convergence')
+    document = json.loads(ended.stdout)
+    assert set(keys(FILES, '## Result')) == set(document)
+    assert keys(FILES, '## Result', 1) == list(document['aspects'][0])
+    (row,) = re.findall(r'^\| `classes` \|.*$', section(FILES, '## Result'), re.MULTILINE)
+    assert re.findall(r'`(\w+)`', row)[1:] == list(document['classes'][0])
+
+
+def test_every_column_of_the_poses_is_listed(run, tmp_path):
+    run('drop', 'tetrahedron', '--drops', '2', '--poses', 'p.csv')
+    header, *_ = csv.reader(io.StringIO((tmp_path / 'p.csv').read_text()))
+    assert keys(FILES, '## Poses') == header
+
+
+def test_the_counts_by_hand_can_be_read(tmp_path):
+    (text,) = code(FILES, 'csv')
+    path = tmp_path / 'counts.csv'
+    path.write_text(text)
+    counts = read_counts(path)
+    assert counts.ids == (1, 2, 3, 4, 5)
+    assert counts.drops == 1000
