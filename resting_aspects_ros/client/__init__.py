@@ -1,11 +1,11 @@
-"""The Python client: ask a running suite about parts, with ROS knowledge or without.
+"""Python client of a running suite; it can be used with and without knowledge of ROS.
 
 >>> from resting_aspects_ros.client import RestingAspectsClient
 >>> with RestingAspectsClient() as client:
-...     found = client.get_distribution('l_bracket', drops=1000)
-...     pickable = probability_of(found, [1, 3])
+...     distribution = client.get_distribution('l_bracket', drops=1000)
+...     pickable = probability_of(distribution, [1, 3])
 
-These are the public names of what other programs use; what they do is in nodes, which knows ROS.
+This package exports the public names. It sends requests to the nodes of the suite over ROS.
 """
 
 from resting_aspects_ros.client.client import RestingAspectsClient

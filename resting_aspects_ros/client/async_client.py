@@ -1,4 +1,4 @@
-"""Ask the suite with a node that somebody spins: every answer is a Future."""
+"""Asynchronous requests to the suite: each returns a Future and needs a node that is spun."""
 
 import math
 import time
@@ -35,20 +35,21 @@ from resting_aspects_ros.ros.interface import (
 from resting_aspects_ros.ros.status import NotAvailableError, status_error
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
 
-# All batches of a run were sent before the result of its goal; so long they have to be counted, s.
+# Time within which all drops of a run must be counted after the result of its goal arrived, s.
 COUNT_TIMEOUT = 120.0
 
 
 class AsyncClient:
-    """The questions of RestingAspectsClient that return a Future at once.
+    """The requests of RestingAspectsClient that return a Future at once.
 
-    warn : called with what a person should know; None: the node logs it
+    warn : called with the text of each warning; None: the node logs warnings
     """
 
     def __init__(self, node: Node, warn: Callable[[str], object] | None) -> None:
         self._node = node
         self._warn = warn or node.get_logger().warning
-        # Not the node's own, whose callbacks may await answers; and requests wait in this one.
+        # Callbacks in the default group of the node may await responses, so that requests need
+        # another group. It is reentrant, since requests wait in it.
         self._group = ReentrantCallbackGroup()
         self._services = {
             name: self._node.create_client(
@@ -71,14 +72,14 @@ class AsyncClient:
         progress: Callable[[int], None] | None = None,
         **options: Any,
     ) -> Future:
-        """What get_distribution of RestingAspectsClient gives, as a Future.
+        """Return a Future of the result of RestingAspectsClient.get_distribution.
 
         options : the other parameters of get_distribution
         """
         self._check(timeout)
         check_progress(progress)
         request = distribution_request(part, **options)
-        return self._begin(
+        return self._start(
             f'the distribution of {part}',
             timeout,
             partial(self._find_or_drop, request, progress or (lambda _: None)),
@@ -91,21 +92,21 @@ class AsyncClient:
         *,
         timeout: float | None = None,
     ) -> Future:
-        """What classify_pose gives, as a Future."""
+        """Return a Future of the result of classify_pose."""
         self._check(timeout)
         request = pose_request(part, orientation)
 
         async def ask(pending: PendingRequest) -> ClassifyPose.Response:
             response = await pending.call(self._services[CLASSIFY_POSE], request)
-            # With an angle the answer is that no aspect fits.
+            # NOT_AVAILABLE with an angle is a result: no aspect matches.
             if response.status.code != Status.NOT_AVAILABLE or math.isnan(response.angle):
                 _check_ok(response.status)
             return response
 
-        return self._begin(f'the aspect of a pose of {part}', timeout, ask)
+        return self._start(f'the aspect of a pose of {part}', timeout, ask)
 
     def list_parts_async(self, *, timeout: float | None = None) -> Future:
-        """What list_parts gives, as a Future."""
+        """Return a Future of the result of list_parts."""
         self._check(timeout)
 
         async def ask(pending: PendingRequest) -> list[PartSummary]:
@@ -113,13 +114,13 @@ class AsyncClient:
             _check_ok(response.status)
             return list(response.parts)
 
-        return self._begin('the list of parts', timeout, ask)
+        return self._start('the list of parts', timeout, ask)
 
     def close(self) -> None:
-        """End all that it made; who awaits an answer gets a ClientUseError."""
+        """End all requests with a ClientUseError and destroy the ROS clients."""
         for pending in list(self._open):
             pending.fail(ClientUseError(CLOSED))
-            pending.answer.exception()  # else rclpy complains if nobody awaits it
+            pending.answer.exception()  # otherwise rclpy logs an exception that is never retrieved
         for service in self._services.values():
             self._node.destroy_client(service)
         self._services.clear()
@@ -128,20 +129,20 @@ class AsyncClient:
             self._drop_part = None
 
     def _check(self, timeout: float | None) -> None:
-        """Raises RestingAspectsError if nothing can be asked, or not for so long."""
+        """Raise RestingAspectsError for an invalid timeout or a closed client."""
         check_timeout(timeout)
         if not self._services:
             raise ClientUseError(CLOSED)
 
-    def _begin(
+    def _start(
         self,
-        what: str,
+        description: str,
         timeout: float | None,
         work: Callable[[PendingRequest], Awaitable[Any]],
     ) -> Future:
-        pending = PendingRequest(self._node, self._group, what, timeout, work, self._warn)
+        pending = PendingRequest(self._node, self._group, description, timeout, work, self._warn)
         self._open.add(pending)
-        pending.over.add_done_callback(lambda _: self._open.discard(pending))
+        pending.finished.add_done_callback(lambda _: self._open.discard(pending))
         return pending.answer
 
     async def _find_or_drop(
@@ -150,13 +151,13 @@ class AsyncClient:
         progress: Callable[[int], object],
         pending: PendingRequest,
     ) -> AspectDistribution:
-        """Return a known distribution; if there is none drop the part, and return what is then."""
+        """Return a known distribution; without one, drop the part and return the new one."""
         service = self._services[GET_DISTRIBUTION]
-        asked_for_known = request.only_known
+        only_known = request.only_known
         request.only_known = True
         response = await pending.call(service, request)
         unknown = (Status.NOT_AVAILABLE, Status.UNKNOWN_PART)
-        if asked_for_known or response.status.code not in unknown:
+        if only_known or response.status.code not in unknown:
             _check_ok(response.status)
             return response.distribution
         done = 0
@@ -177,15 +178,15 @@ class AsyncClient:
             seed=seed,
         )
         try:
-            result = await pending.drop(self._dropping(), goal, report)
+            result = await pending.drop(self._action_client(), goal, report)
         except AnswerTimeoutError as error:
             if pending.state:
                 raise
             raise AnswerTimeoutError(f'{error}; {response.status.message}') from None
         _check_ok(result.status)
         report(result.drops)
-        pending.state = f'{result.drops} drops are done, and are being counted'
-        # The batches were sent before the result, and may arrive after it.
+        pending.state = f'{result.drops} drops are done and being counted'
+        # The batches were sent before the result, but may arrive after it.
         request.seed = [seed]
         end = time.monotonic() + COUNT_TIMEOUT
         while (response := await pending.call(service, request)).status.code in unknown:
@@ -198,8 +199,8 @@ class AsyncClient:
         _check_ok(response.status)
         return response.distribution
 
-    def _dropping(self) -> ActionClient:
-        """The action client; made with the first request that needs it."""
+    def _action_client(self) -> ActionClient:
+        """Return the action client; the first request that needs it creates it."""
         if self._drop_part is None:
             self._drop_part = ActionClient(
                 self._node, DropPart, DROP_PART, callback_group=self._group, **ACTION_SERVICES
@@ -207,6 +208,6 @@ class AsyncClient:
         return self._drop_part
 
 
-def _check_ok(answered: Status) -> None:
-    if answered.code != Status.OK:
-        raise status_error(answered)
+def _check_ok(status: Status) -> None:
+    if status.code != Status.OK:
+        raise status_error(status)

@@ -1,4 +1,4 @@
-"""Ask the suite, from a node of one's own or from a program without one, which waits."""
+"""The client of the suite, for programs with a node and for programs without one."""
 
 from collections.abc import Callable, Sequence
 from types import TracebackType
@@ -15,59 +15,60 @@ from resting_aspects_interfaces.srv import ClassifyPose
 from resting_aspects_ros.client.async_client import AsyncClient
 from resting_aspects_ros.client.pending_request import AnswerTimeoutError
 from resting_aspects_ros.client.private_node import ClientUseError, PrivateNode
-from resting_aspects_ros.client.request_messages import absent_part, check_name
+from resting_aspects_ros.client.request_messages import check_name, missing_part_error
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.ros.conversions import conditions_from, part_from
 from resting_aspects_ros.ros.interface import DEFAULT_CONDITIONS, PARTS
 from resting_aspects_ros.simulation.conditions import DropConditions
 
-# For what is latched to come, s.
+# Timeout for a latched message, s.
 PART_TIMEOUT = 5.0
 
 
 class RestingAspectsClient(AsyncClient):
-    """Asks a running suite about parts: get_distribution, classify_pose and list_parts.
+    """Client of a running suite, with get_distribution, classify_pose and list_parts.
 
-    Without a node it has one of its own and spins it while it waits for an answer::
+    Without a node, the client creates a private node and spins it while it waits::
 
         with RestingAspectsClient() as client:
-            found = client.get_distribution('l_bracket', drops=1000)
+            distribution = client.get_distribution('l_bracket', drops=1000)
 
-    With a node of yours, which you spin, it never spins: every question has a form that ends in
-    ``_async`` and returns a rclpy Future at once. Await it in an async callback, or give it to
-    ``rclpy.spin_until_future_complete``::
+    With a node, which the caller must spin, the client never spins. Each request has a method that
+    ends in ``_async`` and returns a rclpy Future at once. Await it in an async callback, or pass
+    it to ``rclpy.spin_until_future_complete``::
 
         client = RestingAspectsClient(node)
-        found = await client.get_distribution_async('l_bracket', drops=1000)
+        distribution = await client.get_distribution_async('l_bracket', drops=1000)
 
-    A callback that awaits holds up all others of its group, if that is mutually exclusive, as the
-    node's own is: give it a ReentrantCallbackGroup, as in docs/how_to/integrate_ros.md.
+    A callback that awaits blocks all other callbacks of a mutually exclusive group, such as the
+    default group of a node. Use a ReentrantCallbackGroup for it: docs/how_to/integrate_ros.md.
 
-    Answers are the suite's messages, as they come on its topics, too. To wait no longer cancel the
-    future: whoever awaits it gets None. A run that was begun for a request ends with it, after a
-    timeout too, unless another client asked for the same; its drops so far are kept.
+    Results are the messages of the suite, as on its topics. Cancel the future to stop waiting; a
+    caller that awaits it then receives None. A run that was started for a request stops when the
+    request is canceled or times out, unless another client requested the same run; the drops made
+    before are kept.
 
     Parameters
     ----------
     node : Node, optional
-        Whoever has it spins it and destroys it.
+        The caller spins and destroys it. None: the client creates a private node.
     ros_args : sequence of str, optional
-        For the node of its own, what could follow --ros-args: ``['-r', '__ns:=/cell_1']``. None:
-        what follows it on the command line of the program, as for any node.
+        ROS arguments of the private node, such as ``['-r', '__ns:=/cell_1']``. None: those on the
+        command line of the program after --ros-args.
     warn : callable, optional
-        Called with what a person should know, such as that no classifier is ready yet. None: the
-        node logs it.
+        Called with the text of each warning, for example that no classifier is ready yet. None:
+        the node logs warnings.
     check : callable
-        For the node of its own: called often while it waits, raises to wait no longer.
+        Called often while the private node waits; an exception that it raises ends the wait.
 
     Raises
     ------
     RestingAspectsError
-        From every question: InvalidValueError and UnknownPartError before anything is sent if they
-        can be seen here; NotAvailableError if it cannot be had now, and of this kind
-        AnswerTimeoutError; BusyError, CanceledError and others as the suite answers.
-        ClientUseError for a wait that could never end.
+        From every request. InvalidValueError and UnknownPartError are raised before a request is
+        sent if the client can detect them. NotAvailableError means that there is no result now;
+        AnswerTimeoutError is a subclass of it. BusyError, CanceledError and others report the
+        status that the suite returns. ClientUseError means that a wait would never end.
     """
 
     def __init__(
@@ -98,40 +99,39 @@ class RestingAspectsClient(AsyncClient):
         timeout: float | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> AspectDistribution:
-        """The distribution of a part: a known one at once, else the part is dropped first.
+        """Return the distribution of a part; if it is not known, the part is dropped first.
 
         Parameters
         ----------
         part : str
-            Registered name; see list_parts. No name has a NUL: it is refused here, because ROS
-            sends what is before it only, so that the suite could not see it.
+            Registered name; see list_parts. The client rejects a name with a NUL character, since
+            ROS would send only the text before it.
         drops : int, optional
-            At least so many; with a precision at most. None: 1000; with a precision as many as it
-            takes; with only_known any number.
+            Minimum number of drops; with a precision, the maximum number. None: 1000; with a
+            precision as many drops as it needs; with only_known any number.
         precision : float
-            Half width of all intervals to reach, 0.001 to 0.25; 0: none.
+            Required half width of all intervals, 0.001 to 0.25; 0: no precision.
         surface : str
-            Named conditions, as the suite knows them; empty: the simulator's parameter `surface`.
+            Name of a set of conditions of the suite; empty: the simulator parameter `surface`.
         conditions : DropConditions, optional
-            Instead of a surface.
+            Conditions, instead of a surface.
         seed : int, optional
-            None: any known run will do, and a new one gets seed 1.
+            Seed of the run. None: any known run matches, and a new run uses seed 1.
         method : str
-            'drops', or an estimator, such as 'rolling', which looks at the part alone and answers
-            at once.
+            'drops', or the name of an estimator, such as 'rolling', which uses only the part and
+            returns at once.
         only_known : bool
-            Do not drop: NotAvailableError if nothing fits.
+            Do not drop: raise NotAvailableError if no known distribution matches.
         timeout : float, optional
-            How long to wait in all, s. None: as long as it takes; nodes that are not ready are
-            waited for 20 s at most.
+            Maximum total time, s. None: no limit, but at most 20 s for nodes that are not ready.
         progress : callable, optional
-            Called with the drops done while the part is dropped; not if nothing is dropped.
+            Called with the number of drops done while the part is dropped.
 
         Returns
         -------
         AspectDistribution
-            Its fields are described in resting_aspects_interfaces; ``aspects`` is ordered by id,
-            and ``run`` says of which part and under which conditions it is.
+            The distribution; resting_aspects_interfaces describes the fields. ``aspects`` is
+            ordered by id, and ``run`` contains the part and the conditions.
         """
         return self._wait(
             lambda: self.get_distribution_async(
@@ -155,47 +155,47 @@ class RestingAspectsClient(AsyncClient):
         *,
         timeout: float | None = None,
     ) -> ClassifyPose.Response:
-        """Which aspect a part is in that was seen in some orientation.
+        """Return the aspect of a part in a given orientation.
 
         Parameters
         ----------
         orientation : Quaternion or (4,) float
-            Tray from part, xyzw; its norm is 1 within 1e-3.
+            Orientation tray from part, xyzw; its norm must be 1 within 1e-3.
 
         Returns
         -------
         ClassifyPose.Response
-            ``aspect`` is 0 if the pose is in none; ``angle``, rad, is that to the nearest.
+            ``aspect`` is the id, or 0 if no aspect matches; ``angle``, rad, is the angle to the
+            nearest aspect.
         """
         return self._wait(lambda: self.classify_pose_async(part, orientation, timeout=timeout))
 
     def list_parts(self, *, timeout: float | None = None) -> list[PartSummary]:
-        """Name, part_sha256 and whether a distribution is known of each part, by name."""
+        """Return name, part_sha256 and `known` of each offered part, ordered by name."""
         return self._wait(lambda: self.list_parts_async(timeout=timeout))
 
     def get_part(self, part: str) -> Part:
-        """The part itself, mesh and mass properties, as the simulator describes it."""
+        """Return a part with its mesh and mass properties, as the simulator describes it."""
         check_name(part)
         own = self._waiting_node()
         try:
-            return part_from(own.latched(PartDescription, f'{PARTS}/{part}', PART_TIMEOUT))
+            return part_from(own.receive_latched(PartDescription, f'{PARTS}/{part}', PART_TIMEOUT))
         except AnswerTimeoutError as error:
-            raise absent_part(own.node, part, error) from None
+            raise missing_part_error(own.node, part, error) from None
 
     def default_conditions(self) -> DropConditions:
-        """What the simulator means by no surface."""
+        """Return the conditions that the simulator uses for a request without a surface."""
         own = self._waiting_node()
         try:
-            said = own.latched(DropConditionsMsg, DEFAULT_CONDITIONS, PART_TIMEOUT)
+            message = own.receive_latched(DropConditionsMsg, DEFAULT_CONDITIONS, PART_TIMEOUT)
         except AnswerTimeoutError as error:
             raise AnswerTimeoutError(
-                f'no drop_simulator says which surface is the default, name one, or start '
-                f'drop_simulator: {error}'
+                f'the default surface is unknown, name a surface or start drop_simulator: {error}'
             ) from None
-        return conditions_from(said)
+        return conditions_from(message)
 
     def close(self) -> None:
-        """End all that it made; who awaits an answer gets a ClientUseError."""
+        """End all requests with a ClientUseError, and destroy the private node."""
         super().close()
         if self._own is not None:
             self._own.close()
@@ -213,11 +213,11 @@ class RestingAspectsClient(AsyncClient):
 
     def _check(self, timeout: float | None) -> None:
         super()._check(timeout)
-        if self._own is not None and not self._own.is_spun:
+        if self._own is not None and not self._own.is_waiting:
             raise ClientUseError(
-                'this client spins only while it waits, so the future would never be done: '
-                'allowed is the form without _async, or RestingAspectsClient(node) with a node '
-                'that you spin'
+                'this client spins only while it waits, so that the future would never be done: '
+                'use the method without _async, or RestingAspectsClient(node) with a node that '
+                'you spin'
             )
 
     def _wait(self, ask: Callable[[], Future]) -> Any:
@@ -226,8 +226,8 @@ class RestingAspectsClient(AsyncClient):
     def _waiting_node(self) -> PrivateNode:
         if self._own is None:
             raise ClientUseError(
-                f'the node {self._node.get_name()!r} is spun by somebody else, so that to wait '
-                'here could be for ever: allowed is to await the form that ends in _async, or '
+                f'this client does not spin the node {self._node.get_name()!r}, so that waiting '
+                'could block forever: await the method that ends in _async, or use '
                 'RestingAspectsClient() without a node'
             )
         return self._own

@@ -1,4 +1,4 @@
-"""A request of a client to the suite, until it is answered, by whoever spins the node."""
+"""A pending request of a client to the suite; its work runs in callbacks of the node."""
 
 import time
 from collections.abc import Awaitable, Callable
@@ -22,78 +22,78 @@ from resting_aspects_ros.ros.interface import (
 )
 from resting_aspects_ros.ros.status import CanceledError, NotAvailableError
 
-# A suite that is just starting needs a few seconds to be ready, s.
+# Timeout for the classifier, s: a starting suite needs a few seconds until it is ready.
 SERVICE_TIMEOUT = 20.0
-# A simulator of a suite whose classifier is ready is ready within this, s.
+# Timeout for the simulator once the classifier is ready, s.
 SIMULATOR_TIMEOUT = 10.0
-# Nodes that start need so long; after it the user is told what is waited for, s.
-PATIENCE = 5.0
-# Without an answer the same is asked again after this, s, then after twice as long each time: a
-# service that was discovered may not have discovered the client yet, or was started again.
-ASK_PERIOD = 5.0
-# How often conditions that have no event are checked, s.
-LOOK_PERIOD = 0.1
+# Time after which a warning reports that a node is not ready, s; starting nodes need less.
+WARN_DELAY = 5.0
+# Time without a response after which a request is sent again, s; it doubles with each retry. A
+# discovered service may not have discovered the client yet, or may have been restarted.
+RETRY_PERIOD = 5.0
+# Interval of checks for conditions that have no event, s.
+CHECK_PERIOD = 0.1
 
 
 class AnswerTimeoutError(NotAvailableError):
-    """Nothing came in the time that was allowed."""
+    """No result arrived within the timeout."""
 
 
 class PendingRequest:
     """Does the work of a request in the callbacks of a node.
 
-    answer : done when the request is over; cancel it to wait no longer
-    state : how far it is, in words
-    over : whether the work has ended, too
+    answer : future of the result; cancel it to stop waiting
+    state : text describing the progress
+    finished : future that is done when the work has ended too
 
     Parameters
     ----------
     group : CallbackGroup
-        Reentrant: the work waits within a callback.
-    what : str
-        What is asked for, in words: 'the distribution of l_bracket'.
+        A reentrant group, since the work waits within a callback.
+    description : str
+        Description of the result for errors, such as 'the distribution of l_bracket'.
     timeout : float, optional
-        For all of it, s; None: as long as it takes.
-    work : gives the answer
-    warn : called once if no node is ready for a while
+        Timeout of the whole request, s; None: no limit.
+    work : returns the result
+    warn : called once if a node is not ready after WARN_DELAY
     """
 
     def __init__(
         self,
         node: Node,
         group: CallbackGroup,
-        what: str,
+        description: str,
         timeout: float | None,
         work: Callable[['PendingRequest'], Awaitable[Any]],
         warn: Callable[[str], object],
     ) -> None:
         self._node = node
         self._group = group
-        self._what = what
+        self._description = description
         self._timeout = timeout
         self._work = work
         self._warn = warn
-        self._told = False
-        self._begun = time.monotonic()
+        self._warned = False
+        self._started = time.monotonic()
         self.state = ''
-        self.over = Future()
-        # Without an executor: its callbacks run at once, whoever spins the node by then.
+        self.finished = Future()
+        # Without an executor, its callbacks run at once, whichever executor spins the node.
         self.answer = Future()
         self._timer = steady_timer(node, 0.0, self._start, group)
 
     @property
     def ended(self) -> bool:
-        """Whether there is an answer, or nobody waits for one; a canceled Future is not done."""
+        """Whether the request has a result or was canceled; a canceled Future is not done."""
         return bool(self.answer.done() or self.answer.cancelled())
 
     def fail(self, error: Exception) -> None:
-        """Answer with an error, unless it is over."""
+        """Set an error as the result, unless the request has ended."""
         if not self.ended:
             self.answer.set_exception(error)
 
     async def call(self, client: Client, request: Any) -> Any:
         """Return the response of a service of the classifier."""
-        period, asked = ASK_PERIOD, list[Future]()
+        period, responses = RETRY_PERIOD, list[Future]()
         try:
             while True:
                 await self._ready(
@@ -103,16 +103,16 @@ class PendingRequest:
                     SERVICE_TIMEOUT,
                     'start the suite with "resting_aspects nodes"',
                 )
-                asked.append(client.call_async(request))
+                responses.append(client.call_async(request))
                 end = time.monotonic() + period
                 while time.monotonic() < end:
-                    await wait_for(self._node, asked[-1], LOOK_PERIOD, self._group)
-                    if done := [each for each in asked if each.done()]:
+                    await wait_for(self._node, responses[-1], CHECK_PERIOD, self._group)
+                    if done := [each for each in responses if each.done()]:
                         return done[0].result()
                     self._check(client.service_name)
                 period *= 2
         finally:
-            for each in asked:
+            for each in responses:
                 client.remove_pending_request(each)
 
     async def drop(
@@ -121,7 +121,7 @@ class PendingRequest:
         """Return the result of a drop_part goal, which is canceled with the request."""
         topic = self._node.resolve_service_name(DROP_PART)
 
-        def note(feedback: DropPart.Feedback) -> None:
+        def on_feedback(feedback: DropPart.Feedback) -> None:
             self.state = f'{feedback.done} drops are done'
             if not self.ended:
                 progress(feedback.done)
@@ -134,56 +134,56 @@ class PendingRequest:
                 client,
                 goal,
                 group=self._group,
-                feedback=note,
-                wanted=lambda: not self.ended and not self._late(),
+                feedback=on_feedback,
+                wanted=lambda: not self.ended and not self._timed_out(),
             )
         except CanceledError:
             self._check(topic)
             raise
 
     async def pause(self, name: str) -> None:
-        """Wait a moment; raises if the request is over or late."""
-        await sleep_for(self._node, LOOK_PERIOD, self._group)
+        """Wait for CHECK_PERIOD; raises if the request has ended or timed out."""
+        await sleep_for(self._node, CHECK_PERIOD, self._group)
         self._check(name)
 
     async def _start(self) -> None:
         self._node.destroy_timer(self._timer)
         try:
-            found = await self._work(self)
-        except Exception as error:  # noqa: BLE001 - whoever waits for the answer must be told
+            result = await self._work(self)
+        except Exception as error:  # noqa: BLE001 - the caller must receive every error
             self.fail(error)
         else:
             if not self.ended:
-                self.answer.set_result(found)
-        self.over.set_result(None)
+                self.answer.set_result(result)
+        self.finished.set_result(None)
 
     async def _ready(
-        self, kind: str, name: str, offered: Callable[[], bool], patience: float, hint: str
+        self, kind: str, name: str, is_offered: Callable[[], bool], timeout: float, hint: str
     ) -> None:
-        """Wait until a node has announced that it is ready, and its service is discovered."""
-        begun = self._begun if self._timeout is not None else time.monotonic()
-        patience = patience if self._timeout is None else min(patience, self._timeout)
-        while not (offered() and self._node.count_publishers(f'{PRESENCE}/{kind}')):
-            waited = time.monotonic() - begun
-            if waited >= patience:
+        """Wait until a node of a kind is alive and its service is discovered."""
+        start = self._started if self._timeout is not None else time.monotonic()
+        timeout = timeout if self._timeout is None else min(timeout, self._timeout)
+        while not (is_offered() and self._node.count_publishers(f'{PRESENCE}/{kind}')):
+            waited = time.monotonic() - start
+            if waited >= timeout:
                 raise AnswerTimeoutError(
-                    f'no {kind} answers on {name}, waited {patience:g} s: {hint}'
+                    f'no {kind} answers on {name}, waited {timeout:g} s: {hint}'
                 )
             self._check(name)
-            if waited >= PATIENCE and not self._told:
-                self._told = True
-                self._warn(f'no {kind} answers on {name} yet, waiting up to {patience:g} s')
-            await sleep_for(self._node, min(LOOK_PERIOD, patience - waited), self._group)
+            if waited >= WARN_DELAY and not self._warned:
+                self._warned = True
+                self._warn(f'no {kind} answers on {name} yet, waiting up to {timeout:g} s')
+            await sleep_for(self._node, min(CHECK_PERIOD, timeout - waited), self._group)
 
-    def _late(self) -> bool:
-        return self._timeout is not None and time.monotonic() >= self._begun + self._timeout
+    def _timed_out(self) -> bool:
+        return self._timeout is not None and time.monotonic() >= self._started + self._timeout
 
     def _check(self, name: str) -> None:
-        """Raises if nobody waits for the answer any more, or it is late."""
+        """Raise RestingAspectsError if the request has ended or timed out."""
         if self.ended:
-            raise RestingAspectsError('the request is over')
-        if self._late():
+            raise RestingAspectsError('the request has ended')
+        if self._timed_out():
             state = f': {self.state}' if self.state else ''
             raise AnswerTimeoutError(
-                f'{name} did not give {self._what}, waited {self._timeout:g} s{state}'
+                f'{name} did not return {self._description}, waited {self._timeout:g} s{state}'
             )

@@ -1,4 +1,4 @@
-"""A node for who has none: in a context of its own, spun only while somebody waits."""
+"""Private node of a client created without one: it is spun only while the client waits."""
 
 import sys
 import threading
@@ -19,41 +19,41 @@ from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.ros.spin import check_domain, not_utf8
 
 SPIN_PERIOD = 0.1
-# A request that is given up has so long to cancel the run that it began, s.
+# Time in which an abandoned request can cancel the run that it started, s.
 END_TIMEOUT = 2.0
 CLOSED = 'this client is closed'
 
 
 class ClientUseError(RestingAspectsError):
-    """A client is used in a way in which an answer could never come."""
+    """A client is used in a way in which a response could never arrive."""
 
 
 class PrivateNode:
-    """It meets no other node, context or signal handler of the process.
+    """A node in a context of its own, independent of other nodes and signal handlers.
 
     Parameters
     ----------
     ros_args : sequence of str, optional
-        What could follow --ros-args. None: what does on the command line of the program.
-    check : called often while somebody waits; raises if there is no use in waiting any longer
+        ROS arguments. None: those on the command line of the program after --ros-args.
+    check : called often while the client waits; an exception that it raises ends the wait
 
     Raises
     ------
     InvalidValueError
-        ROS refuses the arguments.
+        ROS rejects the arguments.
     """
 
     def __init__(self, ros_args: Sequence[str] | None, check: Callable[[], None]) -> None:
         self._check = check
-        self._waits = threading.Lock()
+        self._wait_lock = threading.Lock()
         check_domain()
         self._context = Context()
         arguments = sys.argv if ros_args is None else ['--ros-args', *ros_args]
         try:
             self._context.init(arguments)
-        except RuntimeError as error:  # all that rclpy raises for arguments
-            words = ' '.join(arguments[1:])
-            raise InvalidValueError(f'--ros-args is {words!r}, ROS refuses: {error}') from None
+        except RuntimeError as error:  # rclpy raises it for any invalid argument
+            text = ' '.join(arguments[1:])
+            raise InvalidValueError(f'invalid --ros-args {text!r}: {error}') from None
         except UnicodeEncodeError as error:
             raise not_utf8(error) from None
         self.node = Node(
@@ -66,53 +66,53 @@ class PrivateNode:
         self._executor.add_node(self.node)
 
     @property
-    def is_spun(self) -> bool:
-        """Whether somebody waits."""
-        return self._waits.locked()
+    def is_waiting(self) -> bool:
+        """Whether the client waits for a response, and thus spins the node."""
+        return self._wait_lock.locked()
 
     def wait(
-        self, ask: Callable[[], Future], unfinished: Callable[[], object] = lambda: False
+        self, send: Callable[[], Future], unfinished: Callable[[], object] = lambda: False
     ) -> Any:
-        """Ask, spin until the answer is there, and give it, or raise its error.
+        """Send a request, spin until its result arrives, and return it or raise its error.
 
-        unfinished : whether a request that was canceled has not ended what it began
+        unfinished : returns whether a canceled request must still cancel what it started
         """
-        if not self._waits.acquire(blocking=False):
+        if not self._wait_lock.acquire(blocking=False):
             raise ClientUseError(
-                'this client waits for an answer already, allowed is one at a time: another '
-                'thread needs a client of its own'
+                'this client is already waiting for a response: wait for one at a time, and use a '
+                'client of its own in each thread'
             )
         try:
             self._check_open()
-            answer = ask()
+            answer = send()
             try:
                 while not answer.done():
                     self._check()
                     self._check_open()
                     self._executor.spin_once(timeout_sec=SPIN_PERIOD)
             finally:
-                answer.cancel()  # if something else ended it
+                answer.cancel()  # in case of an exception
                 end = time.monotonic() + END_TIMEOUT
                 while self._context.ok() and unfinished() and time.monotonic() < end:
                     self._executor.spin_once(timeout_sec=SPIN_PERIOD)
             return answer.result()
         finally:
-            self._waits.release()
+            self._wait_lock.release()
 
-    def latched(self, kind: Any, topic: str, seconds: float) -> Any:
-        """The latched message of a topic; AnswerTimeoutError if none comes in the time."""
+    def receive_latched(self, kind: Any, topic: str, seconds: float) -> Any:
+        """Return the latched message of a topic; raises AnswerTimeoutError."""
         message = Future()
-        late = AnswerTimeoutError(f'nothing came on {topic}, waited {seconds:g} s')
-        heard = self.node.create_subscription(kind, topic, message.set_result, LATCHED)
-        timer = steady_timer(self.node, seconds, lambda: message.set_exception(late))
+        error = AnswerTimeoutError(f'no message on {topic}, waited {seconds:g} s')
+        subscription = self.node.create_subscription(kind, topic, message.set_result, LATCHED)
+        timer = steady_timer(self.node, seconds, lambda: message.set_exception(error))
         try:
             return self.wait(lambda: message)
         finally:
-            self.node.destroy_subscription(heard)
+            self.node.destroy_subscription(subscription)
             self.node.destroy_timer(timer)
 
     def close(self) -> None:
-        """End the node and its context."""
+        """Destroy the node and its context."""
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()

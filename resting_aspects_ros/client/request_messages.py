@@ -1,4 +1,4 @@
-"""What a client asks for, checked before anything is sent."""
+"""Requests of the client, validated before they are sent."""
 
 import math
 from typing import Any
@@ -44,9 +44,9 @@ def distribution_request(
     method: str = METHOD,
     only_known: bool = False,
 ) -> GetDistribution.Request:
-    """The request, as RestingAspectsClient.get_distribution has it, checked.
+    """Return the validated request for the parameters of RestingAspectsClient.get_distribution.
 
-    rclpy does not check fields: what is of another type than they are would end the process.
+    rclpy does not check fields: a value of another type would end the process.
     """
     check_name(part)
     _check_text('method', method)
@@ -55,18 +55,18 @@ def distribution_request(
     drops, precision, seed = _plain(drops), _plain(precision), _plain(seed)
     only_known = _plain(only_known)
     if not isinstance(only_known, bool):
-        raise InvalidValueError(f'only_known is {only_known!r}, allowed is True or False')
+        raise InvalidValueError(f'invalid only_known {only_known!r}: expected True or False')
     if not method:
         raise InvalidValueError(
-            f'method is {method!r}, allowed is drops or the name of an estimator'
+            f'invalid method {method!r}: expected drops or the name of an estimator'
         )
     if requested_estimator(method) is not None:
         return GetDistribution.Request(part=part, method=method)
     if surface and conditions is not None:
         raise InvalidValueError(
-            f'surface is {surface!r} and conditions are given, allowed is one of them'
+            f'invalid surface {surface!r}: expected no surface together with conditions'
         )
-    drops = _asked_drops(drops, precision, only_known=only_known)
+    drops = _requested_drops(drops, precision, only_known=only_known)
     if seed is not None:
         check_seed(seed)
     return GetDistribution.Request(
@@ -82,7 +82,7 @@ def distribution_request(
 
 
 def pose_request(part: str, orientation: Quaternion | npt.ArrayLike) -> ClassifyPose.Request:
-    """The request, as RestingAspectsClient.classify_pose has it, checked."""
+    """Return the validated request for the parameters of RestingAspectsClient.classify_pose."""
     check_name(part)
     if isinstance(orientation, Quaternion):
         orientation = [getattr(orientation, axis) for axis in 'xyzw']
@@ -90,55 +90,55 @@ def pose_request(part: str, orientation: Quaternion | npt.ArrayLike) -> Classify
         xyzw = np.asarray(orientation, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise InvalidValueError(
-            f'orientation is {orientation!r}, allowed are 4 numbers: x, y, z, w'
+            f'invalid orientation {orientation!r}: expected 4 numbers x, y, z, w'
         ) from None
     if xyzw.shape != (4,):
         raise InvalidValueError(
-            f'orientation has the shape {xyzw.shape}, allowed is (4,): x, y, z, w'
+            f'invalid orientation of shape {xyzw.shape}: expected (4,), x, y, z, w'
         )
     fields = dict(zip('xyzw', unit_orientation(xyzw).tolist(), strict=True))
     return ClassifyPose.Request(part=part, orientation=Quaternion(**fields))
 
 
 def check_name(part: str) -> None:
-    """Raises UnknownPartError if no part can have this name; InvalidValueError for no text."""
+    """Raise UnknownPartError for an invalid part name, and InvalidValueError for a non-string."""
     if not isinstance(part, str):
-        raise InvalidValueError(f'part is {part!r}, allowed is the name of a part')
+        raise InvalidValueError(f'invalid part {part!r}: expected the name of a part')
     if not is_valid_name(part):
         raise UnknownPartError(
-            f'part {part[:MAX_NAME]!r} is not known: names of parts are lower case letters, '
-            'digits and _, a letter first'
+            f'part {part[:MAX_NAME]!r} is not known: part names consist of lower case letters, '
+            'digits and _, and start with a letter'
         )
 
 
 def check_timeout(timeout: float | None) -> None:
-    """Raises InvalidValueError if nobody can wait so long, s."""
+    """Raise InvalidValueError for an invalid timeout."""
     if timeout is not None and not (_is_number(_plain(timeout)) and 0 < timeout < math.inf):
-        raise InvalidValueError(f'timeout is {timeout!r}, allowed is more than 0 s, or None')
+        raise InvalidValueError(f'invalid timeout {timeout!r}: expected more than 0 s, or None')
 
 
-def absent_part(node: Node, part: str, late: AnswerTimeoutError) -> RestingAspectsError:
-    """Why the description of a part did not come in time: ``late``, or what is behind that."""
+def missing_part_error(node: Node, part: str, timeout: AnswerTimeoutError) -> RestingAspectsError:
+    """Return the error for a missing description of a part: the timeout, or its cause."""
     offered = published_parts(node, PARTS, PartDescription)
     if part in offered:
-        return late
+        return timeout
     if offered:
         return unknown_part(part, offered)
     return AnswerTimeoutError(
-        f'no {DROP_SIMULATOR} is there that offers {part}: {late}; start the suite with '
+        f'no {DROP_SIMULATOR} offers {part}: {timeout}; start the suite with '
         '"resting_aspects nodes"'
     )
 
 
 def check_progress(progress: object) -> None:
-    """Raises InvalidValueError if it cannot be called."""
+    """Raise InvalidValueError if progress is neither None nor callable."""
     if progress is not None and not callable(progress):
-        raise InvalidValueError(f'progress is {progress!r}, allowed is a function, or None')
+        raise InvalidValueError(f'invalid progress {progress!r}: expected a function, or None')
 
 
-def _asked_drops(drops: int | None, precision: float, *, only_known: bool) -> int:
+def _requested_drops(drops: int | None, precision: float, *, only_known: bool) -> int:
     if not _is_number(precision):
-        raise InvalidValueError(f'precision is {precision!r}, allowed is a number')
+        raise InvalidValueError(f'invalid precision {precision!r}: expected a number')
     if drops is None:
         drops = 0 if precision else 1 if only_known else DEFAULT_DROPS
     if type(drops) is not int or drops > 0:
@@ -153,15 +153,15 @@ def _check_conditions(conditions: object) -> None:
         return
     if not isinstance(conditions, DropConditions):
         raise InvalidValueError(
-            f'conditions is {conditions!r}, allowed is DropConditions, or None'
+            f'invalid conditions {conditions!r}: expected DropConditions, or None'
         )
     _check_text('surface of conditions', conditions.surface)
 
 
 def _check_text(name: str, text: object) -> None:
-    """Not only a text: ROS sends what is before a NUL only, and that may be another name."""
+    """Raise InvalidValueError for unprintable text: ROS would cut it at a NUL character."""
     if not isinstance(text, str) or not text.isprintable():
-        raise InvalidValueError(f'{name} is {text!r}, allowed is printable text')
+        raise InvalidValueError(f'invalid {name} {text!r}: expected printable text')
 
 
 def _is_number(value: object) -> bool:
@@ -169,5 +169,5 @@ def _is_number(value: object) -> bool:
 
 
 def _plain(value: Any) -> Any:
-    """A number or truth of numpy as Python's; anything else as it is."""
+    """Return a NumPy scalar as a Python object, and any other value unchanged."""
     return value.item() if isinstance(value, np.generic) else value

@@ -115,5 +115,5 @@ def test_a_condition_alone_needs_a_simulator_that_says_of_which_surface(run):
     ended = run('request', 'tetrahedron', '--friction', '0.4', *ros)
     assert (ended.returncode, ended.stdout) == (1, '')
     (line,) = ended.stderr.splitlines()
-    assert line.startswith('error: no drop_simulator says which surface is the default, name one')
+    assert line.startswith('error: the default surface is unknown, name a surface or ')
     assert line.endswith('default_conditions, waited 5 s')

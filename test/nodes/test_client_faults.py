@@ -71,7 +71,7 @@ def test_a_simulator_that_ends_ends_the_request_in_words(suite, spun, number):
     suite.client.wait(lambda: heard, 'progress')
     suite.processes['drop_simulator'].end(number)
     suite.client.wait(answer.done, 'error')
-    with pytest.raises(NotAvailableError, match='the simulator went away'):
+    with pytest.raises(NotAvailableError, match='the simulator stopped'):
         answer.result()
     suite.start_again('drop_simulator')
     again = spun.get_distribution_async('tetrahedron', drops=100, seed=85)
@@ -81,7 +81,7 @@ def test_a_simulator_that_ends_ends_the_request_in_words(suite, spun, number):
 
 # Last: for 20 s ROS takes a node that was killed for present.
 def test_a_classifier_that_is_killed_and_started_again_answers(suite, spun, monkeypatch):
-    monkeypatch.setattr(pending_request, 'ASK_PERIOD', 1.0)
+    monkeypatch.setattr(pending_request, 'RETRY_PERIOD', 1.0)
     heard = []
     answer = spun.get_distribution_async('tetrahedron', drops=1500, seed=82, progress=heard.append)
     suite.client.wait(lambda: heard, 'progress')

@@ -190,8 +190,8 @@ def test_a_description_of_another_part_than_its_topic_s_is_refused(part, field, 
 @pytest.mark.parametrize(
     ('field', 'value', 'words'),
     [
-        ('interval', '', "interval is '', allowed is"),
-        ('confidence', 7.0, 'confidence is 7.0, allowed is'),
+        ('interval', '', "invalid interval '': expected"),
+        ('confidence', 7.0, 'invalid confidence 7.0: expected'),
         ('failed', 1, 'expected 1010 drops in aspects numbered from 1'),
         ('aspects', [], '0 drops in aspects []'),
     ],
