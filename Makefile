@@ -1,17 +1,17 @@
-# Set-up goes in steps. Each leaves a file in the virtual environment, which make compares with the
-# files that the step depends on; so a step that was interrupted is repeated.
+# Set-up consists of steps. Each step leaves a file in the virtual environment, which make compares
+# with the files that the step depends on. Therefore an interrupted step is repeated.
 
 VENV = .venv
 BIN = $(VENV)/bin
 UV = VIRTUAL_ENV=$(VENV) $(BIN)/uv --quiet pip
-# Half of the tests wait for other processes: three test workers keep two cores busy.
+# Half of the tests wait for other processes, so three test workers keep two cores busy.
 DISTRIBUTE = --numprocesses=$(shell echo $$(( ($$(nproc) * 3 + 1) / 2 ))) --dist=loadgroup
 PYTEST = $(BIN)/python -m pytest $(DISTRIBUTE) --durations=15
 JAVASCRIPT = test/js/node_modules/.package-lock.json
 VERSIONS = 3.10 3.11 3.12
 
-# An installed ROS that is sourced, or another virtual environment, must not leak into this one.
-# PYTHONDONTWRITEBYTECODE would make every process compile the packages again.
+# A sourced ROS installation or another virtual environment must not affect this one. With
+# PYTHONDONTWRITEBYTECODE, every process would compile the packages again.
 unexport PYTHONDONTWRITEBYTECODE PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PATH PKG_CONFIG_PATH AMENT_PREFIX_PATH \
          CMAKE_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
@@ -22,22 +22,22 @@ unexport PYTHONDONTWRITEBYTECODE PYTHONPATH PYTHONHOME VIRTUAL_ENV LD_LIBRARY_PA
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 24
 
-setup:  ## make .venv with all that the suite needs (make PYTHON=... chooses the Python)
+setup:  ## create .venv with everything that the suite needs (PYTHON=... selects the Python)
 	@+$(ONE_AT_A_TIME) $(VENV)/.interfaces $(VENV)/.package
 
-dev:  ## the same, and what tests and checks need
+dev:  ## the same as setup, with everything that tests and checks need
 	@+$(ONE_AT_A_TIME) $(VENV)/.interfaces $(VENV)/.package $(VENV)/.dev $(JAVASCRIPT)
 
-demo: setup  ## set up and run the main job: drop a part and ask for its aspects over ROS
+demo: setup  ## set up and run the demo: drop a part and request its aspects over ROS
 	@$(BIN)/resting_aspects demo
 
-test: dev  ## set up and run all tests but the slow ones
+test: dev  ## set up and run all tests except the slow ones
 	@$(PYTEST) -m 'not slow'
 
 test-all: dev  ## set up and run all tests, with more examples of each property
 	@HYPOTHESIS_PROFILE=all $(PYTEST)
 
-test-pythons:  ## run tests with each Python of 3.10, 3.11 and 3.12 that is installed
+test-pythons:  ## run tests with each installed Python of 3.10, 3.11 and 3.12
 	@+set -e; for version in $(VERSIONS); do \
 	    if ! PYTHON=python$$version tools/find_python > /dev/null; then \
 	        echo "Python $$version is not tested"; continue; \
@@ -48,7 +48,7 @@ test-pythons:  ## run tests with each Python of 3.10, 3.11 and 3.12 that is inst
 	        test/simulation test/cli test/nodes/test_get_distribution.py; \
 	done
 
-test-under-load: dev  ## run the tests twice while six busy processes run beside them
+test-under-load: dev  ## run the tests twice, concurrently with six busy processes
 	@+for n in 1 2 3 4 5 6; do while kill -0 $$$$ 2> /dev/null; do :; done & done; \
 	    $(MAKE) test && $(MAKE) test
 
@@ -57,29 +57,29 @@ lint: dev  ## set up and run ruff and mypy
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 
-bench: dev  ## time what has to be fast; writes out/bench.json and docs/explanation/bench.md
+bench: dev  ## run the benchmarks; writes out/bench.json and docs/explanation/bench.md
 	$(BIN)/python tools/bench.py
 
-validate: setup  ## hold the drops to themselves and to measurements, and write docs/explanation/validation.md
+validate: setup  ## validate the simulation and write docs/explanation/validation.md
 	$(BIN)/python tools/validate.py
 
-estimators: setup  ## hold the analytic methods to measurements and drops, and write docs/explanation/estimators.md
+estimators: setup  ## evaluate the analytic methods and write docs/explanation/estimators.md
 	$(BIN)/python tools/estimators.py
 
-parts: setup  ## make the example parts in config/parts again
+parts: setup  ## generate the example parts in config/parts
 	$(BIN)/python tools/make_parts.py
 
-# One lock for all Pythons that are allowed; no index named, so that a mirror can be used.
+# One lock file for all supported Pythons. It names no index, so that a mirror can be used.
 COMPILE = UV_CUSTOM_COMPILE_COMMAND='make requirements' $(UV) compile $(UPGRADE) \
     --universal --python-version 3.10 --no-emit-index-url
-requirements: dev  ## pin the versions of what requirements*.in name; other pins stay
+requirements: dev  ## pin the packages in requirements*.in; existing pins are kept
 	$(COMPILE) requirements.in -o requirements.txt
 	$(COMPILE) -c requirements.txt requirements-dev.in -o requirements-dev.txt
 
 upgrade: UPGRADE = --upgrade
-upgrade: requirements  ## pin the newest versions of all
+upgrade: requirements  ## pin the newest versions of all packages
 
-clean:  ## remove everything that set-up, tests and runs made
+clean:  ## remove everything that set-up, tests and runs created
 	rm -rf .venv .venv-* build install log out .*_cache .hypothesis *.egg-info \
 	    test/js/node_modules
 
@@ -87,9 +87,9 @@ clean:  ## remove everything that set-up, tests and runs made
 
 ONE_AT_A_TIME = flock Makefile $(MAKE) --silent --no-print-directory
 
-# Install what a lock file names. Not with `uv pip sync`, which also removes the modules of the ROS
-# wheels: they carry a second description of themselves, under a name that no lock file has.
-# While packages are installed, .requirements is missing: see tools/make_venv.
+# Install the packages of a lock file. `uv pip sync` cannot be used: it would remove the modules of
+# the ROS wheels, which also have metadata under a name that is in no lock file. During the
+# installation, .requirements does not exist, see tools/make_venv.
 define install
 	@echo "set-up: installing $(1)"
 	@rm -f $(VENV)/.requirements
@@ -103,7 +103,7 @@ $(VENV)/.made: always
 $(VENV)/.requirements: $(VENV)/.made requirements.txt
 	$(call install,requirements.txt)
 
-# Editable: the commands run the code of this folder.
+# An editable installation, so that the commands run the code in this folder.
 $(VENV)/.package: setup.py setup.cfg pyproject.toml package.xml $(VENV)/.made \
         | $(VENV)/.requirements
 	@$(UV) install --no-deps --no-build-isolation --editable .
@@ -119,7 +119,7 @@ $(VENV)/.interfaces: $(VENV)/.made requirements.txt tools/build_interfaces \
 	@tools/build_interfaces $(VENV)
 	@touch $@
 
-# Without npm or a network, set-up goes on, and the tests that need this are skipped.
+# Without npm or a network, set-up continues, and the tests that need the packages are skipped.
 $(JAVASCRIPT): test/js/package.json test/js/package-lock.json
 	@npm ci --prefix test/js --ignore-scripts --no-audit --no-fund --no-update-notifier \
 	    --fetch-retries=1 --fetch-retry-mintimeout=1000 --fetch-timeout=20000 \

@@ -1,4 +1,4 @@
-"""The ament_python package: what colcon and pip install."""
+"""The ament_python package for colcon and pip."""
 
 from pathlib import Path
 
@@ -34,7 +34,7 @@ setup(
         *shared('launch'),
         *shared('rviz'),
     ],
-    # pip installs what requirements.txt pins and rosdep what package.xml names.
+    # pip installs the packages of requirements.txt, and rosdep those of package.xml.
     install_requires=['setuptools'],
     extras_require={'dask': ['distributed'], 'bodies': ['manifold3d']},
     zip_safe=True,

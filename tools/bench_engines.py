@@ -1,7 +1,7 @@
-"""Other engines that drop the same hull: MuJoCo, and Blender's rigid body world.
+"""Other engines that simulate drops of the same hull: MuJoCo, and Blender's rigid body world.
 
-Neither is needed by the suite; what cannot be imported is skipped. Each runs in a process of its
-own.
+The suite needs neither of them; an engine that cannot be imported is skipped. Each engine runs in
+its own process.
 """
 
 import math
@@ -21,26 +21,25 @@ from resting_aspects_ros.simulation.settling import (
     BodyStates,
 )
 
-# As pip names them; Blender has a package for each of its versions for one version of Python, this
-# one for 3.11.
+# Names of the packages for pip. A Blender package supports one version of Python, this one 3.11.
 MUJOCO = 'mujoco'
 BLENDER = 'bpy==4.2.0'
 
-# MuJoCo's soft contacts creep: with the suite's REST_MOTION most drops are never still.
+# MuJoCo's soft contacts creep: with the suite's REST_MOTION, most drops would never be still.
 MUJOCO_MOTION = 10 * REST_MOTION
-# Blender's solver has a fixed number; it asks for 10 by default.
+# Number of solver iterations, which is fixed in Blender; the default is 10.
 ITERATIONS = 20
 # Half the side of the block that is Blender's surface, R.
 BLOCK = 50.0
 
 
 class MujocoBody:
-    """A body of bench_case.Body in MuJoCo.
+    """A bench_case.Body in MuJoCo.
 
-    A contact is a spring with the damping that bounces as high as the restitution says, and with a
-    half-period of the time in which the suite's engine pushes overlap apart. Elliptic friction
-    cones, because with MuJoCo's default, pyramids, a fifth of the drops never come to rest; no
-    rolling friction, because a part with flat sides needs none and a step then takes less.
+    A contact is a spring whose damping corresponds to the restitution, and whose half-period is
+    the time in which the suite's engine corrects penetration. Friction cones are elliptic, because
+    with pyramidal cones, MuJoCo's default, a fifth of the drops never come to rest. There is no
+    rolling friction, because a part with flat sides does not need it and a step is faster without.
     """
 
     def __init__(self, job: DropJob) -> None:
@@ -72,33 +71,33 @@ class MujocoBody:
         self.data = mujoco.MjData(self.model)
 
     def place(self, position: Array, orientation: Array) -> None:
-        """Put it there, without motion."""
+        """Place the body at rest."""
         self._reset(self.model, self.data)
         self.data.qpos[:] = [*position, *wxyz_from_xyzw(orientation)]
 
     def step(self, steps: int) -> None:
-        """Let time pass."""
+        """Simulate this number of time steps."""
         self._step(self.model, self.data, steps)
 
     def pose(self) -> list[float]:
-        """Position, orientation xyzw."""
+        """Return position and orientation xyzw."""
         x, y, z, qw, qx, qy, qz = self.data.qpos.tolist()
         return [x, y, z, qx, qy, qz, qw]
 
     def states(self) -> BodyStates:
-        """Pose and motion."""
+        """Return pose and motion."""
         position, wxyz = np.split(self.data.qpos[None].copy(), [3], axis=1)
-        # MuJoCo has the spin in body axes.
+        # MuJoCo returns the spin in body axes.
         velocity, spin = np.split(self.data.qvel[None].copy(), [3], axis=1)
         orientation = xyzw_from_wxyz(wxyz)
         return BodyStates(position, orientation, velocity, rotate(orientation, spin))
 
 
 class BlenderBody:
-    """A body of bench_case.Body in Blender, without ``states``; a frame of it is a look.
+    """A bench_case.Body in Blender, without ``states``; each frame is a check.
 
-    Blender takes the inertia of a hull's bounding box and knows no rolling friction; its contacts
-    are Bullet's by default.
+    Blender uses the inertia of the hull's bounding box and has no rolling friction. Its contacts
+    are the default of Bullet.
     """
 
     def __init__(self, job: DropJob) -> None:
@@ -110,7 +109,7 @@ class BlenderBody:
         self._look = steps_in(job, CHECK_INTERVAL)
         last = 2 + round(TIME_LIMIT / CHECK_INTERVAL)
         scene.gravity = (0, 0, -1)
-        # Frames in a unit of time, which is T; what is not a whole number goes into the base.
+        # Frames per T; fps must be an integer, so the base has the fraction.
         scene.render.fps, scene.render.fps_base = 1, CHECK_INTERVAL
         scene.frame_start, scene.frame_end = 1, last
         bpy.ops.rigidbody.world_add()
@@ -145,41 +144,41 @@ class BlenderBody:
         return body
 
     def place(self, position: Array, orientation: Array) -> None:
-        """Put it there, without motion, in the first frame: what was simulated is forgotten."""
+        """Place the body at rest in the first frame, which discards the simulated frames."""
         self._scene.frame_set(1)
         self.part.location = position
         self.part.rotation_quaternion = wxyz_from_xyzw(orientation)
         self._bpy.context.view_layer.update()
 
     def step(self, steps: int) -> None:
-        """Let time pass, a frame."""
+        """Simulate one frame."""
         if steps != self._look:
             raise ValueError(f'invalid steps {steps}: expected {self._look}, the steps of a frame')
         self._scene.frame_set(self._scene.frame_current + 1)
 
     def pose(self) -> list[float]:
-        """Position, orientation xyzw."""
+        """Return position and orientation xyzw."""
         pose = self.part.matrix_world
         w, x, y, z = pose.to_quaternion()
         return [*pose.translation, x, y, z, w]
 
     def states(self) -> BodyStates:
-        """Blender does not tell how bodies move."""
+        """Raise NotImplementedError: Blender does not provide velocities."""
         raise NotImplementedError
 
 
 def mujoco_still(job: DropJob, chunks: range) -> Trial:
-    """Raises ImportError without MuJoCo."""
+    """Simulate drops in MuJoCo until they are still; ImportError without MuJoCo."""
     return drop_until_still(MujocoBody(job), job, chunks, MUJOCO_MOTION)
 
 
 def mujoco_energy(job: DropJob, chunks: range) -> Trial:
-    """The same, ended by the suite's own rule."""
+    """Simulate drops in MuJoCo until the suite's rule ends them; ImportError without MuJoCo."""
     return drop_until_decided(MujocoBody(job), job, chunks)
 
 
 def blender_still(job: DropJob, chunks: range) -> Trial:
-    """Raises ImportError without Blender."""
+    """Simulate drops in Blender until they are still; ImportError without Blender."""
     return drop_until_still(BlenderBody(job), job, chunks)
 
 
