@@ -6,11 +6,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros import __version__
-from resting_aspects_ros.core.aspects.aspect import SAME_FACET
 from resting_aspects_ros.core.aspects.joining import JoinedMinima, join_minima
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.aspects.rest_rule import RestRule
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.geometry.polyhedron import SAME_FACET
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.stopping import check_precision
 from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf

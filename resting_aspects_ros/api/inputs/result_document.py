@@ -50,7 +50,7 @@ def document_result(
     aspects = AspectSet(given.part_sha256, tuple(map(_aspect, ordered)))
     if part is not None:
         found = find_aspects(part)
-        aspects = found if found.is_like(aspects) else aspects
+        aspects = found if found.matches(aspects) else aspects
     try:
         distribution = Distribution(
             aspects,

@@ -1,5 +1,6 @@
-"""The natural resting aspects of a part, and which of them a resting pose is in."""
+"""The natural resting aspects of a part, and the classification of resting poses."""
 
+import dataclasses
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
@@ -11,26 +12,29 @@ from scipy.spatial import KDTree
 from resting_aspects_ros.core.aspects.symmetry import Symmetry
 from resting_aspects_ros.core.rotations import Array, angle_between, down_in_part
 
-# A pose is in the aspect with the nearest down direction, if that is within this. Bullet rests
-# within hundredths of a degree of a facet, on the margin of its shape; what is further off lies
-# on no facet.
+# A pose is in the aspect with the nearest down direction, if the angle is at most this. In Bullet
+# parts rest within hundredths of a degree of a facet, on the collision margin; a pose with a
+# larger angle does not rest on a facet.
 POSE_ANGLE = np.radians(3.0)
-# Aspects that were found twice are the same if their down directions differ by no more than this.
+# Aspects from two computations are the same if their down directions differ by at most this.
 SAME_DIRECTION = 1e-3
-# Within a dome meshed in steps of an angle no direction is further from a flat than this part of
-# the step: the flats around a corner are seen from it under 1 / sqrt(3) of it if they are alike.
+# Aspects of a part with an axis are in one class if the height, R, and the cosine to the axis
+# agree within this, which is the effect of the tessellation.
+CLASS_TOLERANCE = 0.02
+# Maximum angle of a direction in a dome from the nearest flat, as a share of the angular step of
+# the mesh. If the flats around a corner are equal, they are at 1 / sqrt(3) of the step from it.
 _DOME_REACH = 0.75
-# Poses that are classified at once, so that memory stays flat.
-_AT_ONCE = 100_000
+# Number of poses that are classified at once, to limit the memory.
+_BATCH = 100_000
 
 
 class Sweep(Enum):
-    """Which down directions an aspect has besides its own."""
+    """The range of down directions of an aspect."""
 
-    POINT = 'point'  # none: the part rests on a flat side
-    ARC = 'arc'  # a piece of a circle about the axis: it rocks on a curved side
-    RING = 'ring'  # all of a circle about the axis: it rolls
-    DOME = 'dome'  # a piece of the sphere of directions about the axis
+    POINT = 'point'  # a single direction: the part rests on a flat side
+    ARC = 'arc'  # an arc about the axis: the part rocks on a curved side
+    RING = 'ring'  # a full circle about the axis: the part rolls
+    DOME = 'dome'  # a cap of the sphere of directions around the axis
     SPHERE = 'sphere'  # all directions
 
     @property
@@ -41,34 +45,34 @@ class Sweep(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Aspect:
-    """One way in which a part comes to rest.
+    """A natural resting aspect of a part.
 
     id : int
-        From 1, lowest centre of mass first.
+        From 1, in ascending order of the height of the centre of mass.
     down_in_part : (3,) float
-        Unit vector of gravity, part frame; of a curved aspect one of those that it sweeps.
+        Unit vector of gravity, part frame; for a curved aspect one of the directions in its sweep.
     com_height : float
-        Of the centre of mass above the surface, m.
+        Height of the centre of mass above the surface, m.
     orientation : (4,) float
-        Unit quaternion xyzw, tray from part, of a pose that shows the aspect.
+        Unit quaternion xyzw, tray from part, of a representative pose.
     support : (k, 2) float
         Contact polygon on the surface in that pose, m, tray axes, origin below the centre of mass.
     basin_share : float
         Share of all directions of gravity from which the part rolls into this aspect.
     min_barrier : float
-        Rise of the centre of mass that takes the part out of it, m; infinite if there is no other.
+        Minimum rise of the centre of mass to leave the aspect, m; infinite for the only aspect.
     neighbour : int
-        Id of the aspect to which it then rolls; 0 if it is the only one.
+        Id of the aspect that the part reaches over this barrier; 0 for the only aspect.
     symmetry_class, multiplicity : int
-        Aspects that a rotation of the part onto itself takes to each other are of one class; from
-        1, in the order of their first ids; how many aspects are in it.
+        Number of the symmetry class, from 1, in the order of the lowest ids, and the number of its
+        aspects. Rotations of the part onto itself map the aspects of a class to each other.
     rolls : bool
         Whether the part rolls in this aspect, on a curved side.
     sweep : Sweep
     axis : (3,) float
-        Of the sweep, unit vector, part frame; zero without one.
+        Axis of the sweep, unit vector, part frame; zero without an axis.
     directions : (m, 3) float
-        Down directions of all flats of the mesh that belong to it, the own one first.
+        Down directions of all flats of the mesh in the aspect, ``down_in_part`` first.
     links : (l, 2) int
         Pairs of ``directions`` between which the part rolls on a curved side.
     """
@@ -92,7 +96,7 @@ class Aspect:
 
 @dataclass(frozen=True, eq=False)
 class AspectSet:
-    """All aspects of a part, ordered by id; and its symmetry, if that is known."""
+    """All aspects of a part, ordered by id, and its symmetry, if known."""
 
     part_sha256: str
     aspects: tuple[Aspect, ...]
@@ -101,8 +105,8 @@ class AspectSet:
     def __len__(self) -> int:
         return len(self.aspects)
 
-    def is_like(self, other: 'AspectSet') -> bool:
-        """Whether an id means the same aspect in both: there are as many, in the same places."""
+    def matches(self, other: 'AspectSet') -> bool:
+        """Return whether the ids of both sets stand for the same aspects."""
         pairs = zip(self.aspects, other.aspects, strict=False)
         return len(self) == len(other) and all(
             bool(np.linalg.norm(one.down_in_part - another.down_in_part) <= SAME_DIRECTION)
@@ -110,7 +114,7 @@ class AspectSet:
         )
 
     def classify(self, orientation: Array) -> npt.NDArray[np.int64]:
-        """(n,) ids of the aspects that poses are in; 0 where none fits.
+        """Return the ids (n,) of the aspects that poses are in; 0 if a pose is in no aspect.
 
         Parameters
         ----------
@@ -121,9 +125,9 @@ class AspectSet:
         return np.where(angle <= POSE_ANGLE, ids, 0)
 
     def locate(self, down: Array) -> tuple[npt.NDArray[np.int64], Array]:
-        """(n,) ids of the nearest aspects, and (n,) angles to them, rad.
+        """Return the ids (n,) of the nearest aspects and the angles (n,) to them, rad.
 
-        Without any aspect the id is 0 and the angle infinite.
+        If the part has no aspect, the id is 0 and the angle infinite.
 
         Parameters
         ----------
@@ -133,13 +137,13 @@ class AspectSet:
         ids = np.zeros(len(down), dtype=np.int64)
         angle = np.full(len(down), np.inf)
         if self.aspects:
-            for first in range(0, len(down), _AT_ONCE):
-                chunk = slice(first, first + _AT_ONCE)
+            for first in range(0, len(down), _BATCH):
+                chunk = slice(first, first + _BATCH)
                 ids[chunk], angle[chunk] = self._map.locate(down[chunk])
         return ids, angle
 
     def classes(self) -> list[tuple[Aspect, ...]]:
-        """The aspects of each symmetry class, in the order of the classes."""
+        """Return the aspects of each symmetry class, in the order of the classes."""
         numbers = sorted({a.symmetry_class for a in self.aspects})
         return [tuple(a for a in self.aspects if a.symmetry_class == k) for k in numbers]
 
@@ -148,8 +152,41 @@ class AspectSet:
         return _DirectionMap(self.aspects)
 
 
+def with_symmetry_classes(aspects: AspectSet, symmetry: Symmetry, radius: float) -> AspectSet:
+    """Return the aspects with their symmetry classes; ``radius`` is R, m."""
+    group = np.arange(len(aspects))
+    down = np.array([aspect.down_in_part for aspect in aspects.aspects]).reshape(-1, 3)
+    for rotation in symmetry.rotations:
+        for k, image in enumerate((aspects.locate(down @ rotation.T)[0] - 1).tolist()):
+            group[group == max(group[k], group[image])] = min(group[k], group[image])
+    if symmetry.axis is not None:
+        # Rotations about the axis map aspects to each other that have the same height and the same
+        # angle to the axis, such as the sides of a fine prism.
+        keys = [(a.com_height / radius, a.down_in_part @ symmetry.axis) for a in aspects.aspects]
+        for k, one in enumerate(keys):
+            alike = np.abs(np.array(keys) - one).max(axis=1) < CLASS_TOLERANCE
+            first = group[alike].min()
+            group[np.isin(group, group[alike])] = min(first, group[k])
+    _, classes, sizes = np.unique(group, return_inverse=True, return_counts=True)
+    # The mean, because a minimum of the mesh halfway between two aspects is joined with only one.
+    share = np.bincount(classes, weights=[a.basin_share for a in aspects.aspects]) / sizes
+    return AspectSet(
+        aspects.part_sha256,
+        tuple(
+            dataclasses.replace(
+                a,
+                basin_share=float(share[c]),
+                symmetry_class=int(c) + 1,
+                multiplicity=int(sizes[c]),
+            )
+            for a, c in zip(aspects.aspects, classes, strict=True)
+        ),
+        symmetry,
+    )
+
+
 class _DirectionMap:
-    """The down directions of all aspects, and the arcs that they sweep."""
+    """The down directions of all aspects and the arcs between linked directions."""
 
     def __init__(self, aspects: tuple[Aspect, ...]) -> None:
         count = [len(a.directions) for a in aspects]
@@ -170,6 +207,7 @@ class _DirectionMap:
                 )
 
     def locate(self, down: Array) -> tuple[npt.NDArray[np.int64], Array]:
+        """Return the ids of the nearest aspects and the angles to them."""
         nearest = np.asarray(self._tree.query(down)[1])
         angle = angle_between(down, self._directions[nearest])
         for other in self._linked.T:
@@ -182,19 +220,19 @@ class _DirectionMap:
 
 
 def _linked(links: npt.NDArray[np.int64], count: int) -> npt.NDArray[np.int64]:
-    """(count, most) what each is linked with, filled up with -1."""
+    """Return what each element is linked with, (count, max links), padded with -1."""
     around: list[list[int]] = [[] for _ in range(count)]
     for a, b in links.tolist():
         around[a].append(b)
         around[b].append(a)
-    found = np.full((count, max(map(len, around), default=0)), -1)
+    table = np.full((count, max(map(len, around), default=0)), -1)
     for k, others in enumerate(around):
-        found[k, : len(others)] = others
-    return found
+        table[k, : len(others)] = others
+    return table
 
 
 def _angle_to_arc(down: Array, a: Array, b: Array) -> Array:
-    """(n,) angles to the shorter arc between a and b, rad; infinite where it ends before."""
+    """Return the angles (n,) to the shorter arc between a and b, rad; infinite beyond its ends."""
     normal = np.cross(a, b)
     within = ((np.cross(normal, a) * down).sum(axis=1) > 0) & (
         (np.cross(b, normal) * down).sum(axis=1) > 0

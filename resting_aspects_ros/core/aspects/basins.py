@@ -1,12 +1,13 @@
-"""The area of all directions from which a part rolls to each facet, exactly.
+"""The exact area of all directions from which a part rolls to each facet.
 
-Within the directions in which one corner touches, the cone of the corner, the descent follows
-great circles away from it. So what leaves the cone through a piece of its border fills the
-spherical triangle between corner and piece, without what came in from other cones through the
-border on the way: the area of a basin is the sum of the triangles over the pieces that lead to it,
-those of entries negative, as is their sense of rotation. So the areas add up to 4 pi also on hulls
-whose facets fit each other up to noise only. Where a border leads into another cone its pieces
-follow from that one's, which is the cone of a corner nearer to the centre of mass.
+The cone of a corner consists of the directions in which that corner touches the surface. In it the
+descent follows great circles away from the corner. The descents that leave the cone through an arc
+of its border fill the spherical triangle between the corner and the arc, except for those that
+entered the cone from other cones. So the area of a basin is the sum of the triangles of the arcs
+that lead to it, where the triangles of entries are negative, as is their orientation. The areas
+therefore sum to 4 pi even if noise makes the facets of the hull inconsistent. If a border leads
+into another cone, its arcs follow from those of that cone, whose corner is nearer to the centre of
+mass.
 """
 
 import math
@@ -22,7 +23,7 @@ from resting_aspects_ros.core.rotations import Array
 
 
 class BorderArc(NamedTuple):
-    """Part of a border between two cones, an arc, and the stable facet to which it leads."""
+    """An arc of the border between two cones, and the stable facet to which it leads."""
 
     begin: Array
     end: Array
@@ -30,12 +31,12 @@ class BorderArc(NamedTuple):
 
 
 def basin_areas(body: Polyhedron, rest: Indices) -> Array:
-    """(f,) areas, sr, which add up to 4 pi; 0 for facets that are not stable.
+    """Return the basin areas (f,), sr, whose sum is 4 pi; 0 for unstable facets.
 
     Parameters
     ----------
     rest : (f,) int
-        For each facet the stable one to which the descent leads from it.
+        For each facet the stable facet to which the descent leads.
     """
     pieces: list[list[BorderArc]] = [[] for _ in body.ends]
     triangles: list[tuple[Array, Array, Array]] = []
@@ -52,16 +53,16 @@ def basin_areas(body: Polyhedron, rest: Indices) -> Array:
                 pieces[edge] = list(_rolled_over(body, edge, rest))
             exits += pieces[edge]
         if entries and not exits:
-            # On a side that is flat but for noise a corner can be left without a way down.
+            # On a nearly flat side, noise can leave a corner without a way down.
             around = np.unique(body.sides[entries])
             lowest = int(rest[around[body.heights[around].argmin()]])
             for edge in entries:
                 begin, end = body.normals[body.sides[edge]]
                 pieces[edge] = [BorderArc(begin, end, lowest)]
         elif entries:
-            _lead_on(body, point, entries, exits, pieces)
+            _split_entries(body, point, entries, exits, pieces)
         for edge in body.edges_of_points[corner]:
-            # The cone is on the left of the way from the right side of an outgoing edge to its
+            # The cone is to the left of the arc from the right side of an outgoing edge to its
             # left side.
             outgoing = body.ends[edge, 0] == corner
             start = body.normals[body.sides[edge, 1 if outgoing else 0]]
@@ -77,7 +78,7 @@ def basin_areas(body: Polyhedron, rest: Indices) -> Array:
 
 
 def _rolled_over(body: Polyhedron, edge: int, rest: Indices) -> Iterator[BorderArc]:
-    """The border over an edge that carries the part: it rolls to the facets at its sides."""
+    """Yield the arcs of the border over an edge; from each the part rolls to a facet beside it."""
     (first, second), (one, other) = body.sides[edge].tolist(), body.margins[edge].tolist()
     begin, end = body.normals[first], body.normals[second]
     if one > 0 and other > 0:
@@ -87,18 +88,18 @@ def _rolled_over(body: Polyhedron, edge: int, rest: Indices) -> Iterator[BorderA
         yield BorderArc(begin, top, int(rest[first]))
         yield BorderArc(top, end, int(rest[second]))
     else:
-        # One foot is beyond the edge: the part rolls from its facet onto the other one.
+        # One foot is beyond the edge: the part rolls from that facet onto the other one.
         yield BorderArc(begin, end, int(rest[first if one > other else second]))
 
 
-def _lead_on(
+def _split_entries(
     body: Polyhedron,
     point: Array,
     entries: list[int],
     exits: list[BorderArc],
     pieces: list[list[BorderArc]],
 ) -> None:
-    """Cut the borders through which the descent comes in where it parts on the way out."""
+    """Split the borders of entering descents where their exits lead to different facets."""
     if len({piece.onto for piece in exits}) == 1:
         for edge in entries:
             begin, end = body.normals[body.sides[edge]]
@@ -116,8 +117,8 @@ def _lead_on(
         begin, end = sorted((piece.begin, piece.end), key=azimuth)
         fan.append(BorderArc(begin, end, piece.onto))
     fan.sort(key=lambda piece: azimuth(piece.begin) + azimuth(piece.end))
-    parting = [after.begin for before, after in pairwise(fan) if before.onto != after.onto]
-    angles = [azimuth(direction) for direction in parting]
+    separators = [after.begin for before, after in pairwise(fan) if before.onto != after.onto]
+    angles = [azimuth(direction) for direction in separators]
     onto = [fan[0].onto, *(b.onto for a, b in pairwise(fan) if a.onto != b.onto)]
     for edge in entries:
         begin, end = sorted(body.normals[body.sides[edge]], key=azimuth)
@@ -125,7 +126,7 @@ def _lead_on(
         first = sum(angle <= azimuth(begin) for angle in angles)
         last = sum(angle < azimuth(end) for angle in angles)
         marks = [begin]
-        for direction in parting[first:last]:
+        for direction in separators[first:last]:
             mark = _cross(_cross(point, direction), b - a)
             marks.append(mark * np.sign(mark @ (begin + end)) / np.sqrt(mark @ mark))
         marks.append(end)
@@ -135,6 +136,6 @@ def _lead_on(
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Of two vectors (3,): numpy's takes ten times as long for so little."""
+    """Return the cross product of two vectors (3,); np.cross takes ten times as long."""
     (x, y, z), (u, v, w) = a.tolist(), b.tolist()
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])

@@ -1,12 +1,12 @@
-"""Poses sorted by their down directions alone, without knowing the part.
+"""Clusters of poses by their down directions, without knowledge of the part.
 
-The rule of the seed method: two poses are the same if the rotation from one to the other is about
-the vertical. Then gravity, seen from the part, has the same direction in both, and the other way
-round; so poses are compared by their down directions, and the yaw is never looked at.
+The rule of the seed method is that two poses are the same if the rotation from one to the other is
+about the vertical. This is equivalent to equal directions of gravity in the part frame, so poses
+are compared by their down directions and the yaw is ignored.
 
-A cluster holds the directions that a chain of steps, none longer than the tolerance, leads to.
-That depends on no order, and makes one cluster of the ring that a rolling part leaves. It is
-exact: cells are only used to leave out comparisons whose outcome is certain.
+A cluster contains all directions connected by chains of steps up to the tolerance (single
+linkage). The result does not depend on the order of the poses, and the ring of a rolling part is
+one cluster. The result is exact: the grid only avoids comparisons whose outcome is certain.
 """
 
 from dataclasses import dataclass
@@ -24,31 +24,31 @@ from resting_aspects_ros.core.rotations import angle_between
 Array = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int64]
 
-# Steps up to this are within a cluster, degrees (docs/explanation/seed_runs.md). In the published
-# runs of three printed parts, poses of an aspect are up to 2.6 from the next one, poses that still
-# tip up to 4.5, then nothing comes until 6.3; our own engine's scatter by hundredths. Less would
-# need more drops to close the ring of a rolling part (5 degrees take some 500); more would let the
-# flats of a coarse mesh, or strays, join what is not the same.
+# Maximum step within a cluster, degrees (docs/explanation/seed_runs.md). In the published runs of
+# three printed parts, the distance to the next pose is up to 2.6 within an aspect, up to 4.5 for
+# poses that still tip, and then at least 6.3; poses of this suite scatter by hundredths. A smaller
+# step would need more drops to close the ring of a rolling part (5 degrees need about 500); a
+# larger step would join different aspects across the flats of a coarse mesh or across outliers.
 DEFAULT_TOLERANCE_DEGREES = 5.0
-# Below, poses of one aspect fall apart; above, aspects of common parts run together.
+# Below this range poses of one aspect are separated; above it aspects of common parts are joined.
 MIN_TOLERANCE_DEGREES, MAX_TOLERANCE_DEGREES = 1.0, 30.0
-# A cluster has no mean direction if less than this is left of the mean of its unit vectors: its
-# directions are all round a ring (0 if that is a great circle).
+# A cluster has no mean direction if the mean of its unit vectors is shorter than this: its
+# directions form a ring (the length is 0 for a great circle).
 MIN_RESULTANT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Clusters:
-    """Down directions in clusters, the largest first.
+    """Clusters of down directions, the largest first.
 
     labels : (n,) int
-        Of each direction, from 1.
+        Cluster of each direction, from 1.
     counts : (k,) int
-        Directions in each cluster.
+        Number of directions in each cluster.
     mean : (k, 3) float
         Unit vectors, part frame; NaN for a ring.
     spread : (k,) float
-        Root of the mean square of the angles to the mean, rad; NaN for a ring.
+        Root mean square of the angles to the mean, rad; NaN for a ring.
     """
 
     labels: Labels
@@ -61,19 +61,19 @@ class Clusters:
 
 
 def find_clusters(down: Array, tolerance: float) -> Clusters:
-    """Directions in clusters, with what is to be said of each cluster.
+    """Return the clusters of directions with their statistics.
 
-    The same to the last bit whatever the order of the directions.
+    The result is bit for bit independent of the order of the directions.
 
     Parameters
     ----------
     down, tolerance
-        As for cluster_directions.
+        See cluster_directions.
     """
     labels = cluster_directions(down, tolerance)
     k = int(labels.max(initial=0))
     counts = np.bincount(labels, minlength=k + 1)[1:]
-    # Sums are rounded by the order in which they are made.
+    # The rounding of sums depends on the order of the summands.
     order = _sorted_order(down)
     points, which = np.asarray(down)[order], labels[order] - 1
     sums = np.stack([np.bincount(which, x, minlength=k) for x in points.T], axis=1)
@@ -88,22 +88,22 @@ def find_clusters(down: Array, tolerance: float) -> Clusters:
 
 
 def cluster_directions(down: Array, tolerance: float) -> Labels:
-    """(n,) labels of the clusters that directions are in, from 1 for the largest.
+    """Return the cluster labels (n,) of directions, from 1 for the largest cluster.
 
-    Of clusters that are equally large, the one with the direction that is first by x, then y,
-    then z goes first. Permuting the directions permutes the labels, and no more.
+    Clusters of equal size are ordered by their first direction in the order of x, y and z.
+    Permuting the directions only permutes the labels.
 
     Parameters
     ----------
     down : (n, 3) float
         Unit vectors.
     tolerance : float
-        Directions at most this apart are in one cluster, rad.
+        Directions at most this angle apart are in one cluster, rad.
 
     Raises
     ------
     InvalidValueError
-        The tolerance is not one of 1 to 30 degrees.
+        If the tolerance is not 1 to 30 degrees.
     """
     check_tolerance(tolerance)
     down = np.asarray(down, dtype=np.float64).reshape(-1, 3)
@@ -120,7 +120,7 @@ def cluster_directions(down: Array, tolerance: float) -> Labels:
 
 
 def check_tolerance(tolerance: float) -> None:
-    """Raise InvalidValueError for a tolerance, rad, that makes no sense."""
+    """Raise InvalidValueError if the tolerance, rad, is outside the limits."""
     low, high = MIN_TOLERANCE_DEGREES, MAX_TOLERANCE_DEGREES
     if not np.radians(low) <= tolerance <= np.radians(high):
         raise InvalidValueError(
@@ -135,11 +135,11 @@ def _sorted_order(points: Array) -> npt.NDArray[np.intp]:
 
 
 def _components(points: Array, reach: float) -> npt.NDArray[np.int64]:
-    """(n,) numbers of the components of 'at most ``reach`` apart'.
+    """Return the component (n,) of each point, where points at most ``reach`` apart are linked.
 
-    All points in a cube of diagonal ``reach`` are one component. So cubes are joined instead of
-    points, of which there are never more than the sphere has room for: first those whose first
-    points are in reach; then, where that leaves a doubt, by all their points.
+    All points in a cube of diagonal ``reach`` are in one component. So cubes are linked instead of
+    points; their number is limited by the size of the sphere. Cubes are linked first if their
+    first points are within reach; remaining pairs are compared by all their points.
     """
     cubes, which = _cubes(points, reach / np.sqrt(3))
     order = np.argsort(which, kind='stable')
@@ -155,13 +155,13 @@ def _components(points: Array, reach: float) -> npt.NDArray[np.int64]:
 
 
 def _linked(n: int, pairs: npt.NDArray[np.intp]) -> npt.NDArray[np.int64]:
-    """(n,) numbers of the components that pairs link."""
+    """Return the component (n,) of each element, linked by pairs."""
     graph = coo_matrix((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), (n, n))
     return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def _cubes(points: Array, side: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]:
-    """The (k, 3) cubes of a grid that points are in, and (n,) which of them each point is in."""
+    """Return the occupied cubes (k, 3) of a grid, and the index (n,) of the cube of each point."""
     cubes = np.floor(points / side).astype(np.int64)
     width = 2 * int(np.ceil(1 / side)) + 3
     key = ((cubes[:, 0] * width) + cubes[:, 1]) * width + cubes[:, 2]
@@ -170,7 +170,7 @@ def _cubes(points: Array, side: float) -> tuple[npt.NDArray[np.int64], npt.NDArr
 
 
 def _neighbours(cubes: npt.NDArray[np.int64]) -> npt.NDArray[np.intp]:
-    """(m, 2) pairs of cubes of which some points could be within a diagonal of each other."""
+    """Return the pairs (m, 2) of cubes whose points may be within a diagonal of each other."""
     pairs: npt.NDArray[np.intp] = cKDTree(cubes).query_pairs(3.5, output_type='ndarray')
     gap = np.abs(cubes[pairs[:, 0]] - cubes[pairs[:, 1]]) - 1
     squared = (np.maximum(gap, 0) ** 2).sum(axis=1)
@@ -178,14 +178,14 @@ def _neighbours(cubes: npt.NDArray[np.int64]) -> npt.NDArray[np.intp]:
 
 
 def _in_reach(one: Array, other: Array, reach: float) -> bool:
-    """Whether any two points of two sets are at most ``reach`` apart."""
+    """Return whether any point of one set is at most ``reach`` from a point of the other."""
     one = one[_distance_to_box(one, other) <= reach]
     if not len(one):
         return False
     other = other[_distance_to_box(other, one) <= reach]
     if not len(other):
         return False
-    bound = np.nextafter(reach, np.inf)  # the search wants less than that
+    bound = np.nextafter(reach, np.inf)  # the bound is exclusive
     distance, _ = cKDTree(other).query(one, distance_upper_bound=bound)
     return bool(np.isfinite(distance).any())
 

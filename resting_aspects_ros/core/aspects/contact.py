@@ -1,4 +1,4 @@
-"""Where the mesh of a part touches the surface in an aspect, as connected pieces."""
+"""The connected regions where the mesh of a part touches the surface in an aspect."""
 
 from dataclasses import dataclass
 
@@ -16,18 +16,18 @@ from resting_aspects_ros.core.rotations import Array, rotate
 
 @dataclass(frozen=True, eq=False)
 class ContactRegion:
-    """A connected piece of the mesh that touches the surface.
+    """A connected region of the mesh that touches the surface.
 
     points : (n, 3) float
-        Its vertices from the centre of mass, m, part axes.
+        Its vertices relative to the centre of mass, m, part axes.
     outline : (n, 2) float
-        The same on the surface, tray axes.
+        The vertices projected onto the surface, m, tray axes.
     area : float
-        Of its triangles on the surface, m^2; 0 of an edge or a corner.
+        Area of its triangles on the surface, m^2; 0 for an edge or a corner.
     holes : int
-        Between these triangles.
+        Number of holes between these triangles.
     beside, sizes : (k, 3) and (k,) float
-        Unit normals and areas, m^2, of the triangles that join it at its edges, or its corner.
+        Unit normals and areas, m^2, of the triangles adjacent to its edges or its corner.
     """
 
     points: Array
@@ -38,8 +38,8 @@ class ContactRegion:
     sizes: Array
 
 
-def contact_pieces(part: Part, aspect: Aspect) -> list[ContactRegion]:
-    """Return the pieces of the mesh that touch the surface in a pose that shows the aspect."""
+def contact_regions(part: Part, aspect: Aspect) -> list[ContactRegion]:
+    """Return the regions of the mesh that touch the surface in the pose of the aspect."""
     down = aspect.down_in_part
     height = part.vertices @ -down
     near = height - height.min() <= _tolerance(part, aspect)
@@ -58,14 +58,14 @@ def contact_pieces(part: Part, aspect: Aspect) -> list[ContactRegion]:
     label = _labels(faces, touching, len(vertices))
     of_face = label[faces[np.arange(len(faces)), touching.argmax(axis=1)]]
     outline = rotate(aspect.orientation, points)[:, :2]
-    found = []
+    regions = []
     used = np.flatnonzero(near)
     for group, here in zip(_grouped(label[used]), _grouped(of_face), strict=True):
         own = used[group]
         on_surface = here[flat[here]]
         joined = touching[here].sum(axis=1) >= min(len(own), 2)
         beside = here[~flat[here] & joined & (double[here] > 0)]
-        found.append(
+        regions.append(
             ContactRegion(
                 points[own],
                 outline[own],
@@ -75,33 +75,33 @@ def contact_pieces(part: Part, aspect: Aspect) -> list[ContactRegion]:
                 double[beside] / 2,
             )
         )
-    return found
+    return regions
 
 
 def _grouped(labels: Indices) -> list[Indices]:
-    """The places of equal labels, in the order of the labels."""
+    """Return the indices of equal labels, in the order of the labels."""
     order = np.argsort(labels, kind='stable')
     return np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
 
 
 def _tolerance(part: Part, aspect: Aspect) -> float:
-    """How far above the surface the mesh still touches it, m.
+    """Return the maximum height above the surface at which the mesh still touches it, m.
 
-    The corners of the aspect's support do, also where noise or a simplified hull lifts them.
+    It includes the corners of the support, even if noise or a simplified hull lifts them.
     """
     corners = rotate(aspect.orientation, part.hull_vertices - part.centre_of_mass)
     height = corners[:, 2] - corners[:, 2].min()
-    least = 2 * COPLANAR * part.hull_radius
+    noise = 2 * COPLANAR * part.hull_radius
     below = [
-        height[np.abs(corners[:, :2] - corner).max(axis=1) <= least].min(initial=np.inf)
+        height[np.abs(corners[:, :2] - corner).max(axis=1) <= noise].min(initial=np.inf)
         for corner in aspect.support
     ]
     lifted = max((rise for rise in below if rise < np.inf), default=0.0)
-    return max(least, part.hull_error) + float(lifted)
+    return max(noise, part.hull_error) + float(lifted)
 
 
 def _labels(faces: Indices, touching: npt.NDArray[np.bool_], count: int) -> Indices:
-    """(count,) number of the connected piece of each vertex, over edges that touch."""
+    """Return the region number (count,) of each vertex, connected by edges that touch."""
     pairs = [
         faces[touching[:, a] & touching[:, b]][:, (a, b)] for a, b in ((0, 1), (1, 2), (2, 0))
     ]
@@ -111,6 +111,6 @@ def _labels(faces: Indices, touching: npt.NDArray[np.bool_], count: int) -> Indi
 
 
 def _holes(faces: Indices) -> int:
-    """How many holes the triangles leave, of a connected piece: by Euler's formula."""
+    """Return the number of holes of a connected region, by Euler's formula."""
     edges = np.sort(faces[:, ((0, 1), (1, 2), (2, 0))].reshape(-1, 2), axis=1)
     return 1 - len(np.unique(faces)) + len(np.unique(edges, axis=0)) - len(faces)

@@ -1,11 +1,11 @@
-"""How a part that is let go rolls: steepest descent of the support height over directions.
+"""Quasi-static rolling of a released part: steepest descent of the support height.
 
-A direction d is that of gravity seen from the part. The part touches the surface with the corner p
-that reaches furthest down, and the support height is s(d) = max p . d. While one corner touches,
-the part pivots about it: d moves away from p along a great circle. When a second corner touches,
-it rolls on over the edge between them, if the foot of the perpendicular from the centre of mass is
-inside the edge, or pivots on about the second corner; so on, until the centre of mass is over the
-inside of a facet (Baktash, Sharp, Zhou, Crane, Jacobson, SIGGRAPH 2025).
+A direction d is the direction of gravity in the part frame. The part touches the surface with its
+lowest corner p, and the support height is s(d) = max p . d. While one corner touches, the part
+pivots about it: d moves away from p along a great circle. When a second corner touches, the part
+rolls over the edge between them if the foot of the perpendicular from the centre of mass is inside
+the edge; otherwise it pivots about the second corner. This is repeated until the centre of mass is
+above the inside of a facet (Baktash, Sharp, Zhou, Crane, Jacobson, SIGGRAPH 2025).
 """
 
 from collections.abc import Iterator
@@ -15,20 +15,21 @@ import numpy as np
 from resting_aspects_ros.core.geometry.polyhedron import Indices, Polyhedron
 from resting_aspects_ros.core.rotations import Array
 
-# A part can rest on a facet if its centre of mass is inside by more than this, R. Less is
-# indistinguishable from the noise of float32 coordinates, and any breath tips the part over.
+# A part can rest on a facet if its centre of mass is inside the facet by more than this, R. Less
+# is indistinguishable from the noise of float32 coordinates, and any disturbance tips the part
+# over.
 STABLE_MARGIN = 1e-4
-# Numbers that are worked on at once, so that memory stays flat.
-_AT_ONCE = 4_000_000
+# Number of array elements that are processed at once, to limit the memory.
+_BATCH = 4_000_000
 
 
 class Descent:
-    """The descent on one polyhedron.
+    """The steepest descent on a polyhedron.
 
     onto : (f,) int
-        For each facet the one to which a part rolls on from it; itself if it is stable.
+        For each facet the next facet to which a part rolls; itself if it is stable.
     rest : (f,) int
-        For each facet the stable one to which a part rolls that is let go on it.
+        For each facet the stable facet to which a part released on it rolls.
     """
 
     def __init__(self, body: Polyhedron) -> None:
@@ -39,14 +40,14 @@ class Descent:
         self._edges = np.full((len(around), self._width), -1)
         for point, edges in enumerate(around):
             self._edges[point, : len(edges)] = edges
-        self.onto = self._without_circles(self._onto())
+        self.onto = self._without_cycles(self._onto())
         self.rest = self._settle()
 
     def facets_from(self, directions: Array) -> Indices:
-        """(n,) stable facets to which a part rolls from directions (n, 3), unit vectors."""
+        """Return the stable facets (n,) to which a part rolls from unit vectors (n, 3)."""
         found = np.empty(len(directions), dtype=np.int64)
         for chunk in _slices(len(directions), len(self._body.points)):
-            # Not as a matrix product: its rounding depends on how many rows it has.
+            # Not a matrix product, because its rounding depends on the number of rows.
             x, y, z = directions[chunk].T[:, :, None]
             px, py, pz = self._body.points.T
             found[chunk] = (x * px + y * py + z * pz).argmax(axis=1)
@@ -55,7 +56,7 @@ class Descent:
         return found
 
     def _first_facets(self, directions: Array, corner: Indices) -> Indices:
-        """The facet that each first comes to lie on, pivoting from a corner."""
+        """Return the facet on which each part first lies when it pivots about a corner."""
         body = self._body
         found = np.empty(len(directions), dtype=np.int64)
         left = np.arange(len(directions))
@@ -71,13 +72,13 @@ class Descent:
         return found
 
     def _next_edge(self, d: Array, corner: Indices) -> tuple[Indices, Array]:
-        """The edge over which each rolls next, and the direction in which it does."""
+        """Return the edge that each part touches next, and its down direction then."""
         p = self._body.points[corner]
         away = (p * d).sum(axis=1, keepdims=True) * d - p
         length = np.linalg.norm(away, axis=1, keepdims=True)
-        # On top of the corner every way is down: any will do.
-        least = np.eye(3)[np.abs(d).argmin(axis=1)]
-        along = np.cross(d, least)
+        # Exactly above the corner every direction leads down; any of them is valid.
+        axis = np.eye(3)[np.abs(d).argmin(axis=1)]
+        along = np.cross(d, axis)
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         away = np.where(length > 1e-12, away / np.maximum(length, 1e-300), along)
         edges = self._edges[corner]
@@ -95,7 +96,7 @@ class Descent:
         return edges[rows, first], moved / np.linalg.norm(moved, axis=1, keepdims=True)
 
     def _over_edge(self, edge: Indices, d: Array) -> Indices:
-        """The facet to which each rolls over an edge: away from where it balances on it."""
+        """Return the facet to which each part rolls over an edge, away from the balance on it."""
         body = self._body
         a, b = np.moveaxis(body.points[body.ends[edge]], 1, 0)
         top = a + body.feet[edge][:, None] * (b - a)
@@ -106,14 +107,14 @@ class Descent:
         return np.asarray(np.where((lean > 0) == (towards > 0), second, first))
 
     def _settle(self) -> Indices:
-        """Follow the facets on which the part cannot stay."""
+        """Return the stable facet that follows each facet."""
         onto = self.onto
         while (onto[onto] != onto).any():
             onto = onto[onto]
         return onto
 
     def _onto(self) -> Indices:
-        """For each facet the one that follows; itself if it is stable."""
+        """Return for each facet the facet that follows; itself if it is stable."""
         body = self._body
         onto = np.arange(len(body.normals))
         pivots: list[tuple[int, int]] = []
@@ -138,9 +139,9 @@ class Descent:
             onto[facets] = self._first_facets(body.normals[facets], corners)
         return onto
 
-    def _without_circles(self, onto: Indices) -> Indices:
-        """Facets within noise of each other can hand a part round: the lowest of them keeps it."""
-        seen = np.full(len(onto), -1)  # from which facet each was reached first
+    def _without_cycles(self, onto: Indices) -> Indices:
+        """Make the lowest facet of each cycle stable; noise causes cycles of nearby facets."""
+        seen = np.full(len(onto), -1)  # the facet from which each was reached first
         for start in range(len(onto)):
             facet = start
             while seen[facet] < 0:
@@ -148,15 +149,15 @@ class Descent:
                 facet = int(onto[facet])
             if seen[facet] != start:
                 continue
-            circle = [facet]
-            while onto[circle[-1]] != facet:
-                circle.append(int(onto[circle[-1]]))
-            lowest = min(circle, key=lambda k: float(self._body.heights[k]))
+            cycle = [facet]
+            while onto[cycle[-1]] != facet:
+                cycle.append(int(onto[cycle[-1]]))
+            lowest = min(cycle, key=lambda k: float(self._body.heights[k]))
             onto[lowest] = lowest
         return onto
 
 
 def _slices(count: int, width: int) -> Iterator[slice]:
-    """Of rows of so many numbers, as many as are worked on at once."""
-    step = max(1, _AT_ONCE // width)
+    """Return slices of rows of ``width`` numbers that are processed at once."""
+    step = max(1, _BATCH // width)
     return (slice(first, first + step) for first in range(0, count, step))

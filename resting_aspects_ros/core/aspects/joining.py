@@ -1,8 +1,9 @@
-"""Which minima of a landscape are one aspect.
+"""Join the minima of a landscape that belong to one aspect.
 
-A mesh makes flats of a curved side, and every flat a minimum; and noise splits one minimum into
-some. No barrier tells these from small but real ones (the rim of a washer, a pin on its end), so
-they are told apart by shape first: neighbours on a curved side, and then what is lower than noise.
+A mesh approximates a curved side by flats, each of which is a minimum, and noise splits a minimum
+into several. The height of the barrier does not distinguish these from small real minima (the rim
+of a washer, a pin on its end). So minima are joined by shape first, if they are neighbours on a
+curved side, and then if the barrier between them is below the noise.
 """
 
 from dataclasses import dataclass
@@ -19,40 +20,43 @@ from resting_aspects_ros.core.geometry.polyhedron import Polyhedron
 from resting_aspects_ros.core.geometry.tessellation import CURVED_STEP
 from resting_aspects_ros.core.rotations import Array, angle_between
 
-# Steps along a curved side are alike up to this factor; a chamfer beside a flat is not.
-LIKE_STEPS = 1.5
-# The barrier between two minima on a curved side is the sagitta of the arc between them, up to
-# this factor for meshes whose flats are not alike.
+# Adjacent steps of a curved side differ by at most this factor; a chamfer and its flat differ
+# more.
+MAX_STEP_RATIO = 1.5
+# The barrier between two minima on a curved side is at most the sagitta of the arc between them
+# times this factor, which allows for unequal flats.
 SAGITTA_SLACK = 1.3
-# On a dome a flat is further below the surface than between two edges: by 8 / 3 if all are equal
-# triangles, and by this factor in irregular meshes.
+# The depth of a flat below a dome, relative to that between two edges, is 8 / 3 for equal
+# triangles, and up to this factor in irregular meshes.
 DOME_DEPTH = 3.2
-# A minimum with nothing but the mesh's own steps around it is made by the mesh if it is this much
-# shallower than a flat there is deep: on a side of radius r, with the centre of mass h away, it is
-# r / h of that, and of a flat side it is more.
+# A minimum surrounded by steps of the mesh is an artifact of the mesh if its barrier is below this
+# share of the depth of a flat. On a side of radius r at the distance h of the centre of mass the
+# share is r / h; for a flat side it is larger.
 RIM_DEPTH = 0.6
-# Minima on a curved side are neighbours within this many steps, and within one of the largest;
-# further apart, as the two flat sides beside a fillet, they are different.
+# Minima on a curved side are neighbours if they are at most this many steps, and at most one
+# CURVED_STEP, apart. Minima further apart, such as two flat sides beside a fillet, are different.
 NEIGHBOUR_STEPS = 3.0
-# Barriers below this, R, are noise: a breath moves the part across.
+# Barriers below this, R, are noise: any disturbance moves the part across.
 NOISE_BARRIER = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class JoinedMinima:
-    """Minima that are one aspect.
+    """Minima that belong to one aspect.
 
     minima : (k,) int
-        Their places in the landscape, lowest first.
+        Their indices in the landscape, lowest first.
     curved : bool
         Whether they are flats of a curved side.
     step : float
-        Largest step of the mesh of the curved side, rad; 0 without one.
+        Maximum step of the mesh of the curved side, rad; 0 without a curved side.
     level : int
-        So many of them are as low as the lowest but for the mesh; the others are on a slope.
+        Number of minima that are as low as the lowest, apart from effects of the mesh; the others
+        are on a slope.
     height : float
-        Of the centre of mass on it, R: the lowest minimum's; of a curved side that of the highest
-        saddle within the level, as a mesh has its edges on the true surface and its flats below.
+        Height of the centre of mass, R: that of the lowest minimum, or for a curved side that of
+        the highest saddle within the level, because the edges of a mesh are on the true surface
+        and its flats below.
     """
 
     minima: npt.NDArray[np.int64]
@@ -62,14 +66,14 @@ class JoinedMinima:
     height: float
 
 
-# For a run of drops both its aspects and its job are made of them.
+# Cached because a run of drops needs them for both its aspects and its job.
 @lru_cache(maxsize=1)
 def join_minima(landscape: Landscape) -> list[JoinedMinima]:
-    """The aspects as groups of minima, each minimum in one of them.
+    """Return the aspects as groups of minima; each minimum is in one group.
 
-    Saddles are taken from the lowest up, and each joins what is on its sides if it is one of a
-    curved side's mesh, or if the barrier over it from the higher side is noise (persistence:
-    Edelsbrunner, Letscher, Zomorodian 2002).
+    The saddles are processed in ascending order. A saddle joins the groups on its two sides if it
+    belongs to the mesh of a curved side, or if the barrier from the higher side is below the noise
+    (persistence: Edelsbrunner, Letscher, Zomorodian 2002).
     """
     group = np.arange(len(landscape.minima))
     low = landscape.heights / landscape.radius
@@ -83,28 +87,31 @@ def join_minima(landscape: Landscape) -> list[JoinedMinima]:
     depth = _largest(landscape.hull, curved_edges, sagitta)[landscape.minima]
     tessellation = _tessellation(landscape, curved_edges, steps)
     over = zip(heights, saddles.between, tessellation, sagitta[saddles.edges], strict=True)
-    drained = np.zeros(len(group), dtype=bool)  # down a side, to where it is no neighbour
+    drained = np.zeros(
+        len(group), dtype=bool
+    )  # joined across a curved side to a minimum that is not a neighbour
     for height, (a, b), meshed, own in over:
         one, other = group[a], group[b]
         if one == other:
             continue
         barrier = height - max(low[one], low[other])
-        # Step by step, each as low as the mesh makes it, one could climb from one end of an
-        # egg to the other.
-        # What has drained off the curved side is no way along it, but for what the mesh makes.
+        # Without a limit, a chain of low steps could connect the two ends of an egg. A minimum
+        # that was drained off the curved side does not continue it, apart from effects of the
+        # mesh.
         slack = 1.0 if drained[a] or drained[b] else DOME_DEPTH
         by_mesh = meshed and barrier <= slack * max(depth[one], depth[other])
-        # Where the side curves more sharply than a sphere would, only its mesh holds the part.
+        # If the side is more curved than a sphere around the centre of mass, only the mesh makes a
+        # minimum.
         on_curve = by_mesh or barrier <= RIM_DEPTH * own
         if not on_curve and barrier > NOISE_BARRIER:
             continue
-        into, gone = (one, other) if low[one] <= low[other] else (other, one)
+        into, merged = (one, other) if low[one] <= low[other] else (other, one)
         if not by_mesh:
-            drained[group == gone] = True
-        group[group == gone] = into
-        curved[into] |= curved[gone] | on_curve
-        step[into] = max(step[into], step[gone])
-        depth[into] = max(depth[into], depth[gone])
+            drained[group == merged] = True
+        group[group == merged] = into
+        curved[into] |= curved[merged] | on_curve
+        step[into] = max(step[into], step[merged])
+        depth[into] = max(depth[into], depth[merged])
     joined = []
     for k in np.unique(group):
         level = low[k] + DOME_DEPTH * depth[k] * curved[k]
@@ -124,7 +131,7 @@ def join_minima(landscape: Landscape) -> list[JoinedMinima]:
 def _tessellation(
     landscape: Landscape, curved_edges: npt.NDArray[np.bool_], steps: Array
 ) -> npt.NDArray[np.bool_]:
-    """(s,) whether each saddle is one that the mesh of a curved side makes."""
+    """Return whether each saddle (s,) is an artifact of the mesh of a curved side."""
     hull, saddles = landscape.hull, landscape.saddles
     local = steps[hull.sides[saddles.edges]].max(axis=1)
     a, b = np.moveaxis(landscape.directions[saddles.between], 1, 0)
@@ -136,14 +143,13 @@ def _tessellation(
 
 
 def is_curved(hull: Polyhedron) -> npt.NDArray[np.bool_]:
-    """(e,) whether each edge is a step of the mesh of a curved side.
+    """Return whether each edge (e,) is a step of the mesh of a curved side.
 
-    It is if one of its facets goes on, across another edge, with a step that is like it and does
-    not turn back: three flats in a chain. Or if it is small, and so are all that lead from it once
-    round the part.
+    It is one if a similar step in the same direction follows at another edge of one of its facets,
+    so that three flats form a chain; or if a closed chain of small steps leads around the part.
     """
     small = hull.angles <= CURVED_STEP
-    found = small & _goes_round(hull, small)
+    found = small & _in_closed_chain(hull, small)
     for edge in np.flatnonzero(small & ~found).tolist():
         angle = hull.angles[edge]
         for side in (0, 1):
@@ -153,7 +159,7 @@ def is_curved(hull: Polyhedron) -> npt.NDArray[np.bool_]:
                 ratio = hull.angles[next_edge] / angle
                 if next_edge == edge or not small[next_edge]:
                     continue
-                if not 1 / LIKE_STEPS <= ratio <= LIKE_STEPS:
+                if not 1 / MAX_STEP_RATIO <= ratio <= MAX_STEP_RATIO:
                     continue
                 sides = hull.sides[next_edge]
                 ahead = hull.normals[sides.sum() - facet] - hull.normals[facet]
@@ -161,8 +167,8 @@ def is_curved(hull: Polyhedron) -> npt.NDArray[np.bool_]:
     return np.asarray(found)
 
 
-def _goes_round(hull: Polyhedron, small: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """(e,) whether small steps lead from each edge's first facet once round the part."""
+def _in_closed_chain(hull: Polyhedron, small: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Return whether small steps lead from the first facet of each edge (e,) around the part."""
     count = len(hull.normals)
     links = coo_array((small, tuple(hull.sides.T)), shape=(count, count))
     _, side = connected_components(links, directed=False)
@@ -174,7 +180,7 @@ def _goes_round(hull: Polyhedron, small: npt.NDArray[np.bool_]) -> npt.NDArray[n
         x, y = axes[:2] @ (normals - middle).T
         azimuth = np.sort(np.arctan2(y, x))
         gaps = np.diff(azimuth, append=azimuth[0] + 2 * np.pi)
-        # A flat with what is around it is no ring.
+        # A flat with its surroundings is not a ring.
         radius = np.hypot(x, y)
         cap = np.linalg.norm(middle) > 0.5 and radius.min() < 0.5 * radius.max()
         closed[number] = gaps.max() <= CURVED_STEP and not cap
@@ -182,10 +188,10 @@ def _goes_round(hull: Polyhedron, small: npt.NDArray[np.bool_]) -> npt.NDArray[n
 
 
 def _sagittas(hull: Polyhedron, curved_edges: npt.NDArray[np.bool_]) -> Array:
-    """(e,) how far below the curved side the middle of a flat at each edge is, R; 0 at others.
+    """Return the depth (e,) of the flats at each edge below the curved side, R; 0 at other edges.
 
     Two chords of length w that meet at an angle a are below their circle by w / 2 tan(a / 4). The
-    narrower of the two facets is the one of the mesh; the other may be a flat side.
+    narrower of the two facets belongs to the mesh of the curved side; the other may be flat.
     """
     edges = np.flatnonzero(curved_edges)
     first = hull.points[hull.ends[edges, 0]]
@@ -200,14 +206,14 @@ def _sagittas(hull: Polyhedron, curved_edges: npt.NDArray[np.bool_]) -> Array:
         furthest = np.zeros(len(edges))
         np.maximum.at(furthest, owner, square.max(axis=1))
         width = np.minimum(width, np.sqrt(furthest))
-    found = np.zeros(len(hull.angles))
-    found[edges] = width / 2 * np.tan(hull.angles[edges] / 4)
-    return found
+    depth = np.zeros(len(hull.angles))
+    depth[edges] = width / 2 * np.tan(hull.angles[edges] / 4)
+    return depth
 
 
 def _largest(hull: Polyhedron, edges: npt.NDArray[np.bool_], values: Array) -> Array:
-    """(f,) the largest of the values (e,) of those of its edges at each facet; 0 at none."""
-    found = np.zeros(len(hull.normals))
+    """Return the maximum of the values (e,) over the given edges of each facet (f,), or 0."""
+    largest = np.zeros(len(hull.normals))
     chosen = np.flatnonzero(edges)
-    np.maximum.at(found, hull.sides[chosen].ravel(), np.repeat(values[chosen], 2))
-    return found
+    np.maximum.at(largest, hull.sides[chosen].ravel(), np.repeat(values[chosen], 2))
+    return largest

@@ -1,9 +1,9 @@
-"""The potential energy of a part on a flat surface, over the direction of gravity seen from it.
+"""The potential energy of a part on a flat surface as a function of the direction of gravity.
 
-With gravity along the unit vector d, part frame, the centre of mass is at the support height
-s(d) = max p . d over the corners p of the hull from the centre of mass, above the surface. Its
-minima are the facets on which the part can stay, its saddles edges on which it balances between
-two of them, its maxima corners on which it stands on its head.
+With gravity along the unit vector d, part frame, the height of the centre of mass above the
+surface is the support height s(d) = max p . d over the corners p of the hull, relative to the
+centre of mass. Its minima are the stable facets, its saddles are edges on which the part balances
+between two minima, and its maxima are corners on which the part balances.
 """
 
 from dataclasses import dataclass
@@ -27,12 +27,12 @@ class Saddles:
     """Edges on which the part balances between two minima.
 
     edges : (s,) int
-        Of the hull.
+        Edges of the hull.
     heights : (s,) float
-        Of the centre of mass there, m, ascending.
+        Height of the centre of mass on each edge, m, ascending.
     between : (s, 2) int
-        The minima (their places in Landscape.minima) to which it rolls on either side; the same
-        twice if both sides lead to one.
+        The minima (indices into Landscape.minima) to which the part rolls on either side; both are
+        equal if both sides lead to the same minimum.
     """
 
     edges: Indices
@@ -46,11 +46,11 @@ class Landscape:
     Attributes
     ----------
     hull : Polyhedron
-        In units of ``radius`` from the centre of mass, part axes.
+        Hull around the centre of mass, in units of ``radius``, part axes.
     radius : float
         R, m.
     minima : (k,) int
-        Facets of the hull on which the part can stay, lowest first.
+        Stable facets of the hull, lowest first.
     """
 
     def __init__(self, part: 'Part') -> None:
@@ -62,12 +62,12 @@ class Landscape:
         self._rest = self._descent.rest
         stable = np.flatnonzero(self._rest == np.arange(len(self._rest)))
         self.minima: Indices = stable[np.argsort(self.hull.heights[stable], kind='stable')]
-        self._place = np.full(len(self._rest), -1)
-        self._place[self.minima] = np.arange(len(self.minima))
+        self._minimum_of_facet = np.full(len(self._rest), -1)
+        self._minimum_of_facet[self.minima] = np.arange(len(self.minima))
 
     @property
     def directions(self) -> Array:
-        """(k, 3) unit vectors of gravity seen from the part in each minimum."""
+        """(k, 3) unit vectors of gravity in each minimum, part frame."""
         return self.hull.normals[self.minima]
 
     @property
@@ -77,26 +77,26 @@ class Landscape:
 
     @property
     def minima_of_facets(self) -> Indices:
-        """(f,) the minimum, as its place in ``minima``, to which a part rolls from each facet."""
-        return self._place[self._rest]
+        """(f,) index into ``minima`` of the minimum to which a part rolls from each facet."""
+        return self._minimum_of_facet[self._rest]
 
     @cached_property
     def basin_shares(self) -> Array:
-        """(k,) shares of all directions that roll to each minimum; they add up to 1."""
+        """(k,) share of the directions from which a part rolls to each minimum; their sum is 1."""
         return np.asarray(basin_areas(self.hull, self._rest)[self.minima] / (4 * np.pi))
 
     @cached_property
     def saddles(self) -> Saddles:
         """The saddles, lowest first.
 
-        An edge is one if the foot of the perpendicular from the centre of mass is inside it, and
-        its direction between the normals of the facets beside it.
+        An edge is a saddle if the foot of the perpendicular from the centre of mass is inside the
+        edge, and the direction of the foot is between the normals of the adjacent facets.
         """
         hull = self.hull
         inside = (hull.feet > 0) & (hull.feet < 1)
         one, other = hull.sides.T
         onto = self._descent.onto
-        # A facet that is unstable by the margin alone rolls over what would be its saddle.
+        # From a facet that is unstable only because of the margin, the part rolls over this edge.
         rolled = (onto[one] == other) | (onto[other] == one)
         edges = np.flatnonzero(inside & (hull.margins > 0).all(axis=1) & ~rolled)
         first, second = np.moveaxis(hull.points[hull.ends[edges]], 1, 0)
@@ -104,16 +104,16 @@ class Landscape:
         heights = np.linalg.norm(foot, axis=1)
         order = np.argsort(heights, kind='stable')
         edges = edges[order]
-        between = self._place[self._rest[hull.sides[edges]]]
+        between = self._minimum_of_facet[self._rest[hull.sides[edges]]]
         return Saddles(edges, heights[order] * self.radius, between)
 
     def descend(self, directions: npt.ArrayLike) -> Indices:
-        """(n,) minima, as places in ``minima``, to which a part rolls that is let go.
+        """Return the minima (n,), as indices into ``minima``, to which a released part rolls.
 
         Parameters
         ----------
         directions : (n, 3) float
             Unit vectors of gravity, part frame.
         """
-        given = np.asarray(directions, dtype=np.float64).reshape(-1, 3)
-        return np.asarray(self._place[self._descent.facets_from(given)])
+        down = np.asarray(directions, dtype=np.float64).reshape(-1, 3)
+        return np.asarray(self._minimum_of_facet[self._descent.facets_from(down)])

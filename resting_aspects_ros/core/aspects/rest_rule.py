@@ -1,8 +1,7 @@
-"""When it is decided in which aspect a moving part will rest: by its energy alone.
+"""The energy criterion that decides in which aspect a moving part will come to rest.
 
-Its centre of mass is never lower than the support height s(d) of its down direction d, so that a
-part with less energy than the lowest saddle around its basin can no longer leave it, whatever it
-still does.
+The centre of mass is never lower than the support height s(d) of the down direction d. So a part
+with less energy than the lowest saddle around its basin cannot leave the basin any more.
 """
 
 from functools import cached_property
@@ -17,8 +16,8 @@ from resting_aspects_ros.core.rotations import Array
 if TYPE_CHECKING:
     from resting_aspects_ros.core.aspects.joining import JoinedMinima
 
-# Below the saddle by this, m g R: at impacts an engine can add a little energy. Without it 3 of
-# 800 drops of an L bracket were decided wrongly, with it none.
+# Required distance below the saddle, m g R, because an engine can add energy at impacts. Without
+# it 3 of 800 drops of an L bracket were decided incorrectly, with it none.
 ENERGY_MARGIN = 0.01
 
 
@@ -26,9 +25,9 @@ class RestRule:
     """The energies below which a part stays in its aspects.
 
     exits : (k,) float
-        For each minimum of the landscape the energy, m g R above the surface, below which a part
-        in its basin stays in the aspect. Minus infinity where the barrier is below twice the
-        margin: there only stillness tells.
+        For each minimum of the landscape the energy above the surface, m g R, below which a part
+        in its basin stays in the aspect. It is minus infinity where the barrier is below twice the
+        margin: there only the stillness of the part decides.
     """
 
     def __init__(self, landscape: Landscape, aspects: 'list[JoinedMinima]') -> None:
@@ -43,24 +42,24 @@ class RestRule:
         for side in (one, other):
             np.minimum.at(over, side[between], saddles.heights[between] / landscape.radius)
         low = np.array([landscape.heights[a.minima].min() for a in aspects]) / landscape.radius
-        barred = over - low < 2 * ENERGY_MARGIN
-        self.exits: Array = np.where(barred, -np.inf, over - ENERGY_MARGIN)[aspect]
+        too_shallow = over - low < 2 * ENERGY_MARGIN
+        self.exits: Array = np.where(too_shallow, -np.inf, over - ENERGY_MARGIN)[aspect]
 
     @property
     def directions(self) -> Array:
-        """(k, 3) unit vectors of gravity, part frame, in the minima."""
+        """(k, 3) unit vectors of gravity in the minima, part frame."""
         return self._landscape.directions
 
     def decided(self, down: Array, energy: Array) -> Indices:
-        """(n,) minima to which parts roll whose aspect is decided; -1 while it is open.
+        """Return the minimum (n,) to which each part rolls, or -1 if its aspect is undecided.
 
-        Of the directions (n, 3) of gravity and the energies (n,), kinetic and of the height above
-        the surface, m g R; from ``highest`` on nothing is decided.
+        ``down`` are the directions (n, 3) of gravity, ``energy`` the sums (n,) of the kinetic
+        energy and the height above the surface, m g R. Above ``highest`` no aspect is decided.
         """
         minima = self._landscape.descend(down)
         return np.where(energy < self.exits[minima], minima, -1)
 
     @cached_property
     def highest(self) -> float:
-        """The highest exit."""
+        """The maximum of ``exits``."""
         return float(self.exits.max())

@@ -1,7 +1,7 @@
-"""What a part rests on in an aspect, in words: from where its mesh touches the surface.
+"""A short description of what a part rests on in an aspect, from its contact with the surface.
 
-A facet of the convex hull can bridge what the part does not touch: a bracket rests on the edges
-of its leg and its toe. So the words are those of the connected pieces of the mesh that touch.
+A facet of the convex hull can span gaps of the part: a bracket rests on the edges of its leg and
+its toe. So the description is that of the connected regions of the mesh that touch the surface.
 """
 
 from collections import Counter
@@ -10,28 +10,29 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from resting_aspects_ros.core.aspects.aspect_set import Aspect, Sweep
-from resting_aspects_ros.core.aspects.contact import ContactRegion, contact_pieces
+from resting_aspects_ros.core.aspects.contact import ContactRegion, contact_regions
 from resting_aspects_ros.core.geometry.polyhedron import COPLANAR
 from resting_aspects_ros.core.geometry.tessellation import CURVED_STEP
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array
 
-# A circle of a mesh has as many corners, and their distances from its centre agree within this.
+# A circle of a mesh has at least this many corners, and their distances from its centre agree
+# within this share.
 _MIN_ROUND_CORNERS = int(np.ceil(2 * np.pi / CURVED_STEP))
 _ROUND = 0.02
 # A round side with one hole that covers less than this share of its circle is a ring.
 _RING_SHARE = 0.8
-# A facet of a curved side is at most so many times as large as a triangle beside it; a flat side
-# with rounded edges is larger.
-_LIKE_NEIGHBOURS = 4.0
-# The line on which a cone touches leans to its axis by more than this, as a sine.
-_CONE_LEAN = 0.02
-# Directions of a curved side to which a circle is fitted.
-_FITTED = 5
-# A flat piece that covers this share of the support polygon is all that counts.
-_ALL_SHARE = 0.95
+# Maximum area of a facet of a curved side, as a multiple of that of an adjacent triangle; a flat
+# side with rounded edges is larger.
+_MAX_AREA_RATIO = 4.0
+# Minimum sine of the angle between the contact line of a cone and its axis.
+_MIN_CONE_SINE = 0.02
+# Number of directions of a curved side to which a circle is fitted.
+_FITTED_DIRECTIONS = 5
+# If a flat region covers this share of the support polygon, the others are ignored.
+_MAIN_SHARE = 0.95
 _NUMBERS = ('no', 'one', 'two', 'three', 'four', 'five', 'six')
-# In the order in which they are named.
+# Kinds of regions, in the order in which they are listed.
 _KINDS = {
     'flat side': 'a flat side',
     'curved side': 'a curved side',
@@ -42,14 +43,14 @@ _KINDS = {
 
 
 def resting_on(part: Part | None, aspect: Aspect) -> str:
-    """Return what the part rests on, as 'flat side 12 x 30 mm' or 'an edge and two corners'.
+    """Return what the part rests on, such as 'flat side 12 x 30 mm' or 'an edge and two corners'.
 
     Parameters
     ----------
     part : Part or None
-        Without it only the size of the support is known.
+        Without a part only the size of the support is described.
     aspect : Aspect
-        Of the part.
+        An aspect of the part.
     """
     if part is None:
         return _support_text(aspect)
@@ -62,14 +63,14 @@ def resting_on(part: Part | None, aspect: Aspect) -> str:
 
 
 def _flat_text(part: Part, aspect: Aspect) -> str:
-    """What a part touches the surface with that neither rolls nor rocks."""
-    pieces = contact_pieces(part, aspect)
-    largest = max(pieces, key=lambda piece: piece.area)
-    if len(pieces) == 1 or largest.area >= _ALL_SHARE * ConvexHull(aspect.support).volume:
+    """Return the description for a part that neither rolls nor rocks."""
+    regions = contact_regions(part, aspect)
+    largest = max(regions, key=lambda region: region.area)
+    if len(regions) == 1 or largest.area >= _MAIN_SHARE * ConvexHull(aspect.support).volume:
         return _one_text(largest)
-    kinds = Counter(_kind(piece, aspect.down_in_part) for piece in pieces)
-    if len(kinds) > 1 and len(pieces) >= len(_NUMBERS):
-        return f'{len(pieces)} places within {_rectangle_text(aspect.support)}'
+    kinds = Counter(_kind(region, aspect.down_in_part) for region in regions)
+    if len(kinds) > 1 and len(regions) >= len(_NUMBERS):
+        return f'{len(regions)} places within {_rectangle_text(aspect.support)}'
     return _count_text(kinds)
 
 
@@ -84,81 +85,83 @@ def _support_text(aspect: Aspect) -> str:
     }[aspect.sweep]
 
 
-def _kind(piece: ContactRegion, down: Array) -> str:
-    """Which of _KINDS it is, among other pieces."""
-    on_curve = piece.beside @ down > np.cos(CURVED_STEP)
-    if piece.area:
-        like = piece.area <= _LIKE_NEIGHBOURS * piece.sizes[on_curve].max(initial=0.0)
+def _kind(region: ContactRegion, down: Array) -> str:
+    """Return the kind of a region, a key of _KINDS."""
+    on_curve = region.beside @ down > np.cos(CURVED_STEP)
+    if region.area:
+        like = region.area <= _MAX_AREA_RATIO * region.sizes[on_curve].max(initial=0.0)
         return 'curved side' if like and np.count_nonzero(on_curve) > 1 else 'flat side'
-    if _diameter(piece):
+    if _diameter(region):
         return 'ring'
     if len(on_curve) and on_curve.all():
         return 'curved side'
-    return 'corner' if len(piece.outline) == 1 else 'edge'
+    return 'corner' if len(region.outline) == 1 else 'edge'
 
 
 def _count_text(kinds: Counter[str]) -> str:
-    """'an edge and two corners'."""
-    words = [
+    """Return the kinds with their numbers, such as 'an edge and two corners'."""
+    texts = [
         one if n == 1 else f'{_number(n)} {kind}s'
         for kind, one in _KINDS.items()
         if (n := kinds[kind])
     ]
-    return ', '.join([*words[:-2], ' and '.join(words[-2:])])
+    return ', '.join([*texts[:-2], ' and '.join(texts[-2:])])
 
 
-def _one_text(piece: ContactRegion) -> str:
-    """Of a piece that is all on which the part rests."""
-    diameter = _diameter(piece)
+def _one_text(region: ContactRegion) -> str:
+    """Return the description of the only region on which the part rests."""
+    diameter = _diameter(region)
     if not diameter:
-        return f'flat side {_rectangle_text(piece.outline)}'
+        return f'flat side {_rectangle_text(region.outline)}'
     name = 'ring'
-    if piece.area:
-        full = piece.holes != 1 or piece.area >= _RING_SHARE * np.pi * diameter**2 / 4
+    if region.area:
+        full = region.holes != 1 or region.area >= _RING_SHARE * np.pi * diameter**2 / 4
         name = 'round flat side' if full else 'flat ring'
     return f'{name}, diameter {_mm(diameter)} mm'
 
 
 def _ring_text(part: Part, aspect: Aspect) -> str:
-    """What a part touches the surface with that rolls all round."""
-    pieces = contact_pieces(part, aspect)
+    """Return the description for a part that rolls on a full circle."""
+    regions = contact_regions(part, aspect)
     axis = aspect.axis
-    along = [piece.points @ axis for piece in pieces]
+    along = [region.points @ axis for region in regions]
     across = [
-        float(np.linalg.norm(piece.points - np.outer(z, axis), axis=1).max())
-        for piece, z in zip(pieces, along, strict=True)
+        float(np.linalg.norm(region.points - np.outer(z, axis), axis=1).max())
+        for region, z in zip(regions, along, strict=True)
     ]
     diameters = list(dict.fromkeys(_mm(2 * r) for r in sorted(across, reverse=True)))
-    least = 2 * COPLANAR * max(across)
-    if len(pieces) > 1:
-        rims = all(np.ptp(z) <= least for z in along)
+    noise = 2 * COPLANAR * max(across)
+    if len(regions) > 1:
+        rims = all(np.ptp(z) <= noise for z in along)
         each = f'diameter {diameters[0]} mm'
         if len(diameters) > 1:
             each = f'diameters {" and ".join(diameters[:2])} mm'
-        return f'{_number(len(pieces))} {"rims" if rims else "round sides"}, {each} (rolls)'
-    (piece,) = pieces
+        return f'{_number(len(regions))} {"rims" if rims else "round sides"}, {each} (rolls)'
+    (region,) = regions
     name = 'cylinder'
-    if np.ptp(along[0]) <= least:
+    if np.ptp(along[0]) <= noise:
         name = 'rim'
-    elif abs(aspect.down_in_part @ axis) > _CONE_LEAN:
+    elif abs(aspect.down_in_part @ axis) > _MIN_CONE_SINE:
         name = 'cone'
-    leans = np.abs((piece.beside - aspect.down_in_part) @ axis)
-    on_curve = (piece.beside @ aspect.down_in_part > np.cos(CURVED_STEP)) & (leans > _CONE_LEAN)
-    if piece.area <= _LIKE_NEIGHBOURS * piece.sizes[on_curve].max(initial=0.0):
+    leans = np.abs((region.beside - aspect.down_in_part) @ axis)
+    on_curve = (region.beside @ aspect.down_in_part > np.cos(CURVED_STEP)) & (
+        leans > _MIN_CONE_SINE
+    )
+    if region.area <= _MAX_AREA_RATIO * region.sizes[on_curve].max(initial=0.0):
         name = 'curved side'
     return f'{name}, diameter {diameters[0]} mm (rolls)'
 
 
 def _arc_text(part: Part, aspect: Aspect) -> str:
-    """A curved side on which the part rocks; with its radius, if it is a piece of a cylinder."""
+    """Return the description for a part that rocks, with the radius if the side is a cylinder."""
     corners = part.hull_vertices - part.centre_of_mass
-    chosen = np.linspace(0, len(aspect.directions) - 1, _FITTED).astype(int)
+    chosen = np.linspace(0, len(aspect.directions) - 1, _FITTED_DIRECTIONS).astype(int)
     heights = corners @ aspect.directions[np.unique(chosen)].T
     touching = heights.max(axis=0) - heights <= 2 * COPLANAR * part.hull_radius
     on_side = corners[touching.any(axis=1)]
     across = np.linalg.svd(aspect.axis[None])[2][1:]
     flat = np.unique(np.round(on_side @ across.T / part.hull_radius, 5), axis=0)
-    words = 'curved side'
+    text = 'curved side'
     if len(flat) >= 3:
         # |p|^2 = 2 c . p + (r^2 - |c|^2), after Kasa 1976.
         equations = np.column_stack([2 * flat, np.ones(len(flat))])
@@ -166,8 +169,8 @@ def _arc_text(part: Part, aspect: Aspect) -> str:
         radius = np.sqrt(max(rest + x**2 + y**2, 0.0))
         off = np.abs(np.linalg.norm(flat - (x, y), axis=1) - radius).max()
         if off <= _ROUND * radius:
-            words += f', radius {_mm(radius * part.hull_radius)} mm'
-    return f'{words} (rocks)'
+            text += f', radius {_mm(radius * part.hull_radius)} mm'
+    return f'{text} (rocks)'
 
 
 def _is_straight(outline: Array) -> bool:
@@ -175,11 +178,11 @@ def _is_straight(outline: Array) -> bool:
     return bool(size[1] <= _ROUND * size[0])
 
 
-def _diameter(piece: ContactRegion) -> float:
-    """Of its outline, m; 0 if that is not round."""
-    if len(piece.outline) < _MIN_ROUND_CORNERS or _is_straight(piece.outline):
+def _diameter(region: ContactRegion) -> float:
+    """Return the diameter of the outline of a region, m; 0 if it is not round."""
+    if len(region.outline) < _MIN_ROUND_CORNERS or _is_straight(region.outline):
         return 0.0
-    corners = piece.outline[ConvexHull(piece.outline).vertices]
+    corners = region.outline[ConvexHull(region.outline).vertices]
     centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
     radius = np.linalg.norm(corners - centre, axis=1)
     round_ = len(corners) >= _MIN_ROUND_CORNERS and np.ptp(radius) <= 2 * _ROUND * radius.max()
@@ -187,7 +190,7 @@ def _diameter(piece: ContactRegion) -> float:
 
 
 def _rectangle_text(outline: Array) -> str:
-    """Sides of the smallest rectangle around points on the surface: '12 x 30 mm'."""
+    """Return the sides of the smallest rectangle around points on the surface: '12 x 30 mm'."""
     corners = outline[ConvexHull(outline).vertices]
     edges = np.roll(corners, -1, axis=0) - corners
     edges /= np.linalg.norm(edges, axis=1)[:, None]
@@ -206,5 +209,5 @@ def _number(n: int) -> str:
 
 
 def _mm(length: float) -> str:
-    """A length, m, in mm with three digits and no exponent."""
+    """Return a length, m, as text in mm with three digits and no exponent."""
     return np.format_float_positional(1000 * length, precision=3, fractional=False, trim='-')

@@ -6,12 +6,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull
 
-from resting_aspects_ros.core.aspects.aspect import facets_at, find_aspects
+from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.core.aspects.joining import is_curved
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.geometry.polyhedron import Indices
+from resting_aspects_ros.core.geometry.polyhedron import Indices, coplanar_facets
 from resting_aspects_ros.core.geometry.solid_angle import facet_angles
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array, rotate
@@ -82,7 +82,7 @@ class RestingShape:
         own = self.aspect_of_facets[minima] == aspect.id - 1
         face: list[int] = minima[own].tolist()
         if not aspect.sweep.curved:
-            return sorted({each for facet in face for each in facets_at(hull, facet)})
+            return sorted({each for facet in face for each in coplanar_facets(hull, facet)})
         known = set(face)
         for facet in face:
             for edge in hull.edges_of_facets[facet]:

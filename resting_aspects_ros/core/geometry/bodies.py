@@ -1,8 +1,7 @@
-"""One solid from the bodies of a mesh: those that touch each other are united, one is chosen.
+"""Unite the bodies of a mesh that touch each other, and choose one of the united bodies.
 
-CAD programs export an assembly, or a screw as a head and a shank, as several closed shells. Where
-they overlap, the volume integrals would count twice; where they do not touch, they cannot be one
-rigid part.
+CAD programs export an assembly, or a screw as a head and a shank, as several closed shells. The
+volume integrals would count overlaps twice, and bodies that do not touch cannot be one rigid part.
 """
 
 import dataclasses
@@ -14,28 +13,32 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.errors import InvalidValueError, PartError, shown
-from resting_aspects_ros.core.geometry.closed_surface import Surface, closed_surface, edge_pieces
+from resting_aspects_ros.core.geometry.closed_surface import (
+    Surface,
+    closed_surface,
+    edge_components,
+)
 from resting_aspects_ros.core.geometry.mass_properties import solid_integrals
 from resting_aspects_ros.core.units import box_text
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-# Bodies with a gap up to this share of the mesh's size touch: the noise of float32 far from the
-# origin, and less than any gap that is meant.
+# Bodies touch if the gap is at most this share of the size of the mesh. It is the noise of float32
+# far from the origin, and less than any intended gap.
 TOUCH = 1e-5
-# A union that changes the volume by less is of bodies that touch and do not overlap.
+# Maximum relative change of the volume by the union of bodies that touch but do not overlap.
 SAME_VOLUME = 1e-6
 # A shell with less volume, as a share of the cube of its size, is a sheet folded onto itself.
-SHEET = 1e-9
+MIN_VOLUME_SHARE = 1e-9
 MAX_BODIES = 10_000
-MAX_NEAR = 2_000  # pairs of bodies whose boxes touch; each pair is compared triangle by triangle
+MAX_NEAR_PAIRS = 2_000  # bodies whose boxes touch are compared triangle by triangle
 MAX_LISTED = 5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Body:
-    """A shell that faces outward, with its cavities; lengths are shares of the mesh's size."""
+    """A shell that faces outward, with its cavities; lengths are relative to the mesh size."""
 
     number: int
     corners: Array  # (m, 3, 3) of its triangles
@@ -54,7 +57,7 @@ class _Body:
 
     @cached_property
     def solid(self) -> Any:
-        """The body as manifold3d has it."""
+        """The body as an object of manifold3d."""
         import manifold3d
 
         points, faces = np.unique(self.corners.reshape(-1, 3), axis=0, return_inverse=True)
@@ -65,33 +68,34 @@ class _Body:
 def unite_bodies(
     surface: Surface, chosen: int | None, unit: str, label: str
 ) -> tuple[Surface, int]:
-    """Return the surface of one solid, and the number of the body that was chosen, 0 if none was.
+    """Return the surface of one solid and the number of the chosen body, 0 if none was chosen.
 
-    Bodies that touch are one; they are united if they overlap. Bodies are numbered from 1 on,
-    the largest first.
+    Bodies that touch count as one body; they are united if they overlap. Bodies are numbered from
+    1, the largest first.
 
     Parameters
     ----------
     surface : Surface
-        Returned as it is if it has a defect.
+        Returned unchanged if it has a defect.
     chosen : int, optional
-        Needed if there are bodies that do not touch each other.
+        Number of the body; required if there are bodies that do not touch each other.
     unit : str
-        Of the coordinates, for errors.
+        Unit of the coordinates, for errors.
 
     Raises
     ------
     PartError
-        There are several bodies and none is chosen, they cannot be united, or there are too many.
+        If there are several bodies and none is chosen, if they cannot be united, or if there are
+        too many.
     InvalidValueError
-        There is no body of that number.
+        If there is no body with the chosen number.
     """
     if surface.defect:
         if chosen is not None:
             raise PartError(f'{label} {surface.defect}: no body of it can be chosen')
         return surface, 0
     middle = (surface.vertices.min(axis=0) + surface.vertices.max(axis=0)) / 2
-    # A power of two, so that scaling loses no digit.
+    # A power of two, so that scaling is exact.
     size = 2.0 ** np.ceil(np.log2(np.ptp(surface.vertices, axis=0).max()))
     corners = ((surface.vertices - middle) / size)[surface.faces]
     bodies = _solids(corners, surface.body)
@@ -115,15 +119,19 @@ def unite_bodies(
 
 
 def _solids(corners: Array, number: Indices) -> list[_Body]:
-    """The bodies, without sheets of no volume."""
+    """Return the bodies, without sheets, which have no volume."""
     order = np.argsort(number, kind='stable')
     starts = np.r_[0, np.flatnonzero(np.diff(number[order])) + 1]
     found = [_Body(int(number[rows[0]]), corners[rows]) for rows in np.split(order, starts[1:])]
-    return [body for body in found if body.volume > SHEET * (body.high - body.low).max() ** 3]
+    return [
+        body
+        for body in found
+        if body.volume > MIN_VOLUME_SHARE * (body.high - body.low).max() ** 3
+    ]
 
 
 def _cut(surface: Surface, kept: npt.NDArray[np.bool_]) -> Surface:
-    """The surface of some of the triangles."""
+    """Return the surface of a subset of the triangles."""
     if kept.all():
         return surface
     used, faces = np.unique(surface.faces[kept], return_inverse=True)
@@ -147,22 +155,22 @@ def _list(groups: list[list[_Body]], size: float, unit: str) -> str:
 
 
 def _groups(bodies: list[_Body], label: str) -> list[list[_Body]]:
-    """The bodies that hang together by contact, the largest group first."""
+    """Return groups of bodies that are connected by contact, the largest group first."""
     if len(bodies) > MAX_BODIES:
         raise PartError(f'{label} has {len(bodies)} bodies: expected at most {MAX_BODIES}')
     near = list(_near(bodies))
-    if len(near) > MAX_NEAR:
+    if len(near) > MAX_NEAR_PAIRS:
         raise PartError(
             f'{label} has {len(bodies)} bodies, of which {len(near)} pairs may touch: expected at '
-            f'most {MAX_NEAR}; unite them in the program that the mesh is from'
+            f'most {MAX_NEAR_PAIRS}; unite them in the CAD program'
         )
     if near:
         try:
             import manifold3d  # noqa: F401
         except ImportError:
             raise PartError(
-                f'{label} has several bodies that may overlap: manifold3d, which unites them, is '
-                'not installed (pip install manifold3d)'
+                f'{label} has several bodies that may overlap: uniting them needs '
+                'manifold3d, which is not installed (pip install manifold3d)'
             ) from None
     piece = np.arange(len(bodies))
     for one, other in near:
@@ -179,7 +187,7 @@ def _groups(bodies: list[_Body], label: str) -> list[list[_Body]]:
 
 
 def _near(bodies: list[_Body]) -> Iterator[tuple[int, int]]:
-    """Pairs of bodies whose boxes touch."""
+    """Yield the pairs of bodies whose bounding boxes touch."""
     low = np.array([body.low for body in bodies]) - TOUCH
     high = np.array([body.high for body in bodies]) + TOUCH
     order = np.argsort(low[:, 0], kind='stable')
@@ -194,7 +202,7 @@ def _near(bodies: list[_Body]) -> Iterator[tuple[int, int]]:
 def _united(
     surface: Surface, group: list[_Body], middle: Array, size: float, label: str
 ) -> Surface:
-    """The union of bodies that touch; the surface as it is if they do not overlap."""
+    """Return the union of bodies that touch; the unchanged surface if they do not overlap."""
     import manifold3d
 
     volume = sum(body.volume for body in group)
@@ -203,9 +211,11 @@ def _united(
     )
     change = union.volume() / volume - 1
     if union.status() == manifold3d.Error.NoError and abs(change) <= SAME_VOLUME:
-        if not edge_pieces(surface.faces).any():
+        if not edge_components(surface.faces).any():
             return surface
-        warning = f'the mesh is of {len(group)} bodies that touch, which are one rigid part'
+        warning = (
+            f'the mesh has {len(group)} bodies that touch each other and are treated as one part'
+        )
         return dataclasses.replace(surface, warnings=(*surface.warnings, warning))
     largest = max(body.volume for body in group)
     mesh = union.to_mesh64()
@@ -217,10 +227,10 @@ def _united(
     if found is None or found.defect or abs(off) > SAME_VOLUME:
         raise PartError(
             f'{label} has {len(group)} bodies that overlap and cannot be united '
-            f'({union.status().name}): unite them in the program that the mesh is from'
+            f'({union.status().name}): unite them in the CAD program'
         )
     warning = (
-        f'the mesh is of {len(group)} bodies that overlap; they were united, which changed the '
+        f'the mesh has {len(group)} bodies that overlap; they were united, which changed the '
         f'volume by {100 * change:.2g} %. A body inside another one is a cavity only if it faces '
         'inward'
     )

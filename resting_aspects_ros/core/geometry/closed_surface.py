@@ -1,8 +1,8 @@
-"""From the triangles of a file to a closed, outward surface: welding, mending, and saying why not.
+"""Make a closed surface that faces outward from the triangles of a file: weld, repair, check.
 
-A surface is closed when every edge is passed as often in one direction as in the other. That is
-what the volume integrals need, and it allows more than "two triangles at each edge": bodies that
-touch along an edge, or share a wall, are closed.
+A surface is closed if every edge is used equally often in both directions. This is the condition
+of the volume integrals. It is weaker than "two triangles at each edge": bodies that touch along an
+edge or share a wall are closed.
 """
 
 from dataclasses import dataclass
@@ -13,41 +13,42 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from resting_aspects_ros.core.geometry.shells import facing
+from resting_aspects_ros.core.geometry.shells import check_facing
 
 Vertices = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-# Vertices closer than this, as a share of the part's half size, are one. STL stores float32, whose
-# neighbours are up to 1.2e-7 apart, and text often has seven digits: the same corner of two
-# triangles can differ by that much in each coordinate, and a file cannot mean anything smaller.
+# Vertices closer than this, as a share of half the size of the part, are welded. STL stores
+# float32 with a relative resolution of 1.2e-7, and text files often have seven digits. So the same
+# corner of two triangles can differ by this much in each coordinate, and a file cannot represent
+# smaller details.
 WELD = 1e-6
-# Far from the origin the same corner can differ by more; so a mesh that has open edges is welded
-# again, within WELD of the largest coordinate, but at most within this share of its half size.
+# Far from the origin the difference can be larger. So a mesh with open edges is welded again,
+# within WELD of the largest coordinate, but at most within this share of half its size.
 MAX_WELD = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A welded surface; ``defect`` says why it encloses no solid, None if it does."""
+    """A welded surface; ``defect`` is the reason why it does not enclose a solid, or None."""
 
-    vertices: Vertices  # (n, 3), lexicographic, each one used by a triangle
+    vertices: Vertices  # (n, 3), in lexicographic order, each used by a triangle
     faces: Faces  # (m, 3), outward if there is no defect
-    defect: str | None  # a predicate, as 'is not watertight: ...'
+    defect: str | None  # a predicate, such as 'is not watertight: ...'
     warnings: tuple[str, ...]
     body: Faces  # (m,) number of the body that each triangle belongs to, 0 if there is a defect
 
 
 def closed_surface(vertices: Vertices, faces: Faces) -> Surface:
-    """Weld the vertices, drop triangles that are none, and turn all triangles outward.
+    """Return the surface with welded vertices, without degenerate triangles, facing outward.
 
     Parameters
     ----------
     vertices : (n, 3) float64
         Any unit, any frame; finite.
     faces : (m, 3) int64
-        As in the file.
+        Triangles as in the file.
     """
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     half = float(np.abs(vertices - middle).max())
@@ -66,12 +67,12 @@ def _closed(vertices: Vertices, faces: Faces, tolerance: float) -> Surface:
     faces, copies = _without_copies(faces)
     defect = _defect(faces)
     if defect and copies and not _defect(every) and _balanced(every) and _in_order(every).any():
-        # Bodies that overlap have a side in common.
+        # Overlapping bodies have a common side.
         faces, copies, defect = every, 0, None
     if copies:
-        warnings.append(f'triangles that were there more than once count once: {copies}')
+        warnings.append(f'duplicate triangles were removed: {copies}')
     if defect:
-        # A needle of no area with three different corners can close a gap, or be in the way.
+        # A degenerate triangle with three different corners can close a gap or cause a defect.
         solid = faces[_areas(vertices, faces) > 0]
         if not _defect(solid):
             faces, defect = solid, None
@@ -81,15 +82,17 @@ def _closed(vertices: Vertices, faces: Faces, tolerance: float) -> Surface:
         faces = _flipped(faces, mended)
         if _balanced(faces):
             warnings.append(
-                'triangles that faced the other way than their neighbours were '
-                f'turned: {np.count_nonzero(mended)}'
+                'triangles that did not face the same way as their neighbours were '
+                f'flipped: {np.count_nonzero(mended)}'
             )
         else:
-            defect = 'has triangles that cannot be turned to face the same way as their neighbours'
+            defect = (
+                'has triangles that cannot be flipped to face the same way as their neighbours'
+            )
     body = np.zeros(len(faces), dtype=np.int64)
     if not defect:
         middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-        found = facing((vertices - middle)[faces], _shells(faces), mended)
+        found = check_facing((vertices - middle)[faces], _shells(faces), mended)
         faces, defect, body = _flipped(faces, found.inward), found.defect, found.body
         warnings += found.warnings
     used, faces = np.unique(faces, return_inverse=True)
@@ -97,9 +100,9 @@ def _closed(vertices: Vertices, faces: Faces, tolerance: float) -> Surface:
 
 
 def _weld(vertices: Vertices, faces: Faces, tolerance: float) -> tuple[Vertices, Faces]:
-    """Join vertices within the tolerance; drop triangles that have fewer than three corners left.
+    """Merge vertices within the tolerance; remove triangles with fewer than three corners left.
 
-    The first in lexicographic order stands for each group, whatever the order in the file.
+    Each group is replaced by its lexicographically first vertex, whatever the order in the file.
     """
     vertices = vertices + 0.0  # -0 is 0
     order = np.lexsort(vertices.T[::-1])
@@ -108,7 +111,7 @@ def _weld(vertices: Vertices, faces: Faces, tolerance: float) -> tuple[Vertices,
     group[order] = np.cumsum(np.r_[0, (np.diff(vertices, axis=0) != 0).any(axis=1)])
     vertices = vertices[np.r_[True, (np.diff(vertices, axis=0) != 0).any(axis=1)]]
     if tolerance:
-        # First by cells, so that a file with a million vertices in one spot has few pairs.
+        # First by grid cells, so that a million vertices in one spot have few pairs.
         _, first, cell = np.unique(
             np.round((vertices - vertices[0]) / tolerance).astype(np.int64),
             axis=0,
@@ -126,9 +129,10 @@ def _weld(vertices: Vertices, faces: Faces, tolerance: float) -> tuple[Vertices,
 
 
 def _without_copies(faces: Faces) -> tuple[Faces, int]:
-    """Drop all but the first of triangles with the same corners in the same sense of rotation.
+    """Remove duplicates, triangles with the same corners in the same orientation.
 
-    Two with the opposite sense are a wall shared by two bodies; they cancel in every integral.
+    Two triangles of opposite orientation are a wall shared by two bodies; they cancel in every
+    integral.
     """
     if not len(faces):
         return faces, 0
@@ -140,7 +144,7 @@ def _without_copies(faces: Faces) -> tuple[Faces, int]:
 
 
 def _edges(faces: Faces) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return for each of the (3 m) edges, face by face, its number and its direction (+1, -1)."""
+    """Return the number and the direction (+1, -1) of each of the (3 m) edges, face by face."""
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     low, high = np.minimum(start, end), np.maximum(start, end)
     _, number = np.unique(low * (int(faces.max()) + 1) + high, return_inverse=True)
@@ -148,7 +152,7 @@ def _edges(faces: Faces) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
 
 
 def _defect(faces: Faces) -> str | None:
-    """Say how many edges are open; every edge of a closed surface has an even number of faces."""
+    """Return the number of open edges as text; an edge is open if its number of faces is odd."""
     if not len(faces):
         return 'has no triangle with an area'
     number, _ = _edges(faces)
@@ -164,8 +168,8 @@ def _balanced(faces: Faces) -> bool:
 def _against_their_neighbours(faces: Faces) -> Flags:
     """Return which triangles to flip so that neighbours across edges of two triangles agree.
 
-    Each triangle is there twice, as it is and flipped; copies that agree are linked. The pieces
-    come in pairs, each the other one inside out; one of each pair is taken.
+    Each triangle is represented twice, unchanged and flipped, and copies that agree are linked.
+    The components come in pairs, each the other one inside out; one of each pair is used.
     """
     number, direction = _edges(faces)
     order = np.argsort(number, kind='stable')
@@ -186,9 +190,9 @@ def _against_their_neighbours(faces: Faces) -> Flags:
 def _shells(faces: Faces) -> Faces:
     """Return for each triangle the number of its shell, which is closed.
 
-    Where bodies have an edge in common, four triangles meet there. If the triangles that meet in
-    pairs do not make closed shells, because the bodies have a side in common, the shells are those
-    that follow each other in the file.
+    Four triangles meet at an edge that two bodies share. If linking triangles at edges of two
+    triangles does not give closed shells, because bodies share a side, the shells are the closed
+    sequences of triangles in the file.
     """
     number, direction = _edges(faces)
     paired = np.bincount(number)[number] == 2
@@ -202,25 +206,25 @@ def _shells(faces: Faces) -> Faces:
     return _linked(piece, np.arange(len(number)), len(faces))
 
 
-def edge_pieces(faces: Faces) -> Faces:
-    """Return for each triangle the number of the piece that hangs together by edges."""
+def edge_components(faces: Faces) -> Faces:
+    """Return for each triangle the number of its component, connected by edges."""
     number, _ = _edges(faces)
     return _linked(number, np.arange(len(number)), len(faces))
 
 
 def _linked(number: Faces, edges: Faces, count: int) -> Faces:
-    """Link triangles that have one of the edges, which are rows of ``number``, in common."""
+    """Return the components of triangles that share one of the edges, rows of ``number``."""
     at_edge = np.empty(number.max() + 1, dtype=np.int64)
     at_edge[number[edges]] = edges // 3
     return _components(count, np.stack([edges // 3, at_edge[number[edges]]], axis=1))
 
 
 def _in_order(faces: Faces) -> Faces:
-    """Return the number of closed pieces that come before each triangle in the file."""
+    """Return the number of closed components before each triangle in the file."""
     number, direction = _edges(faces)
     order = np.argsort(number, kind='stable')
     triangle = order // 3
-    # All edges add up to zero, so each one begins with zero.
+    # The directions at each edge sum to zero, so each edge begins with zero.
     opened = np.flatnonzero(np.cumsum(direction[order]))
     change = np.bincount(triangle[opened], minlength=len(faces))
     change -= np.bincount(triangle[opened + 1], minlength=len(faces))
@@ -229,7 +233,7 @@ def _in_order(faces: Faces) -> Faces:
 
 
 def _areas(vertices: Vertices, faces: Faces) -> npt.NDArray[np.float64]:
-    """Return the areas, with those of needles that only rounding keeps from zero set to zero."""
+    """Return the areas; those of needles that are nonzero only by rounding are set to zero."""
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
     longest = np.maximum(((b - a) ** 2).sum(axis=1), ((c - a) ** 2).sum(axis=1))

@@ -1,4 +1,4 @@
-"""The convex hull of a part: all of it that a flat surface meets."""
+"""The convex hull of a part, which is all that a flat surface can touch."""
 
 import numpy as np
 import numpy.typing as npt
@@ -9,25 +9,27 @@ from resting_aspects_ros.core.errors import PartError
 Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 
-# What float32 leaves between a plane and a vertex on it, as a share of the largest coordinate:
-# both are off by up to 6e-8 in each of three directions.
+# Distance between a plane and a vertex on it due to float32, as a share of the largest coordinate:
+# both have errors of up to 6e-8 in each of three directions.
 NOISE = 2e-7
-# The thickness up to which a mesh is flat, as a share of the largest coordinate; and, wherever it
-# lies, of its longest side: less cannot be told from the noise that facets are merged within.
+# Maximum thickness of a flat mesh, as a share of the largest coordinate, and of its longest side.
+# A smaller thickness cannot be distinguished from the tolerance within which facets are merged.
 FLAT = 1e-6
 THIN = 2e-5
 
 
-# Noise is taken to grow with the distance from the origin, in sizes of the part, up to here:
-# beyond, coordinates that are exact must not be merged, and others are told to be coarse.
+# Maximum distance from the origin, in sizes of the part, up to which the noise is assumed to grow.
+# Further away, exact coordinates must not be merged; for others there is a warning that they are
+# coarse.
 MAX_REACH = 50.0
 
 
 def convex_hull(vertices: Array, label: str) -> tuple[Array, Faces, Array]:
     """Return the corners of the convex hull, its triangles, and their normals.
 
-    Vertices that only noise of float32 lifts out of a facet or an edge are left out, so that a
-    part has the same corners in every orientation; all lie inside the hull but for that noise.
+    Vertices that are outside a facet or an edge only by the noise of float32 are omitted, so that
+    a part has the same corners in every orientation. All vertices are inside the hull up to the
+    noise.
 
     Parameters
     ----------
@@ -37,16 +39,16 @@ def convex_hull(vertices: Array, label: str) -> tuple[Array, Faces, Array]:
     Returns
     -------
     corners : (k, 3) float64
-        m, in lexicographic order; so they do not depend on the order of a file.
+        m, in lexicographic order, independent of the order in the file.
     triangles : (f, 3) int64
-        Rows of ``corners``, in no order.
+        Rows of ``corners``, unordered.
     normals : (f, 3) float64
-        Of the triangles, outward unit vectors.
+        Outward unit normals of the triangles.
 
     Raises
     ------
     PartError
-        All vertices lie in a plane or on a line.
+        If all vertices are in a plane or on a line.
     """
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     size = np.ptp(vertices, axis=0).max()
@@ -54,13 +56,14 @@ def convex_hull(vertices: Array, label: str) -> tuple[Array, Faces, Array]:
     spread = np.linalg.eigh(np.cov(scaled.T))[1]
     extents = np.ptp(scaled @ spread, axis=0)
     reach = min(float(np.abs(vertices).max() / size), MAX_REACH)
-    least = max(FLAT * reach, THIN)
-    thick = np.count_nonzero(extents > least)
-    hull = _qhull(scaled, NOISE * reach) if thick == 3 else None
+    min_extent = max(FLAT * reach, THIN)
+    dimensions = np.count_nonzero(extents > min_extent)
+    hull = _qhull(scaled, NOISE * reach) if dimensions == 3 else None
     if hull is None:
         raise PartError(
             f'{label} has no volume: all its {len(vertices)} vertices lie '
-            f'{"on a line" if thick < 2 else "in a plane"}, within {least:.1g} of its longest side'
+            f'{"on a line" if dimensions < 2 else "in a plane"}, '
+            f'within {min_extent:.1g} of its longest side'
         )
     corners = np.sort(hull.vertices)
     triangles = np.searchsorted(corners, hull.simplices)
@@ -68,7 +71,7 @@ def convex_hull(vertices: Array, label: str) -> tuple[Array, Faces, Array]:
 
 
 def _qhull(points: Array, noise: float) -> ConvexHull | None:
-    """Let Qhull take the noise for its own of rounding, or do without where that is too much."""
+    """Return the hull with the noise as rounding error of Qhull, or without it if that fails."""
     for options in (f'E{noise:.3e}', ''):
         try:
             return ConvexHull(points, qhull_options=options)

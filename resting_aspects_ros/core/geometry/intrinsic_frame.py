@@ -1,4 +1,4 @@
-"""The intrinsic frame of a part: principal axes with signs from the solid's third moments."""
+"""The intrinsic frame of a part: principal axes with signs from the third moments."""
 
 import numpy as np
 import numpy.typing as npt
@@ -6,12 +6,12 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
 
-# Third moments below this share of V R^3 are zero: float32 in the file leaves about 1e-7 of noise.
-NO_MOMENT = 1e-6
+# Third moments below this share of V R^3 count as zero: the noise of float32 is about 1e-7.
+MIN_MOMENT = 1e-6
 
-# The four right-handed ways to choose the signs of three axes.
+# The four choices of the signs of three axes that are right-handed.
 _SIGNS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=np.float64)
-# Powers of x, y, z in the third moments, in the order in which they decide:
+# Powers of x, y, z in the third moments, in the order of precedence:
 # x3 y3 z3 x2y x2z y2x y2z z2x z2y xyz
 _POWERS = np.array(
     [
@@ -39,7 +39,7 @@ def third_moments(vertices: Array, faces: Faces, axes: Array) -> Array:
     Parameters
     ----------
     vertices : (n, 3) float64
-        m, from the point about which the moments are taken.
+        m, relative to the reference point of the moments.
     faces : (m, 3) int64
         Outward.
     axes : (3, 3) float64
@@ -50,7 +50,7 @@ def third_moments(vertices: Array, faces: Faces, axes: Array) -> Array:
     moments : (10,) float64
         m^6: x3 y3 z3 x2y x2z y2x y2z z2x z2y xyz.
     """
-    # By corner, then by axis: each number of all triangles is one row in memory.
+    # By corner, then by axis, so that each coordinate of all triangles is contiguous in memory.
     corners = np.ascontiguousarray(np.moveaxis((vertices @ axes)[faces], 0, 2))
     total = corners.sum(axis=0)
     cross = np.cross(corners[1], corners[2], axis=0)
@@ -79,16 +79,16 @@ def principal_frame(inertia: Array) -> tuple[Array, Array]:
 
 
 def intrinsic_signs(moments: Array) -> Array:
-    """Return the signs of the three axes that make the third moments the greatest.
+    """Return the signs of the three axes that maximize the third moments.
 
-    Of the four right-handed choices the one with the lexicographically greatest moments; between
-    equals, which a symmetry of the part takes to each other, the first.
+    Of the four right-handed choices it is the one with the lexicographically largest moments.
+    Equal choices are related by a symmetry of the part; the first of them is returned.
 
     Parameters
     ----------
     moments : (10,) float64
         Third moments along the axes, as shares of V R^3.
     """
-    solid = np.where(np.abs(moments) < NO_MOMENT, 0.0, moments)
+    solid = np.where(np.abs(moments) < MIN_MOMENT, 0.0, moments)
     signed = np.prod(_SIGNS[:, None, :] ** _POWERS, axis=2) * solid
     return np.asarray(_SIGNS[max(range(4), key=lambda choice: tuple(signed[choice]))])

@@ -1,4 +1,4 @@
-"""The convex hull of a part as flat facets, edges and corners, seen from the centre of mass."""
+"""The convex hull of a part as flat facets, edges and corners around the centre of mass."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,11 +10,13 @@ from resting_aspects_ros.core.rotations import Array, angle_between
 
 Indices = npt.NDArray[np.int64]
 
-# A hull triangle belongs to a facet if its corners are within this of the facet's plane, R: the
-# noise of float32 coordinates far from the origin. A finer tessellation than that is not seen.
+# A hull triangle belongs to a facet if its corners are within this distance of the plane of the
+# facet, R: the noise of float32 coordinates far from the origin. Finer tessellation has no effect.
 COPLANAR = 1e-5
-# A facet has to fit this many times better than the hull is wide: less is a triangle without
-# area, whose normal says nothing.
+# Facets within this angle of the one on which the part rests belong to the same support polygon.
+# It is far below the angles of designed parts.
+SAME_FACET = np.radians(1.0)
+# A triangle with less than twice this area, R^2, is degenerate and its normal is meaningless.
 _SLIVER = 1e-12
 
 
@@ -27,12 +29,12 @@ class Polyhedron:
     normals : (f, 3) float
         Outward unit normals of the facets.
     heights : (f,) float
-        Of the origin above each facet's plane.
+        Height of the origin above the plane of each facet.
     ends : (e, 2) int
         Corners at the ends of each edge.
     sides : (e, 2) int
-        Facets at its sides: seen from outside, on the left and on the right of the way from the
-        first end to the second.
+        Facets on both sides of each edge: seen from outside, on the left and on the right of the
+        direction from the first end to the second.
     """
 
     points: Array
@@ -48,9 +50,9 @@ class Polyhedron:
 
     @cached_property
     def feet(self) -> Array:
-        """(e,) where on each edge the foot of the perpendicular from the origin is.
+        """(e,) position on each edge of the foot of the perpendicular from the origin.
 
-        0 at the first end and 1 at the second; outside of that the foot is beyond the edge.
+        It is 0 at the first end and 1 at the second; other values are beyond the edge.
         """
         first = self.points[self.ends[:, 0]]
         along = self.points[self.ends[:, 1]] - first
@@ -58,43 +60,56 @@ class Polyhedron:
 
     @cached_property
     def margins(self) -> Array:
-        """(e, 2) distances of the foot of each side's facet from the edge; negative: outside.
+        """(e, 2) distances from each edge of the feet of the two facets; negative if outside.
 
         The foot of a facet is the foot of the perpendicular from the origin onto its plane.
         """
         first = self.points[self.ends[:, 0]]
         along = self.points[self.ends[:, 1]] - first
         along /= np.linalg.norm(along, axis=1, keepdims=True)
-        found = []
+        margins = []
         for side in (0, 1):
             normal, other = (
                 self.normals[self.sides[:, side]],
                 self.normals[self.sides[:, 1 - side]],
             )
             out = np.cross(along, normal)
-            # Outward is where the other facet's normal leans.
+            # The normal of the other facet leans outward.
             out *= np.sign((out * other).sum(axis=1, keepdims=True))
-            found.append((out * first).sum(axis=1))
-        return np.stack(found, axis=1)
+            margins.append((out * first).sum(axis=1))
+        return np.stack(margins, axis=1)
 
     @cached_property
     def edges_of_facets(self) -> list[list[int]]:
-        """The edges around each facet, in no order."""
+        """The edges around each facet, unordered."""
         return _gathered(self.sides, len(self.normals))
 
     @cached_property
     def edges_of_points(self) -> list[list[int]]:
-        """The edges that meet at each corner, in no order."""
+        """The edges that meet at each corner, unordered."""
         return _gathered(self.ends, len(self.points))
 
     def corners(self, facet: int) -> Indices:
-        """Corners around a facet."""
+        """Return the corners of a facet."""
         return np.unique(self.ends[self.edges_of_facets[facet]])
 
 
+def coplanar_facets(hull: Polyhedron, facet: int) -> list[int]:
+    """Return a facet and the facets connected to it whose normals are within SAME_FACET of it."""
+    normal = hull.normals[facet]
+    facets = [facet]
+    for each in facets:
+        for edge in hull.edges_of_facets[each]:
+            other = int(hull.sides[edge].sum()) - each
+            near = angle_between(hull.normals[other], normal) <= SAME_FACET
+            if near and other not in facets:
+                facets.append(other)
+    return facets
+
+
 def polyhedron(points: Array) -> Polyhedron:
-    """The hull of points (n, 3) from the origin, which is inside, in units of R."""
-    # Worker processes use the class without SciPy, and start in a fraction of the time.
+    """Return the convex hull of points (n, 3), in units of R, around the origin inside it."""
+    # Worker processes use the class without SciPy, which reduces their start time to a fraction.
     from scipy.spatial import ConvexHull
 
     hull = ConvexHull(points)
@@ -110,7 +125,7 @@ def polyhedron(points: Array) -> Polyhedron:
     sums = np.zeros((int(members.max()) + 1, 3))
     np.add.at(sums, members, area)
     normals = sums / np.linalg.norm(sums, axis=1, keepdims=True)
-    # Rounding is up to COPLANAR: of the corners of a facet the outermost carries the part.
+    # The corners of a facet deviate by up to COPLANAR; the part rests on the outermost one.
     heights = np.full(len(normals), -np.inf)
     reach = np.einsum('tij,tj->ti', points[triangles], normals[members]).max(axis=1)
     np.maximum.at(heights, members, reach)
@@ -120,9 +135,9 @@ def polyhedron(points: Array) -> Polyhedron:
 
 
 def _facets(points: Array, triangles: Indices, neighbors: Indices, area: Array) -> Indices:
-    """The facet of each triangle: each grows from its largest triangle, within its plane.
+    """Return the facet of each triangle; a facet grows from its largest triangle in one plane.
 
-    Neighbours compared with each other would make one facet of a finely divided cylinder.
+    Comparing neighbours with each other would merge a finely divided cylinder into one facet.
     """
     size = np.linalg.norm(area, axis=1)
     facet = np.full(len(triangles), -1)
@@ -131,7 +146,7 @@ def _facets(points: Array, triangles: Indices, neighbors: Indices, area: Array) 
         if facet[seed] >= 0:
             continue
         if size[seed] < _SLIVER:
-            # What is left has no area and no normal: each joins a neighbour.
+            # The remaining triangles have no area and no normal: each joins a neighbour.
             facet[seed] = next((facet[n] for n in neighbors[seed] if facet[n] >= 0), 0)
             continue
         normal = area[seed] / size[seed]
@@ -149,7 +164,7 @@ def _facets(points: Array, triangles: Indices, neighbors: Indices, area: Array) 
 
 
 def _edges(triangles: Indices, neighbors: Indices, members: Indices) -> tuple[Indices, Indices]:
-    """Ends and sides of the edges between facets; pieces between the same two are one edge."""
+    """Return ends and sides of the edges between facets; one edge for each pair of facets."""
     pieces: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for triangle, around in enumerate(neighbors):
         for opposite, neighbor in enumerate(around):
@@ -168,8 +183,9 @@ def _edges(triangles: Indices, neighbors: Indices, members: Indices) -> tuple[In
 
 
 def _gathered(pairs: Indices, count: int) -> list[list[int]]:
-    found: list[list[int]] = [[] for _ in range(count)]
+    """Return for each member of the pairs the numbers of the pairs that contain it."""
+    numbers: list[list[int]] = [[] for _ in range(count)]
     for number, (one, other) in enumerate(pairs.tolist()):
-        found[one].append(number)
-        found[other].append(number)
-    return found
+        numbers[one].append(number)
+        numbers[other].append(number)
+    return numbers

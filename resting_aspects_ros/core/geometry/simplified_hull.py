@@ -1,10 +1,11 @@
-"""Fewer corners for the hull of a scanned or finely meshed part, and what that costs.
+"""Simplification of the hull of a scanned or finely meshed part, with its error.
 
-Corners are left out, none is moved. First come the outlines of flat sides and both ends of strips
-of curved ones, so that flats stay flat and a cylinder straight. Then, round by round, the corners
-that are furthest outside the hull of those taken so far. In the end it is measured how far the
-others are outside: neither the height of the centre of mass in any orientation nor a barrier is
-off by more. No step depends on the frame of the mesh but through rounding.
+Corners are omitted, never moved. First the outlines of flat sides and both ends of strips of
+curved sides are selected, so that flats stay flat and a cylinder stays straight. Then corners
+furthest outside the hull of the selected corners are added in rounds. Finally the maximum distance
+of the omitted corners from the hull is measured; neither the height of the centre of mass in any
+orientation nor a barrier has a larger error. No step depends on the frame of the mesh, except for
+rounding.
 """
 
 from itertools import pairwise
@@ -19,85 +20,88 @@ from resting_aspects_ros.core.geometry.surface_distance import TriangleTree
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-# Up to here a hull is left as it is. Bullet looks at every corner in every step: a drop of an egg
-# with 1000, 2000 or 3000 corners takes 9, 14 or 21 ms, that of a box 2 ms. A ball is off by 3e-3
-# with 2000 corners and by 1.7e-3 with 3000, and heights are told apart from 1e-3 R on.
+# Hulls with at most this number of corners are unchanged. Bullet tests every corner in every step:
+# a drop of an egg with 1000, 2000 or 3000 corners takes 9, 14 or 21 ms, that of a box 2 ms. The
+# error of a ball is 3e-3 with 2000 corners and 1.7e-3 with 3000; heights are distinguished from
+# 1e-3 R.
 MAX_CORNERS = 3000
-# Lengths are in units of the furthest corner's distance from the mean of all corners, about R.
-# Corners are added until the others are outside by this: the landscape sees no finer (COPLANAR).
+# Lengths are in units of the maximum distance of a corner from the mean of all corners, about R.
+# Corners are added until the others are outside by at most this, which does not affect the
+# landscape (COPLANAR).
 FINE = 1e-5
-# Once they are outside by less than this, a round that does not fit is not begun: half of it
-# would leave a cylinder with corners at its top that have no partner at its bottom.
+# Below this error a round that exceeds the maximum number of corners is not begun: half a round
+# would leave a cylinder with corners at its top that have no counterpart at its bottom.
 GOOD = 5e-4
-# A round takes what is further out than this share of the furthest.
+# A round adds corners that are further outside than this share of the maximum.
 ROUND = 0.7
-# Sides from which the first corners are taken.
+# Number of sides from which the first corners are selected.
 SIDES = 300
-# Corners in the plane of a side, but for the noise of float32.
+# Maximum distance of corners in the plane of a side: the noise of float32.
 IN_PLANE = 2e-6
-# A side that is wider than this is flat: of a round one sqrt(8 IN_PLANE) = 0.004 is in a plane.
+# A wider side is flat: on a round side only sqrt(8 IN_PLANE) = 0.004 is in a plane.
 WIDE = 0.01
-# By how much the outline of a flat side may be cut: 4^k times this, as the corners allow.
+# Tolerance of the outline of a flat side: 4^k times this, with the smallest k for which the
+# corners suffice.
 OUTLINE = 1e-4
-# So many corners, at random, are looked at in the rounds; in the end all are measured.
-CROWD = 50_000
+# Number of random corners that are used in the rounds; the final error is that of all corners.
+SAMPLES = 50_000
 
 
 def simplify_hull(
-    corners: Array, triangles: Indices, normals: Array, most: int = MAX_CORNERS
+    corners: Array, triangles: Indices, normals: Array, max_corners: int = MAX_CORNERS
 ) -> tuple[Array, float]:
-    """Return the corners of a hull, or some of them if they are too many, and the error.
+    """Return the corners of a hull, or a selection if there are too many, and the error.
 
     Parameters
     ----------
     corners : (n, 3) float64
-        m, all of them corners of the hull, in lexicographic order, as the result is.
+        m, all corners of the hull, in lexicographic order, like the result.
     triangles : (f, 3) int64
-        Of the hull, rows of ``corners``.
+        Triangles of the hull, rows of ``corners``.
     normals : (f, 3) float64
-        Of the triangles, outward unit vectors.
-    most : int
-        So many corners are left at most.
+        Outward unit normals of the triangles.
+    max_corners : int
+        Maximum number of corners that are kept.
 
     Returns
     -------
     kept : (k, 3) float64
         m.
     error : float
-        m; the largest distance of a corner that was left out from the hull of the others, exactly.
+        m; the exact maximum distance of an omitted corner from the hull of the others.
     """
-    if len(corners) <= most:
+    if len(corners) <= max_corners:
         return corners, 0.0
     centre = corners.mean(axis=0)
     size = float(np.linalg.norm(corners - centre, axis=1).max())
     points = (corners - centre) / size
-    kept = _first(points, triangles, normals, most // 2)
-    # Any will do; these are the same every time.
-    crowd = np.random.default_rng(23).permutation(len(points))[:CROWD]
+    kept = _first(points, triangles, normals, max_corners // 2)
+    # Any permutation is suitable; this one is reproducible.
+    samples = np.random.default_rng(23).permutation(len(points))[:SAMPLES]
     furthest = 0.0
     while True:
         triangles = kept[ConvexHull(points[kept]).simplices]
-        out, owner = _outside(points[crowd], points[triangles], furthest)
+        out, owner = _outside(points[samples], points[triangles], furthest)
         furthest = float(out.max())
-        new = crowd[_round(points[crowd], out, owner, KDTree(points[kept]))]
-        room = most - len(kept)
+        new = samples[_round(points[samples], out, owner, KDTree(points[kept]))]
+        room = max_corners - len(kept)
         if furthest <= FINE or room <= 0 or (len(new) > room and furthest <= GOOD):
             break
         kept = np.union1d(kept, new[:room])
     return corners[kept], size * float(_outside(points, points[triangles], furthest)[0].max())
 
 
-def _first(points: Array, triangles: Indices, normals: Array, most: int) -> Indices:
-    """The corners to begin with: of sides whose planes are near the hull everywhere."""
+def _first(points: Array, triangles: Indices, normals: Array, max_corners: int) -> Indices:
+    """Return the first corners: those of sides whose planes together approximate the hull."""
     columns = np.ascontiguousarray(points.T)
-    depth = np.full(len(triangles), np.inf)  # of each one's lowest corner below the best plane
+    depth = np.full(len(triangles), np.inf)  # of the lowest corner of each below the best plane
     side = int(np.einsum('fi,fi->f', normals, points[triangles[:, 0]]).argmin())
     ends, flats = [], []
     for _ in range(SIDES):
         reach = normals[side] @ columns
         corners = np.flatnonzero(reach >= reach.max() - IN_PLANE)
         arms = points[corners] - points[corners].mean(axis=0)
-        flat = arms @ np.linalg.eigh(arms.T @ arms)[1][:, :0:-1]  # the longer way first
+        flat = arms @ np.linalg.eigh(arms.T @ arms)[1][:, :0:-1]  # the longer direction first
         if np.ptp(flat[:, 1]) > WIDE:
             flats.append((corners, flat))
         else:
@@ -111,13 +115,13 @@ def _first(points: Array, triangles: Indices, normals: Array, most: int) -> Indi
         kept = np.unique(np.array(ends, dtype=np.int64))
         for corners, flat in flats:
             kept = np.union1d(kept, corners[_outline(flat, np.isin(corners, kept), cut)])
-        if len(kept) <= most:
+        if len(kept) <= max_corners:
             break
     return kept
 
 
 def _ends(along: Array, across: Array) -> list[int]:
-    """The corners at both ends of a strip, in the middle of its width; one of a spot."""
+    """Return the corners at both ends of a strip, in the middle of its width; one for a spot."""
     off = np.abs(across - (across.max() + across.min()) / 2)
     if np.ptp(along) <= WIDE:
         return [int(np.hypot(along, off).argmin())]
@@ -126,7 +130,7 @@ def _ends(along: Array, across: Array) -> list[int]:
 
 
 def _outline(flat: Array, kept: npt.NDArray[np.bool_], cut: float) -> Indices:
-    """Corners (of all, (n, 2)) of the outline of a flat side, those kept already among them."""
+    """Return the corners of the outline of a flat side (n, 2), including those kept already."""
     around = ConvexHull(flat).vertices.astype(np.int64)
     fixed = np.flatnonzero(kept[around])
     if len(fixed) < 2:
@@ -139,7 +143,7 @@ def _outline(flat: Array, kept: npt.NDArray[np.bool_], cut: float) -> Indices:
 
 
 def _bends(polygon: Array, first: int, last: int, cut: float) -> list[int]:
-    """Corners without which the way from one to another is cut by more (Douglas, Peucker)."""
+    """Return the corners that the tolerance requires between two others (Douglas, Peucker)."""
     if last - first < 2:
         return []
     (x, y), arms = polygon[last] - polygon[first], polygon[first + 1 : last] - polygon[first]
@@ -151,10 +155,10 @@ def _bends(polygon: Array, first: int, last: int, cut: float) -> list[int]:
 
 
 def _outside(points: Array, triangles: Array, about: float) -> tuple[Array, Indices]:
-    """How far points (n, 3) are from triangles (f, 3, 3), and which one is the nearest.
+    """Return the distances of points (n, 3) from triangles (f, 3, 3), and the nearest triangles.
 
     about : float
-        What to expect; it only saves time.
+        Expected distance; it only affects the time.
     """
     tree = TriangleTree(triangles, np.zeros(len(triangles)))
     out, owner = np.zeros(len(points)), np.zeros(len(points), dtype=np.int64)
@@ -168,9 +172,9 @@ def _outside(points: Array, triangles: Array, about: float) -> tuple[Array, Indi
 
 
 def _round(points: Array, out: Array, owner: Indices, kept: KDTree) -> Indices:
-    """The furthest outside over each triangle, of those that are far; in that order.
+    """Return the furthest point outside each triangle, if it is far, in descending order.
 
-    Of two that are closer to each other than to those kept, over neighbours, only the first.
+    Of two points that are closer to each other than to those kept, only the first is returned.
     """
     order = np.argsort(-out, kind='stable')
     order = order[out[order] > ROUND * out[order[0]]]

@@ -1,4 +1,4 @@
-"""Solid angles of triangles, facets and polygons, seen from a point."""
+"""Solid angles of triangles, facets and polygons."""
 
 import numpy as np
 
@@ -7,10 +7,10 @@ from resting_aspects_ros.core.rotations import Array
 
 
 def triangle_angles(a: Array, b: Array, c: Array) -> Array:
-    """(n,) solid angles of triangles seen from the origin, sr; negative where clockwise.
+    """Return the solid angles (n,) of triangles seen from the origin, sr; negative if clockwise.
 
-    Corners (n, 3) of any distance but zero, counter-clockwise as seen from the origin's far side.
-    Van Oosterom and Strackee 1983.
+    The corners (n, 3) are at any distance but zero, and counter-clockwise as seen from the side
+    away from the origin (Van Oosterom and Strackee 1983).
     """
     triple = (a * np.cross(b, c)).sum(axis=1)
     ra, rb, rc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
@@ -24,19 +24,19 @@ def triangle_angles(a: Array, b: Array, c: Array) -> Array:
 
 
 def facet_angles(body: Polyhedron) -> Array:
-    """(f,) solid angles of the facets of a body seen from the origin, sr; they add up to 4 pi."""
+    """Return the solid angles (f,) of the facets seen from the origin, sr; their sum is 4 pi."""
     first, second = body.points[body.ends[:, 0]], body.points[body.ends[:, 1]]
     left, right = body.sides.T
     found = np.zeros(len(body.normals))
-    # A fan around the foot of each facet, which may be outside: then some triangles are negative.
+    # A fan around the foot of each facet. If the foot is outside, some triangles are negative.
     np.add.at(found, left, triangle_angles(body.normals[left], first, second))
     np.add.at(found, right, triangle_angles(body.normals[right], second, first))
     return found
 
 
 def polygon_angle(polygon: Array, height: float) -> float:
-    """Solid angle of a polygon, (k, 2) counter-clockwise, from a height above its origin, sr."""
-    # Seen from outside of a body whose bottom it is, it is clockwise.
+    """Return the solid angle, sr, of a counter-clockwise polygon (k, 2) from above its origin."""
+    # As the bottom of a body, the polygon is clockwise when seen from outside.
     around = np.column_stack([polygon[::-1], np.full(len(polygon), -height)])
     foot = np.broadcast_to([0.0, 0.0, -height], around.shape)
     return float(triangle_angles(foot, around, np.roll(around, -1, axis=0)).sum())

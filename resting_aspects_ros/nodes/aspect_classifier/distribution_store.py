@@ -73,7 +73,7 @@ class DistributionStore:
         if distribution.drops == 0:
             return  # it was canceled before the first drop
         aspects = self._aspects_of(run.part_sha256)
-        if aspects is not None and not aspects.is_like(distribution.aspects):
+        if aspects is not None and not aspects.matches(distribution.aspects):
             raise InvalidValueError(
                 f'invalid distribution of run {run.run_id}: expected the {len(aspects)} aspects '
                 f'of {run.part}'
@@ -90,7 +90,7 @@ class DistributionStore:
         aspects = self._aspects_of(part_sha256) if of_part else None
         if aspects is None:
             return []
-        wrong = [k for k, (_, each) in of_part.items() if not aspects.is_like(each.aspects)]
+        wrong = [k for k, (_, each) in of_part.items() if not aspects.matches(each.aspects)]
         return [self._known.pop(key)[0] for key in wrong]
 
     def find(

@@ -168,5 +168,5 @@ def test_many_directions_are_clustered_however_they_lie(kind):
 
 @pytest.mark.parametrize('degrees', [0, -5, 0.9, 31, np.nan, np.inf])
 def test_a_tolerance_that_makes_no_sense_is_refused(degrees):
-    with pytest.raises(InvalidValueError, match=rf'tolerance is {degrees:g} degrees.*1 to 30'):
+    with pytest.raises(InvalidValueError, match=rf'tolerance {degrees:g} degrees.*1 to 30'):
         cluster_directions(np.zeros((0, 3)), np.radians(degrees))

@@ -242,7 +242,7 @@ def test_cylinder_with_fillets_has_a_face_and_a_pill_has_none(solids, shape):
     around, end = 2 * 9 / np.hypot(9, 10), 1 - 10 / np.hypot(10, 9)
     expected = np.where(side, around, end) / (around + 2 * end)
     np.testing.assert_allclose(predicted(filleted, 'solid_angle'), expected, atol=1e-3)
-    with pytest.raises(NotDefinedError, match='without an edge between'):
+    with pytest.raises(NotDefinedError, match='to another aspect without an edge'):
         estimate(shape(solids.rounded_cylinder(10.0, 20.0, 9.5, 48, 10)), 'solid_angle')
 
 

@@ -117,7 +117,7 @@ def test_bodies_that_touch_are_one_part(other, volume):
     part = part_of(both(box(), other))
     assert cubic_mm(part) == pytest.approx(24000 + volume, rel=1e-6)
     (warning,) = part.warnings
-    assert 'of 2 bodies that touch, which are one rigid part' in warning
+    assert 'has 2 bodies that touch each other and are treated as one part' in warning
 
 
 def test_bodies_that_touch_are_not_inside_each_other():
@@ -240,7 +240,7 @@ def test_fragments_in_the_box_of_a_body_are_inside_or_beside_it(seed):
     assert f'has {1 + beside} bodies that do not touch' in refusal(mesh)
     part = part_of(mesh, body=1)
     assert cubic_mm(part) == pytest.approx(ring.volume)
-    assert f'of {1 + inside} bodies that overlap' in part.warnings[0]
+    assert f'{1 + inside} bodies that overlap' in part.warnings[0]
 
 
 def test_a_mesh_of_thousands_of_bodies_is_read():

@@ -55,7 +55,7 @@ def whole(monkeypatch, solid):
 
     def make(mesh):
         with monkeypatch.context() as patch:
-            patch.setattr(part_loading, 'simplified', lambda corners, *_: (corners, 0.0))
+            patch.setattr(part_loading, 'simplify_hull', lambda corners, *_: (corners, 0.0))
             return solid(mesh)
 
     return make
