@@ -4,6 +4,7 @@ import dataclasses
 import importlib
 import logging
 import os
+import time
 from pathlib import Path
 
 import domain_coordinator
@@ -17,6 +18,9 @@ from resting_aspects_ros.simulation.part_library import PartLibrary
 from resting_aspects_ros.simulation.surfaces import Surfaces
 
 ROOT = Path(__file__).resolve().parents[1]
+
+# Timeout of every wait, s; with free cores, a fraction of it is enough.
+DEADLINE = 150.0
 
 # A loaded machine is no failure: neither a slow example nor slow generation of examples.
 hypothesis.settings.register_profile(
@@ -53,6 +57,20 @@ def domain(tmp_path_factory):
         patch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(ROOT / 'test' / 'dds.xml'))
         patch.setenv('ROS_LOG_DIR', str(tmp_path_factory.mktemp('ros')))
         yield
+
+
+@pytest.fixture(scope='session')
+def wait():
+    """Return a function that waits for a condition, with a timeout."""
+
+    def wait(condition, what, seconds=DEADLINE, step=lambda: time.sleep(0.02)):
+        end = time.monotonic() + seconds
+        while not (result := condition()):
+            assert time.monotonic() < end, f'{what}: not within {seconds:g} s'
+            step()
+        return result
+
+    return wait
 
 
 @pytest.fixture(scope='session')

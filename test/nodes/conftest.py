@@ -63,20 +63,6 @@ OUTCOMES = {
 _serial = itertools.count()
 
 
-@pytest.fixture(scope='session')
-def wait():
-    """Wait for a condition, with a deadline."""
-
-    def wait(condition, what, seconds=DEADLINE, step=lambda: time.sleep(0.02)):
-        end = time.monotonic() + seconds
-        while not (found := condition()):
-            assert time.monotonic() < end, f'{what}: not within {seconds:g} s'
-            step()
-        return found
-
-    return wait
-
-
 # An interpreter that has imported the nodes is forked for each process: the imports take 2 s.
 FORKSERVER = multiprocessing.get_context('forkserver')
 FORKSERVER.set_forkserver_preload(
