@@ -1,4 +1,4 @@
-"""Files in a parts folder that cannot be read cost no other part, and no answer."""
+"""Unreadable files in a parts folder affect no other part and no request."""
 
 import os
 import shutil
@@ -49,7 +49,7 @@ def suite(fresh_suite, folder):
 
 
 @pytest.mark.timeout(400)
-def test_bad_files_cost_no_other_part(suite, folder, diagnostics_of):
+def test_bad_files_do_not_affect_other_parts(suite, folder, diagnostics_of):
     assert suite.client.ask(drops=5, seed=[1]).status.code == Status.OK
     _, _, values = diagnostics_of(suite.client).wait(
         'drop_simulator', lambda *told: 'not offered: slow' in told[2], 'reasons'
@@ -66,7 +66,7 @@ def test_bad_files_cost_no_other_part(suite, folder, diagnostics_of):
     assert suite.alive
 
 
-def test_a_part_that_the_classifier_rejects_is_answered(start, connect, namespace, part):
+def test_rejected_part_gets_an_error_response(start, connect, namespace, part):
     """Its simulator offers it: with another idea of what a part is, such as another version."""
     client = connect(namespace)
     simulator = announce(client.node, DROP_SIMULATOR)

@@ -1,4 +1,4 @@
-"""classify_pose: first as it is answered, then asked over DDS."""
+"""The service classify_pose: its implementation, and requests over DDS."""
 
 import math
 import shutil
@@ -68,7 +68,7 @@ def answer(aspects, orientation, newest=None):
 # Without DDS
 
 
-def test_the_answer_names_aspect_class_angle_and_share_of_all_drops(box):
+def test_response_contains_all_fields_of_the_aspect(box):
     newest = counted(box, 1, 2, 3, 4, 5, 6, unclassified=9)
     for aspect in box.aspects:
         response, error = answer(box, tilted(aspect, 1.5), newest)
@@ -79,13 +79,13 @@ def test_the_answer_names_aspect_class_angle_and_share_of_all_drops(box):
         assert response.probability == aspect.id / 30
 
 
-def test_the_probability_is_not_a_number_while_none_is_known(box):
+def test_probability_is_nan_without_a_distribution(box):
     response, _ = answer(box, box.aspects[3].orientation)
     assert response.aspect == 4
     assert math.isnan(response.probability)
 
 
-def test_where_no_aspect_fits_the_nearest_is_told(box):
+def test_nearest_aspect_is_reported_if_none_matches(box):
     response, error = answer(box, tilted(box.aspects[4], -12.5), counted(box, 1, 1, 1, 1, 1, 1))
     assert isinstance(error, NotAvailableError)
     assert str(error) == (
@@ -97,13 +97,13 @@ def test_where_no_aspect_fits_the_nearest_is_told(box):
     assert math.isnan(response.probability)
 
 
-def test_a_part_without_aspects():
+def test_part_without_aspects():
     response, error = answer(AspectSet('', ()), [0, 0, 0, 1])
     assert str(error) == f'part {BOX!r} has no aspect'
     assert response.angle == math.inf
 
 
-def test_a_part_that_is_not_known_lists_those_that_are(part):
+def test_unknown_part_error_lists_the_known_parts(part):
     box = part(BOX)
     assert requested_part({BOX: box}, BOX) is box
     with pytest.raises(UnknownPartError, match=r"^part 'gizmo' is not known; known parts: a, b$"):
@@ -112,7 +112,7 @@ def test_a_part_that_is_not_known_lists_those_that_are(part):
         requested_part({}, 'x' * 300)
 
 
-def test_what_goes_wrong_in_a_service_becomes_its_status(box):
+def test_exceptions_become_the_status_of_the_response(box):
     response, complaints = ClassifyPose.Response(), []
     with status_from_errors('classify_pose', response, complaints.append):
         raise UnknownPartError('no such part')
@@ -148,7 +148,7 @@ def run(box, surfaces):
     return run
 
 
-def test_the_newest_that_is_complete_goes_before_those_under_way(box, run):
+def test_complete_distributions_precede_active_ones(box, run):
     known, sha = DistributionStore(lambda _: None), box.part_sha256
     one, two, three = (counted(box, k, 0, 0, 0, 0, 0) for k in (1, 2, 3))
     under_way = [
@@ -167,7 +167,7 @@ def test_the_newest_that_is_complete_goes_before_those_under_way(box, run):
     assert newest_distribution(known, under_way, 'another') is two
 
 
-def test_only_what_counts_the_aspects_of_the_part_is_known(box, run):
+def test_distributions_of_other_aspects_are_removed(box, run):
     described = {}
     known, sha = DistributionStore(described.get), box.part_sha256
     fewer = AspectSet(sha, box.aspects[:5])
@@ -186,7 +186,7 @@ def test_only_what_counts_the_aspects_of_the_part_is_known(box, run):
         known.add(run(3), counted(turned, 1, 0, 0, 0, 0, 0))
 
 
-def test_another_version_is_named_only_where_one_is_known(box, run):
+def test_part_version_is_mentioned_only_if_it_differs(box, run):
     known = DistributionStore(lambda _: None)
     known.add(run(1), counted(box, 1, 0, 0, 0, 0, 0))
     words = '1 drops on rubber_mat'
@@ -221,9 +221,7 @@ def classify(asker, suite):
 
 
 @pytest.mark.parametrize('name', ['l_bracket', 'cylinder_d20_h20'])
-def test_poses_of_real_drops_are_where_the_distribution_counted_them(
-    suite, classify, part, counts, name
-):
+def test_classification_agrees_with_the_distribution(suite, classify, part, counts, name):
     heard = suite.client.poses()
     distribution = suite.client.ask(name, 150, seed=[3]).distribution
     suite.client.wait(
@@ -244,7 +242,7 @@ def test_poses_of_real_drops_are_where_the_distribution_counted_them(
     assert (*tally[1:], tally[0]) == counts(distribution)[: len(tally)]
 
 
-def test_before_the_first_drop_the_aspect_is_known_and_its_probability_is_not(classify, part):
+def test_aspect_is_returned_before_the_first_drop(classify, part):
     aspect = find_aspects(part('hex_nut')).aspects[2]
     found = classify('hex_nut', aspect.orientation)
     assert found.status.code == Status.OK
@@ -252,7 +250,7 @@ def test_before_the_first_drop_the_aspect_is_known_and_its_probability_is_not(cl
     assert math.isnan(found.probability)
 
 
-def test_a_pose_between_aspects(classify, box):
+def test_pose_between_aspects(classify, box):
     found = classify(BOX, tilted(box.aspects[0], 20))
     assert found.status.code == Status.NOT_AVAILABLE
     assert 'the nearest is aspect 1 at 20 degrees, expected at most 3' in found.status.message
@@ -271,7 +269,7 @@ def test_a_pose_between_aspects(classify, box):
         (1e300, 0, 0, 1e300),
     ],
 )
-def test_what_is_no_orientation_is_refused(suite, classify, wrong):
+def test_invalid_orientation_is_rejected(suite, classify, wrong):
     found = classify(BOX, wrong)
     assert found.status.code == Status.INVALID
     assert 'of norm 1 within 0.001' in found.status.message
@@ -280,7 +278,7 @@ def test_what_is_no_orientation_is_refused(suite, classify, wrong):
     assert suite.alive
 
 
-def test_a_norm_that_rounding_left_is_none_of_the_client_s_concern(classify, box):
+def test_rounded_quaternion_norm_is_accepted(classify, box):
     exact = classify(BOX, box.aspects[1].orientation)
     rounded = classify(BOX, -1.0009 * box.aspects[1].orientation)
     assert exact.status.code == rounded.status.code == Status.OK
@@ -289,7 +287,7 @@ def test_a_norm_that_rounding_left_is_none_of_the_client_s_concern(classify, box
 
 
 @pytest.mark.parametrize('name', ['gizmo', '', '../box', 'x' * 300, 'Würfel ⬛'])
-def test_an_unknown_part_lists_those_that_are_known(classify, name):
+def test_service_error_lists_the_known_parts(classify, name):
     found = classify(name, (0, 0, 0, 1))
     assert found.status.code == Status.UNKNOWN_PART
     assert found.status.message.startswith('part ')
@@ -301,9 +299,7 @@ def test_an_unknown_part_lists_those_that_are_known(classify, name):
 
 
 @pytest.mark.slow
-def test_the_part_is_the_one_that_is_offered_now_or_was_last(
-    fresh_suite, asker, part, tmp_path_factory
-):
+def test_current_or_last_offered_part_is_used(fresh_suite, asker, part, tmp_path_factory):
     folder = tmp_path_factory.mktemp('parts')
     shutil.copy(parts_folder() / f'{BOX}.stl', folder / 'thing.stl')
     constants = {'drop_simulator': {'nodes.drop_simulator.part_publisher.SCAN_PERIOD': 0.2}}

@@ -1,4 +1,4 @@
-"""The Python client, asked over DDS: with a node that is spun, and without one."""
+"""The Python client over DDS, with a node that is spun and without a node."""
 
 import math
 import re
@@ -71,7 +71,7 @@ def entities(node):
 # Without a node
 
 
-def test_a_program_without_a_node_asks_and_follows_the_drops(client, counts):
+def test_client_without_a_node_receives_progress(client, counts):
     client.list_parts()  # from now on nothing of the suite has to be found
     done = []
     found = client.get_distribution('tetrahedron', drops=500, seed=51, progress=done.append)
@@ -82,7 +82,7 @@ def test_a_program_without_a_node_asks_and_follows_the_drops(client, counts):
     assert (done[0] < 500, done[-1]) == (True, 500)
 
 
-def test_what_is_known_is_answered_without_progress(client):
+def test_known_distribution_is_returned_without_progress(client):
     first = client.get_distribution('tetrahedron', drops=300, seed=52)
     done = []
     again = client.get_distribution('tetrahedron', drops=200, seed=52, progress=done.append)
@@ -91,7 +91,7 @@ def test_what_is_known_is_answered_without_progress(client):
     assert done == []
 
 
-def test_only_known_without_a_number_takes_what_is_known(client):
+def test_only_known_accepts_any_number_of_drops(client):
     known = client.get_distribution('hex_nut', drops=7, seed=57)
     again = client.get_distribution('hex_nut', seed=57, only_known=True)
     assert (again.run, again.drops) == (known.run, 7)
@@ -110,7 +110,7 @@ def test_default_drop_count_and_precision(client):
     assert few.drops == 300
 
 
-def test_a_surface_or_conditions_of_one_s_own(client, surfaces):
+def test_surface_or_explicit_conditions(client, surfaces):
     steel = client.get_distribution('tetrahedron', drops=5, surface='steel')
     assert run_from(steel.run).conditions == surfaces.get('steel')
     own = surfaces.get('steel').changed(friction=0.31)
@@ -118,7 +118,7 @@ def test_a_surface_or_conditions_of_one_s_own(client, surfaces):
     assert run_from(found.run).conditions == own
 
 
-def test_it_leaves_ros_and_the_signals_of_the_program_alone(client):
+def test_client_does_not_touch_rclpy_and_signals(client):
     assert not rclpy.ok()
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     rclpy.init()
@@ -130,14 +130,14 @@ def test_it_leaves_ros_and_the_signals_of_the_program_alone(client):
         rclpy.shutdown()
 
 
-def test_an_estimator_answers_without_a_drop(client, part):
+def test_estimator_returns_without_a_drop(client, part):
     found = client.get_distribution('washer', method='rolling')
     expected = estimate(RestingShape(part('washer'), find_aspects(part('washer'))), 'rolling')
     assert [a.probability for a in found.aspects] == expected.probabilities.tolist()
     assert (found.method, found.drops, math.isnan(found.aspects[0].lower)) == ('rolling', 0, True)
 
 
-def test_how_probable_any_of_some_aspects_is(client):
+def test_probability_of_several_aspects(client):
     found = client.get_distribution('l_bracket', drops=250, seed=58)
     share = probability_of(found, [1, 4, 4])
     of_sum = binomtest(found.aspects[0].count + found.aspects[3].count, 250)
@@ -158,7 +158,7 @@ def test_how_probable_any_of_some_aspects_is(client):
         probability_of(found, [1])
 
 
-def test_two_clients_in_two_threads_hear_of_their_own_run_only(suite, in_namespace):
+def test_clients_in_threads_receive_their_own_progress(suite, in_namespace):
     asked = [{'drops': 300, 'surface': 'rubber_mat'}, {'drops': 350, 'surface': 'steel'}]
     heard, found = ([], []), [None, None]
 
@@ -193,13 +193,13 @@ def test_poses_are_classified(client, part):
     assert none.angle > math.radians(3)
 
 
-def test_parts_are_listed_and_described(client, suite, part):
+def test_list_parts_and_get_part(client, suite, part):
     listed = {each.name: each.part_sha256 for each in client.list_parts()}
     assert listed == {name: each.part_sha256 for name, each in suite.client.parts().items()}
     assert client.get_part('hex_nut').part_sha256 == part('hex_nut').part_sha256
 
 
-def test_a_part_that_is_not_there_or_nobody_offers(client, nobody, monkeypatch):
+def test_get_part_that_is_not_offered(client, nobody, monkeypatch):
     client.get_part('washer')  # from now on the parts of the suite are found
     monkeypatch.setattr(nodes_client, 'PART_TIMEOUT', 0.5)
     with pytest.raises(UnknownPartError, match=r"'gizmo' is not known; known parts: .*washer$"):
@@ -240,7 +240,7 @@ def test_a_part_that_is_not_there_or_nobody_offers(client, nobody, monkeypatch):
         (lambda c: c.get_part('a/b'), UnknownPartError, "part 'a/b' is not known"),
     ],
 )
-def test_wrong_values_are_refused_before_anything_is_sent(nobody, ask, kind, words):
+def test_invalid_values_are_rejected_before_sending(nobody, ask, kind, words):
     """Where no suite is: what is sent is refused only after some seconds, and otherwise."""
     with pytest.raises(kind) as error:
         ask(nobody)
@@ -304,20 +304,20 @@ print('all')
 """
 
 
-def test_values_of_another_type_are_refused_in_words(run_script, wait):
+def test_values_of_wrong_types_are_rejected(run_script, wait):
     done = run_script(ODD_TYPES)
     wait(lambda: not done.running, 'end of the script')
     assert (done.end(), done.said) == (0, 'all\n')
 
 
 @pytest.mark.parametrize('asked', [{'part': 'tetrahedron\0x'}, {'surface': 'steel\0x'}])
-def test_a_name_with_a_nul_is_refused(client, asked):
+def test_name_with_a_nul_is_rejected(client, asked):
     """ROS would send what is before it, which is the name of something else."""
     with pytest.raises(RestingAspectsError, match=r'x00x.*(expected|part names)'):
         client.get_distribution(**{'part': 'tetrahedron', 'drops': 5} | asked)
 
 
-def test_a_surface_and_conditions_are_too_much(nobody, surfaces):
+def test_surface_together_with_conditions_is_rejected(nobody, surfaces):
     with pytest.raises(InvalidValueError, match="invalid surface 'steel': expected no surface"):
         nobody.get_distribution('x', surface='steel', conditions=surfaces.get('steel'))
 
@@ -331,19 +331,19 @@ def test_a_surface_and_conditions_are_too_much(nobody, surfaces):
         ({'part': 'cylinder_d20_h20', 'method': 'crsa'}, InvalidValueError, 'crsa is not def'),
     ],
 )
-def test_what_the_suite_refuses_is_an_error_of_its_kind(client, asked, kind, words):
+def test_statuses_of_the_suite_become_exceptions(client, asked, kind, words):
     with pytest.raises(kind) as error:
         client.get_distribution(**{'part': 'tetrahedron'} | asked)
     assert isinstance(error.value, RestingAspectsError)
     assert words in str(error.value)
 
 
-def test_arguments_that_ros_refuses():
+def test_invalid_ros_args_are_rejected():
     with pytest.raises(InvalidValueError, match="invalid --ros-args '-r nonsense': "):
         RestingAspectsClient(ros_args=['-r', 'nonsense'])
 
 
-def test_a_wait_that_would_never_end_is_refused(client, spun):
+def test_endless_waits_are_rejected(client, spun):
     for wait in (spun.list_parts, lambda: spun.get_part('washer')):
         with pytest.raises(ClientUseError, match=r'does not spin the node .* await the method'):
             wait()
@@ -391,7 +391,7 @@ def cell(request, suite):
     context.try_shutdown()
 
 
-def test_an_async_callback_awaits_one_answer_after_the_other(cell, wait):
+def test_async_callback_awaits_several_responses(cell, wait):
     """In the node's default callback group, which is held up meanwhile."""
     client = RestingAspectsClient(cell)
     said = []
@@ -435,7 +435,7 @@ def test_awaiting_a_closed_client_raises(cell, wait):
     assert str(said[1]) == 'this client is closed'
 
 
-def test_many_questions_at_once(cell, wait):
+def test_many_concurrent_requests(cell, wait):
     client = RestingAspectsClient(cell)
     answers = [client.list_parts_async() for _ in range(30)]
     answers += [client.get_distribution_async('t_prism', drops=300, seed=k) for k in (1, 2, 3)]
@@ -443,7 +443,7 @@ def test_many_questions_at_once(cell, wait):
     assert [answer.result().run.seed for answer in answers[-3:]] == [1, 2, 3]
 
 
-def test_the_future_can_be_spun_for(suite):
+def test_future_works_with_spin_until_future_complete(suite):
     rclpy.init()
     try:
         node = rclpy.create_node('script', namespace=suite.namespace)
@@ -463,7 +463,7 @@ def test_two_clients_of_one_node(suite, spun):
     assert mine.result().drops == 400
 
 
-def test_nothing_is_left_of_a_request_that_is_over_or_canceled(suite, spun):
+def test_finished_and_canceled_requests_leave_nothing(suite, spun):
     node = suite.client.node
     spun.get_distribution_async('washer', drops=1)  # from now on there is an action client
     suite.client.wait(lambda: not spun._open, 'answer')
@@ -489,7 +489,7 @@ def test_nothing_is_left_of_a_request_that_is_over_or_canceled(suite, spun):
 
 
 @pytest.mark.parametrize('timeout', [None, 600.0])
-def test_a_request_that_is_given_up_ends_its_run(suite, spun, ahead, timeout):
+def test_abandoned_request_stops_its_run(suite, spun, ahead, timeout):
     """Its drops are kept; by a cancel, and by a timeout."""
     poses = suite.client.poses()
     seed = 84 if timeout is None else 85
@@ -512,7 +512,7 @@ def test_a_request_that_is_given_up_ends_its_run(suite, spun, ahead, timeout):
     assert 0 < known.result().drops < 2_000_000
 
 
-def test_a_run_that_another_client_wants_too_goes_on(suite, spun):
+def test_shared_run_continues_after_one_cancel(suite, spun):
     with RestingAspectsClient(suite.client.node) as other:
         heard = []
         mine = spun.get_distribution_async(
@@ -532,7 +532,7 @@ def test_a_run_that_another_client_wants_too_goes_on(suite, spun):
 # A suite that is not there, or dies
 
 
-def test_a_suite_that_is_not_there_is_waited_for_as_long_as_allowed(nobody, namespace):
+def test_timeout_without_a_suite(nobody, namespace):
     begun = time.monotonic()
     with pytest.raises(AnswerTimeoutError) as error:
         nobody.get_distribution('washer', timeout=0.4)
@@ -543,7 +543,7 @@ def test_a_suite_that_is_not_there_is_waited_for_as_long_as_allowed(nobody, name
     )
 
 
-def test_without_a_timeout_it_is_waited_for_a_while(nobody, monkeypatch):
+def test_default_timeout_without_a_suite(nobody, monkeypatch):
     monkeypatch.setattr(pending_request, 'SERVICE_TIMEOUT', 0.3)
     with pytest.raises(AnswerTimeoutError, match=r'waited 0.3 s: start'):
         nobody.list_parts()
@@ -551,7 +551,7 @@ def test_without_a_timeout_it_is_waited_for_a_while(nobody, monkeypatch):
         nobody.list_parts(timeout=100)
 
 
-def test_who_waits_is_told_once_that_there_is_no_suite(namespace, in_namespace, monkeypatch):
+def test_missing_suite_is_reported_once(namespace, in_namespace, monkeypatch):
     monkeypatch.setattr(pending_request, 'WARN_DELAY', 0.2)
     said = []
     with (
@@ -563,7 +563,7 @@ def test_who_waits_is_told_once_that_there_is_no_suite(namespace, in_namespace, 
     assert said == [f'no aspect_classifier answers on {topic} yet, waiting up to 1 s']
 
 
-def test_a_timeout_passes_where_simulated_time_stands_still(namespace, suite):
+def test_timeout_works_while_simulated_time_stops(namespace, suite):
     node = suite.client.node.__class__(
         'simulated',
         namespace=namespace,
@@ -582,6 +582,6 @@ def test_a_timeout_passes_where_simulated_time_stands_still(namespace, suite):
         node.destroy_node()
 
 
-def test_who_asks_needs_no_engine():
+def test_client_does_not_import_the_engine():
     script = 'import sys, resting_aspects_ros.client; print("pybullet" in sys.modules)'
     assert subprocess.check_output([sys.executable, '-c', script], text=True) == 'False\n'

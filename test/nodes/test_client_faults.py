@@ -1,4 +1,4 @@
-"""The Python client, while nodes are stopped, killed and started again."""
+"""The Python client while nodes are stopped, killed and restarted."""
 
 import signal
 
@@ -24,7 +24,7 @@ def spun(suite):
         yield client
 
 
-def test_a_timeout_says_how_far_the_drops_are(suite, spun, ahead):
+def test_timeout_error_contains_the_progress(suite, spun, ahead):
     simulator = suite.processes['drop_simulator']
 
     def hold_up(_):
@@ -46,7 +46,7 @@ def test_a_timeout_says_how_far_the_drops_are(suite, spun, ahead):
         answer.result()
 
 
-def test_a_classifier_that_ends_is_waited_for_a_while(suite, spun, monkeypatch):
+def test_stopped_classifier_leads_to_a_timeout(suite, spun, monkeypatch):
     monkeypatch.setattr(pending_request, 'SERVICE_TIMEOUT', 2.0)
     heard = []
     answer = spun.get_distribution_async('tetrahedron', drops=1500, seed=83, progress=heard.append)
@@ -63,7 +63,7 @@ def test_a_classifier_that_ends_is_waited_for_a_while(suite, spun, monkeypatch):
 @pytest.mark.parametrize(
     'number', [signal.SIGTERM, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)]
 )
-def test_a_simulator_that_ends_ends_the_request_in_words(suite, spun, number):
+def test_stopped_simulator_leads_to_an_error(suite, spun, number):
     heard = []
     answer = spun.get_distribution_async(
         'tetrahedron', drops=500_000, seed=84 + number, progress=heard.append
@@ -80,7 +80,7 @@ def test_a_simulator_that_ends_ends_the_request_in_words(suite, spun, number):
 
 
 # Last: for 20 s ROS takes a node that was killed for present.
-def test_a_classifier_that_is_killed_and_started_again_answers(suite, spun, monkeypatch):
+def test_restarted_classifier_responds(suite, spun, monkeypatch):
     monkeypatch.setattr(pending_request, 'RETRY_PERIOD', 1.0)
     heard = []
     answer = spun.get_distribution_async('tetrahedron', drops=1500, seed=82, progress=heard.append)

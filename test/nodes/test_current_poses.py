@@ -45,7 +45,7 @@ def shows(shown, expected):
 
 
 @pytest.mark.parametrize('drops', [30, MIN_BATCH + 20], ids=['few', 'last batch is short'])
-def test_they_are_the_newest_of_the_newest_run(suite, drops):
+def test_poses_are_the_newest_of_the_newest_run(suite, drops):
     batches = suite.client.poses()
     shown = suite.client.listen(PoseArray, CURRENT_POSES, LATCHED)
     for part in ('tetrahedron', 'l_bracket'):
@@ -56,7 +56,7 @@ def test_they_are_the_newest_of_the_newest_run(suite, drops):
         assert shown[-1].header.stamp in [batch.header.stamp for batch in batches]
 
 
-def test_who_comes_when_all_is_over_gets_the_newest_once(suite, connect):
+def test_late_subscriber_receives_the_newest_poses_once(suite, connect):
     batches = suite.client.poses()
     expected = drop_and_wait(suite.client, batches, 'washer', 40)
     late = connect(suite.namespace)
@@ -117,7 +117,7 @@ def batch(first, status):
     )
 
 
-def test_only_what_came_to_rest_is_shown_and_not_more_than_can_be_told_apart(current):
+def test_only_settled_drops_up_to_the_maximum_are_shown(current):
     heard = current.listen()
     S, U, F = RestStatus.SETTLED, RestStatus.UNSETTLED, RestStatus.FAILED  # noqa: N806
     current.take('a', batch(0, [S, U, S, F]), Time(sec=1))
@@ -135,7 +135,7 @@ def test_only_what_came_to_rest_is_shown_and_not_more_than_can_be_told_apart(cur
     assert [message.header.stamp.sec for message in heard] == [1, 2, 3, 4, 5, 6]
 
 
-def test_nothing_is_made_before_somebody_listens(current):
+def test_no_message_is_created_without_a_subscriber(current):
     for sec in range(5):
         current.take('a', batch(sec, [RestStatus.SETTLED]), Time(sec=sec))
         current.publish()

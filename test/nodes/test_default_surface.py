@@ -1,4 +1,4 @@
-"""A request that names no surface: the simulator says what it means."""
+"""Requests without a surface use the default surface of the simulator."""
 
 import pytest
 from resting_aspects_interfaces.msg import DropConditions, Status
@@ -31,7 +31,7 @@ def surfaces_meant(suite):
     return surfaces_meant
 
 
-def test_without_a_surface_all_mean_the_simulators(suite, simulator, surfaces_meant):
+def test_default_surface_is_that_of_the_simulator(suite, simulator, surfaces_meant):
     assert surfaces_meant(seed=101) == ('rubber_mat', 'rubber_mat')
     assert simulator.set(surface='steel') == []
     assert surfaces_meant(seed=101) == ('steel', 'steel')
@@ -40,7 +40,7 @@ def test_without_a_surface_all_mean_the_simulators(suite, simulator, surfaces_me
     assert named.run.conditions.surface == 'rubber_mat'
 
 
-def test_conditions_that_are_given_are_not_touched(suite, simulator):
+def test_given_conditions_are_not_changed(suite, simulator):
     assert simulator.set(surface='steel') == []
     conditions = suite.client.ask(drops=2, surface='thrown').distribution.run.conditions
     conditions.friction = 0.7
@@ -49,7 +49,7 @@ def test_conditions_that_are_given_are_not_touched(suite, simulator):
     assert answer.distribution.run.conditions.spin == conditions.spin > 0
 
 
-def test_the_default_is_published_whole(suite, simulator, surfaces):
+def test_default_conditions_are_published_completely(suite, simulator, surfaces):
     heard = suite.client.listen(DropConditions, DEFAULT_CONDITIONS, LATCHED)
     suite.client.wait(lambda: heard, 'default conditions')
     simulator.set(surface='thrown')
@@ -59,7 +59,7 @@ def test_the_default_is_published_whole(suite, simulator, surfaces):
 
 
 @pytest.mark.slow
-def test_the_default_is_known_as_long_as_its_simulator_was_heard(fresh_suite):
+def test_default_stays_known_after_the_simulator_stopped(fresh_suite):
     quick = {
         'aspect_classifier': {
             'nodes.aspect_classifier.drop_part_requests.STARTUP_TIMEOUT': 1.0,
@@ -89,7 +89,7 @@ def test_the_default_is_known_as_long_as_its_simulator_was_heard(fresh_suite):
     assert known.run.conditions == first.run.conditions
 
 
-def test_the_default_may_be_a_surface_that_the_classifier_does_not_know(fresh_suite, tmp_path):
+def test_default_surface_may_be_unknown_to_the_classifier(fresh_suite, tmp_path):
     text = surfaces_file().read_text(encoding='utf-8')
     own = text.replace('steel:', 'granite:').replace('friction: 0.15', 'friction: 0.17')
     (tmp_path / 'own.yaml').write_text(own, encoding='utf-8')

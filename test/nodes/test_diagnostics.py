@@ -1,4 +1,4 @@
-"""/diagnostics: what each node says of itself, and a disk that is full."""
+"""The diagnostics of each node, also with a full disk."""
 
 import re
 import resource
@@ -28,7 +28,7 @@ def told(suite, diagnostics_of):
     return diagnostics_of(suite.client)
 
 
-def test_nodes_say_what_they_do_once_a_second(suite, told):
+def test_nodes_publish_diagnostics_once_a_second(suite, told):
     drop = suite.client.dropping('tetrahedron', 500_000, seed=1)  # until it is canceled
     for node in ('drop_simulator', 'aspect_classifier', 'drop_recorder'):
         level, message, values = told.wait(
@@ -57,7 +57,7 @@ def test_nodes_say_what_they_do_once_a_second(suite, told):
         assert int(values[key]) == drop.result.drops
 
 
-def test_each_run_under_way_is_named(suite, told):
+def test_active_runs_are_listed(suite, told):
     drops = [suite.client.dropping('tetrahedron', 400_000, seed=seed) for seed in (11, 12)]
     suite.client.wait(lambda: all(drop.accepted for drop in drops), 'goals taken')
     for node in ('drop_simulator', 'aspect_classifier', 'drop_recorder'):
@@ -74,7 +74,7 @@ def test_each_run_under_way_is_named(suite, told):
         suite.log_of(drop.result.run_id)
 
 
-def test_drops_that_are_missing_or_wait_to_be_counted_are_told(
+def test_missing_and_uncounted_drops_are_reported(
     start, connect, diagnostics_of, namespace, batches, part, tmp_path
 ):
     client = connect(namespace)
@@ -99,7 +99,7 @@ def test_drops_that_are_missing_or_wait_to_be_counted_are_told(
     told.wait('aspect_classifier', lambda *told: told[2]['drops not counted yet'] == '0', '')
 
 
-def test_workers_that_died_are_counted(suite, told):
+def test_dead_workers_are_counted(suite, told):
     assert suite.processes['drop_simulator'].send_to_workers(signal.SIGKILL) >= 1
     assert suite.client.drop('tetrahedron', 5, seed=13).outcome == 'succeeded'
     level, _, _ = told.wait(
@@ -108,7 +108,7 @@ def test_workers_that_died_are_counted(suite, told):
     assert level == DiagnosticStatus.OK
 
 
-def test_a_full_disk_stops_the_log_and_not_the_answer(suite, told):
+def test_full_disk_stops_the_log_but_not_the_request(suite, told):
     recorder = suite.processes['drop_recorder']
     # As a quota: no file of the recorder grows beyond this.
     _, hard = resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE)
@@ -143,7 +143,7 @@ def test_a_full_disk_stops_the_log_and_not_the_answer(suite, told):
     assert recorder.running
 
 
-def test_drops_that_are_not_recorded_are_not_counted_as_such(suite, told, tmp_path, parameters_of):
+def test_unrecorded_drops_are_not_counted_as_recorded(suite, told, tmp_path, parameters_of):
     recorded = suite.client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
     recorder = parameters_of(suite.client, 'drop_recorder')
     assert recorder.set(log_folder=str(tmp_path / 'disk')) == []
@@ -168,7 +168,7 @@ def test_drops_that_are_not_recorded_are_not_counted_as_such(suite, told, tmp_pa
     assert recorder.set(log_folder=str(suite.logs)) == []
 
 
-def test_a_disk_that_is_full_at_the_end_of_a_run(suite, told):
+def test_disk_is_full_at_the_end_of_a_run(suite, told):
     """All drops are in the log, and what closes it is not."""
     recorded = suite.client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
     first = suite.client.drop('tetrahedron', 5, seed=10).result

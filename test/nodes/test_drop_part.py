@@ -1,4 +1,4 @@
-"""The action drop_part: what it answers, and what comes on resting_poses meanwhile."""
+"""The action drop_part: its results, and the batches on resting_poses."""
 
 import dataclasses
 import functools
@@ -72,7 +72,7 @@ def assert_same_poses(batches, expected):
         np.testing.assert_array_equal(getattr(poses, field.name), getattr(expected, field.name))
 
 
-def test_the_result_counts_every_drop(drop, batches):
+def test_result_counts_every_drop(drop, batches):
     result = drop.result
     assert drop.outcome == 'succeeded'
     assert result.status == Status(code=Status.OK)
@@ -95,13 +95,13 @@ def test_feedback_grows_towards_the_total(drop):
     assert all(feedback.drops_per_second > 0 for feedback in drop.feedback)
 
 
-def test_batches_are_full_but_the_last_and_follow_each_other(batches):
+def test_batches_are_full_and_consecutive(batches):
     assert [len(batch.poses) for batch in batches] == [MIN_BATCH, MIN_BATCH, 30]
     assert [batch.first_drop for batch in batches] == [0, MIN_BATCH, 2 * MIN_BATCH]
     assert [batch.last for batch in batches] == [False, False, True]
 
 
-def test_every_batch_says_all_of_its_run(drop, batches, part, surfaces):
+def test_every_batch_describes_its_run(drop, batches, part, surfaces):
     run = batches[0].run
     assert all(batch.run == run for batch in batches)
     assert run.run_id == drop.result.run_id
@@ -115,18 +115,18 @@ def test_every_batch_says_all_of_its_run(drop, batches, part, surfaces):
         assert nanoseconds(batch.header.stamp) >= nanoseconds(run.started) > 0
 
 
-def test_poses_are_bit_for_bit_those_of_the_engine(batches, engine):
+def test_published_poses_equal_those_of_the_engine(batches, engine):
     assert_same_poses(batches, engine('tetrahedron', 0, DROPS, seed=11))
 
 
-def test_drops_from_the_middle_are_that_slice_of_the_run(suite, batches_of, engine):
+def test_drops_from_the_middle_equal_a_slice_of_the_run(suite, batches_of, engine):
     drop = suite.client.drop('tetrahedron', 40, first_drop=230, seed=11)
     batches = batches_of(drop.result.run_id)
     assert batches[0].run.first_drop == 230
     assert_same_poses(batches, engine('tetrahedron', 0, DROPS, seed=11).between(230, 270))
 
 
-def test_an_exactly_full_batch_is_the_last(suite, batches_of):
+def test_exactly_full_batch_can_be_the_last(suite, batches_of):
     drop = suite.client.drop('tetrahedron', MIN_BATCH, seed=12)
     batches = batches_of(drop.result.run_id)
     assert [(len(batch.poses), batch.last) for batch in batches] == [(MIN_BATCH, True)]
@@ -136,12 +136,12 @@ def test_an_exactly_full_batch_is_the_last(suite, batches_of):
     ('drops', 'size'),
     [(1, 250), (500_000, 250), (500_001, 251), (2_000_000, 1000), (1_999_999, 1000)],
 )
-def test_no_run_has_more_batches_than_are_kept(drops, size):
+def test_number_of_batches_is_at_most_the_qos_depth(drops, size):
     assert batch_size(drops) == size
     assert -(-drops // size) <= POSES_DEPTH
 
 
-def test_a_cancel_in_the_middle_keeps_what_was_done(suite, batches_of, engine):
+def test_drops_before_a_cancel_are_published(suite, batches_of, engine):
     drop = suite.client.dropping('tetrahedron', 100_000, seed=13)
     suite.client.wait(lambda: drop.feedback, 'first feedback')
     drop.cancel()
@@ -162,7 +162,7 @@ def test_a_cancel_in_the_middle_keeps_what_was_done(suite, batches_of, engine):
     assert_same_poses(batches[:1], engine('tetrahedron', 0, len(batches[0].poses), seed=13))
 
 
-def test_what_was_done_before_a_cancel_is_known(suite, counts):
+def test_drops_before_a_cancel_are_known(suite, counts):
     drop = suite.client.dropping('tetrahedron', 100_000, seed=14)
     suite.client.wait(lambda: drop.feedback, 'first feedback')
     drop.cancel()

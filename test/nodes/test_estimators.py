@@ -1,4 +1,4 @@
-"""Estimators as the method of get_distribution, asked of three processes over DDS."""
+"""Estimators as the method of get_distribution, requested over DDS."""
 
 import math
 
@@ -12,7 +12,7 @@ from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 
 
 @pytest.mark.parametrize('method', METHODS)
-def test_a_controller_has_an_answer_without_a_drop(suite, part, method):
+def test_estimator_responds_without_a_drop(suite, part, method):
     heard = suite.client.poses()
     suite.client.drop('tetrahedron', 1, seed=98)  # a fence: what is latched comes before it
     suite.client.wait(lambda: any(b.run.seed == 98 for b in heard), 'the fence')
@@ -37,14 +37,14 @@ def test_a_controller_has_an_answer_without_a_drop(suite, part, method):
     assert 'u_bracket' not in {batch.run.part for batch in heard[before:]}
 
 
-def test_an_estimate_does_not_pass_for_drops(suite):
+def test_estimate_is_not_returned_for_drops(suite):
     assert suite.client.ask('washer', method='rolling').status.code == Status.OK
     answer = suite.client.ask('washer', 10, seed=[9900], only_known=True)
     assert answer.status.code == Status.NOT_AVAILABLE
 
 
 @pytest.mark.parametrize('method', ['crsa', 'stability'])
-def test_a_method_that_is_not_defined_for_a_part(suite, method):
+def test_method_not_defined_for_a_part_is_rejected(suite, method):
     answer = suite.client.ask('cylinder_d20_h20', method=method)
     assert answer.status.code == Status.INVALID
     assert answer.status.message == (
@@ -53,7 +53,7 @@ def test_a_method_that_is_not_defined_for_a_part(suite, method):
     )
 
 
-def test_a_part_that_is_not_known(suite):
+def test_unknown_part_is_rejected(suite):
     answer = suite.client.ask('no_such_part', method='rolling')
     assert answer.status.code == Status.UNKNOWN_PART
     assert answer.status.message.startswith("part 'no_such_part' is not known; known parts: ")

@@ -1,4 +1,4 @@
-"""Nodes that start late, are slow, die, or are not there."""
+"""Nodes that start late, are slow, die, or are missing."""
 
 import signal
 
@@ -46,7 +46,7 @@ def recorded():
     return recorded
 
 
-def test_who_starts_late_has_all_of_the_run(suite, start, recorded, tmp_path, counts):
+def test_late_node_receives_the_whole_run(suite, start, recorded, tmp_path, counts):
     """A recorder and a classifier, started in the middle of a run, and others after it."""
     drops = 20 * MIN_BATCH + 50
     heard = suite.client.poses()
@@ -78,7 +78,7 @@ def test_who_starts_late_has_all_of_the_run(suite, start, recorded, tmp_path, co
     assert counts(distribution) == counts(expected)
 
 
-def test_who_is_held_up_during_a_run_loses_nothing(suite, recorded):
+def test_suspended_node_loses_no_drops(suite, recorded):
     drops = 4 * MIN_BATCH
     slow = [suite.processes[name] for name in ('aspect_classifier', 'drop_recorder')]
     for process in slow:
@@ -98,7 +98,7 @@ def test_who_is_held_up_during_a_run_loses_nothing(suite, recorded):
     assert recorded(suite.log_of(drop.result.run_id)) == list(range(drops))
 
 
-def test_without_a_simulator_the_answer_is_that_there_is_none(suite):
+def test_missing_simulator_is_reported(suite):
     known = suite.client.ask(drops=5, seed=[44])
     heard = suite.client.poses()
     asked = suite.client.asking('tetrahedron', 100_000, seed=[45])
@@ -129,7 +129,7 @@ def test_without_a_simulator_the_answer_is_that_there_is_none(suite):
 
 
 # Last: for 20 s a node that was killed is taken for present.
-def test_a_simulator_that_is_killed_and_started_again_ends_no_other_node(suite, counts):
+def test_restarted_simulator_does_not_end_other_nodes(suite, counts):
     heard = suite.client.poses()
     asked = suite.client.asking('tetrahedron', 3000, seed=[43])
     suite.client.wait(lambda: any(batch.run.seed == 43 for batch in heard), 'first batch')

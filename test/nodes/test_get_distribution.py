@@ -1,4 +1,4 @@
-"""get_distribution, asked of three processes over DDS."""
+"""The service get_distribution, requested over DDS."""
 
 import pytest
 from resting_aspects_interfaces.msg import DropConditions, Status
@@ -30,7 +30,7 @@ def test_every_drop_is_counted_once(first, counts):
         assert aspect.lower < aspect.probability < aspect.upper
 
 
-def test_the_run_is_described_in_full(first, part, surfaces):
+def test_run_is_described_completely(first, part, surfaces):
     run = run_from(first.distribution.run)
     assert run.run_id
     assert run.part == 'tetrahedron'
@@ -41,7 +41,7 @@ def test_the_run_is_described_in_full(first, part, surfaces):
     assert run.time_step > 0
 
 
-def test_what_is_known_is_answered_without_a_drop(suite, first, counts):
+def test_known_distribution_needs_no_drop(suite, first, counts):
     heard = suite.client.poses()
     suite.client.wait(lambda: heard and heard[-1].last, 'the run so far')
     before = len(heard)
@@ -75,21 +75,21 @@ def test_only_known_drops_nothing(suite, first, fields, words):
         assert each in answer.status.message
 
 
-def test_only_known_of_a_part_that_is_not_offered(suite, first):
+def test_only_known_rejects_a_part_that_is_not_offered(suite, first):
     answer = suite.client.ask('gizmo', only_known=True)
     assert answer.status.code == Status.UNKNOWN_PART
     assert answer.status.message.startswith("part 'gizmo' is not known; known parts: ")
     assert 'tetrahedron' in answer.status.message
 
 
-def test_other_conditions_are_another_question(suite, first, surfaces):
+def test_changed_conditions_are_not_known(suite, first, surfaces):
     changed = conditions_msg(surfaces.get())
     changed.friction = 0.26
     answer = suite.client.ask(drops=1, conditions=[changed], only_known=True)
     assert answer.status.code == Status.NOT_AVAILABLE
 
 
-def test_conditions_that_are_a_surface_s_are_the_same_question(suite, first, surfaces):
+def test_conditions_equal_to_a_surface_are_known(suite, first, surfaces):
     same = conditions_msg(surfaces.get())
     same.surface = 'my own name for it'
     answer = suite.client.ask(drops=260, conditions=[same], only_known=True)
@@ -97,7 +97,7 @@ def test_conditions_that_are_a_surface_s_are_the_same_question(suite, first, sur
     assert answer.distribution.run == first.distribution.run
 
 
-def test_changed_conditions_bear_no_surface_s_name(suite, surfaces):
+def test_changed_conditions_have_no_surface_name(suite, surfaces):
     changed = conditions_msg(surfaces.get())
     changed.friction = 0.3
     run = suite.client.ask(drops=3, conditions=[changed]).distribution.run
@@ -110,20 +110,20 @@ def test_changed_conditions_bear_no_surface_s_name(suite, surfaces):
     )
 
 
-def test_more_drops_than_known_are_dropped(suite, first):
+def test_part_is_dropped_if_too_few_drops_are_known(suite, first):
     answer = suite.client.ask('tetrahedron', 270, seed=[7])
     assert answer.status.code == Status.OK
     assert answer.distribution.drops == 270
     assert answer.distribution.run.run_id != first.distribution.run.run_id
 
 
-def test_another_seed_is_dropped_if_it_is_given(suite, first, counts):
+def test_part_is_dropped_for_another_seed(suite, first, counts):
     answer = suite.client.ask('tetrahedron', 260, seed=[8])
     assert answer.distribution.run.seed == 8
     assert counts(answer.distribution) != counts(first.distribution)
 
 
-def test_drops_from_the_middle_of_a_seed_do_not_answer_for_the_seed(suite, counts):
+def test_run_from_the_middle_does_not_match_its_seed(suite, counts):
     slice_of_run = suite.client.drop('box_10x20x30', 30, first_drop=500, seed=5).result
     assert slice_of_run.drops == 30
     refused = suite.client.ask('box_10x20x30', 30, seed=[5], only_known=True).status
@@ -135,7 +135,7 @@ def test_drops_from_the_middle_of_a_seed_do_not_answer_for_the_seed(suite, count
     assert answer.distribution.run.run_id != slice_of_run.run_id
 
 
-def test_a_fresh_suite_gives_the_same_counts_for_a_seed(fresh_suite, first, counts):
+def test_new_suite_gives_the_same_counts_for_a_seed(fresh_suite, first, counts):
     suite = fresh_suite(workers=1)
     answer = suite.client.ask('tetrahedron', 260, seed=[7])
     assert answer.distribution.run.run_id != first.distribution.run.run_id

@@ -1,4 +1,4 @@
-"""The suite as it is used on a bad day: everybody at once, slowly, and broken off."""
+"""The suite under load: concurrent clients, slow subscribers, cancels and damaged files."""
 
 import random
 import shutil
@@ -31,7 +31,7 @@ def suite(fresh_suite, folder):
 
 
 @pytest.mark.slow
-def test_ten_clients_ask_at_once_for_five_parts(suite, connect, counts):
+def test_ten_concurrent_clients_request_five_parts(suite, connect, counts):
     clients = [connect(suite.namespace) for _ in range(10)]
     asked = [client.asking(PARTS[k % 5], 150, seed=[1]) for k, client in enumerate(clients)]
 
@@ -51,7 +51,7 @@ def test_ten_clients_ask_at_once_for_five_parts(suite, connect, counts):
 
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize('drops', [1500, pytest.param(100_000, marks=pytest.mark.slow)])
-def test_a_long_run_with_a_slow_subscriber(suite, connect, quick, drops):
+def test_slow_subscriber_receives_a_long_run(suite, connect, quick, drops):
     slow = connect(suite.namespace)
     heard = slow.poses()
     # So that the topic is found before the run begins.
@@ -74,7 +74,7 @@ def test_a_long_run_with_a_slow_subscriber(suite, connect, quick, drops):
 
 
 @pytest.mark.parametrize('times', [5, pytest.param(50, marks=pytest.mark.slow)])
-def test_a_goal_that_is_canceled_at_random_moments(suite, quick, times):
+def test_goal_is_canceled_at_random_times(suite, quick, times):
     rng = random.Random(3)
     heard = suite.client.poses()
     for k in range(times):
@@ -97,7 +97,7 @@ def test_a_goal_that_is_canceled_at_random_moments(suite, quick, times):
     assert suite.client.drop('box_10x20x30', 10).outcome == 'succeeded'
 
 
-def test_a_part_that_becomes_rubbish_during_a_run_of_it(suite, folder, quick):
+def test_part_file_is_damaged_during_its_run(suite, folder, quick):
     mesh = folder / 'cylinder_d20_h20.stl'
     whole = mesh.read_bytes()
     drop = suite.client.dropping('cylinder_d20_h20', 2000, seed=4, conditions=quick)
@@ -114,7 +114,7 @@ def test_a_part_that_becomes_rubbish_during_a_run_of_it(suite, folder, quick):
 
 
 @pytest.mark.slow
-def test_sigterm_in_the_middle_of_everything(run_command, connect, namespace, wait, tmp_path):
+def test_sigterm_during_runs_stops_all_nodes(run_command, connect, namespace, wait, tmp_path):
     ros = ('--ros-args', '-r', f'__ns:={namespace}', '-p', f'log_folder:={tmp_path}')
     nodes = run_command(sys.executable, '-m', 'resting_aspects_ros.cli', 'nodes', *ros)
     wait(lambda: nodes.said.count('ready') == 3 or not nodes.running, 'nodes')

@@ -1,4 +1,4 @@
-"""What the classifier takes from the logs of earlier runs, file by file."""
+"""The distributions that the classifier reads from the logs of earlier runs."""
 
 import os
 import shutil
@@ -77,12 +77,12 @@ def double(message):
     message.drops += CHUNK
 
 
-def test_the_distribution_of_a_whole_log_is_believed(write, run_of):
+def test_distribution_of_a_complete_log_is_used(write, run_of):
     run, found = read_log(write(change=double))
     assert (run, found.drops) == (run_of[0], 2 * CHUNK)
 
 
-def test_ids_of_another_numbering_are_not_believed_but_counted_again(write, run_of, aspects):
+def test_drops_are_recounted_for_another_numbering(write, run_of, aspects):
     def renumber(message):
         double(message)
         message.aspect_numbering = ASPECT_NUMBERING + 1
@@ -92,14 +92,14 @@ def test_ids_of_another_numbering_are_not_believed_but_counted_again(write, run_
     assert (run, found.counts.tolist()) == (run_of[0], counted.counts.tolist())
 
 
-def test_a_log_of_another_version_of_the_suite_is_believed(write):
+def test_log_of_another_suite_version_is_used(write):
     def version(message):
         message.run.suite_version = '0.0.1'
 
     assert read_log(write(change=version))[1].drops == CHUNK
 
 
-def test_of_a_log_with_gaps_the_first_drops_are_known(write, run_of, aspects):
+def test_first_drops_of_a_log_with_gaps_are_counted(write, run_of, aspects):
     """Pieces in any order; drops 100 to 109 are not there."""
     run, found = read_log(write([(0, 40), (110, CHUNK), (40, 100)], whole=False))
     counted = count_poses(aspects, run_of[1].between(0, 100))
@@ -115,12 +115,12 @@ def test_of_a_log_with_gaps_the_first_drops_are_known(write, run_of, aspects):
         ({'described': 'washer'}, 'it does not describe its part'),
     ],
 )
-def test_what_holds_no_first_drops_is_refused(write, given, words):
+def test_log_without_the_first_drops_is_rejected(write, given, words):
     with pytest.raises(LogError, match=words):
         read_log(write(whole=False, **given))
 
 
-def test_a_log_that_was_broken_off_is_used_once_it_is_recovered(write):
+def test_recovered_log_is_used(write):
     log = write()
     (file,) = log.glob('*.mcap')
     file.write_bytes(file.read_bytes()[:-100])
@@ -132,7 +132,7 @@ def test_a_log_that_was_broken_off_is_used_once_it_is_recovered(write):
     assert read_log(log)[1].drops == CHUNK
 
 
-def test_a_log_that_is_being_written_is_left_alone(tmp_path):
+def test_log_being_written_is_skipped(tmp_path):
     log = RunLog(tmp_path, 'tetrahedron_20300101T000000Z_4f1c')
     assert read_log(tmp_path / 'tetrahedron_20300101T000000Z_4f1c') is None
     log.close()
@@ -157,12 +157,12 @@ def odd(field, value):
         odd('drops', 1),
     ],
 )
-def test_a_distribution_that_cannot_be_is_refused(write, change):
+def test_inconsistent_distribution_is_rejected(write, change):
     with pytest.raises(RestingAspectsError):
         read_log(write(change=change))
 
 
-def test_the_newest_log_of_each_part_comes_first(tmp_path):
+def test_newest_log_of_each_part_is_read_first(tmp_path):
     names = [
         'box_20200101T000000Z_1',
         'nut_20200101T000000Z_2',
@@ -179,7 +179,7 @@ def test_the_newest_log_of_each_part_comes_first(tmp_path):
     assert logs_in(tmp_path / 'none') == []
 
 
-def test_one_bad_log_costs_no_other_and_is_named(write, start, connect, namespace, tmp_path):
+def test_bad_log_is_reported_and_others_are_read(write, start, connect, namespace, tmp_path):
     log = write()
     pipe = tmp_path / 'nut_20990131T120000Z_4f1c'  # the first that is read
     pipe.mkdir()
@@ -195,7 +195,7 @@ def test_one_bad_log_costs_no_other_and_is_named(write, start, connect, namespac
     assert f'{cut.parent.name}: it is not closed: ' in warning
 
 
-def test_of_too_many_logs_the_newest_are_read(write, start, connect, namespace, tmp_path):
+def test_newest_logs_are_read_if_there_are_too_many(write, start, connect, namespace, tmp_path):
     log = write()
     for k in range(4):
         shutil.copytree(log, tmp_path / f'tetrahedron_20300101T{k:06}Z_{k}')
@@ -211,7 +211,7 @@ class Code(str):
     __repr__ = str.__str__
 
 
-def test_until_the_logs_are_read_nothing_is_answered(start, connect, namespace, tmp_path):
+def test_requests_are_rejected_until_logs_are_read(start, connect, namespace, tmp_path):
     """A folder that hangs, as a disk of the network can."""
     os.mkfifo(tmp_path / 'pipe')
     hang = {

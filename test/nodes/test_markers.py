@@ -1,4 +1,4 @@
-"""The markers that RViz shows: their geometry and texts, first made here, then over DDS."""
+"""The RViz markers: their geometry and texts, and their publication over DDS."""
 
 import copy
 from itertools import pairwise
@@ -67,7 +67,7 @@ def percent(text):
 
 
 @pytest.mark.parametrize('name', ['l_bracket', 'washer', 'hex_nut'])
-def test_the_part_stands_in_each_aspect(part, name):
+def test_meshes_show_the_part_in_each_aspect(part, name):
     part = part(name)
     aspects = find_aspects(part)
     message = PartMarkers(part, aspects).message(no_drops(aspects), STAMP)
@@ -89,7 +89,7 @@ def test_the_part_stands_in_each_aspect(part, name):
         assert (marker.lifetime.sec, marker.lifetime.nanosec) == (0, 0)  # for ever
 
 
-def test_parts_side_by_side_do_not_touch_and_what_looks_alike_has_one_colour(part):
+def test_meshes_do_not_touch_and_classes_share_a_colour(part):
     part = part('hex_nut')
     aspects = find_aspects(part)
     meshes, _ = split(PartMarkers(part, aspects).message(no_drops(aspects), STAMP))
@@ -104,7 +104,7 @@ def test_parts_side_by_side_do_not_touch_and_what_looks_alike_has_one_colour(par
     assert len(set(colours.values())) == 2
 
 
-def test_texts_have_as_many_digits_as_the_drops_allow(part):
+def test_number_of_digits_depends_on_the_drops(part):
     aspects = find_aspects(part('l_bracket'))
     few = Distribution(aspects, np.array([6, 3, 1, 0, 0]), 0, 0, 0)
     many = Distribution(aspects, np.array([2711, 7000, 189, 60, 0]), 20, 10, 10)
@@ -113,7 +113,7 @@ def test_texts_have_as_many_digits_as_the_drops_allow(part):
     assert labels(no_drops(aspects))[1] == '2: no drops'
 
 
-def test_a_new_distribution_changes_texts_and_stamps_only(part):
+def test_new_distribution_changes_only_texts_and_stamps(part):
     part = part('tetrahedron')
     aspects = find_aspects(part)
     markers = PartMarkers(part, aspects)
@@ -153,7 +153,7 @@ def newest(suite):
 
 
 @pytest.mark.parametrize('name', ['l_bracket', 'cylinder_d20_h20', 'tetrahedron'])
-def test_they_show_the_part_of_the_newest_distribution_and_no_other(suite, newest, part, name):
+def test_only_the_part_that_changed_last_is_shown(suite, newest, part, name):
     distribution = suite.client.ask(name, 120, seed=[9001]).distribution
     meshes, texts = split(newest(distribution))
     for aspect in distribution.aspects:
@@ -163,7 +163,7 @@ def test_they_show_the_part_of_the_newest_distribution_and_no_other(suite, newes
         assert share.endswith(' %')
 
 
-def test_a_known_distribution_that_is_asked_for_again_changes_nothing(suite, newest):
+def test_request_for_a_known_distribution_changes_nothing(suite, newest):
     heard = suite.client.listen(MarkerArray, 'markers', ALL_LATCHED)
     first = suite.client.ask('angle_45x30x8', 40, seed=[9002]).distribution
     second = suite.client.ask('box_10x20x30', 40, seed=[9003]).distribution
@@ -176,7 +176,7 @@ def test_a_known_distribution_that_is_asked_for_again_changes_nothing(suite, new
     assert set(after) == {len(split(third)[0])}
 
 
-def test_who_comes_late_gets_the_newest_once(suite, newest, connect):
+def test_late_subscriber_receives_the_newest_once(suite, newest, connect):
     distribution = suite.client.ask('t_prism', 60, seed=[9005]).distribution
     message = newest(distribution)
     late = connect(suite.namespace)
@@ -186,7 +186,7 @@ def test_who_comes_late_gets_the_newest_once(suite, newest, connect):
     assert heard == [message]
 
 
-def test_they_come_with_distributions_and_not_more_often(suite):
+def test_markers_are_published_with_distributions(suite):
     markers = suite.client.listen(MarkerArray, 'markers', ALL_LATCHED)
     distributions = suite.client.listen(
         AspectDistribution, 'aspect_distributions/u_bracket', ALL_LATCHED

@@ -1,4 +1,4 @@
-"""Messages that nobody should send: dropped and told, and the nodes go on."""
+"""Invalid messages are ignored and logged, and the nodes continue."""
 
 import copy
 import math
@@ -85,7 +85,7 @@ def log_of(client, folder, run_id):
     return found[0].parent
 
 
-def test_an_odd_batch_ends_no_node_and_the_next_is_counted(
+def test_invalid_batch_is_ignored_and_the_next_is_counted(
     start, client, namespace, batch, part, described, tmp_path
 ):
     nodes = [
@@ -119,7 +119,7 @@ def test_an_odd_batch_ends_no_node_and_the_next_is_counted(
         assert node.said.count(error) == 1, node.said
 
 
-def test_odd_distributions_and_descriptions_end_no_recorder(
+def test_recorder_ignores_invalid_messages(
     start, client, namespace, batch, described, part, tmp_path
 ):
     recorder = start('drop_recorder', namespace, {'log_folder': tmp_path})
@@ -142,9 +142,7 @@ def test_odd_distributions_and_descriptions_end_no_recorder(
     assert recorder.running
 
 
-def test_an_odd_distribution_does_not_end_the_feeder_example(
-    start, client, namespace, batch, part
-):
+def test_feeder_example_ignores_an_invalid_distribution(start, client, namespace, batch, part):
     rates = client.listen(Float64MultiArray, 'expected_pick_rate', LATCHED)
     feeder = start('feeder_example', namespace, {'part': 'tetrahedron'}, ready='waits for')
     topic = 'aspect_distributions/tetrahedron'
@@ -162,7 +160,7 @@ def test_an_odd_distribution_does_not_end_the_feeder_example(
     assert feeder.running
 
 
-def test_a_log_folder_that_cannot_be_looked_into_costs_the_log_only(
+def test_unreadable_log_folder_prevents_only_the_log(
     start, client, namespace, batch, described, tmp_path
 ):
     """A name that is too long with the log's in it: so would a disk be that is gone."""

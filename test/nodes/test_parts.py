@@ -52,14 +52,14 @@ def test_parts_are_listed_by_name_with_their_hashes(listed, folder):
         assert summary.part_sha256 == PartLibrary(folder).load(name).part_sha256
 
 
-def test_a_part_is_known_after_a_run_of_it(suite, listed):
+def test_part_is_known_after_a_run(suite, listed):
     assert not listed('box_10x20x30', 'tetrahedron')['tetrahedron'].known
     suite.client.ask('tetrahedron', 3)
     parts = listed('box_10x20x30', 'tetrahedron')
     assert (parts['tetrahedron'].known, parts['box_10x20x30'].known) == (True, False)
 
 
-def test_a_file_whose_name_is_no_utf8_is_said_and_no_part(suite, folder, diagnostics_of):
+def test_file_name_that_is_not_utf8_is_reported(suite, folder, diagnostics_of):
     mesh = folder / '\udcff.stl'
     shutil.copy(parts_folder() / 'tetrahedron.stl', mesh)
     simulator = suite.processes['drop_simulator']
@@ -74,7 +74,7 @@ def test_a_file_whose_name_is_no_utf8_is_said_and_no_part(suite, folder, diagnos
     mesh.unlink()
 
 
-def test_a_run_that_was_canceled_before_its_first_drop_makes_nothing_known(suite, listed):
+def test_part_is_not_known_after_a_run_without_drops(suite, listed):
     box = suite.client.dropping('box_10x20x30', 100_000, first_drop=9)
     suite.client.wait(lambda: box.accepted, 'goal taken')
     box.cancel()
@@ -84,7 +84,7 @@ def test_a_run_that_was_canceled_before_its_first_drop_makes_nothing_known(suite
     assert parts['box_10x20x30'].known == (box.result.drops > 0)
 
 
-def test_a_description_has_the_mesh_s_bytes_and_rebuilds_the_part(suite, folder):
+def test_description_contains_the_mesh_file(suite, folder):
     heard = suite.client.listen(PartDescription, 'parts/tetrahedron', LATCHED)
     suite.client.wait(lambda: heard, 'description')
     assert bytes(heard[0].mesh) == (folder / 'tetrahedron.stl').read_bytes()
@@ -93,7 +93,7 @@ def test_a_description_has_the_mesh_s_bytes_and_rebuilds_the_part(suite, folder)
     assert again.part_sha256 == PartLibrary(folder).load('tetrahedron').part_sha256
 
 
-def test_a_part_can_be_added_changed_and_removed(suite, listed, folder):
+def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
     heard = suite.client.listen(PartDescription, 'parts/hex_nut', LATCHED)
     shutil.copy(parts_folder() / 'hex_nut.stl', folder)
     before = listed('box_10x20x30', 'hex_nut', 'tetrahedron')['hex_nut'].part_sha256
@@ -124,7 +124,7 @@ def test_a_part_can_be_added_changed_and_removed(suite, listed, folder):
     assert 'known parts: box_10x20x30, tetrahedron' in answer.status.message
 
 
-def test_a_mesh_that_is_broken_is_told_once_and_harms_no_other_part(suite, listed, folder):
+def test_broken_mesh_is_reported_once(suite, listed, folder):
     simulator = suite.processes['drop_simulator']
     (folder / 'broken.stl').write_bytes(b'no mesh')
     suite.client.wait(lambda: 'broken.stl' in simulator.said, 'warning')
@@ -139,7 +139,7 @@ def test_a_mesh_that_is_broken_is_told_once_and_harms_no_other_part(suite, liste
     (folder / 'broken.stl').unlink()
 
 
-def test_meshes_that_are_not_offered_are_told_while_they_are_there(suite, folder, diagnostics_of):
+def test_diagnostics_list_meshes_that_are_not_offered(suite, folder, diagnostics_of):
     told = diagnostics_of(suite.client)
     (folder / 'empty.stl').write_bytes(b'no mesh either')
     shutil.copy(parts_folder() / 'washer.stl', folder / 'My Washer.stl')
@@ -155,7 +155,7 @@ def test_meshes_that_are_not_offered_are_told_while_they_are_there(suite, folder
 
 
 @pytest.mark.slow
-def test_a_part_that_is_asked_for_while_parts_come_in_is_waited_for(fresh_suite):
+def test_request_waits_while_parts_arrive(fresh_suite):
     suite = fresh_suite({'aspect_classifier': {'ros.topic_discovery.PERIOD': 1.5}}, workers=1)
     suite.processes['aspect_classifier'].end()
     suite.start_again('aspect_classifier')
@@ -166,7 +166,7 @@ def test_a_part_that_is_asked_for_while_parts_come_in_is_waited_for(fresh_suite)
     assert unknown.message.endswith(', u_bracket, washer')
 
 
-def test_a_description_repeated_faster_than_it_is_read_is_read(part):
+def test_rapidly_repeated_description_is_read(part):
     """As a replay in a loop repeats it for a slow classifier."""
 
     class Files:

@@ -34,7 +34,7 @@ def test_run_stops_at_the_first_precise_checkpoint(suite, answer, counts):
         assert (aspect.upper - aspect.lower) / 2 <= PRECISION
 
 
-def test_it_is_known_then_to_this_precision_and_to_less_but_not_to_more(suite, answer):
+def test_run_is_known_for_its_precision_and_coarser(suite, answer):
     def known(**fields):
         return suite.client.ask('tetrahedron', only_known=True, seed=[3], **fields)
 
@@ -46,13 +46,13 @@ def test_it_is_known_then_to_this_precision_and_to_less_but_not_to_more(suite, a
     assert known(drops=answer.distribution.drops).status.code == Status.OK
 
 
-def test_the_drops_are_the_most_that_are_made(suite):
+def test_drops_is_the_maximum_number(suite):
     distribution = suite.client.ask('tetrahedron', 300, precision=0.01, seed=[4]).distribution
     assert distribution.drops == 300
     assert distribution.complete
 
 
-def test_an_action_goal_stops_as_well(suite, answer):
+def test_action_goal_stops_at_the_precision(suite, answer):
     result = suite.client.drop('tetrahedron', 0, precision=PRECISION, seed=3).result
     assert result.status.code == Status.OK
     assert result.drops == answer.distribution.drops

@@ -1,4 +1,4 @@
-"""What is not allowed is refused in words, and the nodes live on."""
+"""Invalid requests are rejected with a message, and the nodes continue."""
 
 import math
 import shutil
@@ -54,14 +54,14 @@ def refused(request, suite):
     'name',
     ['no_such_part', '../x', '', 'a/b', 'x' * 300, 'Würfel ⬛', '/etc/passwd', 'tetrahedron\n'],
 )
-def test_a_name_that_is_not_registered(refused, name):
+def test_unknown_part_name(refused, name):
     kind, words = refused(part=name)
     assert kind == 'UNKNOWN_PART'
     assert ' is not known; known parts: cut_short, tetrahedron' in words
     assert len(words) < 300
 
 
-def test_a_part_whose_mesh_is_broken(refused):
+def test_part_with_a_broken_mesh(refused):
     kind, words = refused(part='cut_short')
     assert kind == 'INVALID'
     assert 'cut_short.stl' in words
@@ -75,7 +75,7 @@ def test_drops_out_of_bounds(refused, drops):
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf, -0.5])
 @pytest.mark.parametrize('name', ['friction', 'gravity'])
-def test_conditions_that_are_no_finite_numbers_within_bounds(refused, surfaces, name, value):
+def test_conditions_out_of_bounds(refused, surfaces, name, value):
     conditions = conditions_msg(surfaces.get())
     setattr(conditions, name, value)
     kind, words = refused(conditions=[conditions])
@@ -83,7 +83,7 @@ def test_conditions_that_are_no_finite_numbers_within_bounds(refused, surfaces, 
     assert words.startswith(f'invalid {name} {value!r}: expected ')
 
 
-def test_a_height_of_nothing_known(refused, surfaces):
+def test_unknown_height_of(refused, surfaces):
     conditions = conditions_msg(surfaces.get())
     conditions.height_of = 7
     kind, words = refused(conditions=[conditions])
@@ -93,7 +93,7 @@ def test_a_height_of_nothing_known(refused, surfaces):
     )
 
 
-def test_a_centre_of_mass_so_low_that_the_part_could_touch(refused, surfaces):
+def test_centre_of_mass_too_low(refused, surfaces):
     conditions = conditions_msg(surfaces.get())
     conditions.height_of = conditions.CENTRE_OF_MASS
     conditions.height = 0.001
@@ -103,7 +103,7 @@ def test_a_centre_of_mass_so_low_that_the_part_could_touch(refused, surfaces):
     assert 'more than' in words
 
 
-def test_a_surface_that_is_not_known(refused):
+def test_unknown_surface(refused):
     assert refused(surface='ice') == (
         'INVALID',
         "invalid surface 'ice': expected one of rubber_mat, steel, thrown",
@@ -111,18 +111,18 @@ def test_a_surface_that_is_not_known(refused):
 
 
 @pytest.mark.parametrize('precision', [0.9, -1.0, 1e-4, math.nan, math.inf])
-def test_a_precision_that_cannot_be(refused, precision):
+def test_precision_out_of_bounds(refused, precision):
     kind, words = refused(precision=precision)
     assert (kind, words) == ('INVALID', f'invalid precision {precision!r}: expected 0.001 to 0.25')
 
 
-def test_a_run_that_stops_at_a_precision_begins_with_its_first_drop(suite):
+def test_precision_requires_first_drop_0(suite):
     result = suite.client.drop(drops=1000, first_drop=125, precision=0.05).result
     assert result.status.code == Status.INVALID
     assert result.status.message.startswith('invalid first_drop 125: expected 0 for a run that')
 
 
-def test_a_method_that_is_not_known(suite):
+def test_unknown_method(suite):
     answer = suite.client.ask(method='guess')
     assert answer.status.code == Status.INVALID
     assert answer.status.message == (
@@ -132,7 +132,7 @@ def test_a_method_that_is_not_known(suite):
     assert suite.client.ask(method='drops', drops=5).status.code == Status.OK
 
 
-def test_drops_of_another_run_do_not_pass_for_those_of_a_run(suite):
+def test_request_for_drops_of_another_run(suite):
     run_id = suite.client.drop(drops=5, seed=21).result.run_id
     refused = suite.client.drop(drops=5, seed=22, run_id=run_id).result
     assert refused.status.code == Status.INVALID
@@ -140,13 +140,13 @@ def test_drops_of_another_run_do_not_pass_for_those_of_a_run(suite):
 
 
 @pytest.mark.parametrize('run_id', ['../../escape', 'a b', '-x', 'x' * 65, 'ä'])
-def test_a_run_id_that_is_no_name(suite, run_id):
+def test_invalid_run_id(suite, run_id):
     refused = suite.client.drop(drops=5, run_id=run_id).result
     assert refused.status.code == Status.INVALID
     assert f'invalid run_id {run_id!r}: expected up to 64 letters' in refused.status.message
 
 
-def test_one_goal_too_many_is_told_that_the_simulator_is_busy(suite, diagnostics_of):
+def test_goal_above_the_maximum_gets_busy(suite, diagnostics_of):
     simulator = suite.processes['drop_simulator']
     assert suite.client.drop(drops=1).outcome == 'succeeded'
     assert simulator.send_to_workers(signal.SIGSTOP) >= 1
@@ -182,7 +182,7 @@ def test_one_goal_too_many_is_told_that_the_simulator_is_busy(suite, diagnostics
     ],
     ids=lambda value: '-'.join(map(str, value)) if isinstance(value, tuple) else None,
 )
-def test_a_node_that_cannot_start_says_why_in_one_line(
+def test_node_that_cannot_start_prints_one_error_line(
     start, namespace, tmp_path, traceback, node, parameter, words
 ):
     broken = tmp_path / 'surfaces.yaml'
@@ -196,7 +196,7 @@ def test_a_node_that_cannot_start_says_why_in_one_line(
     assert not traceback(process.said)
 
 
-def test_arguments_that_ros_does_not_understand_are_an_error_in_one_line(run_command, traceback):
+def test_invalid_ros_arguments_print_one_error_line(run_command, traceback):
     module = 'resting_aspects_ros.nodes.drop_recorder.node'
     process = run_command(sys.executable, '-m', module, '--ros-args', '-p', 'nonsense')
     assert process.end(number=0) == 2

@@ -1,4 +1,4 @@
-"""A classifier that is started again knows what the logs of earlier runs hold."""
+"""A restarted classifier knows the distributions in the logs of earlier runs."""
 
 import shutil
 
@@ -77,7 +77,7 @@ def known(suite, part='tetrahedron', drops=300, **fields):
     return suite.client.ask(part, drops, only_known=True, **fields)
 
 
-def test_the_same_answer_comes_at_once(restarted, first):
+def test_known_distribution_is_returned_at_once(restarted, first):
     answer = known(restarted, seed=[SEED])
     assert (answer.status.code, answer.status.message) == (Status.OK, '')
     assert without_stamp(answer.distribution) == without_stamp(first)
@@ -87,7 +87,7 @@ def test_the_same_answer_comes_at_once(restarted, first):
     assert restarted.client.parts()['tetrahedron'].known
 
 
-def test_who_subscribes_has_it_too(restarted, first):
+def test_known_distribution_is_published(restarted, first):
     heard = restarted.client.listen(
         AspectDistribution, 'aspect_distributions/tetrahedron', LATCHED
     )
@@ -96,7 +96,7 @@ def test_who_subscribes_has_it_too(restarted, first):
 
 
 @pytest.mark.parametrize('fields', [{'drops': 301}, {'surface': 'steel'}, {'seed': [SEED + 1]}])
-def test_more_drops_other_conditions_or_another_seed_are_not_the_same(restarted, first, fields):
+def test_different_requests_are_not_known(restarted, first, fields):
     answer = known(restarted, **fields)
     assert answer.status.code == Status.NOT_AVAILABLE
     with_seed = f' with seed {SEED}' if 'seed' in fields else ''
@@ -114,7 +114,7 @@ def test_conditions_are_compared_by_value(restarted, first):
     assert answer.status.code == Status.NOT_AVAILABLE
 
 
-def test_another_mesh_of_the_same_name_is_not_the_same_part(restarted, first, folder):
+def test_changed_mesh_is_another_version(restarted, first, folder):
     shutil.copy(parts_folder() / 'hex_nut.stl', folder / 'tetrahedron.stl')
 
     def offered():
@@ -133,7 +133,7 @@ def test_another_mesh_of_the_same_name_is_not_the_same_part(restarted, first, fo
     assert known(restarted).status.code == Status.OK
 
 
-def test_without_a_simulator_what_is_known_is_answered_still(restarted, first):
+def test_known_distribution_needs_no_simulator(restarted, first):
     assert restarted.processes['drop_simulator'].end() == 0
     start_again(restarted, 'aspect_classifier')
     answer = known(restarted, surface='rubber_mat')
@@ -154,7 +154,7 @@ def request_of(restarted, capfd, monkeypatch):
     return request_of
 
 
-def test_without_a_simulator_a_request_is_answered_from_logs(restarted, first, request_of):
+def test_request_command_uses_logs_without_a_simulator(restarted, first, request_of):
     assert restarted.processes['drop_simulator'].end() == 0
     start_again(restarted, 'aspect_classifier')
     surface = ('--surface', 'rubber_mat')
@@ -193,7 +193,7 @@ ANSWERS = {31: 'b_same', 32: 'newer', 33: 'long', 34: 'first', 35: 'last', None:
 
 
 @pytest.mark.slow
-def test_which_of_several_runs_is_the_answer_is_the_same_before_and_after_a_restart(
+def test_selected_run_is_the_same_after_a_restart(
     part, surfaces, start, connect, namespace, tmp_path
 ):
     box, client = part('box_10x20x30'), connect(namespace)

@@ -1,4 +1,4 @@
-"""Goals for the same drops at the same time: they are made once, for as long as one wants them."""
+"""Concurrent goals for the same drops share one run until all of them are canceled."""
 
 import signal
 
@@ -40,7 +40,7 @@ def runs_of(heard, seed):
 
 
 @pytest.mark.parametrize(('seed', 'precision'), [(7171, 0.0), (7172, 0.02)])
-def test_one_run_answers_both(suite, heard, goals, seed, precision):
+def test_concurrent_goals_share_one_run(suite, heard, goals, seed, precision):
     drops = goals(2, DROPS, seed=seed, precision=precision)
     suite.client.wait(lambda: all(drop.done for drop in drops), 'both results')
     first, second = (drop.result for drop in drops)
@@ -56,7 +56,7 @@ def test_one_run_answers_both(suite, heard, goals, seed, precision):
     assert all(feedback.drops_per_second > 0 for feedback in drops[1].feedback)
 
 
-def test_a_cancel_of_the_second_leaves_the_first_alone(suite, heard, goals):
+def test_canceling_the_second_goal_keeps_the_first(suite, heard, goals):
     first, second = goals(2, MANY, seed=7173)
     suite.client.wait(lambda: second.feedback, 'some drops')
     second.cancel()
@@ -71,7 +71,7 @@ def test_a_cancel_of_the_second_leaves_the_first_alone(suite, heard, goals):
     assert runs_of(heard, 7173) == {first.result.run_id} == {second.result.run_id}
 
 
-def test_a_cancel_of_the_first_leaves_the_others_alone(suite, heard, goals):
+def test_canceling_the_first_goal_keeps_the_others(suite, heard, goals):
     first, *others = goals(3, 2 * DROPS, seed=7174)
     suite.client.wait(lambda: first.feedback, 'some drops')
     first.cancel()
@@ -91,13 +91,13 @@ def test_all_are_canceled_together(suite, heard, goals):
     assert runs_of(heard, 7177) == {drops[0].result.run_id}
 
 
-def test_who_follows_is_not_among_those_who_are_too_many(suite, goals):
+def test_joining_goal_does_not_count_towards_the_maximum(suite, goals):
     drops = goals(MAX_GOALS + 4, 500, seed=7178)
     suite.client.wait(lambda: all(drop.done for drop in drops), 'results')
     assert {drop.result.status.code for drop in drops} == {Status.OK}
 
 
-def test_other_drops_are_another_run(suite):
+def test_other_drops_are_not_shared(suite):
     asked = {'part': 'tetrahedron', 'drops': 300, 'seed': 7175}
     others = (
         {},

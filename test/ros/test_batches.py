@@ -1,4 +1,4 @@
-"""Chunks of any size become batches of one size."""
+"""Chunks of any size are combined into batches of one size."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def drops(first, end):
 @given(
     st.integers(1, 7), st.integers(0, 1000), st.lists(st.integers(1, 20), min_size=1, max_size=8)
 )
-def test_all_come_out_in_order_full_but_the_last_which_is_not_empty(size, start, chunks):
+def test_batches_are_full_and_the_last_is_not_empty(size, start, chunks):
     batches, out, first = PoseBatches(size), [], start
     for length in chunks:
         out += batches.add(drops(first, first + length))
@@ -35,12 +35,12 @@ def test_all_come_out_in_order_full_but_the_last_which_is_not_empty(size, start,
 
 
 @pytest.mark.parametrize('length', [1, 249, 250])
-def test_a_batch_is_held_back_until_another_drop_follows(length):
+def test_full_batch_is_held_back_until_the_next_drop(length):
     batches = PoseBatches(250)
     assert list(batches.add(drops(0, length))) == []
     assert len(batches.remaining(0)) == length
 
 
-def test_without_a_drop_the_last_batch_is_empty_and_stands_where_the_run_begins():
+def test_last_batch_is_empty_without_drops():
     rest = PoseBatches(250).remaining(500)
     assert (rest.first_drop, len(rest)) == (500, 0)

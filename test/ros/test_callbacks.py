@@ -52,7 +52,7 @@ def listen(node, topic, error):
     return callbacks.advertise(node, Int32, topic, ALL_LATCHED), taken
 
 
-def test_repeated_errors_of_a_callback_are_logged_once_in_a_while(node, logged):
+def test_repeated_errors_are_logged_once_per_period(node, logged):
     publisher, taken = listen(node, 'numbers', InvalidValueError)
     errors = logged(publisher, range(50), taken)
     assert taken == list(range(50))
@@ -60,7 +60,7 @@ def test_repeated_errors_of_a_callback_are_logged_once_in_a_while(node, logged):
     assert errors == [f'ignored a message on {topic}: invalid number 0']
 
 
-def test_callbacks_do_not_silence_each_other(node, logged):
+def test_callbacks_do_not_throttle_each_other(node, logged):
     first, taken = listen(node, 'first', InvalidValueError)
     assert len(logged(first, [1, 2], taken)) == 1
     second, taken = listen(node, 'second', RuntimeError)
@@ -71,7 +71,7 @@ def test_callbacks_do_not_silence_each_other(node, logged):
     )
 
 
-def test_after_the_period_the_next_error_is_logged(node, logged, monkeypatch):
+def test_next_error_is_logged_after_the_period(node, logged, monkeypatch):
     monkeypatch.setattr(callbacks, 'LOG_PERIOD', 0.0)
     publisher, taken = listen(node, 'numbers', InvalidValueError)
     assert len(logged(publisher, range(5), taken)) == 5

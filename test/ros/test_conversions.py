@@ -1,4 +1,4 @@
-"""The suite's types and ROS messages say the same, field for field, through real CDR."""
+"""Round trips between the types of the suite and ROS messages, through real CDR."""
 
 import dataclasses
 import functools
@@ -72,26 +72,26 @@ def assert_same_fields(one, other):
         )
 
 
-def test_the_example_values_differ():
+def test_example_values_differ():
     values = [*CONDITIONS.values(), CONDITIONS.surface]
     assert len(set(values)) == len(values) == len(QUANTITIES) + 2
     values = [value for value in dataclasses.asdict(RUN).values() if not isinstance(value, dict)]
     assert len(set(values)) == len(values)
 
 
-def test_conditions_make_the_round_trip():
+def test_conditions_round_trip():
     message = over_the_wire(conversions.conditions_msg(CONDITIONS))
     assert (message.surface, message.height_of, message.height) == ('felt', 1, 0.11)
     assert conversions.conditions_from(message) == CONDITIONS
 
 
-def test_a_run_makes_the_round_trip():
+def test_run_description_round_trip():
     message = over_the_wire(conversions.run_msg(RUN))
     assert (message.started.sec, message.started.nanosec) == (1_795_233_147, 23)
     assert conversions.run_from(message) == RUN
 
 
-def test_poses_make_the_round_trip():
+def test_poses_round_trip():
     stamp = conversions.time_msg(17)
     message = conversions.poses_msg(POSES, RUN, stamp, last=True)
     message = over_the_wire(message)
@@ -103,7 +103,7 @@ def test_poses_make_the_round_trip():
     assert_same_fields(conversions.poses_from(message), POSES)
 
 
-def test_a_batch_without_poses_makes_the_round_trip():
+def test_batch_without_poses_round_trip():
     message = over_the_wire(
         conversions.poses_msg(Poses.none(4), RUN, conversions.time_msg(0), last=False)
     )
@@ -121,7 +121,7 @@ def test_a_batch_without_poses_makes_the_round_trip():
         max_size=4,
     )
 )
-def test_any_poses_keep_every_bit(rows):
+def test_round_trip_keeps_every_bit_of_poses(rows):
     table = np.array([row[:9] for row in rows]).reshape(-1, 9)
     poses = Poses(
         5,
@@ -147,7 +147,7 @@ def test_any_poses_keep_every_bit(rows):
         ('decided_by', 99, 'invalid decided_by 99 of drop 1099511627776: expected a DecidedBy'),
     ],
 )
-def test_poses_in_which_nothing_can_rest_are_refused(field, value, words):
+def test_invalid_poses_are_rejected(field, value, words):
     message = conversions.poses_msg(POSES, RUN, conversions.time_msg(0), last=True)
     message.poses[0].status = RestStatus.SETTLED
     *path, name = field.split('.')
@@ -169,7 +169,7 @@ def test_poses_in_which_nothing_can_rest_are_refused(field, value, words):
         ('first_drop', MAX_SEED),
     ],
 )
-def test_a_description_of_no_run_is_refused(field, value):
+def test_invalid_run_description_is_rejected(field, value):
     message = conversions.run_msg(RUN)
     setattr(message, field, value)
     with pytest.raises(InvalidValueError, match=r'.*(, allowed is |: expected )') as caught:
@@ -178,7 +178,7 @@ def test_a_description_of_no_run_is_refused(field, value):
 
 
 @pytest.mark.parametrize(('field', 'value'), [('name', 'z' * 100_000), ('format', '../z')])
-def test_a_description_of_another_part_than_its_topic_s_is_refused(part, field, value):
+def test_description_must_match_its_topic(part, field, value):
     message = conversions.part_msg(part('tetrahedron'))
     conversions.check_description(message, 'tetrahedron')
     setattr(message, field, value)
@@ -196,7 +196,7 @@ def test_a_description_of_another_part_than_its_topic_s_is_refused(part, field, 
         ('aspects', [], '0 drops in aspects []'),
     ],
 )
-def test_a_distribution_that_cannot_be_is_refused(part, field, value, words):
+def test_inconsistent_distribution_is_rejected(part, field, value, words):
     aspects = find_aspects(part('tetrahedron'))
     counts = np.array([1010] + [0] * (len(aspects) - 1))
     message = distribution_msg(
@@ -209,7 +209,7 @@ def test_a_distribution_that_cannot_be_is_refused(part, field, value, words):
 
 
 @pytest.mark.parametrize('name', ['l_bracket', 'hex_nut', 'u_bracket'])
-def test_a_description_makes_the_same_part(part, name):
+def test_part_round_trip(part, name):
     original = part(name)
     message = over_the_wire(conversions.part_msg(original))
     assert isinstance(message, PartDescription)
@@ -222,27 +222,27 @@ def test_a_description_makes_the_same_part(part, name):
     np.testing.assert_array_equal(again.hull_vertices, original.hull_vertices)
 
 
-def test_the_inertia_is_sent_row_by_row(part):
+def test_inertia_is_sent_row_by_row(part):
     original = part('l_bracket')
     (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = original.inertia.tolist()
     assert list(conversions.part_msg(original).inertia) == [ixx, ixy, ixz, iyy, iyz, izz]
 
 
-def test_a_description_of_no_part_is_refused(part):
+def test_description_with_truncated_mesh_is_rejected(part):
     message = conversions.part_msg(part('tetrahedron'))
     message.mesh = message.mesh[:90]
     with pytest.raises(PartError, match='tetrahedron'):
         conversions.part_from(message)
 
 
-def test_conditions_that_are_not_allowed_are_refused():
+def test_invalid_conditions_are_rejected():
     message = conversions.conditions_msg(CONDITIONS)
     message.friction = math.nan
     with pytest.raises(InvalidValueError, match='invalid friction nan: expected'):
         conversions.conditions_from(message)
 
 
-def test_a_distribution_makes_the_round_trip(part):
+def test_distribution_round_trip(part):
     aspects = find_aspects(part('l_bracket'))
     counts = np.arange(10, 10 + len(aspects))
     original = Distribution(aspects, counts, unclassified=1, unsettled=2, failed=3)

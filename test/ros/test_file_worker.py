@@ -1,4 +1,4 @@
-"""A file that hangs, grows or ends the process that reads it fails alone."""
+"""A file that hangs, needs too much memory or crashes its reader affects no other file."""
 
 import operator
 import os
@@ -59,7 +59,7 @@ def run(node):
     return run
 
 
-def test_a_result_and_an_error_come_back(make_worker, run, tmp_path):
+def test_results_and_errors_are_returned(make_worker, run, tmp_path):
     worker = make_worker()
     assert run(worker, operator.add, 2, 3) == 5
     with pytest.raises(UnknownPartError, match=r"^part 'gizmo' is not known"):
@@ -68,7 +68,7 @@ def test_a_result_and_an_error_come_back(make_worker, run, tmp_path):
         run(worker, int, 'abc')
 
 
-def test_what_takes_too_long_is_ended_and_the_next_is_read(make_worker, run, tmp_path):
+def test_next_function_runs_after_a_timeout(make_worker, run, tmp_path):
     worker = make_worker(seconds=1.0)
     assert run(worker, operator.add, 2, 3) == 5
     os.mkfifo(tmp_path / 'pipe')
@@ -80,21 +80,21 @@ def test_what_takes_too_long_is_ended_and_the_next_is_read(make_worker, run, tmp
     assert run(worker, Path.read_bytes, tmp_path / 'file') == b'good'
 
 
-def test_what_takes_too_much_memory_fails_alone(make_worker, run):
+def test_next_function_runs_after_a_memory_limit(make_worker, run):
     worker = make_worker(memory=64 * MEGABYTE)
     with pytest.raises(FileLimitError, match='reading takes more than 64 MiB'):
         run(worker, bytearray, 128 * MEGABYTE)
     assert len(run(worker, bytearray, MEGABYTE)) == MEGABYTE
 
 
-def test_what_ends_the_process_fails_alone(make_worker, run):
+def test_next_function_runs_after_a_crash(make_worker, run):
     worker = make_worker()
     with pytest.raises(FileLimitError, match='the process that reads it died'):
         run(worker, os.abort)
     assert run(worker, operator.add, 2, 3) == 5
 
 
-def test_a_process_that_was_killed_between_two_files_is_replaced(make_worker, run):
+def test_process_killed_between_files_is_replaced(make_worker, run):
     worker = make_worker()
     assert run(worker, operator.add, 2, 3) == 5
     worker._process.kill()
@@ -102,7 +102,7 @@ def test_a_process_that_was_killed_between_two_files_is_replaced(make_worker, ru
     assert run(worker, operator.add, 2, 3) == 5
 
 
-def test_a_process_that_cannot_be_started_is_tried_again(make_worker, run, monkeypatch):
+def test_failed_start_of_the_process_is_retried(make_worker, run, monkeypatch):
     worker = make_worker()
     with monkeypatch.context() as patch:
         patch.setattr(SpawnProcess, 'start', Mock(side_effect=OSError))
@@ -111,7 +111,7 @@ def test_a_process_that_cannot_be_started_is_tried_again(make_worker, run, monke
     assert run(worker, operator.add, 2, 3) == 5
 
 
-def test_the_node_goes_on_meanwhile(make_worker, node, tmp_path):
+def test_node_is_not_blocked_while_a_file_is_read(make_worker, node, tmp_path):
     worker, ticks, errors = make_worker(), [], []
     timer = node.create_timer(0.01, lambda: ticks.append(1))
     os.mkfifo(tmp_path / 'pipe')
@@ -151,7 +151,7 @@ executor.spin()
 """
 
 
-def test_a_process_that_reads_ends_with_a_node_that_is_killed(tmp_path, wait):
+def test_process_ends_when_the_node_is_killed(tmp_path, wait):
     hanging = 'import os, time\ndef hang(p):\n p.write_text(str(os.getpid()))\n time.sleep(3600)'
     (tmp_path / 'hanging.py').write_text(hanging)
     pid = tmp_path / 'pid'
