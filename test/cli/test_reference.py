@@ -7,10 +7,11 @@ import json
 import re
 
 import pytest
-from doc_pages import PAGES, code, first_cells, section
+from doc_pages import PAGES, ROOT, code, first_cells, section
 
 from resting_aspects_ros.api.inputs.count_files import read_counts
 from resting_aspects_ros.cli import main
+from resting_aspects_ros.core.estimators.estimate import METHODS
 from resting_aspects_ros.simulation.conditions import QUANTITIES, HeightOf
 from resting_aspects_ros.simulation.part_library import KEYS
 from resting_aspects_ros.simulation.run_description import MAX_DROPS
@@ -66,6 +67,23 @@ def test_every_flag_is_listed(command):
             assert value == action.metavar
         if action.default and action.nargs is None:
             assert default == str(action.default), flag
+
+
+def test_every_analytic_method_is_listed(run):
+    """The help is written by hand, because importing the methods takes too long for it."""
+    row = re.search(r'^\| `--method NAME` .*$', section(COMMANDS, '## estimate'), re.MULTILINE)[0]
+    assert re.findall(r'`(\w+)`', row) == list(METHODS)
+    assert f' {", ".join(METHODS)}, ' in ' '.join(run('estimate', '--help').stdout.split())
+    service = ROOT / 'resting_aspects_interfaces' / 'srv' / 'GetDistribution.srv'
+    assert f' {", ".join(METHODS)}\n' in service.read_text()
+
+
+def test_every_surface_is_listed(surfaces):
+    (row,) = re.findall(r'^\| `--surface NAME` .*$', section(COMMANDS, '## Conditions'), re.M)
+    assert set(surfaces.names()) <= set(re.findall(r'`(\w+)`', row))
+    page = 'docs/how_to/choose_conditions.md'
+    listed = first_cells(section(page, '## Use a shipped surface'))
+    assert sorted(listed) == [f'`{name}`' for name in surfaces.names()]
 
 
 def test_every_exit_code_is_listed():

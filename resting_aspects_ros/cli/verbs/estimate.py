@@ -36,10 +36,10 @@ SEED = 1
 ALL = 'all'
 DESCRIPTION = """How probable each aspect of a part is by the analytic methods of the
 literature. They take milliseconds and know the shape alone. The surface and the
-height of release decide which method is recommended; docs/explanation/estimators.md says
-how far off each is. With --against the drops of a log (or a JSON document of
-drop or request, or a CSV of counts, as compare takes them) are shown beside
-them."""
+height of release decide which method is recommended. The error of each method
+is in docs/explanation/estimators.md. With --against the drops of a log (or a
+JSON document of drop or request, or a CSV of counts, as compare takes them)
+are shown beside them."""
 EXAMPLES = """examples:
   resting_aspects estimate l_bracket
   resting_aspects estimate my_part.stl --method rolling,csa --json
