@@ -94,7 +94,7 @@ def test_executables_are_where_ros2_run_looks(workspace):
 
 
 @pytest.mark.parametrize('folder', ['config', 'launch', 'rviz'])
-def test_what_is_shared_is_installed_whole(workspace, folder):
+def test_shared_folders_are_installed_completely(workspace, folder):
     share = workspace / 'install' / 'resting_aspects_ros' / 'share'
     assert (share / 'ament_index/resource_index/packages/resting_aspects_ros').exists()
 

@@ -103,7 +103,7 @@ def test_l_bracket_is_of_steel_by_its_yaml():
     assert LIBRARY.load('l_bracket').mass == pytest.approx(7850 * 12000e-9)
 
 
-def test_what_the_example_yaml_shows_in_comments_is_true(tmp_path):
+def test_values_in_example_yaml_comments_are_correct(tmp_path):
     text = (FOLDER / 'l_bracket.yaml').read_text()
     for key in ('centre_of_mass', 'inertia'):
         assert f'# {key}: ' in text

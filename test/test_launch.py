@@ -51,7 +51,7 @@ def test_docs_name_all_launch_arguments():
     assert re.findall(r'`(\w+):=', sentence) == ARGUMENTS
 
 
-def test_every_node_takes_the_launch_arguments_that_are_its_parameters():
+def test_launch_arguments_reach_the_matching_nodes():
     nodes = ast.literal_eval(constant('NODES'))
     types = {
         key.value: kind.id
@@ -65,7 +65,7 @@ def test_every_node_takes_the_launch_arguments_that_are_its_parameters():
     assert set(nodes) == set(PARAMETERS)
 
 
-def test_the_files_and_programs_of_the_launch_file_are_installed():
+def test_files_and_programs_of_launch_file_are_installed():
     script = """
 import runpy, setuptools
 setuptools.setup = lambda **given: print((given['data_files'], given['entry_points']))
@@ -230,7 +230,7 @@ def test_rviz_is_started_in_the_namespace_with_its_frame(prefix, launch):
 
 @needs_launch
 @pytest.mark.parametrize('missing', ['rviz2', 'tf2_ros', 'program of rviz2'])
-def test_without_rviz_nothing_is_started_and_the_error_names_it(prefix, launch, missing):
+def test_missing_rviz_is_named_and_nothing_starts(prefix, launch, missing):
     for program, package in RVIZ.items():
         if package != missing:
             prefix(package, *([] if missing == f'program of {package}' else [program]))
@@ -253,7 +253,7 @@ def test_without_rviz_nothing_is_started_and_the_error_names_it(prefix, launch, 
     ],
     ids=str,
 )
-def test_after_an_invalid_argument_nothing_is_started(launch, arguments, words):
+def test_invalid_argument_starts_nothing(launch, arguments, words):
     launched = launch(**arguments)
     assert (launched.code, launched.started) == (1, {})
     assert words in launched.said

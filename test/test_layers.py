@@ -118,12 +118,12 @@ def _global_randomness(tree):
             yield f'line {node.lineno} uses the global generator: random.{node.attr}'
 
 
-def test_every_module_imports_only_what_its_room_may():
+def test_modules_import_only_permitted_packages():
     found = {where(path): list(breaches(path, path.read_text('utf-8'))) for path in modules()}
     assert {path: words for path, words in found.items() if words} == {}
 
 
-def test_all_rooms_were_read():
+def test_all_packages_were_checked():
     found = {room(path.relative_to(PACKAGE).with_suffix('').parts) for path in modules()}
     assert found == {*ROOMS, *TOP}
 
@@ -162,7 +162,7 @@ def test_all_rooms_were_read():
         ('ros/conversions.py', 'from mcap.writer import Writer'),
     ],
 )
-def test_a_breach_is_found(file, line):
+def test_forbidden_import_is_detected(file, line):
     assert len(list(breaches(PACKAGE / file, line))) >= 1
 
 
@@ -185,5 +185,5 @@ def test_a_breach_is_found(file, line):
         ),
     ],
 )
-def test_a_permitted_import_is_not_a_breach(file, line):
+def test_permitted_import_is_accepted(file, line):
     assert list(breaches(PACKAGE / file, line)) == []

@@ -132,7 +132,7 @@ def test_the_maintainer_address_is_neutral_everywhere():
         assert re.findall(r'[\w.]+@[\w.-]+', text) == ['maintainers@resting-aspects.invalid']
 
 
-def test_every_import_of_the_suite_is_in_package_xml_and_in_requirements():
+def test_imports_of_the_suite_are_declared():
     pinned, keys = needed('resting_aspects_ros')
     in_launch = needed_to_launch()
     assert {'numpy', 'ros-jazzy-rclpy'} <= pinned
@@ -141,7 +141,7 @@ def test_every_import_of_the_suite_is_in_package_xml_and_in_requirements():
     assert pinned - requirements('requirements.in') == set()
 
 
-def test_what_the_suite_can_do_without_is_an_extra_and_tested():
+def test_optional_packages_are_tested_extras():
     optional = set().union(*OPTIONAL.values())
     assert optional <= third_party_imports('resting_aspects_ros')
     assert optional <= requirements('requirements-dev.in') - requirements('requirements.in')
@@ -157,7 +157,7 @@ def test_what_the_suite_can_do_without_is_an_extra_and_tested():
     assert ast.literal_eval(printed) == {name: sorted(of) for name, of in extras.items()}
 
 
-def test_every_import_of_the_tests_is_in_package_xml_and_in_requirements():
+def test_imports_of_the_tests_are_declared():
     pinned, keys = needed('test')
     package = parse_package(SUITE)
     assert keys - names(package.exec_depends + package.test_depends) == set()
@@ -174,7 +174,7 @@ def test_every_name_in_package_xml_is_used():
     assert names(package.test_depends) - in_tests == NEVER_IMPORTED
 
 
-def test_interface_package_names_the_packages_whose_types_it_uses():
+def test_interface_package_declares_its_dependencies():
     folder = INTERFACES.parent
     files = [*folder.glob('msg/*'), *folder.glob('srv/*'), *folder.glob('action/*')]
     text = '\n'.join(path.read_text() for path in files)
@@ -187,7 +187,7 @@ def test_interface_package_names_the_packages_whose_types_it_uses():
     )
 
 
-def test_rosdep_is_given_folders_that_lead_to_both_packages():
+def test_rosdep_finds_both_packages():
     """It looks for no package within a package."""
     guide = (ROOT / 'docs' / 'how_to' / 'installed_ros.md').read_text(encoding='utf-8')
     line = re.search(r'rosdep install --from-paths (.+?) --', guide)
@@ -211,7 +211,7 @@ def test_versions_agree():
     } == {resting_aspects_ros.__version__}
 
 
-def test_a_wheel_has_all_that_is_shared(tmp_path):
+def test_wheel_has_all_shared_files(tmp_path):
     folders = ('config', 'launch', 'rviz')
     files = {path for folder in folders for path in (ROOT / folder).rglob('*.*')} - {
         path for folder in folders for path in (ROOT / folder).rglob('*.pyc')

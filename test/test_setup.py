@@ -50,14 +50,14 @@ def find(path):
 
 
 @pytest.mark.parametrize('chosen', [{}, {'PYTHON': 'python3.10'}])
-def test_a_shim_that_pyenv_refuses_leads_to_the_installed_version(find, path, chosen):
+def test_rejected_pyenv_shim_uses_an_installed_version(find, path, chosen):
     put_program(path / 'python3.10', REFUSED_BY_PYENV)
     put_program(path.parent / 'versions' / '3.10.13' / 'bin' / 'python3.10', THIS_PYTHON)
     found = find(**chosen)
     assert found.stdout == f'{BASE_PYTHON}\n', found.stderr
 
 
-def test_what_pyenv_says_is_shown_if_no_version_fits(find, path):
+def test_pyenv_message_is_shown_if_no_version_fits(find, path):
     put_program(path / 'python3.10', REFUSED_BY_PYENV)
     refused = find(PYTHON='python3.10')
     assert refused.returncode == 1
@@ -66,7 +66,7 @@ def test_what_pyenv_says_is_shown_if_no_version_fits(find, path):
     assert 'sudo apt install' in refused.stderr
 
 
-def test_a_python_that_does_not_run_is_passed_over(find, path):
+def test_python_that_does_not_run_is_skipped(find, path):
     put_program(path / 'python3.11', 'exit 127')
     put_program(path / 'python3.12', THIS_PYTHON)
     assert find().stdout == f'{BASE_PYTHON}\n'
@@ -80,7 +80,7 @@ def test_the_named_python_is_the_only_one_tried(find, path):
 
 
 @pytest.mark.parametrize('version', [(3, 9, 19), (3, 13, 1)])
-def test_a_python_too_old_or_too_new_is_named_with_its_version(find, path, version):
+def test_unsupported_python_is_named_with_its_version(find, path, version):
     script = f'import sys; sys.version_info = {version}; exec(sys.argv[3])'
     put_program(path / 'python3', f'exec "{sys.executable}" -c "{script}" "$@"')
     refused = find()
@@ -159,7 +159,7 @@ def folder(tmp_path):
     return folder
 
 
-def test_a_finished_set_up_does_and_says_nothing(folder):
+def test_finished_setup_does_nothing_silently(folder):
     assert folder.make() == (0, [])
     assert folder.make('setup') == (0, [])
     assert folder.printed == ''
@@ -176,7 +176,7 @@ def test_a_finished_set_up_does_and_says_nothing(folder):
         ('resting_aspects_interfaces/msg/New.msg', ['interfaces']),
     ],
 )
-def test_a_changed_file_repeats_the_steps_that_depend_on_it(folder, file, steps):
+def test_changed_file_repeats_dependent_steps(folder, file, steps):
     folder.change(file)
     assert folder.make() == (0, steps)
 
@@ -187,7 +187,7 @@ def test_a_removed_message_repeats_the_build(folder):
 
 
 @pytest.mark.parametrize('file', ['requirements.txt', 'requirements-dev.txt'])
-def test_after_an_interrupted_installation_all_is_made_again(folder, file):
+def test_interrupted_installation_repeats_all_steps(folder, file):
     (folder.path / 'broken').touch()
     folder.change(file)
     assert folder.make()[0] != 0
@@ -214,7 +214,7 @@ def test_a_moved_folder_is_set_up_again(folder):
     assert 'set-up: .venv is made again' in folder.printed
 
 
-def test_another_python_is_used_if_it_is_asked_for(folder):
+def test_requested_python_is_used(folder):
     put_program(folder.path / 'other', RECORDER)
     assert folder.make(PYTHON='') == (0, [])
     assert folder.make(PYTHON='./other')[1][0] == 'environment'
@@ -237,7 +237,7 @@ def test_help_lists_every_target():
 
 
 @pytest.mark.parametrize('end', ['success', 'failure', 'Ctrl-C'])
-def test_busy_processes_end_with_the_tests_beside_which_they_run(folder, end):
+def test_busy_processes_end_with_the_tests(folder, end):
     def busy():
         """How many shells there are in the folder that look for their parent all the time."""
         count = 0
@@ -294,7 +294,7 @@ def build(tmp_path):
     return build
 
 
-def test_a_type_that_is_gone_does_not_stay_installed(build, tmp_path):
+def test_removed_type_is_uninstalled(build, tmp_path):
     (tmp_path / 'types').write_text('kept.py gone.py')
     assert build().returncode == 0
     assert (tmp_path / '.venv' / 'gone.py').exists()
@@ -313,7 +313,7 @@ def test_a_failed_build_shows_the_end_of_its_log(build, tmp_path):
 
 
 @pytest.mark.parametrize('folders', ['/opt/a;{}', '{};/opt/a', '/opt/a;/opt/b;{};/opt/c', '{}'])
-def test_include_folders_of_another_machine_leave_the_cmake_exports(build, tmp_path, folders):
+def test_foreign_include_folders_are_removed(build, tmp_path, folders):
     """The file is linked to the cache of uv, which must not change."""
     (file,) = tmp_path.glob('.venv/share/*/cmake/*Export.cmake')
     cached = tmp_path / 'cached.cmake'

@@ -25,11 +25,11 @@ def best_step(residuals, slopes, deviations):
     return np.linalg.lstsq(rows, -residuals / deviations, rcond=None)[0]
 
 
-def test_the_step_is_that_of_weighted_least_squares(problem):
+def test_step_is_the_weighted_least_squares_solution(problem):
     np.testing.assert_allclose(fit(*problem).step, best_step(*problem), atol=1e-12)
 
 
-def test_left_out_is_what_a_fit_of_all_other_cases_leaves(problem):
+def test_left_out_matches_a_fit_of_all_other_cases(problem):
     residuals, slopes, deviations = problem
     found = fit(*problem).left_out
     for k in range(len(residuals)):
@@ -38,7 +38,7 @@ def test_left_out_is_what_a_fit_of_all_other_cases_leaves(problem):
         assert found[k] == pytest.approx(residuals[k] + slopes[k] @ step, abs=1e-10)
 
 
-def test_the_spread_is_that_of_fits_to_measurements_with_their_deviations(problem):
+def test_spread_matches_fits_to_noisy_measurements(problem):
     residuals, slopes, deviations = problem
     generator = np.random.default_rng(2)
     n = 4000
@@ -63,7 +63,7 @@ def test_measured_faces_are_aspects_of_the_bodies():
 
 
 @pytest.mark.slow
-def test_the_tables_say_what_the_drops_say(part, monkeypatch):
+def test_tables_match_the_drops(part, monkeypatch):
     workers = ProcessWorkers(1)
     try:
         dropper = Dropper(workers)

@@ -166,7 +166,7 @@ PLACES = {
 
 
 @pytest.mark.parametrize('place', PLACES)
-def test_a_log_with_a_wrong_byte_is_refused_and_left_alone(sample, place):
+def test_log_with_a_wrong_byte_is_rejected_unchanged(sample, place):
     content = bytearray(sample.content)
     content[PLACES[place](content)] ^= 1
     folder = sample.copy(content, sample.metadata)
@@ -207,7 +207,7 @@ def seeds(quick, slow):
 
 @pytest.mark.parametrize('reader', READERS)
 @pytest.mark.parametrize('seed', seeds(10, 60))
-def test_whatever_happens_to_a_log_it_is_read_right_or_refused(sample, seed, reader):
+def test_damaged_logs_are_read_correctly_or_rejected(sample, seed, reader):
     whole = READERS[reader](sample.copy(sample.content, sample.metadata))
     rng = random.Random(seed)
     for _ in range(8):
@@ -270,7 +270,7 @@ SUMMARIES = {
 
 
 @pytest.mark.parametrize('summary', SUMMARIES)
-def test_a_summary_that_contradicts_its_file_is_never_believed(sample, summary):
+def test_inconsistent_summary_is_not_used(sample, summary):
     content = rebuilt(sample.content, SUMMARIES[summary])
     assert content != sample.content
     folder = sample.copy(content, sample.metadata)
@@ -280,7 +280,7 @@ def test_a_summary_that_contradicts_its_file_is_never_believed(sample, summary):
     assert all(found in (LogError, whole, sample.messages) for found in results)
 
 
-def test_a_message_of_an_unknown_channel_is_refused(tmp_path):
+def test_message_of_unknown_channel_is_rejected(tmp_path):
     file = tmp_path / 'other.mcap'
     with file.open('wb') as stream:
         writer = Writer(stream, use_chunking=False)
@@ -348,7 +348,7 @@ print(status.split('VmHWM:')[1].split()[0])
 
 @pytest.mark.parametrize('packed', [zeros_zstd, zeros_lz4])
 @pytest.mark.parametrize('declared', [None, 1000, MAX_RECORD])
-def test_a_chunk_that_unpacks_to_gigabytes_costs_no_memory(tmp_path, packed, declared):
+def test_chunk_of_gigabytes_needs_little_memory(tmp_path, packed, declared):
     """Whether it says so or not."""
     size = 1 << 30
     data = packed(size)
@@ -363,7 +363,7 @@ def test_a_chunk_that_unpacks_to_gigabytes_costs_no_memory(tmp_path, packed, dec
     assert int(most) * 1024 < 3 * MAX_RECORD  # with the interpreter and what it imports
 
 
-def test_a_chunk_of_zeros_is_no_list_of_empty_records(tmp_path):
+def test_chunk_of_zeros_is_rejected(tmp_path):
     file = tmp_path / 'zeros.mcap'
     file.write_bytes(mcap_of(Chunk('zstd', zeros_zstd(1 << 27), 1, 0, 0, 1 << 27)))
     with pytest.raises(LogError, match='a record with the opcode 0 in a chunk'):
@@ -371,7 +371,7 @@ def test_a_chunk_of_zeros_is_no_list_of_empty_records(tmp_path):
 
 
 @pytest.mark.parametrize('compression', ['', 'zstd', 'lz4', 'brotli', 'x' * 10**6])
-def test_a_chunk_that_is_not_what_it_says_is_refused(tmp_path, compression):
+def test_chunk_with_wrong_header_is_rejected(tmp_path, compression):
     file = tmp_path / 'odd.mcap'
     for data in (b'x', b'x' * 100):
         file.write_bytes(mcap_of(Chunk(compression, data, 1, 0, 0, 50)))
@@ -404,7 +404,7 @@ def test_a_chunk_that_is_not_what_it_says_is_refused(tmp_path, compression):
         lambda text: 'x' * (2 << 20),
     ],
 )
-def test_another_metadata_yaml_is_replaced_by_the_right_one(sample, damage):
+def test_wrong_metadata_yaml_is_replaced(sample, damage):
     folder = sample.copy(sample.content, damage(sample.metadata))
     found = recover_log(folder)
     assert (found.closed, found.messages) == (False, 7)
@@ -416,7 +416,7 @@ def test_another_metadata_yaml_is_replaced_by_the_right_one(sample, damage):
 # -- what happens meanwhile ----------------------------------------------------------------------
 
 
-def test_of_two_that_recover_a_log_at_once_one_is_refused(sample, monkeypatch):
+def test_concurrent_recovery_is_rejected(sample, monkeypatch):
     folder = sample.copy(sample.unfinished)
     finish, others = recovery.finish_file, []
 
@@ -431,7 +431,7 @@ def test_of_two_that_recover_a_log_at_once_one_is_refused(sample, monkeypatch):
     assert sorted(file.name for file in folder.iterdir()) == ['metadata.yaml', 'run_0.mcap']
 
 
-def test_where_metadata_yaml_cannot_be_written_recovering_again_does_the_rest(sample):
+def test_second_recovery_writes_missing_metadata_yaml(sample):
     folder = sample.copy(sample.unfinished)
     (folder / 'metadata.yaml').mkdir()
     with pytest.raises(LogError, match='cannot be written: Is a directory'):
@@ -442,7 +442,7 @@ def test_where_metadata_yaml_cannot_be_written_recovering_again_does_the_rest(sa
     assert recover_log(folder).closed
 
 
-def test_a_pipe_is_not_waited_for(sample):
+def test_pipe_is_rejected_without_waiting(sample):
     folder = sample.copy(sample.content)
     os.mkfifo(folder / 'a.mcap')
     assert in_order(folder) == sample.messages  # of the file beside it
@@ -455,7 +455,7 @@ def test_a_pipe_is_not_waited_for(sample):
         recover_log(folder)
 
 
-def test_a_file_is_read_once_to_be_recovered(sample, monkeypatch):
+def test_recovery_reads_the_file_once(sample, monkeypatch):
     passes = []
     records = LogFile.records
     monkeypatch.setattr(LogFile, 'records', lambda file: passes.append(1) or records(file))

@@ -31,7 +31,7 @@ def log(tmp_path):
     return log
 
 
-def test_first_and_last_of_a_type_counts_and_notes(log):
+def test_first_last_counts_and_metadata(log):
     log.close()
     for place in (log.path, log.path.parent):
         with IndexedLog(place) as found:
@@ -44,7 +44,7 @@ def test_first_and_last_of_a_type_counts_and_notes(log):
             assert found.read_metadata()['run'] == {'note': 'café'}
 
 
-def test_only_what_is_asked_for_is_read(log):
+def test_only_requested_chunks_are_read(log):
     log.close()
     content = bytearray(log.path.read_bytes())
     at = content.index(b'zstd') + 30  # poses, at the beginning
@@ -56,7 +56,7 @@ def test_only_what_is_asked_for_is_read(log):
             found.first(POSES_TYPE)
 
 
-def test_a_log_without_its_end_has_no_index(log, tmp_path):
+def test_log_that_was_not_closed_has_no_index(log, tmp_path):
     words = 'has no index: it was not closed, or is being written'
     with pytest.raises(NoIndexError, match=words):
         IndexedLog(log.path)
@@ -69,7 +69,7 @@ def test_a_log_without_its_end_has_no_index(log, tmp_path):
             IndexedLog(cut)
 
 
-def test_a_log_with_a_wrong_byte_in_its_index_is_damaged(log):
+def test_wrong_byte_in_the_index_is_damage(log):
     log.close()
     content = log.path.read_bytes()
     start = int.from_bytes(content[-28:-20], 'little')
@@ -81,7 +81,7 @@ def test_a_log_with_a_wrong_byte_in_its_index_is_damaged(log):
             IndexedLog(log.path)
 
 
-def test_a_pipe_is_not_waited_for(tmp_path):
+def test_pipe_is_rejected_without_waiting(tmp_path):
     os.mkfifo(tmp_path / 'a.mcap')
     with pytest.raises(LogError, match=r'it has no \.mcap file'):
         IndexedLog(tmp_path)
@@ -89,7 +89,7 @@ def test_a_pipe_is_not_waited_for(tmp_path):
         IndexedLog(tmp_path / 'a.mcap')
 
 
-def test_what_is_not_there(tmp_path):
+def test_missing_log_is_rejected(tmp_path):
     with pytest.raises(LogError, match='cannot be read: No such file'):
         IndexedLog(tmp_path / 'a.mcap')
     with pytest.raises(LogError, match=r'it has no \.mcap file'):

@@ -164,7 +164,7 @@ def test_every_value_of_every_message_is_read(found, messages, way):
         assert json.dumps(entry['value'], sort_keys=True) == json.dumps(expected, sort_keys=True)
 
 
-def test_the_hard_values_are_in_what_was_compared(found):
+def test_comparison_includes_the_difficult_values(found):
     poses, distribution, part, *_ = (each['value'] for each in found['indexed']['messages'])
     assert poses['first_drop'] == {'bigint': '18446744073709551615'}
     assert poses['poses'][0]['time_to_rest'] == {'number': 'NaN'}
@@ -176,7 +176,7 @@ def test_the_hard_values_are_in_what_was_compared(found):
     assert part['mesh'] == {'bytes': MESH.hex()}
 
 
-def test_the_file_s_own_records_are_read(found, messages):
+def test_metadata_and_attachments_are_read(found, messages):
     indexed = found['indexed']
     assert indexed['profile'] == 'ros2'
     assert indexed['compressions'] == ['zstd'] * len(messages)

@@ -44,7 +44,7 @@ def installed_types() -> list[str]:
     )
 
 
-def test_every_installed_type_has_the_hash_that_rosbags_computes_from_the_text():
+def test_type_hashes_match_those_of_rosbags():
     types = installed_types()
     assert 'resting_aspects_interfaces/msg/AspectDistribution' in types
     assert len(types) > 100
@@ -62,7 +62,7 @@ def test_every_installed_type_has_the_hash_that_rosbags_computes_from_the_text()
     assert differing == {}
 
 
-def test_every_dependency_is_there_once_under_its_short_name():
+def test_every_dependency_is_included_once():
     text = load_schema('resting_aspects_interfaces/msg/AspectDistribution').text
     assert sorted(named_in(text)) == [
         'builtin_interfaces/Time',
@@ -133,7 +133,7 @@ def test_lines_that_need_no_definition(share, line):
     assert named_in(load_schema('a_msgs/msg/Top').text) == []
 
 
-def test_a_header_without_a_package_is_one_of_the_same_package(share):
+def test_type_without_package_is_from_the_same_package(share):
     # ROS 1 had a special case here; rosidl has none, and would not build another reading.
     install(share, 'a_msgs/msg/Top', 'Header header\nstd_msgs/Header other\n')
     install(share, 'a_msgs/msg/Header', 'bool x\n')
@@ -141,19 +141,19 @@ def test_a_header_without_a_package_is_one_of_the_same_package(share):
     assert names == ['a_msgs/Header', 'std_msgs/Header', 'builtin_interfaces/Time']
 
 
-def test_a_sourced_workspace_goes_before_the_environment(share):
+def test_sourced_workspace_precedes_the_environment(share):
     install(share, 'geometry_msgs/msg/Point', 'float64 only\n')
     assert load_schema('geometry_msgs/msg/Point').text == 'float64 only\n'
     assert share_folders() == [share, Path(sys.prefix) / 'share']
 
 
-def test_nothing_needs_to_be_sourced(monkeypatch):
+def test_virtual_environment_needs_no_sourcing(monkeypatch):
     monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
     assert share_folders() == [Path(sys.prefix) / 'share']
     assert 'float64 x' in load_schema('geometry_msgs/msg/Point').text
 
 
-def test_a_type_that_is_not_installed(share):
+def test_missing_type_is_an_error(share):
     with pytest.raises(LogError) as caught:
         load_schema('no_msgs/msg/Nothing')
     assert str(caught.value) == (
@@ -162,14 +162,14 @@ def test_a_type_that_is_not_installed(share):
     )
 
 
-def test_a_dependency_that_is_not_installed_is_named(share):
+def test_missing_dependency_is_named(share):
     install(share, 'a_msgs/msg/Top', 'Missing one\n')
     with pytest.raises(LogError, match='message type a_msgs/msg/Missing is not installed'):
         load_schema('a_msgs/msg/Top')
 
 
 @pytest.mark.parametrize('content', ['', '{}', '{"type_hashes": []}', '{"type_hashes": 3}'])
-def test_a_description_without_a_hash(share, content):
+def test_description_without_hash_is_an_error(share, content):
     install(share, 'a_msgs/msg/Top', 'bool x\n')
     description = share / 'a_msgs/msg/Top.json'
     description.write_text(content)
@@ -178,7 +178,7 @@ def test_a_description_without_a_hash(share, content):
     assert str(caught.value).startswith(f'{description} contains no hash of a_msgs/msg/Top')
 
 
-def test_a_description_that_is_missing(share):
+def test_missing_description_is_an_error(share):
     install(share, 'a_msgs/msg/Top', 'bool x\n')
     (share / 'a_msgs/msg/Top.json').unlink()
     with pytest.raises(LogError, match=r'Top\.json cannot be read: .*No such file'):

@@ -42,7 +42,7 @@ def log(tmp_path):
     return log
 
 
-def test_the_last_of_a_type_in_file_and_folder(log):
+def test_last_message_is_read_from_file_and_folder(log):
     for place in (log.path, log.path.parent):
         assert is_log(place)
         assert last_message(place, TYPE) == data(105)
@@ -50,7 +50,7 @@ def test_the_last_of_a_type_in_file_and_folder(log):
         assert last_message(place, f'{INTERFACES}/PartDescription') is None
 
 
-def test_a_log_that_is_still_written_has_what_was_flushed(tmp_path):
+def test_open_log_has_the_flushed_messages(tmp_path):
     log = RunLog(tmp_path, 'run')
     assert last_message(log.path, TYPE) is None
     for k in range(3):
@@ -60,7 +60,7 @@ def test_a_log_that_is_still_written_has_what_was_flushed(tmp_path):
     log.close()
 
 
-def test_a_file_cut_anywhere_has_the_last_that_is_whole(log, tmp_path):
+def test_truncated_file_has_its_complete_messages(log, tmp_path):
     content = log.path.read_bytes()
     cut = tmp_path / 'cut.mcap'
     near_ends = {end + near for end in log.ends.values() for near in (-1, 0, 1)}
@@ -73,13 +73,13 @@ def test_a_file_cut_anywhere_has_the_last_that_is_whole(log, tmp_path):
     assert last_message(cut, TYPE) == data(105)  # without its index
 
 
-def test_a_file_that_ends_in_zeros_as_after_a_loss_of_power(log, tmp_path):
+def test_zeros_after_a_power_failure_are_ignored(log, tmp_path):
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(log.path.read_bytes()[: log.ends[3]] + bytes(1000))
     assert last_message(cut, TYPE) == data(103)
 
 
-def test_a_damaged_file_is_refused_and_not_half_believed(log):
+def test_damaged_file_is_rejected(log):
     content = bytearray(log.path.read_bytes())
     at = log.ends[3] + 100  # within the chunk of the distribution 104
     content[at : at + 8] = struct.pack('<Q', 2**64 - 1)
@@ -89,7 +89,7 @@ def test_a_damaged_file_is_refused_and_not_half_believed(log):
     assert repr(str(log.path)) in str(caught.value)
 
 
-def test_another_definition_of_the_type_is_refused(tmp_path, monkeypatch):
+def test_other_definition_of_a_type_is_rejected(tmp_path, monkeypatch):
     schemas = importlib.import_module('resting_aspects_ros.logs.run_writer')
     installed = schemas.load_schema(TYPE)
     older = dataclasses.replace(installed, type_hash='RIHS01_older')
@@ -113,7 +113,7 @@ def test_another_definition_of_the_type_is_refused(tmp_path, monkeypatch):
         ('other.mcap', "log '{}' is damaged, or not an MCAP file: it begins with b'aspect,c'"),
     ],
 )
-def test_what_is_no_log(tmp_path, name, says):
+def test_invalid_logs_are_rejected(tmp_path, name, says):
     (tmp_path / 'folder').mkdir()
     (tmp_path / 'other.mcap').write_text('aspect,count\n1,2\n')
     path = tmp_path / name
@@ -123,12 +123,12 @@ def test_what_is_no_log(tmp_path, name, says):
     assert str(caught.value).startswith(says.format(path))
 
 
-def test_an_empty_file_holds_nothing(tmp_path):
+def test_empty_file_has_no_messages(tmp_path):
     (tmp_path / 'a.mcap').touch()
     assert last_message(tmp_path / 'a.mcap', TYPE) is None
 
 
-def test_logs_are_known_by_their_first_bytes(log, tmp_path):
+def test_logs_are_detected_by_their_first_bytes(log, tmp_path):
     renamed = log.path.rename(tmp_path / 'renamed')
     assert is_log(renamed)
     assert last_message(renamed, TYPE) == data(105)

@@ -61,7 +61,7 @@ WRITTEN = [(POSES.name, 100 + 10 * k, k) for k in range(6)]
 WRITTEN.insert(3, (NUT.name, 125, 77))
 
 
-def test_all_messages_in_their_order_with_times_and_bytes(log):
+def test_messages_have_order_times_and_bytes(log):
     for place in (log.path, log.path.parent):
         recording = Recording(place)
         assert heard(recording) == WRITTEN
@@ -79,7 +79,7 @@ def test_topics_are_described_as_they_were_recorded(log):
         assert found.type_hash.startswith('RIHS01_')
 
 
-def test_a_part_of_the_topics_has_a_span_and_messages_of_its_own(log):
+def test_span_and_messages_of_selected_topics(log):
     recording = Recording(log.path)
     assert recording.span(recording.topics) == Span(100, 150, 7)
     assert recording.span([NUT.name]) == Span(125, 125, 1)
@@ -87,7 +87,7 @@ def test_a_part_of_the_topics_has_a_span_and_messages_of_its_own(log):
     assert heard(recording, [POSES.name]) == [each for each in WRITTEN if each[0] == POSES.name]
 
 
-def test_what_is_wanted_first_comes_first_and_once(tmp_path):
+def test_first_topics_are_yielded_first_and_once(tmp_path):
     """Only the first of each, at the start; one that is at the start already stays there."""
     with RunLog(tmp_path, 'run') as log:
         log.write(CUBE, data(1), 100)
@@ -105,7 +105,7 @@ def test_what_is_wanted_first_comes_first_and_once(tmp_path):
     ]
 
 
-def test_a_log_that_is_still_written_is_what_was_whole_at_the_beginning(tmp_path):
+def test_open_log_has_the_messages_at_its_opening(tmp_path):
     log = RunLog(tmp_path, 'run')
     for k in range(3):
         log.write(POSES, data(k), k)
@@ -119,7 +119,7 @@ def test_a_log_that_is_still_written_is_what_was_whole_at_the_beginning(tmp_path
     assert [k for _, _, k in heard(recording)] == [0, 1, 2]
 
 
-def test_a_file_cut_anywhere_is_what_is_whole_in_it(log, tmp_path):
+def test_truncated_file_has_its_complete_messages(log, tmp_path):
     content = log.path.read_bytes()
     cut = tmp_path / 'cut.mcap'
     flushed_at = dict(zip([1, 2, 4, 5, 6, 7], log.ends, strict=True))  # messages: bytes
@@ -139,7 +139,7 @@ def test_a_file_cut_anywhere_is_what_is_whole_in_it(log, tmp_path):
     assert found == WRITTEN  # without its index
 
 
-def test_a_file_that_ends_in_zeros_as_after_a_loss_of_power(log, tmp_path):
+def test_zeros_after_a_power_failure_are_ignored(log, tmp_path):
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(log.path.read_bytes()[: log.ends[1]] + bytes(1000))
     assert heard(Recording(cut)) == WRITTEN[:2]
@@ -159,7 +159,7 @@ def write_foreign(path, channels, messages):
         writer.finish()
 
 
-def test_times_that_run_backwards_in_a_file_stand_still(tmp_path):
+def test_decreasing_times_become_constant(tmp_path):
     path = tmp_path / 'a.mcap'
     write_foreign(path, [('/a', 'cdr', POSES.type, {})], [(0, 10), (0, 30), (0, 20), (0, 40)])
     recording = Recording(path)
@@ -167,7 +167,7 @@ def test_times_that_run_backwards_in_a_file_stand_still(tmp_path):
     assert recording.span(['/a']) == Span(10, 40, 4)
 
 
-def test_logs_of_other_writers_say_less(tmp_path):
+def test_logs_of_other_writers_may_lack_qos_and_hash(tmp_path):
     path = tmp_path / 'a.mcap'
     channels = [('/a', 'json', '', {}), ('/b', 'cdr', POSES.type, {'offered_qos_profiles': ''})]
     write_foreign(path, [*channels, ('/never', 'cdr', NUT.type, {})], [(0, 1), (1, 2)])
@@ -178,7 +178,7 @@ def test_logs_of_other_writers_say_less(tmp_path):
     assert all(topic.qos is topic.type_hash is None for topic in topics.values())
 
 
-def test_one_topic_of_two_types_is_refused(tmp_path):
+def test_topic_with_two_types_is_rejected(tmp_path):
     path = tmp_path / 'a.mcap'
     channels = [('/a', 'cdr', kind, {'topic_type_hash': 'h'}) for kind in (NUT.type, POSES.type)]
     write_foreign(path, channels, [(0, 1), (1, 2)])
@@ -205,7 +205,7 @@ def test_one_topic_of_two_types_is_refused(tmp_path):
         (yaml_text(qos_profiles(Qos(1))).replace('depth: 1', 'depth: 1' + 30 * '0'), 'depth 100'),
     ],
 )
-def test_qos_that_cannot_be_read_is_told_with_its_topic(tmp_path, text, says):
+def test_invalid_qos_is_reported_with_its_topic(tmp_path, text, says):
     path = tmp_path / 'a.mcap'
     write_foreign(path, [('/a', 'cdr', NUT.type, {'offered_qos_profiles': text})], [(0, 1)])
     with pytest.raises(LogError) as caught:
@@ -227,7 +227,7 @@ def profiles(*offered):
     return yaml_text([profile for qos in offered for profile in qos_profiles(qos)])
 
 
-def test_of_several_publishers_the_strongest_offer_counts():
+def test_strongest_qos_of_several_publishers_is_used():
     weak = Qos(3, 'best_effort', 'volatile', 'keep_last')
     for strong in (
         Qos(5, 'best_effort'), Qos(1, 'reliable'), Qos(1, durability='transient_local'),
@@ -239,7 +239,7 @@ def test_of_several_publishers_the_strongest_offer_counts():
     assert recorded_qos('[]') is None
 
 
-def test_what_rosbag2_could_not_find_out_is_what_ros_takes():
+def test_unspecified_qos_is_the_default_of_ros():
     """It records from the graph, where a publisher's history and depth cannot be seen."""
     recorded = profiles(POSES.qos).replace('keep_last', 'unknown').replace('2000', '0')
     assert recorded_qos(recorded) == Qos(0, 'reliable', 'transient_local', 'keep_last')
@@ -255,7 +255,7 @@ def test_what_rosbag2_could_not_find_out_is_what_ros_takes():
 
 
 @pytest.mark.parametrize('where', [-4, 12], ids=['length of a word', 'compressed bytes'])
-def test_a_damaged_file_is_refused_before_a_message_is_given(log, where):
+def test_damaged_file_is_rejected_before_playback(log, where):
     content = bytearray(log.path.read_bytes())
     at = content.index(b'zstd', log.ends[3]) + where
     content[at : at + 4] = b'\xff' * 4
@@ -264,7 +264,7 @@ def test_a_damaged_file_is_refused_before_a_message_is_given(log, where):
         Recording(log.path)
 
 
-def test_a_file_that_is_gone_meanwhile_is_told(log):
+def test_file_removed_before_playback_is_reported(log):
     recording = Recording(log.path)
     log.path.unlink()
     with pytest.raises(LogError, match='cannot be read: No such file or directory'):
@@ -281,7 +281,7 @@ def test_a_file_that_is_gone_meanwhile_is_told(log):
         ('nothing', "invalid log '{}': expected at least one message"),
     ],
 )
-def test_what_is_no_log(tmp_path, name, says):
+def test_invalid_logs_are_rejected(tmp_path, name, says):
     (tmp_path / 'folder').mkdir()
     (tmp_path / 'empty.mcap').touch()
     (tmp_path / 'other.mcap').write_text('aspect,count\n1,2\n')
@@ -292,7 +292,7 @@ def test_what_is_no_log(tmp_path, name, says):
     assert str(caught.value).startswith(says.format(path))
 
 
-def test_the_hash_is_that_of_the_log_and_not_of_what_is_installed(tmp_path, monkeypatch):
+def test_type_hash_is_read_from_the_log(tmp_path, monkeypatch):
     run_log = importlib.import_module('resting_aspects_ros.logs.run_writer')
     older = dataclasses.replace(run_log.load_schema(NUT.type), type_hash='RIHS01_older')
     monkeypatch.setattr(run_log, 'load_schema', lambda _: older)
@@ -301,7 +301,7 @@ def test_the_hash_is_that_of_the_log_and_not_of_what_is_installed(tmp_path, monk
     assert Recording(log.path).topics[NUT.name].type_hash == 'RIHS01_older'
 
 
-def test_memory_is_that_of_a_few_messages_however_long_the_log_is(tmp_path):
+def test_memory_does_not_grow_with_the_log(tmp_path):
     """200 messages of 100 kB that do not compress; the most is that of a few."""
     size, count = 100_000, 200
     state = bytearray(importlib.import_module('random').Random(1).randbytes(size))

@@ -59,7 +59,7 @@ def information(folder):
     return yaml.safe_load(text)['rosbag2_bagfile_information']
 
 
-def test_a_log_cut_anywhere_is_closed_with_all_that_was_flushed(tmp_path):
+def test_truncated_log_keeps_all_flushed_messages(tmp_path):
     log, ends = write(tmp_path / 'made')
     log.close()
     content = log.path.read_bytes()
@@ -93,7 +93,7 @@ def test_a_log_cut_anywhere_is_closed_with_all_that_was_flushed(tmp_path):
         assert (again.closed, again.messages) == (True, len(found))
 
 
-def test_a_recovered_log_says_of_its_topics_what_the_first_one_did(tmp_path):
+def test_recovered_log_keeps_topic_metadata(tmp_path):
     log, _ = write(tmp_path)
     log.close()
     before = information(tmp_path / 'run')
@@ -114,7 +114,7 @@ def test_a_bare_file_gets_no_metadata_yaml(tmp_path):
     assert sorted(each.name for each in tmp_path.iterdir()) == ['other.mcap', 'run']
 
 
-def test_a_log_that_is_being_written_is_left_alone(tmp_path):
+def test_open_log_is_not_recovered(tmp_path):
     log, _ = write(tmp_path)
     before = log.path.read_bytes()
     assert recover_log(log.path.parent).being_written
@@ -125,7 +125,7 @@ def test_a_log_that_is_being_written_is_left_alone(tmp_path):
     assert (closed.being_written, closed.closed, closed.messages) == (False, True, 10)
 
 
-def test_a_log_of_any_topics_of_ros_can_be_recovered(tmp_path):
+def test_logs_of_any_topics_can_be_recovered(tmp_path):
     text = Topic('/chatter', 'std_msgs/msg/String', Qos(7, 'best_effort'))
     log = RunLog(tmp_path / 'made', 'run')
     log.write(text, b'\0\1\0\0\5\0\0\0four\0', 5)
@@ -152,7 +152,7 @@ def test_a_log_of_any_topics_of_ros_can_be_recovered(tmp_path):
         ('nowhere.mcap', None, "log '{}' cannot be read: No such file or directory"),
     ],
 )
-def test_what_is_no_log_is_refused_and_kept(tmp_path, name, content, says):
+def test_invalid_logs_are_rejected_unchanged(tmp_path, name, content, says):
     path = tmp_path / name
     if content is not None:
         path.write_bytes(content)
@@ -163,14 +163,14 @@ def test_what_is_no_log_is_refused_and_kept(tmp_path, name, content, says):
     assert content is None or path.read_bytes() == content
 
 
-def test_a_folder_with_two_files_is_told_from_a_log(tmp_path):
+def test_folder_with_two_files_is_rejected(tmp_path):
     for name in 'ab':
         (tmp_path / f'{name}.mcap').touch()
     with pytest.raises(LogError, match=r'expected one \.mcap file, found 2$'):
         recover_log(tmp_path)
 
 
-def test_a_disk_that_is_full_leaves_the_log_as_it_was(tmp_path, no_space_after):
+def test_full_disk_leaves_the_log_unchanged(tmp_path, no_space_after):
     log, ends = write(tmp_path)
     log.path.with_name('cut.mcap').write_bytes(log.path.read_bytes()[: ends[5]])
     log.close()
@@ -199,7 +199,7 @@ for i in range(10**9):
     'moment',
     [pytest.param(k, marks=[pytest.mark.slow] if k >= 3 else []) for k in range(20)],
 )
-def test_kill_at_a_random_moment_loses_at_most_one_batch(tmp_path, moment):
+def test_kill_loses_at_most_one_batch(tmp_path, moment):
     rest = random.Random(moment).uniform(0, 0.2)
     command = [sys.executable, '-c', WRITE_UNTIL_KILLED, str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:

@@ -133,7 +133,7 @@ def test_files_have_the_names_that_rosbag2_gives(log):
     assert sorted(each.name for each in folder.iterdir()) == [log.path.name, 'metadata.yaml']
 
 
-def test_rosbags_reads_every_message_with_the_definitions_in_the_file(place, messages):
+def test_rosbags_reads_messages_with_stored_definitions(place, messages):
     with AnyReader([place]) as reader:
         assert reader.message_count == len(messages) == 10
         found = [
@@ -215,7 +215,7 @@ def test_mcap_reads_times_and_numbers(log, messages):
         numbers[topic] += 1
 
 
-def test_the_mesh_and_the_description_of_the_run_are_in_the_file(log):
+def test_mesh_and_run_description_are_in_the_file(log):
     with log.path.open('rb') as file:
         reader = make_reader(file)
         attachments: list[Attachment] = list(reader.iter_attachments())
@@ -277,7 +277,7 @@ def test_qos_of_file_and_metadata_yaml_is_the_same_text(log):
         assert ''.join(f'      {line}\n' for line in profile.splitlines()) in text
 
 
-def test_qos_takes_the_words_of_rclpy():
+def test_qos_uses_the_names_of_rclpy():
     profile = QoSProfile(
         depth=3,
         history=HistoryPolicy.KEEP_LAST,
@@ -293,7 +293,7 @@ def test_qos_takes_the_words_of_rclpy():
 
 
 @pytest.mark.parametrize('part', ['file', 'folder'])
-def test_an_empty_log_is_a_log(tmp_path, part):
+def test_empty_log_is_valid(tmp_path, part):
     log = RunLog(tmp_path, 'empty')
     assert log.close() == tmp_path / 'empty'
     with Reader(log.path if part == 'file' else log.path.parent) as reader:
@@ -306,7 +306,7 @@ def test_an_empty_log_is_a_log(tmp_path, part):
     assert information(log)['duration'] == {'nanoseconds': 0}
 
 
-def test_log_times_do_not_run_backwards(tmp_path):
+def test_log_times_do_not_decrease(tmp_path):
     with RunLog(tmp_path, 'run') as log:
         for log_time, publish_time in [(10, None), (5, None), (12, 3)]:
             log.write(PART, b'\0' * 8, log_time, publish_time)
@@ -349,7 +349,7 @@ def test_what_was_flushed_survives_sigkill(tmp_path, wanted):
     assert not (tmp_path / 'run' / 'metadata.yaml').exists()
 
 
-def test_a_file_cut_anywhere_holds_every_batch_that_was_flushed_before(tmp_path):
+def test_truncated_file_has_every_flushed_batch(tmp_path):
     log = RunLog(tmp_path, 'run')
     ends = []
     for i in range(6):
@@ -364,7 +364,7 @@ def test_a_file_cut_anywhere_holds_every_batch_that_was_flushed_before(tmp_path)
         assert flushed <= len(messages_in(io.BytesIO(content[:size]))) <= flushed + 1
 
 
-def test_a_full_disk_keeps_what_was_written(tmp_path, no_space_after):
+def test_full_disk_keeps_the_written_messages(tmp_path, no_space_after):
     batches = [random.Random(i).randbytes(50_000) for i in range(5)]
     log = RunLog(tmp_path, 'run')
     with no_space_after(180_000):
@@ -384,7 +384,7 @@ def test_a_full_disk_keeps_what_was_written(tmp_path, no_space_after):
     assert not (tmp_path / 'run' / 'metadata.yaml').exists()
 
 
-def test_a_disk_that_is_full_while_the_log_is_closed(tmp_path, no_space_after):
+def test_disk_full_during_close(tmp_path, no_space_after):
     log = RunLog(tmp_path, 'run')
     log.write(POSES, b'batch 00', 1)
     log.flush()
@@ -397,13 +397,13 @@ def test_a_disk_that_is_full_while_the_log_is_closed(tmp_path, no_space_after):
     assert not (tmp_path / 'run' / 'metadata.yaml').exists()
 
 
-def test_a_disk_that_is_full_from_the_start(tmp_path, no_space_after):
+def test_disk_full_from_the_start(tmp_path, no_space_after):
     words = r'run_0\.mcap cannot be written: File too large'
     with no_space_after(5), pytest.raises(LogError, match=words):
         RunLog(tmp_path, 'run')
 
 
-def test_a_metadata_yaml_that_cannot_be_written_leaves_a_whole_file(tmp_path):
+def test_failed_metadata_yaml_leaves_a_complete_file(tmp_path):
     log = RunLog(tmp_path, 'run')
     log.write(POSES, b'batch 00', 1)
     (tmp_path / 'run' / 'metadata.yaml.tmp').mkdir()
@@ -413,14 +413,14 @@ def test_a_metadata_yaml_that_cannot_be_written_leaves_a_whole_file(tmp_path):
         assert reader.message_count == 1
 
 
-def test_the_first_error_is_the_one_that_is_told(tmp_path, no_space_after):
+def test_first_error_is_reported(tmp_path, no_space_after):
     log = RunLog(tmp_path, 'run')
     log.write(POSES, b'batch 00', 1)
     with no_space_after(0), pytest.raises(ZeroDivisionError), log:
         raise ZeroDivisionError
 
 
-def test_an_exception_elsewhere_leaves_a_whole_log(tmp_path):
+def test_exception_of_the_caller_leaves_a_closed_log(tmp_path):
     log = RunLog(tmp_path, 'run')
     log.write(POSES, b'batch 00', 1)
     with pytest.raises(ZeroDivisionError), log:
@@ -429,7 +429,7 @@ def test_an_exception_elsewhere_leaves_a_whole_log(tmp_path):
         assert reader.message_count == 1
 
 
-def test_a_write_that_is_broken_off_is_not_written_over(tmp_path):
+def test_interrupted_write_ends_the_log(tmp_path):
     log = RunLog(tmp_path, 'run')
     log.write(POSES, b'batch 00', 1)
     log.flush()
@@ -441,7 +441,7 @@ def test_a_write_that_is_broken_off_is_not_written_over(tmp_path):
     assert [message.data for message in stream(log.path)] == [b'batch 00']
 
 
-def test_a_log_that_exists_is_not_overwritten(tmp_path):
+def test_existing_log_is_not_overwritten(tmp_path):
     RunLog(tmp_path, 'run').close()
     before = (tmp_path / 'run' / 'run_0.mcap').read_bytes()
     with pytest.raises(LogError) as caught:
@@ -450,7 +450,7 @@ def test_a_log_that_exists_is_not_overwritten(tmp_path):
     assert (tmp_path / 'run' / 'run_0.mcap').read_bytes() == before
 
 
-def test_a_folder_that_cannot_be_made(tmp_path):
+def test_folder_that_cannot_be_created_is_an_error(tmp_path):
     (tmp_path / 'file').write_text('')
     with pytest.raises(LogError) as caught:
         RunLog(tmp_path / 'file' / 'logs', 'run')
@@ -458,7 +458,7 @@ def test_a_folder_that_cannot_be_made(tmp_path):
     assert str(caught.value) == f'log {path} cannot be written: Not a directory'
 
 
-def test_a_name_that_is_too_long(tmp_path):
+def test_too_long_name_is_an_error(tmp_path):
     with pytest.raises(LogError, match='cannot be written: File name too long'):
         RunLog(tmp_path, 'a' * 300)
     # The folder's name fits, the file's does not: nothing is left behind.
@@ -468,7 +468,7 @@ def test_a_name_that_is_too_long(tmp_path):
 
 
 @pytest.mark.parametrize('name', ['', '..', 'a/b', '/a', 'a\0b', '.a', '-a', 'ä', 'a b', 'a\n'])
-def test_a_name_that_is_not_one_folder(tmp_path, name):
+def test_invalid_log_name_is_rejected(tmp_path, name):
     with pytest.raises(LogError) as caught:
         RunLog(tmp_path, name)
     assert str(caught.value) == (
@@ -478,7 +478,7 @@ def test_a_name_that_is_not_one_folder(tmp_path, name):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_is_refused_leaves_the_log_as_it_was(tmp_path):
+def test_rejected_messages_leave_the_log_unchanged(tmp_path):
     unknown = Topic('/x', 'no_msgs/msg/Nothing', LATCHED)
     changed = dataclasses.replace(POSES, qos=LATCHED)
     with RunLog(tmp_path, 'run') as log:
@@ -500,7 +500,7 @@ def test_what_is_refused_leaves_the_log_as_it_was(tmp_path):
         assert len(reader.connections) == 1
 
 
-def test_a_closed_log_takes_nothing(tmp_path):
+def test_closed_log_rejects_messages(tmp_path):
     log = RunLog(tmp_path, 'run')
     log.close()
     for late in (
@@ -536,7 +536,7 @@ def test_run_folder_name():
         (lambda: Topic('/a', '../msg/X', LATCHED), "invalid type '../msg/X' of topic /a: "),
     ],
 )
-def test_topics_that_cannot_be(make, words):
+def test_invalid_topics_are_rejected(make, words):
     with pytest.raises(LogError) as caught:
         make()
     assert words in str(caught.value)

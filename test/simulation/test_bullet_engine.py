@@ -38,7 +38,7 @@ def hull_in_tray(part, poses):
 
 
 @pytest.mark.parametrize(('shape', 'faces'), [('tetrahedron', 4), ('cube', 6)])
-def test_the_faces_of_a_regular_body_are_equally_probable(drop, part, solid, shape, faces):
+def test_faces_of_regular_bodies_are_equally_probable(drop, part, solid, shape, faces):
     n = 5 * CHUNK
     body = solid(trimesh.creation.box((20, 20, 20))) if shape == 'cube' else part(shape)
     found = count_poses(find_aspects(body), drop(body, n))
@@ -60,7 +60,7 @@ def test_all_five_aspects_of_the_l_bracket_appear(drop, part):
     assert abs(int(a) - int(b)) < 3.3 * math.sqrt(a + b)
 
 
-def test_a_part_at_rest_lies_on_the_surface_at_the_height_of_its_aspect(drop, part):
+def test_resting_parts_have_the_height_of_their_aspect(drop, part):
     shape = part('l_bracket')
     poses = drop(shape, 2 * CHUNK)
     assert (poses.status == RestStatus.SETTLED).all()
@@ -77,7 +77,7 @@ def test_a_part_at_rest_lies_on_the_surface_at_the_height_of_its_aspect(drop, pa
     )
 
 
-def test_parts_at_rest_are_turned_and_placed_without_a_preferred_direction(drop, part):
+def test_yaw_and_position_at_rest_are_isotropic(drop, part):
     poses = drop(part('l_bracket'), 2 * CHUNK)
     # The horizontal direction of an axis of the part that is not vertical, in any aspect.
     axis = rotate(poses.orientation, np.array([1.0, 1.0, 1.0]))
@@ -85,7 +85,7 @@ def test_parts_at_rest_are_turned_and_placed_without_a_preferred_direction(drop,
     assert kstest(heading, 'uniform', args=(-np.pi, 2 * np.pi)).pvalue > LEVEL
 
 
-def test_the_place_of_the_part_frame_changes_nothing_but_the_position(part, mat):
+def test_origin_of_part_frame_changes_only_the_position(part, mat):
     job = make_job(part('angle_45x30x8'), mat, 4)
     shift = np.array([3.0, -50.0, 0.7])
     moved = dataclasses.replace(job, centre_of_mass=job.centre_of_mass + shift)
@@ -97,7 +97,7 @@ def test_the_place_of_the_part_frame_changes_nothing_but_the_position(part, mat)
     )
 
 
-def test_a_part_and_its_height_four_times_larger_fall_alike(part, solid, mat):
+def test_scaled_part_and_height_give_scaled_poses(part, solid, mat):
     # Four is a power of two: the numbers are the same to the last bit. Of another factor they
     # would be the same but for rounding, and the drops alike only on average.
     shape = part('l_bracket')
@@ -111,9 +111,7 @@ def test_a_part_and_its_height_four_times_larger_fall_alike(part, solid, mat):
 
 
 @pytest.mark.parametrize('longest', [0.5e-3, 2.0])
-def test_a_chip_and_a_beam_rest_like_the_same_shape_of_forty_millimetres(
-    drop, part, solid, mat, longest
-):
+def test_tiny_and_huge_parts_rest_like_normal_ones(drop, part, solid, mat, longest):
     # Everything scaled: the same numbers but for rounding, which lets the drops part.
     shape, n = part('l_bracket'), 4 * CHUNK
     factor = longest / 0.04
@@ -130,7 +128,7 @@ def test_a_chip_and_a_beam_rest_like_the_same_shape_of_forty_millimetres(
 
 
 @pytest.mark.parametrize('chunks', [4, pytest.param(16, marks=pytest.mark.slow)])
-def test_half_the_time_step_moves_no_aspect(drop, part, mat, chunks):
+def test_half_the_time_step_keeps_the_probabilities(drop, part, mat, chunks):
     # Two samples of 2000 tell a shift of a share of 0.3 by 3.3 standard errors, 0.05, of 0.07 by
     # 0.03, two of 500 of twice as much; `make validate` makes 50,000 of each part.
     shape, n = part('l_bracket'), chunks * CHUNK
@@ -141,14 +139,14 @@ def test_half_the_time_step_moves_no_aspect(drop, part, mat, chunks):
     assert chi2_contingency(counts).pvalue > LEVEL
 
 
-def test_gravity_changes_the_time_and_nothing_else(part, mat):
+def test_gravity_changes_only_the_time(part, mat):
     a = drop_chunk(make_job(part('t_prism'), mat, 1), 0, 20)
     b = drop_chunk(make_job(part('t_prism'), mat.changed(gravity=mat.gravity / 4), 1), 0, 20)
     np.testing.assert_array_equal(b.orientation, a.orientation)
     np.testing.assert_array_equal(b.time_to_rest, a.time_to_rest * 2)
 
 
-def test_a_part_that_was_called_still_would_have_stayed_in_its_aspect(part, mat, monkeypatch):
+def test_still_parts_would_stay_in_their_aspect(part, mat, monkeypatch):
     shape, n = part('t_prism'), 12
     aspects = find_aspects(shape)
     job = make_job(shape, mat, 1, until_still=True)
@@ -165,9 +163,7 @@ def test_a_part_that_was_called_still_would_have_stayed_in_its_aspect(part, mat,
 @pytest.mark.parametrize(
     'name', ['l_bracket', pytest.param('cylinder_d20_h20', marks=pytest.mark.slow)]
 )
-def test_the_aspect_that_the_energy_decides_is_the_one_in_which_the_part_comes_to_rest(
-    drop, part, mat, name
-):
+def test_aspect_decided_by_energy_is_the_resting_aspect(drop, part, mat, name):
     # The same drops, bit for bit, run on. A rule that is wrong once in 100 drops would pass once
     # in 12 times; `make validate` makes 3000 of each part.
     shape = part(name)
@@ -192,7 +188,7 @@ def test_the_aspect_that_the_energy_decides_is_the_one_in_which_the_part_comes_t
 # -- Rule 1: the same drops, bit for bit ----------------------------------------------------------
 
 
-def test_a_drop_does_not_depend_on_which_others_are_made(drop, part, mat, assert_same_poses):
+def test_drops_do_not_depend_on_other_drops(drop, part, mat, assert_same_poses):
     shape = part('l_bracket')
     whole = drop(shape, 2 * CHUNK)
     job = make_job(shape, mat, 1)
@@ -202,7 +198,7 @@ def test_a_drop_does_not_depend_on_which_others_are_made(drop, part, mat, assert
         assert_same_poses(drop_chunk(job, first, end), whole.between(first, end))
 
 
-def test_drops_of_another_seed_chunk_or_slot_are_others(drop, part, mat):
+def test_drops_differ_by_seed_chunk_and_slot(drop, part, mat):
     shape = part('l_bracket')
     whole = drop(shape, 2 * CHUNK)
     other = drop_chunk(make_job(shape, mat, 2), 0, 20)
@@ -211,7 +207,7 @@ def test_drops_of_another_seed_chunk_or_slot_are_others(drop, part, mat):
 
 
 @pytest.mark.parametrize('seed', [0, 2**64 - 1])
-def test_the_greatest_seed_and_the_greatest_index_can_be_dropped(part, mat, seed):
+def test_maximum_seed_and_index_are_supported(part, mat, seed):
     job = make_job(part('tetrahedron'), mat, seed)
     first = 2**64 - 3
     poses = drop_chunk(job, first, first + 2)
@@ -225,7 +221,7 @@ def test_the_greatest_seed_and_the_greatest_index_can_be_dropped(part, mat, seed
 @pytest.mark.parametrize(
     ('first', 'end'), [(0, CHUNK + 1), (CHUNK - 1, CHUNK + 1), (5, 5), (6, 5), (-1, 1)]
 )
-def test_drops_that_are_not_of_one_chunk_are_refused(part, mat, first, end):
+def test_drops_of_two_chunks_are_rejected(part, mat, first, end):
     job = make_job(part('tetrahedron'), mat, 1)
     words = f'^invalid drops {first} to {end - 1}: expected drops of one chunk of {CHUNK}$'
     with pytest.raises(ValueError, match=words):
@@ -236,9 +232,7 @@ def test_drops_that_are_not_of_one_chunk_are_refused(part, mat, first, end):
 
 
 @pytest.mark.parametrize('changes', [{'rolling_friction': 0.0}, {'spinning_friction': 0.1}])
-def test_a_part_with_edges_comes_to_rest_with_any_rolling_and_spinning_friction(
-    drop, part, changes
-):
+def test_parts_with_edges_rest_with_any_rolling_friction(drop, part, changes):
     assert (drop(part('l_bracket'), 20, **changes).status == RestStatus.SETTLED).all()
 
 
@@ -269,16 +263,14 @@ def test_a_roller_needs_rolling_friction_to_come_to_rest(mat, part):
         (lambda: trimesh.creation.box((20, 10, 0.1)), {'restitution': 0.0, 'height': 0.5}),
     ],
 )
-def test_slender_and_thin_parts_come_to_rest_on_a_side(solid, mat, make, changes):
+def test_slender_and_thin_parts_rest_on_a_side(solid, mat, make, changes):
     shape = solid(make())
     poses = drop_chunk(make_job(shape, mat.changed(**changes), 1), 0, 20)
     assert count_poses(find_aspects(shape), poses).counts.sum() == 20
 
 
 @pytest.mark.parametrize(('scale', 'height'), [(20, 1e-3), (0.05, 1e-3), (20, 2.0)])
-def test_very_small_and_very_large_parts_come_to_rest_on_an_aspect(
-    part, solid, mat, scale, height
-):
+def test_very_small_and_very_large_parts_rest_in_an_aspect(part, solid, mat, scale, height):
     # 1.4 mm and 0.6 m in radius: Bullet's own margins are 1 and 20 mm.
     shape = part('l_bracket')
     scaled = solid(trimesh.Trimesh(shape.vertices * 1e3 * scale, shape.faces, process=False))
@@ -287,7 +279,7 @@ def test_very_small_and_very_large_parts_come_to_rest_on_an_aspect(
     assert found.counts.sum() == 25
 
 
-def test_a_hull_of_many_vertices_can_be_dropped(solid, mat):
+def test_hull_with_many_vertices_is_supported(solid, mat):
     ball = solid(trimesh.creation.icosphere(5, 10.0))
     assert len(ball.hull_vertices) == 3000  # of 10242
     poses = drop_chunk(make_job(ball, mat.changed(rolling_friction=0.05), 1), 0, 1)

@@ -139,7 +139,7 @@ def closing_workers(count):
         ),
     ],
 )
-def test_drops_are_cut_at_the_chunks_of_the_engine(first, drops, chunks):
+def test_drops_are_split_at_chunk_boundaries(first, drops, chunks):
     workers = Recorder(lambda: 2)
     futures = list(submit_drops('job', first, drops, workers))
     assert workers.asked == [('job', low, high) for low, high in chunks]
@@ -147,7 +147,7 @@ def test_drops_are_cut_at_the_chunks_of_the_engine(first, drops, chunks):
 
 
 @pytest.mark.parametrize('lookahead', [1, 2, 5])
-def test_no_more_than_the_lookahead_are_under_way(lookahead):
+def test_at_most_lookahead_chunks_are_pending(lookahead):
     workers = Recorder(lambda: lookahead)
     chunks = submit_drops('job', 0, 10 * CHUNK, workers)
     assert workers.asked == []  # nothing before the first is asked for
@@ -158,7 +158,7 @@ def test_no_more_than_the_lookahead_are_under_way(lookahead):
     assert len(workers.futures) == 10
 
 
-def test_closing_cancels_what_has_not_begun_and_nothing_else():
+def test_closing_cancels_only_chunks_not_started():
     workers = Recorder(lambda: 4)
     chunks = submit_drops('job', 0, 10 * CHUNK, workers)
     next(chunks)
@@ -193,7 +193,7 @@ def test_poses_do_not_depend_on_the_workers(count, part, surfaces, assert_same_p
         assert_same_poses(RestingPoses.join([f.result() for f in chunks]), here)
 
 
-def test_chunks_come_in_their_order_each_after_its_future(campaign):
+def test_chunks_are_ordered_and_follow_their_futures(campaign):
     workers = Mortal()
     chunks, warnings, error = campaign(workers)
     assert [chunk.first_drop for chunk in chunks] == [10, CHUNK, 2 * CHUNK, 3 * CHUNK]
@@ -202,7 +202,7 @@ def test_chunks_come_in_their_order_each_after_its_future(campaign):
 
 
 @pytest.mark.parametrize('death', [DEATH, BrokenOnSubmit()], ids=['result', 'submit'])
-def test_what_was_not_handed_over_is_dropped_again_when_workers_die(campaign, death):
+def test_chunks_of_dead_workers_are_repeated(campaign, death):
     workers = Mortal(None, death)
     chunks, warnings, error = campaign(workers)
     assert [chunk.first_drop for chunk in chunks] == [10, CHUNK, 2 * CHUNK, 3 * CHUNK]
@@ -210,7 +210,7 @@ def test_what_was_not_handed_over_is_dropped_again_when_workers_die(campaign, de
     assert error is None
 
 
-def test_workers_that_die_again_and_again_end_it_in_words(campaign):
+def test_repeated_worker_deaths_raise_an_error(campaign):
     workers = Mortal(None, *[DEATH] * MAX_DEATHS)
     chunks, warnings, error = campaign(workers)
     assert [chunk.first_drop for chunk in chunks] == [10]
@@ -219,13 +219,13 @@ def test_workers_that_die_again_and_again_end_it_in_words(campaign):
     assert error == f'{MAX_DEATHS} worker processes died in a row {near}'
 
 
-def test_only_deaths_without_a_chunk_between_are_in_a_row(campaign):
+def test_a_returned_chunk_resets_the_death_count(campaign):
     deaths = [DEATH] * (MAX_DEATHS - 1)
     workers = Mortal(*deaths, None, *deaths, None, *deaths)
     assert campaign(workers)[2] is None
 
 
-def test_one_error_may_tell_of_many_deaths(campaign):
+def test_one_error_can_report_several_deaths(campaign):
     _, warnings, error = campaign(Mortal(ManyDeathsError()))
     assert error == f'{MAX_DEATHS + 1} worker processes died in a row near drop 10 of tetrahedron'
     assert warnings == []
@@ -239,7 +239,7 @@ def test_one_error_may_tell_of_many_deaths(campaign):
         (CancelledError(), 'the workers became unavailable near drop 125 of tetrahedron'),
     ],
 )
-def test_a_worker_that_fails_is_not_asked_again(campaign, end, words):
+def test_chunks_of_failed_workers_are_not_repeated(campaign, end, words):
     workers = Mortal(None, end)
     chunks, _, error = campaign(workers)
     assert error == words
@@ -247,7 +247,7 @@ def test_a_worker_that_fails_is_not_asked_again(campaign, end, words):
     assert workers.asked == [10, CHUNK]
 
 
-def test_who_has_enough_cancels_what_has_not_begun():
+def test_stopping_early_cancels_chunks_not_started():
     workers = Recorder(lambda: 3)
     asked = SimpleNamespace(first_drop=0, end=10 * CHUNK)
     steps = drop_chunks('job', asked, workers, pytest.fail)

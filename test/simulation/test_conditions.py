@@ -26,7 +26,7 @@ PLAIN = DropConditions(
 names = pytest.mark.parametrize('name', sorted(QUANTITIES))
 
 
-def test_every_field_is_a_quantity_with_unit_bounds_and_text_but_two():
+def test_all_fields_but_two_are_declared_quantities():
     fields = {f.name for f in dataclasses.fields(DropConditions)}
     assert fields - set(QUANTITIES) == {'height_of', 'surface'}
     units = {name: quantity.unit for name, quantity in QUANTITIES.items()}
@@ -44,7 +44,7 @@ def test_every_field_is_a_quantity_with_unit_bounds_and_text_but_two():
     assert all(q.text and math.isfinite(q.high) for q in QUANTITIES.values())
 
 
-def test_labels_are_words_for_people():
+def test_labels_are_readable():
     labels = [*(q.label for q in QUANTITIES.values()), *(h.label for h in HeightOf)]
     assert len(set(labels)) == len(labels)
     assert all(label.replace(' ', '').isalpha() and label.islower() for label in labels)
@@ -53,7 +53,7 @@ def test_labels_are_words_for_people():
 
 
 @names
-def test_the_bounds_are_allowed_and_what_is_just_beyond_is_not(name):
+def test_bounds_are_inclusive_and_enforced(name):
     quantity = QUANTITIES[name]
     lowest = math.nextafter(quantity.low, 1) if quantity.above else quantity.low
     for value in (lowest, quantity.high):
@@ -68,7 +68,7 @@ def test_the_bounds_are_allowed_and_what_is_just_beyond_is_not(name):
 @pytest.mark.parametrize(
     'value', [math.nan, math.inf, -math.inf, -1, 10**5000, True, '0.5', None, [0.5], 1j], ids=shown
 )
-def test_what_is_no_finite_number_within_bounds_is_refused_in_words(name, value):
+def test_invalid_numbers_are_rejected(name, value):
     with pytest.raises(InvalidValueError) as caught:
         dataclasses.replace(PLAIN, **{name: value})
     allowed = QUANTITIES[name].allowed()
@@ -84,24 +84,24 @@ def test_what_is_no_finite_number_within_bounds_is_refused_in_words(name, value)
         ('spin', '0 to 10000 rad/s'),
     ],
 )
-def test_what_is_allowed_is_said_with_its_unit(name, allowed):
+def test_allowed_range_includes_the_unit(name, allowed):
     assert QUANTITIES[name].allowed() == allowed
 
 
 @pytest.mark.parametrize('value', [1, np.float64(1)])
-def test_whole_numbers_and_those_of_numpy_become_floats(value):
+def test_integers_and_numpy_numbers_become_floats(value):
     changed = dataclasses.replace(PLAIN, height=value)
     assert type(changed.height) is float
     assert changed.height == 1.0
 
 
 @pytest.mark.parametrize('value', [1, HeightOf.CENTRE_OF_MASS])
-def test_height_of_is_taken_as_code_or_name(value):
+def test_height_of_accepts_code_or_member(value):
     assert dataclasses.replace(PLAIN, height_of=value).height_of is HeightOf.CENTRE_OF_MASS
 
 
 @pytest.mark.parametrize('value', [2, -1, 'LOWEST_POINT', None, math.nan, []])
-def test_another_height_of_is_refused_in_words(value):
+def test_invalid_height_of_is_rejected(value):
     with pytest.raises(InvalidValueError) as caught:
         dataclasses.replace(PLAIN, height_of=value)
     assert str(caught.value) == (
@@ -109,13 +109,13 @@ def test_another_height_of_is_refused_in_words(value):
     )
 
 
-def test_conditions_cannot_be_changed_in_place():
+def test_conditions_are_immutable():
     with pytest.raises(dataclasses.FrozenInstanceError):
         PLAIN.height = 1.0
 
 
 @names
-def test_a_change_loses_the_name_of_the_surface_and_no_change_keeps_it(name):
+def test_only_a_changed_value_removes_the_surface_name(name):
     value = getattr(PLAIN, name)
     assert PLAIN.changed(**{name: value}) is PLAIN
     other = PLAIN.changed(**{name: value / 2 + 1e-3})
@@ -124,18 +124,18 @@ def test_a_change_loses_the_name_of_the_surface_and_no_change_keeps_it(name):
     assert other.values() != PLAIN.values()
 
 
-def test_a_change_of_what_height_means_loses_the_name_too():
+def test_changed_height_of_removes_the_surface_name():
     other = PLAIN.changed(height_of=HeightOf.CENTRE_OF_MASS)
     assert (other.surface, other.height_of) == ('', HeightOf.CENTRE_OF_MASS)
 
 
-def test_a_change_that_is_not_allowed_is_refused():
+def test_invalid_change_is_rejected():
     with pytest.raises(InvalidValueError, match=r'^invalid friction -1: expected 0 to 10$'):
         PLAIN.changed(friction=-1)
 
 
 @given(st.sampled_from(sorted(QUANTITIES)), st.floats(1e-6, 0.1))
-def test_conditions_are_equal_by_value_whatever_their_surface(name, value):
+def test_surface_name_does_not_affect_equal_values(name, value):
     a = dataclasses.replace(PLAIN, **{name: value})
     b = dataclasses.replace(a, surface='other')
     assert a.values() == b.values()

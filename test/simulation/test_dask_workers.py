@@ -43,7 +43,7 @@ def chunks_of(job, asked, workers):
     return [step for step in steps if not isinstance(step, Future)]
 
 
-def test_the_poses_are_bit_for_bit_those_of_this_process(planned, workers):
+def test_poses_are_bit_identical_to_local_ones(planned, workers):
     job, asked = planned
     ends = [CHUNK, 2 * CHUNK, 3 * CHUNK, asked.end]
     here = [drop_chunk(job, end - 1 - (end - 1) % CHUNK, end) for end in ends]
@@ -54,7 +54,7 @@ def test_the_poses_are_bit_for_bit_those_of_this_process(planned, workers):
         np.testing.assert_array_equal(a, b)
 
 
-def test_there_are_two_chunks_for_each_worker_and_more_when_more_come(cluster, workers):
+def test_lookahead_follows_the_number_of_workers(cluster, workers):
     assert workers.lookahead() == 4
     cluster.scale(3)
     try:
@@ -64,9 +64,7 @@ def test_there_are_two_chunks_for_each_worker_and_more_when_more_come(cluster, w
         cluster.scale(2)
 
 
-def test_a_chunk_that_kills_its_workers_is_given_up_in_words(
-    cluster, planned, workers, monkeypatch
-):
+def test_chunk_that_kills_its_workers_is_an_error(cluster, planned, workers, monkeypatch):
     monkeypatch.setattr(cluster.scheduler, 'allowed_failures', 2)
     monkeypatch.setattr(drops_cluster, '_drop', lambda *_: os.kill(os.getpid(), signal.SIGKILL))
     job, asked = planned
@@ -75,7 +73,7 @@ def test_a_chunk_that_kills_its_workers_is_given_up_in_words(
         chunks_of(job, dataclasses.replace(asked, drops=1), workers)
 
 
-def test_what_a_worker_raises_is_told(planned, workers, monkeypatch):
+def test_worker_exception_is_reported(planned, workers, monkeypatch):
     monkeypatch.setattr(drops_cluster, '_drop', lambda *_: {}['hull'])
     words = r"^a worker failed near drop 0 of tetrahedron: KeyError\('hull'\)$"
     with pytest.raises(EngineError, match=words):
@@ -83,7 +81,7 @@ def test_what_a_worker_raises_is_told(planned, workers, monkeypatch):
 
 
 @pytest.mark.parametrize('package', ['resting_aspects_ros', 'pybullet', 'numpy'])
-def test_worker_of_another_version_is_refused(planned, workers, monkeypatch, package):
+def test_worker_with_other_versions_is_rejected(planned, workers, monkeypatch, package):
     versions = drops_cluster._versions() | {package: '1.2.3'}
     monkeypatch.setattr(drops_cluster, '_versions', lambda: versions)
     with pytest.raises(
@@ -92,7 +90,7 @@ def test_worker_of_another_version_is_refused(planned, workers, monkeypatch, pac
         chunks_of(*planned, workers)
 
 
-def test_a_large_job_is_sent_once_to_each_worker(cluster, workers, surfaces, solid):
+def test_job_is_sent_once_to_each_worker(cluster, workers, surfaces, solid):
     disc = solid(trimesh.creation.cylinder(radius=10, height=4, sections=130))
     job, asked = plan_run(disc, surfaces.get(), seed=5, drops=260, run_id='', started=0)
     assert len(pickle.dumps(job)) > 64 * 1024
@@ -109,7 +107,7 @@ def test_a_large_job_is_sent_once_to_each_worker(cluster, workers, surfaces, sol
     assert max(sent) < 1000
 
 
-def test_a_cluster_that_is_gone_ends_it_in_words(make_cluster, planned, monkeypatch):
+def test_lost_cluster_is_an_error(make_cluster, planned, monkeypatch):
     with make_cluster(1) as cluster:
         workers = ClusterWorkers(cluster.scheduler_address)
         steps = chunks.drop_chunks(*planned, workers, pytest.fail)
@@ -139,7 +137,7 @@ A_SCHEDULER = 'the address of a Dask scheduler'
 
 
 @pytest.mark.slow
-def test_an_address_where_nobody_answers_is_refused(make_cluster, refused):
+def test_address_without_answer_is_rejected(make_cluster, refused):
     with socket.create_server(('127.0.0.1', 0)) as silent:
         address = f'127.0.0.1:{silent.getsockname()[1]}'
         assert refused(address, A_SCHEDULER) == f'no answer within {TIMEOUT:g} s'
@@ -147,23 +145,23 @@ def test_an_address_where_nobody_answers_is_refused(make_cluster, refused):
 
 
 @pytest.mark.parametrize('address', ['', 'somewhere', 'nonsense://127.0.0.1:1'])
-def test_what_is_no_address_is_refused(make_cluster, refused, address):
+def test_invalid_address_is_rejected(make_cluster, refused, address):
     assert re.match('missing port|unknown address', refused(address, A_SCHEDULER))
 
 
-def test_the_address_of_a_worker_is_refused(cluster, refused):
+def test_address_of_a_worker_is_rejected(cluster, refused):
     (address, *_) = cluster.scheduler_info['workers']
     assert refused(address, A_SCHEDULER) == 'this is a worker'
 
 
 @pytest.mark.slow
-def test_a_scheduler_without_workers_is_refused(make_cluster, refused):
+def test_scheduler_without_workers_is_rejected(make_cluster, refused):
     with make_cluster(0) as cluster:
         reason = refused(cluster.scheduler_address, 'a scheduler that has workers')
         assert reason == f'none connected within {TIMEOUT:g} s'
 
 
-def test_without_dask_it_says_what_to_install(monkeypatch):
+def test_missing_dask_is_reported_with_the_package(monkeypatch):
     monkeypatch.setitem(sys.modules, 'distributed', None)
     words = r"^scheduler 'there:1' needs Dask, which is not installed: pip install distributed$"
     with pytest.raises(InvalidValueError, match=words):

@@ -20,7 +20,7 @@ def hull_in_tray(part, poses):
     return part.hull_vertices @ matrices.transpose(0, 2, 1) + poses.position[:, None]
 
 
-def test_parts_that_lose_no_energy_are_unsettled_and_the_run_ends(part, mat):
+def test_parts_that_lose_no_energy_are_unsettled(part, mat):
     job = make_job(part('l_bracket'), mat.changed(restitution=1.0, friction=0.0), 1)
     poses = drop_chunk(job, 0, 2)
     assert (poses.status == RestStatus.UNSETTLED).all()
@@ -35,9 +35,7 @@ def test_parts_that_lose_no_energy_are_unsettled_and_the_run_ends(part, mat):
     assert (lowest > -drop_job.TRAVEL_PER_STEP * job.radius).all()
 
 
-def test_a_drop_that_bullet_loses_is_failed_and_the_others_are_what_they_were(
-    part, mat, monkeypatch, assert_same_poses
-):
+def test_failed_drop_does_not_affect_other_drops(part, mat, monkeypatch, assert_same_poses):
     # No input is known that makes Bullet lose a part; here it loses the second of three.
     job = make_job(part('l_bracket'), mat, 1)
     sound = drop_chunk(job, 0, 3)
@@ -85,7 +83,7 @@ def looks(part, mat, monkeypatch):
 # Newton's law adds up to a half. So much faster, what falls from 1 m, 44 R, has more of all its
 # energy, which is 45 m g R with the height of the part itself.
 @pytest.mark.parametrize(('growth', 'status'), [(0.45, 'SETTLED'), (0.56, 'FAILED')])
-def test_a_drop_fails_whose_energy_grows_beyond_what_an_impact_can_add(looks, growth, status):
+def test_excessive_energy_growth_fails_a_drop(looks, growth, status):
     # No input is known that does.
     job, sound = looks([])
     fall = 1.0 / job.radius
@@ -101,7 +99,7 @@ def test_a_drop_fails_whose_energy_grows_beyond_what_an_impact_can_add(looks, gr
     assert (poses.status[1:] == RestStatus.SETTLED).all()
 
 
-def test_growth_adds_up_from_look_to_look(looks):
+def test_energy_growth_accumulates_over_checks(looks):
     # A quarter of the energy more at each of three looks.
     job, once = looks([1.15])
     _, thrice = looks([1.15, 1.3, 1.45])
@@ -110,7 +108,7 @@ def test_growth_adds_up_from_look_to_look(looks):
     assert thrice.energy_growth[0] < settling.MAX_GROWTH / job.radius
 
 
-def test_a_fall_adds_no_energy_and_an_impact_little(drop, part):
+def test_energy_growth_of_falls_and_impacts_is_small(drop, part):
     # Bodies that fall for 3 T and more; a coarse step would show as growth.
     fall = drop(part('hex_nut'), 60, spin=20.0)
     assert fall.energy_growth.max() < 0.03

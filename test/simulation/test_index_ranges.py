@@ -15,7 +15,7 @@ def members(pieces):
 
 
 @given(st.lists(ranges, max_size=12), ranges)
-def test_it_knows_what_a_set_knows(added, asked):
+def test_ranges_agree_with_a_set(added, asked):
     coverage, model = IndexRanges(), set()
     for first, end in added:
         new = coverage.add(first, end)
@@ -32,7 +32,7 @@ def test_it_knows_what_a_set_knows(added, asked):
 
 
 @given(st.permutations(range(8)), st.integers(0, 2**63))
-def test_pieces_in_any_order_leave_nothing_missing_and_one_range(order, start):
+def test_ranges_in_any_order_merge_to_one(order, start):
     coverage = IndexRanges()
     for piece in order:
         assert coverage.missing(start, start + 80)
@@ -42,7 +42,7 @@ def test_pieces_in_any_order_leave_nothing_missing_and_one_range(order, start):
     assert len(coverage) == 80
 
 
-def test_asking_does_not_add():
+def test_missing_does_not_modify():
     coverage = IndexRanges()
     assert coverage.missing(3, 5) == coverage.missing(3, 5) == [(3, 5)]
     assert len(coverage) == 0

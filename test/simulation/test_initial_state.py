@@ -38,7 +38,7 @@ def drawn_states(job, chunks):
     )
 
 
-def test_speed_and_spin_at_release_have_the_declared_deviations(part, mat):
+def test_speed_and_spin_have_the_declared_deviations(part, mat):
     thrown = mat.changed(speed_horizontal=0.3, speed_vertical=0.1, spin=7.0)
     job = make_job(part('l_bracket'), thrown, 3)
     n = 40 * CHUNK
@@ -59,7 +59,7 @@ def test_speed_and_spin_at_release_have_the_declared_deviations(part, mat):
     assert np.abs(together).max() < 4.5 / math.sqrt(n)
 
 
-def test_without_speed_and_spin_a_part_is_released_at_rest(part, mat):
+def test_zero_speed_and_spin_release_at_rest(part, mat):
     states = drawn_states(make_job(part('l_bracket'), mat.changed(height=1e-4), 3), 2)
     assert not states.velocity.any()
     assert not states.spin.any()
@@ -67,7 +67,7 @@ def test_without_speed_and_spin_a_part_is_released_at_rest(part, mat):
 
 
 @pytest.mark.parametrize('height_of', HeightOf)
-def test_height_is_that_of_the_lowest_point_or_of_the_centre_of_mass(part, mat, height_of):
+def test_height_refers_to_the_selected_point(part, mat, height_of):
     shape = part('l_bracket')
     # With spin, so that no part of the fall is left out.
     job = make_job(shape, mat.changed(height=0.05, height_of=height_of, spin=1e-3), 3)
@@ -80,7 +80,7 @@ def test_height_is_that_of_the_lowest_point_or_of_the_centre_of_mass(part, mat, 
     np.testing.assert_allclose(height * job.radius, 0.05, rtol=1e-12)
 
 
-def test_orientations_at_release_are_uniform_and_of_the_part_frame(part, mat):
+def test_initial_orientations_are_uniform(part, mat):
     job = make_job(part('l_bracket'), mat, 3)
     body = Rotation.from_quat(drawn_states(job, 40).orientation)
     of_part = (body * Rotation.from_quat(job.axes).inv()).as_quat()
@@ -94,7 +94,7 @@ def test_orientations_at_release_are_uniform_and_of_the_part_frame(part, mat):
 
 
 @pytest.mark.parametrize('height_of', HeightOf)
-def test_the_fall_that_is_left_out_is_a_free_fall(part, mat, height_of):
+def test_omitted_fall_is_a_free_fall(part, mat, height_of):
     # The same generator without and with a spin too small to matter, which is not shortened.
     thrown = mat.changed(
         height=0.05, height_of=height_of, speed_horizontal=0.2, speed_vertical=0.4
@@ -112,7 +112,7 @@ def test_the_fall_that_is_left_out_is_a_free_fall(part, mat, height_of):
     )
 
 
-def test_a_part_that_could_touch_when_released_is_refused_in_words(part, mat):
+def test_height_below_hull_radius_is_rejected(part, mat):
     shape = part('l_bracket')
     radius = shape.hull_radius
     low = mat.changed(height=radius, height_of=HeightOf.CENTRE_OF_MASS)
@@ -130,7 +130,7 @@ def test_a_part_that_could_touch_when_released_is_refused_in_words(part, mat):
 # -- Time -----------------------------------------------------------------------------------------
 
 
-def test_no_part_is_at_rest_before_it_can_have_fallen(drop, part, mat):
+def test_time_to_rest_includes_the_fall(drop, part, mat):
     shape = part('box_10x20x30')
     fall = math.sqrt(2 * mat.height / mat.gravity)
     assert drop(shape, 60, restitution=0.0).time_to_rest.min() >= fall
@@ -151,7 +151,7 @@ def test_no_part_is_at_rest_before_it_can_have_fallen(drop, part, mat):
         ({'spin': 300.0}, None),
     ],
 )
-def test_a_step_is_a_share_of_t_and_moves_no_point_too_far(part, mat, changes, steps):
+def test_time_step_limits_the_travel_per_step(part, mat, changes, steps):
     job = make_job(part('l_bracket'), mat.changed(**changes), 1)
     assert job.time_step == pytest.approx(
         math.sqrt(job.radius / mat.gravity) / job.steps_per_t, rel=1e-12
@@ -173,7 +173,7 @@ def test_a_step_is_a_share_of_t_and_moves_no_point_too_far(part, mat, changes, s
 @pytest.mark.parametrize(
     'changes', [{'speed_vertical': 50.0}, {'spin': 5000.0}, {'gravity': 1e-6, 'spin': 1.0}]
 )
-def test_a_throw_too_fast_for_the_engine_is_refused_in_words(part, mat, changes):
+def test_excessive_impact_speed_is_rejected(part, mat, changes):
     shape = part('l_bracket')
     conditions = mat.changed(**changes)
     fastest = MAX_IMPACT * math.sqrt(conditions.gravity * shape.hull_radius)

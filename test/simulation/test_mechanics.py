@@ -65,7 +65,7 @@ def on_the_surface(job, orientation, velocity=(0, 0, 0), spin=(0, 0, 0)):
 
 
 @pytest.mark.parametrize('rolling', [0.03, 0.06])
-def test_a_ball_that_rolls_is_slowed_by_the_torque_of_its_rolling_friction(solid, mat, rolling):
+def test_rolling_friction_decelerates_a_ball(solid, mat, rolling):
     # A ball of radius 1 and inertia 2/5: mu N against its spin is 5/7 mu of its speed per T.
     job = make_job(
         solid(trimesh.creation.icosphere(4, 10.0)),
@@ -81,7 +81,7 @@ def test_a_ball_that_rolls_is_slowed_by_the_torque_of_its_rolling_friction(solid
 
 
 @pytest.mark.parametrize('spinning', [0.01, 0.05])
-def test_a_part_that_spins_is_stopped_by_the_torque_of_its_spinning_friction(solid, mat, spinning):
+def test_spinning_friction_stops_a_spinning_part(solid, mat, spinning):
     # A ball, as friction at several points would stop a spin, too: torque mu N, inertia 2/5.
     job = make_job(
         solid(trimesh.creation.icosphere(4, 10.0)),
@@ -93,7 +93,7 @@ def test_a_part_that_spins_is_stopped_by_the_torque_of_its_spinning_friction(sol
     assert (spins[0] - spins[5]) / 5 == pytest.approx(5 / 2 * spinning, rel=0.2)
 
 
-def test_a_tumbling_part_in_flight_keeps_its_angular_momentum_and_energy(part, mat):
+def test_flight_conserves_angular_momentum_and_energy(part, mat):
     # Its moments all differ, and are far from those of its bounding box, which are Bullet's
     # default; about the axis of the middle one, which it nearly spins about, it turns over.
     job = make_job(part('u_bracket'), mat.changed(spin=15.0), 1)
@@ -136,7 +136,7 @@ def rebound(job, height):
 
 
 @pytest.mark.parametrize('restitution', [0.3, 0.64, 0.9])
-def test_a_central_impact_bounces_to_the_square_of_the_restitution(octahedron, mat, restitution):
+def test_bounce_height_is_restitution_squared(octahedron, mat, restitution):
     job = make_job(octahedron, mat.changed(restitution=restitution, height=0.01), 1)
     assert job.steps_per_t == drop_job.STEPS_PER_T
     # The impact is seen at the end of a step, 1.4 / 160 of T, so a height of 1 comes out within
@@ -145,7 +145,7 @@ def test_a_central_impact_bounces_to_the_square_of_the_restitution(octahedron, m
     assert found == pytest.approx(restitution**2, rel=0.06)
 
 
-def test_finer_steps_bounce_closer_to_the_square_of_the_restitution(octahedron, mat, monkeypatch):
+def test_bounce_height_converges_with_finer_steps(octahedron, mat, monkeypatch):
     # With Bullet's defaults they do not: a part is braked ahead of the contact, the more so the
     # finer the steps, and pushed out of its overlap faster.
     job = make_job(octahedron, mat.changed(height=0.01), 1)
@@ -154,12 +154,12 @@ def test_finer_steps_bounce_closer_to_the_square_of_the_restitution(octahedron, 
     assert rebound(job, 1.0) == pytest.approx(0.64**2, rel=0.01)
 
 
-def test_without_restitution_nothing_bounces(octahedron, mat):
+def test_zero_restitution_does_not_bounce(octahedron, mat):
     job = make_job(octahedron, mat.changed(restitution=0.0, height=0.01), 1)
     assert rebound(job, 1.0) < 0.01
 
 
-def test_friction_is_that_of_the_pair(part, mat):
+def test_friction_is_the_value_of_the_pair(part, mat):
     # A box that slides flat is slowed by friction times gravity, whatever it weighs.
     shape = part('box_10x20x30')
     job = make_job(shape, mat.changed(friction=0.3, restitution=0.0, rolling_friction=0.0), 1)
@@ -175,7 +175,7 @@ def test_friction_is_that_of_the_pair(part, mat):
 
 
 @pytest.mark.parametrize('tangent', [0.27, 0.33])
-def test_a_box_on_an_incline_slides_if_it_is_steeper_than_the_friction(part, mat, tangent):
+def test_box_slides_on_an_incline_above_the_friction_angle(part, mat, tangent):
     # On an incline at an angle a the gravity along it is sin a, and friction can hold mu cos a.
     friction = 0.3
     job = make_job(

@@ -77,7 +77,7 @@ spans = st.tuples(st.integers(0, 40), st.integers(0, 12)).map(lambda s: (s[0], s
 
 
 @given(st.lists(st.tuples(st.sampled_from([1, 2, 7]), spans), max_size=12))
-def test_every_drop_is_there_exactly_once_whatever_the_pieces(assert_same_poses, given_spans):
+def test_merged_drops_have_no_duplicates(assert_same_poses, given_spans):
     pieces = [(run(seed=seed), poses(*span, seed)) for seed, span in given_spans]
     merged = merge_drops(pieces)
     expected = {(seed, i) for seed, span in given_spans for i in range(*span)}
@@ -96,19 +96,19 @@ def test_every_drop_is_there_exactly_once_whatever_the_pieces(assert_same_poses,
 
 
 @given(st.permutations([(0, 10), (5, 8), (5, 30), (10, 20), (29, 40), (50, 60), (0, 10)]))
-def test_the_order_of_the_pieces_does_not_matter(assert_same_poses, order):
+def test_batch_order_does_not_matter(assert_same_poses, order):
     (merged,) = merge_drops([(RUN, poses(*span)) for span in order])
     assert ranges(merged) == [(0, 40), (50, 60)]
     assert_same_poses(merged.poses[0], poses(0, 40))
 
 
-def test_nothing_merged_is_nothing():
+def test_merge_of_nothing_is_empty():
     assert merge_drops([]) == []
     (merged,) = merge_drops([(RUN, poses(3, 3))])
     assert (len(merged), merged.poses, merged.run) == (0, (), RUN)
 
 
-def test_runs_of_one_sequence_are_merged_and_all_are_named():
+def test_runs_of_one_sequence_are_merged():
     surface = dataclasses.replace(CONDITIONS, surface='')
     other = run(run_id='b', started=9, drops=7, part='screw')
     same = run(run_id='c', conditions=surface)
@@ -119,19 +119,19 @@ def test_runs_of_one_sequence_are_merged_and_all_are_named():
     assert ranges(merged) == [(0, 9)]
 
 
-def test_the_last_drops_that_there_can_be():
+def test_maximum_drop_indices_are_merged():
     end = 2**64
     (merged,) = merge_drops([(RUN, poses(end - 10, end)), (RUN, poses(end - 10, end))])
     assert ranges(merged) == [(end - 10, end)]
 
 
-def test_another_part_is_refused_in_words():
+def test_other_part_is_rejected():
     pieces = [(RUN, poses(0, 5)), (run(run_id='b', part_sha256='cd34', seed=2), poses(0, 5))]
     assert refusal(pieces) == ('invalid part_sha256 cd34 of run b: expected ab12, as in run a')
 
 
 @pytest.mark.parametrize('name', sorted(QUANTITIES))
-def test_other_conditions_are_refused_in_words(name):
+def test_other_conditions_are_rejected(name):
     value = getattr(CONDITIONS, name)
     other = run(run_id='b', seed=2, conditions=CONDITIONS.changed(**{name: value / 2}))
     assert refusal([(RUN, poses(0, 5)), (other, poses(0, 5))]) == (
@@ -139,7 +139,7 @@ def test_other_conditions_are_refused_in_words(name):
     )
 
 
-def test_another_meaning_of_height_is_refused_in_words():
+def test_other_height_of_is_rejected():
     conditions = CONDITIONS.changed(height_of=HeightOf.CENTRE_OF_MASS)
     pieces = [(RUN, poses(0, 5)), (run(run_id='b', seed=2, conditions=conditions), poses(0, 5))]
     assert refusal(pieces) == (
@@ -155,7 +155,7 @@ def test_another_meaning_of_height_is_refused_in_words():
         ({'time_step': 0.0005}, 'bullet 3.2.7 in steps of 0.0005 s'),
     ],
 )
-def test_another_engine_is_refused_in_words_unless_asked_for(changes, words):
+def test_other_engine_is_rejected_unless_allowed(changes, words):
     other = run(run_id='b', seed=2, **changes)
     pieces = [(RUN, poses(0, 5)), (other, poses(2, 9, seed=2))]
     assert refusal(pieces) == (
@@ -168,7 +168,7 @@ def test_another_engine_is_refused_in_words_unless_asked_for(changes, words):
     ]
 
 
-def test_drops_that_start_alike_are_not_counted_for_two_engines():
+def test_equal_initial_states_of_two_engines_are_rejected():
     other = run(run_id='b', engine_version='3.2.8')
     assert refusal([(RUN, poses(0, 5)), (other, poses(3, 9))], any_engine=True) == (
         'drop 3 of seed 1 is in run a and in run b, which differ in engine, version or timestep: '
@@ -179,7 +179,7 @@ def test_drops_that_start_alike_are_not_counted_for_two_engines():
     assert [len(each) for each in after] == [5, 4]
 
 
-def test_a_part_is_not_merged_with_another_by_asking_for_any_engine():
+def test_any_engine_does_not_allow_another_part():
     pieces = [(RUN, poses(0, 5)), (run(run_id='b', part_sha256='cd34', seed=2), poses(0, 5))]
     assert 'part_sha256' in refusal(pieces, any_engine=True)
 
@@ -206,7 +206,7 @@ def changed(piece, drop, name, change):
     ],
 )
 @pytest.mark.parametrize('span', [(4, 12), (6, 8), (7, 8), (0, 40)])
-def test_a_drop_that_ended_otherwise_is_refused_in_words(name, change, span):
+def test_different_results_of_a_drop_are_rejected(name, change, span):
     wrong = changed(poses(*span), 7, name, change)
     pieces = [(RUN, poses(0, 6)), (RUN, poses(6, 20)), (run(run_id='b'), wrong)]
     for order in (pieces, pieces[::-1]):
@@ -219,7 +219,7 @@ def test_a_drop_that_ended_otherwise_is_refused_in_words(name, change, span):
         }
 
 
-def test_zero_with_another_sign_is_another_pose_and_another_nan_is_not():
+def test_signed_zeros_differ_and_all_nans_are_equal():
     zero = changed(poses(0, 5), 3, 'position', lambda v: v * 0.0)
     minus = changed(zero, 3, 'position', lambda v: -v)
     assert 'drop 3 of seed 1' in refusal([(RUN, zero), (RUN, minus)])
@@ -231,7 +231,7 @@ def test_zero_with_another_sign_is_another_pose_and_another_nan_is_not():
     assert len(merge_drops([(RUN, failed), (RUN, other)])[0]) == 3
 
 
-def test_columns_of_a_table_are_compared_like_arrays_of_their_own(assert_same_poses):
+def test_table_columns_compare_like_arrays(assert_same_poses):
     whole = poses(0, 9)
     table = np.hstack([whole.position, whole.orientation, whole.time_to_rest[:, None]])
     columns = dataclasses.replace(
@@ -241,7 +241,7 @@ def test_columns_of_a_table_are_compared_like_arrays_of_their_own(assert_same_po
     assert_same_poses(merged.poses[0], whole)
 
 
-def test_what_was_given_is_unchanged(assert_same_poses):
+def test_merge_does_not_modify_its_input(assert_same_poses):
     piece = poses(0, 9)
     merge_drops([(RUN, piece), (RUN, piece), (RUN, poses(4, 12))])
     assert_same_poses(piece, poses(0, 9))

@@ -40,7 +40,7 @@ def test_new_file_is_registered_at_once(folder):
     assert library.load('clip').name == 'clip'
 
 
-def test_a_link_that_cannot_be_followed_costs_no_other_part(folder):
+def test_broken_link_does_not_affect_other_parts(folder):
     (folder / 'long.stl').symlink_to('x' * 300)
     (folder / 'loop.stl').symlink_to('loop.stl')
     assert PartLibrary(folder).names() == ['bush', 'cover', 'pin']
@@ -56,7 +56,7 @@ def test_unknown_part_lists_those_that_are_registered(folder):
         PartLibrary(folder).load('xyz')
 
 
-def test_a_name_is_no_path(folder):
+def test_part_name_is_not_a_path(folder):
     BOX.export(folder.parent / 'outside.stl')
     paths = ['../outside', '../outside.stl', 'pin.stl', str(folder / 'pin')]
     for name in [*paths, '', 'PIN', 'x' * 999]:
@@ -74,7 +74,7 @@ def test_a_folder_without_parts_has_none(tmp_path, where):
         library.load('pin')
 
 
-def test_files_that_are_not_registered_are_told(folder):
+def test_unregistered_files_are_reported(folder):
     for name in ('Teil_1.STL', 'pin.ply', 'notes.txt'):
         BOX.export(folder / name, file_type='stl')
     (folder / 'cap.stl').mkdir()
@@ -117,7 +117,7 @@ def test_yaml_gives_density(folder):
 
 
 @pytest.mark.parametrize('text', ['', '# nothing yet\n', '{}'])
-def test_yaml_may_say_nothing(folder, text):
+def test_yaml_may_be_empty(folder, text):
     (folder / 'pin.yaml').write_text(text)
     assert PartLibrary(folder).load('pin').mass == pytest.approx(6e-3)
 
@@ -156,7 +156,7 @@ def test_yaml_may_say_nothing(folder, text):
         ('density: 1\n' + '#' * 70000, ['too large', 'at most 64 KiB']),
     ],
 )
-def test_yaml_that_is_not_allowed_is_told_with_what_is(folder, text, words):
+def test_invalid_yaml_is_reported_with_the_expected_value(folder, text, words):
     (folder / 'pin.yaml').write_text(text)
     with pytest.raises(PartError) as caught:
         PartLibrary(folder).load('pin')
@@ -165,7 +165,7 @@ def test_yaml_that_is_not_allowed_is_told_with_what_is(folder, text, words):
     assert '\n' not in str(caught.value)
 
 
-def test_values_that_only_the_part_can_judge_are_told_too(folder):
+def test_values_that_do_not_fit_the_part_are_reported(folder):
     (folder / 'pin.yaml').write_text('density: 1\nmass: 2')
     with pytest.raises(InvalidValueError, match=r'both a density \(1.0\) and a mass \(2.0\)'):
         PartLibrary(folder).load('pin')
@@ -174,14 +174,14 @@ def test_values_that_only_the_part_can_judge_are_told_too(folder):
         PartLibrary(folder).load('pin')
 
 
-def test_a_body_that_the_mesh_does_not_have_is_refused(folder):
+def test_missing_body_is_rejected(folder):
     for body in ('2', '0x' + 'f' * 4000):
         (folder / 'pin.yaml').write_text(f'body: {body}')
         with pytest.raises(InvalidValueError, match=r'^invalid body .*: expected 1 to 1$'):
             PartLibrary(folder).load('pin')
 
 
-def test_yaml_that_is_a_folder_is_told(folder):
+def test_folder_instead_of_yaml_is_reported(folder):
     (folder / 'pin.yaml').mkdir()
     with pytest.raises(PartError, match=r'pin\.yaml.* is a folder'):
         PartLibrary(folder).load('pin')
@@ -210,7 +210,7 @@ def test_a_part_is_read_once_until_its_files_change(folder):
         library.load('pin')
 
 
-def test_a_bad_mesh_is_an_error_each_time_until_it_is_repaired(folder, monkeypatch):
+def test_invalid_mesh_raises_until_it_is_repaired(folder, monkeypatch):
     library = PartLibrary(folder)
     (folder / 'pin.stl').write_bytes(b'x')
     reads = []
@@ -226,7 +226,7 @@ def test_a_bad_mesh_is_an_error_each_time_until_it_is_repaired(folder, monkeypat
     assert library.load('pin').volume == pytest.approx(6e-6)
 
 
-def test_a_sheet_chooses_a_body_of_the_mesh(folder):
+def test_yaml_selects_a_body_of_the_mesh(folder):
     two = trimesh.util.concatenate([BOX, BOX.copy().apply_translation((50, 0, 0)).apply_scale(2)])
     two.export(folder / 'pin.stl')
     with pytest.raises(PartError, match='2 bodies that do not touch'):
@@ -240,7 +240,7 @@ def test_a_sheet_chooses_a_body_of_the_mesh(folder):
 
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize('name', ['pin.yaml', 'cover.yaml'])
-def test_a_pipe_beside_a_mesh_is_refused_and_not_waited_for(folder, name):
+def test_pipe_instead_of_a_file_is_rejected(folder, name):
     os.mkfifo(folder / name)
     library = PartLibrary(folder)
     with pytest.raises(PartError, match=r'is a pipe \(FIFO\): expected a regular file'):
@@ -248,7 +248,7 @@ def test_a_pipe_beside_a_mesh_is_refused_and_not_waited_for(folder, name):
     assert library.load('bush').name == 'bush'
 
 
-def test_one_bad_file_never_costs_the_others(folder):
+def test_invalid_file_does_not_affect_other_parts(folder):
     sheets = ['mass: !!timestamp abc', 'a: &a [*a]', '[' * 5000, 'x: !!int ""', '\x00']
     for k, text in enumerate(sheets):
         BOX.export(folder / f'bad_{k}.stl')
@@ -262,7 +262,7 @@ def test_one_bad_file_never_costs_the_others(folder):
     assert good == ['bush', 'cover', 'pin']
 
 
-def test_a_library_can_be_read_in_another_process(folder):
+def test_library_can_be_used_in_another_process(folder):
     with ProcessPoolExecutor(1, multiprocessing.get_context('spawn')) as pool:
         part = pool.submit(PartLibrary(folder).load, 'pin').result()
         (folder / 'pin.yaml').write_text('mass: !!timestamp abc')

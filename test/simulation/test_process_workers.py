@@ -199,7 +199,7 @@ def test_workers_stop_while_they_work(planned, make_workers):
 
 
 @pytest.mark.parametrize('hold', [signal.SIGSTOP, signal.SIGKILL])
-def test_workers_that_take_nothing_are_stopped(planned, make_workers, hold):
+def test_stuck_workers_are_stopped(planned, make_workers, hold):
     # A thread waits to send the job, which is more than the connection holds if it is large.
     job, _ = planned
     before = children()
@@ -214,7 +214,7 @@ def test_workers_that_take_nothing_are_stopped(planned, make_workers, hold):
     processes(0, besides=before)
 
 
-def test_campaigns_lose_nothing_when_workers_are_killed(planned, make_workers, assert_same_poses):
+def test_runs_are_complete_when_workers_are_killed(planned, make_workers, assert_same_poses):
     job, asked = planned
     here = dropped_here(job)
     before = children()
@@ -250,7 +250,7 @@ def test_idle_worker_that_dies_is_replaced(planned, make_workers, assert_same_po
     assert processes(1, besides=before) != {worker}
 
 
-def test_system_that_starts_no_process_is_an_error(monkeypatch):
+def test_failure_to_start_a_process_is_an_error(monkeypatch):
     before = children()
     started = []
 

@@ -69,7 +69,7 @@ def test_a_run_is_described_in_full(plan, part, surfaces):
         ),
     ],
 )
-def test_what_is_not_allowed_is_refused_in_words(plan, asked, words):
+def test_invalid_values_are_rejected(plan, asked, words):
     with pytest.raises(InvalidValueError) as caught:
         plan(**asked)
     assert str(caught.value) == words
@@ -91,11 +91,11 @@ def test_the_bounds_are_allowed(plan, asked):
         assert getattr(run, name) == value
 
 
-def test_the_most_drops_are_those_that_the_interface_promises():
+def test_maximum_drops_match_the_interface():
     assert MAX_DROPS == 2_000_000
 
 
-def test_runs_that_have_the_same_drops_are_known_as_such(plan, surfaces):
+def test_sequence_is_equal_for_the_same_drops(plan, surfaces):
     _, run = plan()
     _, same = plan(drops=5, first_drop=50, run_id='other', started=9)
     assert same.sequence() == run.sequence()
@@ -109,7 +109,7 @@ def test_the_engine_is_named_with_its_version():
     assert (ENGINE, ENGINE_VERSION) == ('bullet', '3.2.7')
 
 
-def test_drops_of_another_engine_suite_or_time_step_are_others(plan):
+def test_sequence_differs_by_engine_version_and_timestep(plan):
     _, run = plan()
     for changes in ({'engine_version': '9'}, {'suite_version': '9'}, {'time_step': 1.0}):
         assert dataclasses.replace(run, **changes).sequence() != run.sequence()

@@ -43,13 +43,13 @@ def test_the_default_is_the_rubber_mat_of_the_published_method(surfaces):
     assert mat.rolling_friction > 0  # or cylinders roll for ever
 
 
-def test_every_shipped_surface_says_where_its_numbers_come_from(surfaces):
+def test_every_shipped_surface_has_a_source(surfaces):
     document = yaml.safe_load(SHIPPED.read_text(encoding='utf-8'))
     assert sorted(document) == surfaces.names()
     assert all(len(entry['source']) > 20 for entry in document.values())
 
 
-def test_an_unknown_surface_is_refused_with_those_that_are_known(surfaces):
+def test_unknown_surface_is_rejected_with_known_names(surfaces):
     with pytest.raises(InvalidValueError) as caught:
         surfaces.get('ice')
     assert str(caught.value) == (
@@ -57,7 +57,7 @@ def test_an_unknown_surface_is_refused_with_those_that_are_known(surfaces):
     )
 
 
-def test_conditions_keep_their_name_only_if_they_are_that_surfaces(surfaces):
+def test_surface_name_is_kept_only_for_equal_values(surfaces):
     mat = surfaces.get()
     copy = dataclasses.replace(mat)
     assert surfaces.named(copy) is mat
@@ -95,14 +95,14 @@ def test_a_file_reads_back_what_was_written(file):
         ),
     ],
 )
-def test_a_wrong_value_is_named_with_file_surface_and_what_is_allowed(file, changes, words):
+def test_invalid_value_is_reported_with_file_and_surface(file, changes, words):
     path = file(**changes)
     with pytest.raises(InvalidValueError, match=re.escape(f"surfaces file '{path}', {words}")):
         Surfaces.read(path)
 
 
 @pytest.mark.parametrize('key', ['friction', 'height_of', 'source'])
-def test_a_number_of_thousands_of_digits_is_refused_in_one_line(file, key):
+def test_very_long_numbers_are_rejected_in_one_line(file, key):
     entry = yaml.safe_load(SHIPPED.read_text(encoding='utf-8'))[DEFAULT_SURFACE] | {key: 'HUGE'}
     path = file(yaml.safe_dump({DEFAULT_SURFACE: entry}).replace('HUGE', '0x' + 'f' * 4000))
     if key == 'source':
@@ -132,7 +132,7 @@ def test_a_number_of_thousands_of_digits_is_refused_in_one_line(file, key):
         ('7: {height: 1}', '7: invalid name of a surface: expected text'),
     ],
 )
-def test_a_file_that_is_no_set_of_surfaces_is_refused_in_one_line(file, text, words):
+def test_invalid_files_are_rejected_in_one_line(file, text, words):
     path = file(text)
     with pytest.raises(InvalidValueError) as caught:
         Surfaces.read(path)
@@ -142,7 +142,7 @@ def test_a_file_that_is_no_set_of_surfaces_is_refused_in_one_line(file, text, wo
     assert '\n' not in message
 
 
-def test_a_missing_file_and_a_file_without_the_default_are_refused(tmp_path, file):
+def test_missing_file_and_missing_default_are_rejected(tmp_path, file):
     with pytest.raises(InvalidValueError, match=r"none\.yaml' does not exist"):
         Surfaces.read(tmp_path / 'none.yaml')
     text = SHIPPED.read_text(encoding='utf-8').replace('rubber_mat:', 'ice:')
@@ -150,7 +150,7 @@ def test_a_missing_file_and_a_file_without_the_default_are_refused(tmp_path, fil
         Surfaces.read(file(text))
 
 
-def test_conditions_in_words_are_the_nearest_surface_and_what_differs(surfaces):
+def test_text_names_nearest_surface_and_differences(surfaces):
     mat, steel = surfaces.get('rubber_mat'), surfaces.get('steel')
     assert surfaces.text(steel) == 'steel'
     assert surfaces.text(mat.changed(friction=0.3)) == 'rubber_mat with friction 0.3'
