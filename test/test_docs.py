@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from doc_pages import PAGES, ROOT, anchors, code_blocks
+from doc_pages import PAGES, ROOT, anchors, code_blocks, first_cells, section
 
 MAX_README = 150  # lines
 # Written by make bench, make validate and make estimators.
@@ -63,3 +63,19 @@ def test_python_in_a_page_can_be_compiled(page):
 def test_generated_pages_are_written_to_their_place(name):
     tools = '\n'.join(path.read_text(encoding='utf-8') for path in ROOT.glob('tools/**/*.py'))
     assert f"'explanation' / '{name}.md'" in tools
+
+
+def test_the_files_that_contributors_are_sent_to_exist():
+    names = re.findall(r'`([\w./]+/[\w./]*)`', PAGES['CONTRIBUTING.md'])
+    found = [name for name in names if not name.startswith('.')]
+    places = [ROOT, ROOT / 'resting_aspects_ros']
+    assert [n for n in found if not any((place / n).exists() for place in places)] == []
+
+
+def test_every_package_is_on_the_map():
+    """The packages of single nodes are in one row."""
+    folders = [path.parent for path in (ROOT / 'resting_aspects_ros').rglob('__init__.py')]
+    names = {path.relative_to(ROOT / 'resting_aspects_ros').as_posix() for path in folders}
+    listed = {cell.strip('`') for cell in first_cells(section('CONTRIBUTING.md', '## Packages'))}
+    inner = {name for name in names if name.startswith(('nodes/', 'cli/', 'api/'))}
+    assert listed == names - inner - {'.'}
