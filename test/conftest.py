@@ -1,4 +1,4 @@
-"""Fixtures of all tests, their ROS domain, and how they are distributed over test workers."""
+"""Fixtures of all tests, their ROS domain, and their distribution over test workers."""
 
 import dataclasses
 import importlib

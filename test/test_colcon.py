@@ -1,4 +1,4 @@
-"""`colcon build`, as with an installed ROS, of what git tracks, on the ROS wheels of .venv."""
+"""`colcon build` of the files in git, with the ROS wheels of .venv as the ROS installation."""
 
 import re
 import shutil

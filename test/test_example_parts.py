@@ -1,4 +1,4 @@
-"""The example parts: exactly what tools/make_parts.py writes, and what formulas say of them."""
+"""The example parts: identical to the output of tools/make_parts.py, and to formulas."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""What is declared in package.xml, setup.py and requirements.in is what the code needs."""
+"""package.xml, setup.py and requirements.in declare exactly what the code needs."""
 
 import ast
 import re

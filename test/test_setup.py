@@ -1,4 +1,4 @@
-"""Set-up: which Python it takes, and which steps it repeats after which change."""
+"""Set-up: selection of the Python, and the steps that are repeated after a change."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""What `make validate` computes besides the drops: the fit, and the bodies it compares with."""
+"""The fit and the measured bodies of `make validate`."""
 
 import numpy as np
 import pytest

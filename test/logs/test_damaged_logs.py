@@ -1,4 +1,4 @@
-"""Logs that are damaged anywhere: every reader gives what was written, or refuses."""
+"""Damaged logs: every reader returns what was written, or rejects the log."""
 
 import os
 import random

@@ -1,4 +1,4 @@
-"""What a whole log says by its index, and that a log without one is told from it."""
+"""Reading of a closed log by its index, and detection of a log without one."""
 
 import os
 

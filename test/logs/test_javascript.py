@@ -1,4 +1,4 @@
-"""Logs as JavaScript reads them, with the packages of MCAP and Foxglove: every value, exactly."""
+"""Logs are read exactly by the JavaScript packages of MCAP and Foxglove."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Definitions and hashes of message types, held against rosbags, which computes both itself."""
+"""Definitions and hashes of message types, compared with rosbags, which computes both."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""The last message of a type is found, in logs that are whole and in logs that are not."""
+"""The last message of a type is found in complete and in truncated logs."""
 
 import dataclasses
 import importlib

@@ -1,4 +1,4 @@
-"""A log as it is played again: topics, order and times, whether it is whole or not."""
+"""Playback of complete and truncated logs: topics, order and times."""
 
 import dataclasses
 import importlib

@@ -1,4 +1,4 @@
-"""Logs that were broken off, closed, and read with rosbags, which knows nothing of us."""
+"""Recovery of logs that were not closed, verified with rosbags, an independent reader."""
 
 import random
 import signal

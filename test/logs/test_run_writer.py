@@ -1,4 +1,4 @@
-"""Logs of runs, read back with readers that know nothing of the writer: rosbags and mcap."""
+"""Logs of runs, verified with independent readers: rosbags and mcap."""
 
 import dataclasses
 import io

@@ -1,4 +1,4 @@
-"""Drops, held to symmetry, to scale, and to themselves bit for bit.
+"""Drops: symmetry, scaling, and bit-identical repetition.
 
 The numbers of drops are as small as the statements allow; tolerances come from them.
 """

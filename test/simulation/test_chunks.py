@@ -1,4 +1,4 @@
-"""Campaigns: order and bounds of what is under way, and workers that die."""
+"""Chunks: order, number of pending chunks, and workers that die."""
 
 import dataclasses
 from concurrent.futures import BrokenExecutor, CancelledError, Future

@@ -1,4 +1,4 @@
-"""Conditions: what is allowed, what is refused and in which words."""
+"""Conditions: allowed values, rejected values and their messages."""
 
 import dataclasses
 import math

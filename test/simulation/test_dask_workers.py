@@ -1,4 +1,4 @@
-"""A Dask cluster drops as this machine does."""
+"""A Dask cluster gives the same poses as this machine."""
 
 import dataclasses
 import os

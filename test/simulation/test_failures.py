@@ -1,4 +1,4 @@
-"""Drops that do not come to rest, and energy out of nothing."""
+"""Drops that do not come to rest, and unphysical energy growth."""
 
 import itertools
 import math

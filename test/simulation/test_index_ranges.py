@@ -1,4 +1,4 @@
-"""Coverage against a model that cannot be wrong: a set of whole numbers."""
+"""Index ranges, compared with a set of integers."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""How drops begin, and the time they take."""
+"""Initial states of drops, and the time to rest."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""Mechanics of the world, which no resting pose shows alone, held to formulas."""
+"""Mechanics of the engine, which resting poses do not show, compared with formulas."""
 
 import math
 

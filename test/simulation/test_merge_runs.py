@@ -1,4 +1,4 @@
-"""Merging: a model that cannot be wrong is a set of (sequence, index)."""
+"""Merging of runs, compared with a set of (sequence, index)."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""The folder of parts: what is registered, what its YAML may say, and when it is read again."""
+"""The folder of parts: registration, content of YAML files, and reloading after a change."""
 
 import contextlib
 import multiprocessing

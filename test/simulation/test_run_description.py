@@ -1,4 +1,4 @@
-"""Runs: what is asked for is checked in words, and described in full."""
+"""Runs: validation of requests, and complete descriptions."""
 
 import dataclasses
 
