@@ -1,4 +1,4 @@
-"""Real nodes in real processes, and a client node in this one."""
+"""Fixtures that run nodes in processes of their own, with a client node in this process."""
 
 import copy
 import functools
@@ -53,7 +53,7 @@ from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.plan import plan_run
 
 SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
-# Every wait ends with an error after this; free cores need a fraction of it, s.
+# Timeout of every wait, s; with free cores, a fraction of it is enough.
 DEADLINE = 150.0
 OUTCOMES = {
     GoalStatus.STATUS_SUCCEEDED: 'succeeded',
@@ -71,7 +71,7 @@ FORKSERVER.set_forkserver_preload(
         'resting_aspects_ros.examples.feeder',
     ]
 )
-# What a forked process does first; the process in which a node reads files is forked, too.
+# First statements of a forked process; it also forks the process in which a node reads files.
 FORKED = """
 import faulthandler, multiprocessing, os, sys
 from multiprocessing import forkserver
@@ -92,7 +92,7 @@ file_worker.get_context = lambda _: multiprocessing.get_context('forkserver')
 
 
 def program_of(node):
-    """The module of a node's program."""
+    """Return the module of the program of a node."""
     return 'examples.feeder' if node == 'feeder_example' else f'nodes.{node}.node'
 
 
@@ -116,7 +116,7 @@ class ForkedNode:
 
     def send_signal(self, number):
         if self.poll() is None:
-            with suppress(ProcessLookupError):  # it ends just now
+            with suppress(ProcessLookupError):  # it may just have ended
                 os.kill(self.pid, number)
 
     def wait(self, seconds=None):
@@ -137,7 +137,7 @@ def start_command(command, output):
 
 
 class Process:
-    """A program of the suite in a process group of its own; what it says goes to a file."""
+    """A program of the suite in a process group of its own; its output goes to a file."""
 
     def __init__(self, popen, output):
         self._popen, self.output, self.pid = popen, output, popen.pid
@@ -154,29 +154,29 @@ class Process:
         self._popen.send_signal(number)
 
     def send_to_group(self, number):
-        """As a terminal does on Ctrl-C."""
+        """Send a signal to the process group, as a terminal does on Ctrl-C."""
         os.killpg(self.pid, number)
 
     def end(self, number=signal.SIGINT, seconds=DEADLINE):
-        """Ask it to end; its exit code."""
+        """Send a signal and return the exit code."""
         if self.running:
             self.send(number)
         return self._popen.wait(seconds)
 
     def destroy(self):
-        """Leave nothing of it, not even after a failure."""
-        if self.running:  # else its number may be another's by now
-            with suppress(ProcessLookupError):  # it has no group of its own yet
+        """Kill the process and its group, also after a failure."""
+        if self.running:  # otherwise its pid may have been reused
+            with suppress(ProcessLookupError):  # it may have no group of its own yet
                 os.killpg(self.pid, signal.SIGKILL)
             self.send(signal.SIGKILL)
             self._popen.wait()
 
     def group(self):
-        """The pids of all processes of its group that are alive."""
+        """Return the pids of all alive processes of the group."""
         return [pid for pid, fields in _processes() if int(fields[2]) == self.pid]
 
     def send_to_workers(self, number):
-        """Send a signal to the processes that drop; how many there are."""
+        """Send a signal to the worker processes; return their number."""
         workers = 0
         for pid in self.group():
             with suppress(FileNotFoundError, ProcessLookupError):  # it may end at any time
@@ -186,7 +186,7 @@ class Process:
         return workers
 
     def cpu(self):
-        """Seconds of processor time of its group so far."""
+        """Return the processor time of the group, s."""
         ticks = [
             int(fields[11]) + int(fields[12])
             for _, fields in _processes()
@@ -196,7 +196,7 @@ class Process:
 
 
 def _processes():
-    """Pid and what /proc/<pid>/stat says after the name, of every process that is no zombie."""
+    """Yield pid and the fields of /proc/<pid>/stat after the name of all processes but zombies."""
     for folder in Path('/proc').glob('[0-9]*'):
         try:
             fields = (folder / 'stat').read_text().rpartition(')')[2].split()
@@ -207,22 +207,22 @@ def _processes():
 
 
 class Processes:
-    """Starts programs, and ends all of them at the end."""
+    """Starts programs, and kills all of them at the end."""
 
     def __init__(self, tmp_path_factory, wait):
         self._folder, self._wait = tmp_path_factory, wait
         self._started = []
 
     def command(self, *command):
-        """Start a command."""
+        """Start a command and return its process."""
         return self._begin(start_command, [str(word) for word in command])
 
     def script(self, code, *words):
-        """Run a script of Python, in an interpreter that has imported the nodes."""
+        """Run a Python script in an interpreter that has imported the nodes."""
         return self._begin(ForkedNode, f'sys.argv = {["-c", *map(str, words)]!r}\n{code}')
 
     def node(self, node, namespace, parameters=(), constants=(), ready='ready', words=()):
-        """Start a node, wait until it is ready, and give its process.
+        """Start a node, wait until it is ready, and return its process.
 
         ``constants`` are set before: {'nodes.run_tracking.tracker.GRACE': 1.0}.
         """
@@ -243,7 +243,7 @@ class Processes:
         return process
 
     def ready(self, process, what, word='ready'):
-        """Wait until a process says that it is ready."""
+        """Wait until the output of a process contains a word."""
         self._wait(lambda: word in process.said or not process.running, f'{what} ready')
         assert process.running, process.said
 
@@ -262,26 +262,26 @@ class Processes:
 
 @pytest.fixture(scope='module')
 def processes(tmp_path_factory, wait):
-    """Start programs that are ended with the module."""
+    """Start programs that are killed at the end of the module."""
     with Processes(tmp_path_factory, wait) as processes:
         yield processes
 
 
 @pytest.fixture(scope='module')
 def run_command(processes):
-    """Start a command; it is ended with the module."""
+    """Start a command that is killed at the end of the module."""
     return processes.command
 
 
 @pytest.fixture(scope='module')
 def run_script(processes):
-    """Run a script of Python; it is ended with the module."""
+    """Run a Python script that is killed at the end of the module."""
     return processes.script
 
 
 @pytest.fixture
 def ahead(monkeypatch):
-    """Set the clock of a client's requests ahead, by seconds."""
+    """Advance the clock of the requests of a client, in seconds."""
     offset = 0.0
 
     def ahead(seconds):
@@ -295,12 +295,12 @@ def ahead(monkeypatch):
 
 @pytest.fixture(scope='module')
 def start(processes):
-    """Start a node; it is ended with the module."""
+    """Start a node that is killed at the end of the module."""
     return processes.node
 
 
 class Drop:
-    """A drop_part goal on its way."""
+    """An active drop_part goal."""
 
     def __init__(self, client, goal):
         self.feedback = []
@@ -327,7 +327,7 @@ class Drop:
 
     @property
     def outcome(self):
-        """What ROS says of the goal."""
+        """The status of the goal in ROS."""
         return OUTCOMES[self._result.result().status]
 
     def cancel(self):
@@ -360,24 +360,24 @@ class Client:
         rclpy.try_shutdown(context=self._context)
 
     def wait(self, condition, what, seconds=DEADLINE):
-        """Spin until the condition holds."""
+        """Spin until a condition holds."""
         return self._wait(
             condition, what, seconds, lambda: self._executor.spin_once(timeout_sec=0.05)
         )
 
     def spin(self, seconds):
-        """Spin for a while, for what can only be measured over time."""
+        """Spin for a time, for measurements over time."""
         end = time.monotonic() + seconds
         self.wait(lambda: time.monotonic() > end, 'the end')
 
     def listen(self, kind, topic, qos):
-        """A list that fills with the messages of a topic while this client waits."""
+        """Return a list that receives the messages of a topic while this client waits."""
         heard = []
         self.node.create_subscription(kind, topic, heard.append, qos)
         return heard
 
     def meet(self, name, ready, send):
-        """Wait until a server answers: it can be found before it has found this client."""
+        """Wait until a server responds: it may be discovered before it discovers this client."""
         if name in self._met:
             return
         self.wait(ready, f'{name} offered')
@@ -394,11 +394,11 @@ class Client:
         self._met.add(name)
 
     def forget(self):
-        """Meet all servers again: a node was started again."""
+        """Wait for all servers again after a node was restarted."""
         self._met.clear()
 
     def meet_service(self, client):
-        nothing = client.srv_type.Request()  # of no part and no drops: refused
+        nothing = client.srv_type.Request()  # without part and drops: rejected
         self.meet(client.srv_name, client.service_is_ready, lambda: client.call_async(nothing))
 
     def call(self, client, request, seconds=DEADLINE):
@@ -408,7 +408,7 @@ class Client:
         return answer.result()
 
     def asking(self, part='tetrahedron', drops=100, **fields):
-        """The future of an answer of get_distribution."""
+        """Return the future of a response of get_distribution."""
         self.meet_service(self._ask)
         return self._ask.call_async(GetDistribution.Request(part=part, drops=drops, **fields))
 
@@ -417,7 +417,7 @@ class Client:
         return self.call(self._ask, request, seconds)
 
     def parts(self):
-        """The summaries of list_parts by name, in their order."""
+        """Return the summaries of list_parts by name, in their order."""
         return {part.name: part for part in self.call(self._list, ListParts.Request()).parts}
 
     def dropping(self, part='tetrahedron', drops=100, **fields):
@@ -437,7 +437,7 @@ class Client:
 
 @pytest.fixture(scope='module')
 def connect(wait):
-    """Make a client of the suite in a namespace."""
+    """Return a function that creates a client of the suite in a namespace."""
     clients = []
 
     def connect(namespace):
@@ -451,7 +451,7 @@ def connect(wait):
 
 @pytest.fixture
 def namespace():
-    """Give a namespace that nobody used."""
+    """Return an unused namespace."""
     return f'/test_{os.getpid()}_{next(_serial)}'
 
 
@@ -473,19 +473,19 @@ class Suite:
             )
 
         self._start = start_node
-        # Side by side: each starts further processes.
+        # Concurrently: each starts further processes.
         self.processes = {node: start_node(node, ready='') for node in SUITE}
         for node, process in self.processes.items():
             processes.ready(process, node)
 
     def seen_by(self, client):
-        """The same nodes with another client."""
+        """Return the same nodes with another client."""
         suite = copy.copy(self)
         suite.client = client
         return suite
 
     def start_again(self, node):
-        """Start a node that ended, as it was started."""
+        """Restart a stopped node with the same parameters."""
         assert not self.processes[node].running
         self.processes[node] = self._start(node)
         self.client.forget()
@@ -495,7 +495,7 @@ class Suite:
         return all(process.running for process in self.processes.values())
 
     def log_of(self, run_id):
-        """The folder of a run's log, once it is whole."""
+        """Return the folder of the log of a run, once it is complete."""
 
         def whole():
             return list(self.logs.glob(f'*_{run_id}/metadata.yaml'))
@@ -505,21 +505,21 @@ class Suite:
 
 @pytest.fixture(scope='session')
 def shared_nodes(tmp_path_factory, wait):
-    """Give the nodes that the test worker has for all modules that end none of them."""
+    """Start the nodes of the test worker for all modules that do not end them."""
     with Processes(tmp_path_factory, wait) as processes:
         yield Suite(f'/test_{os.getpid()}', tmp_path_factory.mktemp('logs'), processes)
 
 
 @pytest.fixture(scope='module')
 def suite(shared_nodes, connect):
-    """Give the nodes that all modules share, with a client of the module."""
+    """Return the nodes that all modules share, with a client of the module."""
     assert shared_nodes.alive, [each.said for each in shared_nodes.processes.values()]
     return shared_nodes.seen_by(connect(shared_nodes.namespace))
 
 
 @pytest.fixture(scope='module')
 def fresh_suite(processes, connect, tmp_path_factory):
-    """Make nodes that nobody asked for anything yet; they are ended with the module."""
+    """Return a function that starts new nodes, which are killed at the end of the module."""
 
     def fresh_suite(constants=(), **simulator):
         namespace = f'/test_{os.getpid()}_{next(_serial)}'
@@ -542,11 +542,11 @@ class Diagnostics:
         self._newest.update({status.name: status for status in message.status})
 
     def forget(self):
-        """Wait for messages that are still to come."""
+        """Discard the received messages."""
         self._newest.clear()
 
     def wait(self, node, holds, what):
-        """The level, the message and the values of a node, once they are as they should be."""
+        """Return level, message and values of the status of a node, once they are as expected."""
         name = f'{self._client.node.get_namespace()[1:]}/{node}'
 
         def found():
@@ -566,12 +566,12 @@ class Diagnostics:
 
 @pytest.fixture(scope='session')
 def diagnostics_of():
-    """Listen to what the nodes in the namespace of a client say of themselves."""
+    """Return the class that receives the diagnostics in the namespace of a client."""
     return Diagnostics
 
 
 class Parameters:
-    """The parameters of a running node, through its services."""
+    """Access to the parameters of a running node, through its services."""
 
     def __init__(self, client, node):
         self._client, self._node, self._services = client, node, {}
@@ -593,7 +593,7 @@ class Parameters:
         return parameter_value_to_python(value)
 
     def set(self, **values):
-        """Set each; the words of what was refused."""
+        """Set parameters one by one; return the reasons of rejections."""
         results = self._call(SetParameters, 'set_parameters', parameters=messages(values)).results
         assert len(results) == len(values)
         return [result.reason for result in results if not result.successful]
@@ -611,13 +611,13 @@ def messages(values):
 
 @pytest.fixture(scope='session')
 def parameters_of():
-    """Give the parameters of a running node, by a client and the node's name."""
+    """Return the class that accesses the parameters of a running node."""
     return Parameters
 
 
 @pytest.fixture(scope='session')
 def counts():
-    """Give all that a distribution counts, as one tuple that can be compared."""
+    """Return all counts of a distribution as one tuple."""
 
     def counts(distribution):
         of_aspects = tuple(aspect.count for aspect in distribution.aspects)
@@ -633,19 +633,19 @@ def counts():
 
 @pytest.fixture
 def quick(surfaces):
-    """Conditions under which a drop takes little time: from a low height, without bounces."""
+    """Return conditions for short drops: from a low height, without bounces."""
     return [conditions_msg(surfaces.get().changed(height=1e-3, restitution=0.0))]
 
 
 @pytest.fixture(scope='session')
 def traceback():
-    """Find a traceback in what a process said."""
+    """Return a function that finds a traceback in an output."""
     return lambda text: re.search(r'Traceback|Exception ignored|never retrieved', text)
 
 
 @pytest.fixture(scope='session')
 def batches(part, surfaces):
-    """Make the batches of a run of the tetrahedron, as CDR: each has the first drops again."""
+    """Create serialized batches of a run of the tetrahedron; each repeats the first drops."""
 
     def plan(count, run_id):
         return plan_run(
@@ -667,16 +667,16 @@ def batches(part, surfaces):
             batch.first_drop = k * MIN_BATCH
             batch.last = k == count - 1
             data = serialize_message(batch)
-            yield data + bytes(-len(data) % 4)  # as it is on the wire, and so in a log
+            yield data + bytes(-len(data) % 4)  # padded as on the wire and in a log
 
     return batches
 
 
 @pytest.fixture(scope='session')
 def write_log(part):
-    """Write a log of the tetrahedron with batches in even times; returns its folder.
+    """Write a log of the tetrahedron with batches at even intervals; return its folder.
 
-    gap : between two batches, and the part and the first, s
+    gap : time between two batches, and between the part and the first batch, s
     """
 
     def write_log(folder, batches, gap=0.0, depth=2000):
@@ -708,7 +708,7 @@ def replay(start, namespace):
 
 @pytest.fixture(scope='session')
 def listen_raw():
-    """Fill a list with the bytes of a topic's messages, and when they were sent, ns."""
+    """Return a list that receives the bytes and send times, ns, of the messages of a topic."""
 
     def listen_raw(client, kind, topic, qos):
         heard = []

@@ -22,7 +22,7 @@ SHEETS = {
 
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory):
-    """A folder with one good part, and one part for each way to be bad."""
+    """Create a folder with one good part, and one part for each kind of error."""
     folder = tmp_path_factory.mktemp('parts')
     mesh = parts_folder() / 'tetrahedron.stl'
     shutil.copy(mesh, folder)
@@ -59,7 +59,7 @@ def test_bad_files_do_not_affect_other_parts(suite, folder, diagnostics_of):
     refused = suite.client.drop('slow', 5).result.status
     assert refused.code == Status.INVALID
     assert 'slow' in refused.message
-    # New parts are looked for afterwards.
+    # The folder is still scanned for new parts.
     shutil.copy(parts_folder() / 'washer.stl', folder)
     suite.client.wait(lambda: list(suite.client.parts()) == ['tetrahedron', 'washer'], 'washer')
     assert suite.client.drop('washer', 5).outcome == 'succeeded'
@@ -67,7 +67,7 @@ def test_bad_files_do_not_affect_other_parts(suite, folder, diagnostics_of):
 
 
 def test_rejected_part_gets_an_error_response(start, connect, namespace, part):
-    """Its simulator offers it: with another idea of what a part is, such as another version."""
+    """The simulator offers it, for example because it is another version of the suite."""
     client = connect(namespace)
     simulator = announce(client.node, DROP_SIMULATOR)
     message = part_msg(part('tetrahedron'))

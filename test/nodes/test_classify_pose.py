@@ -35,7 +35,7 @@ def quaternion(xyzw):
 
 
 def tilted(aspect, degrees):
-    """The aspect's pose, turned at will about the vertical, then tilted."""
+    """Return the pose of an aspect, rotated about the vertical and then tilted."""
     turn = Rotation.from_euler('zx', [77, degrees], degrees=True)
     return (turn * Rotation.from_quat(aspect.orientation)).as_quat()
 
@@ -55,7 +55,7 @@ def counted(aspects, *counts, unclassified=0):
 
 
 def answer(aspects, orientation, newest=None):
-    """The response, and the error if there is one."""
+    """Return the response, and the error if there is one."""
     response = ClassifyPose.Response(angle=math.nan, probability=math.nan)
     request = ClassifyPose.Request(part=BOX, orientation=quaternion(orientation))
     try:
@@ -126,7 +126,7 @@ def test_exceptions_become_the_status_of_the_response(box):
 
 @pytest.fixture
 def run(box, surfaces):
-    """Make the description of a run of the box."""
+    """Return a function that creates the description of a run of the box."""
 
     def run(seed, sha=box.part_sha256):
         return RunDescription(
@@ -200,7 +200,7 @@ def test_part_version_is_mentioned_only_if_it_differs(box, run):
 
 @pytest.fixture(scope='module')
 def asker():
-    """Make a function that asks a suite."""
+    """Return a function that creates a function to send requests to a suite."""
 
     def asker(suite):
         client = suite.client.node.create_client(ClassifyPose, 'classify_pose')
@@ -320,7 +320,7 @@ def test_current_or_last_offered_part_is_used(fresh_suite, asker, part, tmp_path
     face = find_aspects(part('tetrahedron')).aspects[2]
     found = classify('thing', face.orientation)
     assert found.aspect == 3
-    assert math.isnan(found.probability)  # nothing is known of the part as it is now
+    assert math.isnan(found.probability)  # no distribution of the current version is known
     now = suite.client.ask('thing', 20).distribution
     assert agrees(now)
 

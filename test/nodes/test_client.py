@@ -38,13 +38,13 @@ DEADLINE = 60.0
 
 @pytest.fixture
 def in_namespace():
-    """The arguments for a client of the suite in a namespace."""
+    """Return the arguments of a client of the suite in a namespace."""
     return lambda namespace: {'ros_args': ['-r', f'__ns:={namespace}']}
 
 
 @pytest.fixture
 def client(suite, in_namespace):
-    """A client with a node of its own."""
+    """A client with a private node."""
     with RestingAspectsClient(**in_namespace(suite.namespace)) as client:
         yield client
 
@@ -58,13 +58,13 @@ def spun(suite):
 
 @pytest.fixture
 def nobody(namespace, in_namespace):
-    """A client where no suite is."""
+    """A client without a suite."""
     with RestingAspectsClient(**in_namespace(namespace)) as client:
         yield client
 
 
 def entities(node):
-    """All that a node has an executor wait for."""
+    """Return all entities of a node that an executor waits for."""
     return [*node.subscriptions, *node.timers, *node.clients]
 
 
@@ -72,7 +72,7 @@ def entities(node):
 
 
 def test_client_without_a_node_receives_progress(client, counts):
-    client.list_parts()  # from now on nothing of the suite has to be found
+    client.list_parts()  # all services are discovered after this
     done = []
     found = client.get_distribution('tetrahedron', drops=500, seed=51, progress=done.append)
     assert found.complete
@@ -200,7 +200,7 @@ def test_list_parts_and_get_part(client, suite, part):
 
 
 def test_get_part_that_is_not_offered(client, nobody, monkeypatch):
-    client.get_part('washer')  # from now on the parts of the suite are found
+    client.get_part('washer')  # the parts of the suite are discovered after this
     monkeypatch.setattr(nodes_client, 'PART_TIMEOUT', 0.5)
     with pytest.raises(UnknownPartError, match=r"'gizmo' is not known; known parts: .*washer$"):
         client.get_part('gizmo')
@@ -208,7 +208,7 @@ def test_get_part_that_is_not_offered(client, nobody, monkeypatch):
         nobody.get_part('gizmo')
 
 
-# What is refused
+# Rejected requests
 
 
 @pytest.mark.parametrize(
@@ -241,13 +241,13 @@ def test_get_part_that_is_not_offered(client, nobody, monkeypatch):
     ],
 )
 def test_invalid_values_are_rejected_before_sending(nobody, ask, kind, words):
-    """Where no suite is: what is sent is refused only after some seconds, and otherwise."""
+    """Without a suite, a request that was sent would fail later, with another error."""
     with pytest.raises(kind) as error:
         ask(nobody)
     assert words in str(error.value)
 
 
-# What rclpy would not refuse: in a process of its own, since it would end it.
+# Values that rclpy does not reject; it would end the process, so the script has its own.
 ODD_TYPES = """
 import numpy as np
 from geometry_msgs.msg import Quaternion
@@ -312,7 +312,7 @@ def test_values_of_wrong_types_are_rejected(run_script, wait):
 
 @pytest.mark.parametrize('asked', [{'part': 'tetrahedron\0x'}, {'surface': 'steel\0x'}])
 def test_name_with_a_nul_is_rejected(client, asked):
-    """ROS would send what is before it, which is the name of something else."""
+    """ROS would send only the text before it, which is another name."""
     with pytest.raises(RestingAspectsError, match=r'x00x.*(expected|part names)'):
         client.get_distribution(**{'part': 'tetrahedron', 'drops': 5} | asked)
 
@@ -364,12 +364,12 @@ def test_endless_waits_are_rejected(client, spun):
     client.close()
 
 
-# With a node that somebody spins
+# With a node that is spun
 
 
 @pytest.fixture(params=[SingleThreadedExecutor, MultiThreadedExecutor])
 def cell(request, suite):
-    """A node of a cell, spun in a thread by an executor."""
+    """A node that an executor spins in a thread."""
     context = rclpy.Context()
     context.init([])
     node = Node('cell', namespace=suite.namespace, context=context)
@@ -392,7 +392,7 @@ def cell(request, suite):
 
 
 def test_async_callback_awaits_several_responses(cell, wait):
-    """In the node's default callback group, which is held up meanwhile."""
+    """It runs in the default callback group of the node, which is blocked meanwhile."""
     client = RestingAspectsClient(cell)
     said = []
 
@@ -465,7 +465,7 @@ def test_two_clients_of_one_node(suite, spun):
 
 def test_finished_and_canceled_requests_leave_nothing(suite, spun):
     node = suite.client.node
-    spun.get_distribution_async('washer', drops=1)  # from now on there is an action client
+    spun.get_distribution_async('washer', drops=1)  # creates the action client
     suite.client.wait(lambda: not spun._open, 'answer')
     before = set(entities(node))
 
@@ -490,7 +490,7 @@ def test_finished_and_canceled_requests_leave_nothing(suite, spun):
 
 @pytest.mark.parametrize('timeout', [None, 600.0])
 def test_abandoned_request_stops_its_run(suite, spun, ahead, timeout):
-    """Its drops are kept; by a cancel, and by a timeout."""
+    """Its drops are kept, after a cancel and after a timeout."""
     poses = suite.client.poses()
     seed = 84 if timeout is None else 85
     heard = []
@@ -529,7 +529,7 @@ def test_shared_run_continues_after_one_cancel(suite, spun):
         assert same.result().drops == 3000
 
 
-# A suite that is not there, or dies
+# Without a suite, or with one that dies
 
 
 def test_timeout_without_a_suite(nobody, namespace):

@@ -79,7 +79,7 @@ def test_stopped_simulator_leads_to_an_error(suite, spun, number):
     assert again.result().drops == 100
 
 
-# Last: for 20 s ROS takes a node that was killed for present.
+# Last test: ROS lists a killed node for another 20 s.
 def test_restarted_classifier_responds(suite, spun, monkeypatch):
     monkeypatch.setattr(pending_request, 'RETRY_PERIOD', 1.0)
     heard = []

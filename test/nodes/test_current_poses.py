@@ -13,14 +13,14 @@ from resting_aspects_ros.ros.interface import CURRENT_POSES, LATCHED, MIN_BATCH
 
 
 def numbers(pose):
-    """Position and orientation, seven numbers."""
+    """Return position and orientation as seven numbers."""
     return tuple(getattr(pose.position, k) for k in 'xyz') + tuple(
         getattr(pose.orientation, k) for k in 'xyzw'
     )
 
 
 def settled(batches, run_id):
-    """The settled poses of a run, drop after drop."""
+    """Return the settled poses of a run, in the order of drops."""
     of_run = sorted((b for b in batches if b.run.run_id == run_id), key=lambda b: b.first_drop)
     return [
         numbers(entry.pose)
@@ -31,7 +31,7 @@ def settled(batches, run_id):
 
 
 def drop_and_wait(client, batches, part, drops):
-    """Drop a part; the settled poses of the run when all were heard."""
+    """Drop a part; return the settled poses of the run when all have been received."""
     run_id = client.ask(part, drops, seed=[drops]).distribution.run.run_id
     client.wait(lambda: any(b.last and b.run.run_id == run_id for b in batches), 'last batch')
     return settled(batches, run_id)
@@ -67,12 +67,12 @@ def test_late_subscriber_receives_the_newest_poses_once(suite, connect):
     assert len(shown) == count
 
 
-# Over DDS, from poses that are given
+# Over DDS, from given poses
 
 
 @pytest.fixture
 def current(connect, namespace):
-    """The publisher on a node of its own, and a way to hear what it publishes."""
+    """Create the publisher on a node of its own, and receive its messages."""
     client, listener = connect(namespace), connect(namespace)
     poses = CurrentPosesPublisher(client.node)
 
@@ -91,7 +91,7 @@ def current(connect, namespace):
 
         @staticmethod
         def heard(heard, count):
-            """The first coordinates of what was published last."""
+            """Return the first coordinates of the newest message."""
 
             def whole():
                 poses.publish()
@@ -104,7 +104,7 @@ def current(connect, namespace):
 
 
 def batch(first, status):
-    """Poses whose x is their index."""
+    """Return poses whose x is their index."""
     count = len(status)
     return RestingPoses(
         first,

@@ -17,7 +17,7 @@ def simulator(suite, parameters_of):
 
 @pytest.fixture
 def surfaces_meant(suite):
-    """The surfaces that drop_part and get_distribution mean by none."""
+    """Return the surfaces that drop_part and get_distribution use by default."""
 
     def surfaces_meant(seed):
         heard = suite.client.poses()
@@ -69,7 +69,7 @@ def test_default_stays_known_after_the_simulator_stopped(fresh_suite):
     suite = fresh_suite(quick, workers=1, surface='steel')
     first = suite.client.ask(drops=2).distribution
     assert first.run.conditions.surface == 'steel'
-    # A classifier that comes later hears it before it answers for a part.
+    # A classifier that starts later receives it before it responds for a part.
     suite.processes['aspect_classifier'].end()
     suite.start_again('aspect_classifier')
     suite.client.wait(
@@ -79,7 +79,7 @@ def test_default_stays_known_after_the_simulator_stopped(fresh_suite):
     suite.processes['drop_simulator'].end()
     known = suite.client.ask(drops=2, only_known=True, surface='steel').distribution
     assert known.run.conditions == first.run.conditions
-    # One that has heard none has no default of its own.
+    # A classifier that has received none has no default of its own.
     suite.processes['aspect_classifier'].end()
     suite.start_again('aspect_classifier')
     unnamed = suite.client.ask(drops=2, only_known=True).status

@@ -91,7 +91,7 @@ def test_missing_and_uncounted_drops_are_reported(
         )
         assert level == DiagnosticStatus.WARN
         assert message.startswith(f'{MIN_BATCH} drops are missing')
-    # No aspects are known: nobody has described the part.
+    # The aspects are unknown, since the part has not been described.
     waiting = str(2 * MIN_BATCH)
     told.wait('aspect_classifier', lambda *told: told[2]['drops not counted yet'] == waiting, '')
     described = client.node.create_publisher(PartDescription, 'parts/tetrahedron', LATCHED)
@@ -110,7 +110,7 @@ def test_dead_workers_are_counted(suite, told):
 
 def test_full_disk_stops_the_log_but_not_the_request(suite, told):
     recorder = suite.processes['drop_recorder']
-    # As a quota: no file of the recorder grows beyond this.
+    # Acts as a quota: no file of the recorder can grow beyond this.
     _, hard = resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE)
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (40_000, hard))
     recorded = suite.client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
@@ -122,7 +122,7 @@ def test_full_disk_stops_the_log_but_not_the_request(suite, told):
     )
     assert not drop.done
     assert (values['logs open'], values['log files']) == ('0', '')
-    in_logs = {run.run_id: run.drops for run in recorded}  # the newest of each
+    in_logs = {run.run_id: run.drops for run in recorded}  # newest message of each run
     assert int(values['drops recorded']) == sum(in_logs.values())
     drop.cancel()
     suite.client.wait(lambda: drop.done, 'canceled run')
@@ -135,7 +135,7 @@ def test_full_disk_stops_the_log_but_not_the_request(suite, told):
     )
     answer = suite.client.ask('tetrahedron', 2000, seed=[3])
     assert (answer.status.code, answer.distribution.drops) == (Status.OK, 2000)
-    # There is space again: the next run is recorded, and the error is over.
+    # With space available again, the next run is recorded and the error disappears.
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (hard, hard))
     again = suite.client.drop('tetrahedron', 300, seed=4)
     suite.log_of(again.result.run_id)
@@ -148,7 +148,7 @@ def test_unrecorded_drops_are_not_counted_as_recorded(suite, told, tmp_path, par
     recorder = parameters_of(suite.client, 'drop_recorder')
     assert recorder.set(log_folder=str(tmp_path / 'disk')) == []
     (tmp_path / 'disk').rmdir()
-    (tmp_path / 'disk').write_bytes(b'')  # no folder can be made there any more
+    (tmp_path / 'disk').write_bytes(b'')  # no folder can be created there
     run_id = suite.client.drop('tetrahedron', 300, seed=6).result.run_id
 
     def reported():
@@ -162,21 +162,21 @@ def test_unrecorded_drops_are_not_counted_as_recorded(suite, told, tmp_path, par
         error,
     )
     assert (values['logs open'], values['log files']) == ('0', '')
-    in_logs = {run.run_id: run.drops for run in recorded}  # the newest of each
+    in_logs = {run.run_id: run.drops for run in recorded}  # newest message of each run
     assert in_logs[run_id] == 0
     assert int(values['drops recorded']) == sum(in_logs.values())
     assert recorder.set(log_folder=str(suite.logs)) == []
 
 
 def test_disk_is_full_at_the_end_of_a_run(suite, told):
-    """All drops are in the log, and what closes it is not."""
+    """All drops are in the log, but its end is missing."""
     recorded = suite.client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
     first = suite.client.drop('tetrahedron', 5, seed=10).result
     (file,) = suite.log_of(first.run_id).glob('*.mcap')
     size = file.stat().st_size
     recorder = suite.processes['drop_recorder']
     _, hard = resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE)
-    # The same once more, but for the last of the index.
+    # Again, with only the end of the index missing.
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (size - 500, hard))
     try:
         run_id = suite.client.drop('tetrahedron', 5, seed=11).result.run_id

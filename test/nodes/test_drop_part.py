@@ -19,13 +19,13 @@ DROPS = 2 * MIN_BATCH + 30
 
 @pytest.fixture(scope='module')
 def heard(suite):
-    """Every batch of the module."""
+    """Return a list of all batches of the module."""
     return suite.client.poses()
 
 
 @pytest.fixture(scope='module')
 def batches_of(suite, heard):
-    """Wait for the last batch of a run, and give all of them."""
+    """Wait for the last batch of a run, and return all of them."""
 
     def batches_of(run_id):
         def batches():
@@ -39,7 +39,7 @@ def batches_of(suite, heard):
 
 @pytest.fixture(scope='module')
 def drop(suite, heard):
-    """A goal that was worked off."""
+    """Return a finished goal."""
     return suite.client.drop('tetrahedron', DROPS, seed=11)
 
 
@@ -50,7 +50,7 @@ def batches(drop, batches_of):
 
 @pytest.fixture(scope='module')
 def engine(part, surfaces):
-    """What the engine gives without any node."""
+    """Return the poses of the engine without a node."""
 
     @functools.cache
     def engine(name, first, end, seed):
@@ -86,7 +86,7 @@ def test_result_counts_every_drop(drop, batches):
 
 
 def test_feedback_grows_towards_the_total(drop):
-    # rclpy hands over no feedback that comes after the result: the last may be missing.
+    # rclpy discards feedback that arrives after the result: the last may be missing.
     done = [feedback.done for feedback in drop.feedback]
     assert done
     assert done == sorted(set(done))

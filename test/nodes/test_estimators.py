@@ -14,7 +14,7 @@ from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 @pytest.mark.parametrize('method', METHODS)
 def test_estimator_responds_without_a_drop(suite, part, method):
     heard = suite.client.poses()
-    suite.client.drop('tetrahedron', 1, seed=98)  # a fence: what is latched comes before it
+    suite.client.drop('tetrahedron', 1, seed=98)  # a fence: latched messages arrive before it
     suite.client.wait(lambda: any(b.run.seed == 98 for b in heard), 'the fence')
     before = len(heard)
     answer = suite.client.ask('u_bracket', method=method)
@@ -22,7 +22,7 @@ def test_estimator_responds_without_a_drop(suite, part, method):
     found = answer.distribution
     shape = RestingShape(part('u_bracket'), find_aspects(part('u_bracket')))
     expected = estimate(shape, method).probabilities
-    # The part has gone over the wire: in a message its numbers are not rounded.
+    # The part was sent in a message, which does not round its numbers.
     np.testing.assert_array_equal([a.probability for a in found.aspects], expected)
     assert (found.method, found.run.part, found.complete) == (method, 'u_bracket', True)
     assert found.run.part_sha256 == part('u_bracket').part_sha256
@@ -31,7 +31,7 @@ def test_estimator_responds_without_a_drop(suite, part, method):
     for each in found.classes:
         together = sum(expected[k - 1] for k in each.aspects)
         assert each.probability == pytest.approx(together, abs=1e-12)
-    # A drop now comes after all that the request could have caused.
+    # A drop made now arrives after everything that the request could have caused.
     new = suite.client.drop('tetrahedron', 1, seed=99).result.run_id
     suite.client.wait(lambda: any(b.run.run_id == new for b in heard), 'the new run')
     assert 'u_bracket' not in {batch.run.part for batch in heard[before:]}

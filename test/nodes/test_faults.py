@@ -8,7 +8,7 @@ from rosbags.highlevel import AnyReader
 
 from resting_aspects_ros.ros.interface import MIN_BATCH
 
-# Shorter than for people, with what is tested left as it is.
+# Shorter timeouts, which do not change the tested behaviour.
 QUICK = {
     'aspect_classifier': {
         'nodes.run_tracking.tracker.CHECK_PERIOD': 0.2,
@@ -31,7 +31,7 @@ def suite(fresh_suite):
 
 @pytest.fixture
 def recorded():
-    """The indices of the drops in a log, in their order."""
+    """Return the indices of the drops in a log, in their order."""
 
     def recorded(folder):
         (file,) = folder.glob('*.mcap')
@@ -47,7 +47,7 @@ def recorded():
 
 
 def test_late_node_receives_the_whole_run(suite, start, recorded, tmp_path, counts):
-    """A recorder and a classifier, started in the middle of a run, and others after it."""
+    """A recorder and a classifier start in the middle of a run, and others after it."""
     drops = 20 * MIN_BATCH + 50
     heard = suite.client.poses()
     asked = suite.client.asking('tetrahedron', drops, seed=[41])
@@ -114,21 +114,21 @@ def test_missing_simulator_is_reported(suite):
         f'no drop_simulator answers on {suite.namespace}/drop_part, waited 1 s: start '
         'drop_simulator'
     )
-    # Newest first; before it may stand what was counted of the run that ended early.
+    # Newest first; the drops of the run that ended early may precede it.
     assert '5 drops on rubber_mat with seed 44' in known_are.split(', ')[:2]
-    # What is known is known without it.
+    # Known distributions do not need the simulator.
     assert suite.client.ask(drops=5, seed=[44]).distribution.run == known.distribution.run
-    # The log of the run that nobody can end is closed.
+    # The log of the abandoned run is closed.
     run_id = next(batch.run.run_id for batch in heard if batch.run.seed == 45)
     suite.log_of(run_id)
     suite.start_again('drop_simulator')
-    # The classifier finds it again, which may take longer than it waits for it here.
+    # Discovery by the classifier may take longer than its timeout in this test.
     suite.client.wait(
         lambda: suite.client.ask(drops=5, seed=[46]).status.code == Status.OK, 'good answer'
     )
 
 
-# Last: for 20 s a node that was killed is taken for present.
+# Last test: ROS lists a killed node for another 20 s.
 def test_restarted_simulator_does_not_end_other_nodes(suite, counts):
     heard = suite.client.poses()
     asked = suite.client.asking('tetrahedron', 3000, seed=[43])

@@ -13,7 +13,7 @@ def suite(fresh_suite):
 
 @pytest.fixture(scope='module')
 def first(suite):
-    """The answer to the first request of a seed."""
+    """Return the response to the first request for a seed."""
     return suite.client.ask('tetrahedron', 260, seed=[7])
 
 
@@ -53,7 +53,7 @@ def test_known_distribution_needs_no_drop(suite, first, counts):
         assert answer.status.code == Status.OK
         assert answer.distribution.run == first.distribution.run
         assert counts(answer.distribution) == counts(first.distribution)
-    # A drop now comes after all that these requests could have caused.
+    # A drop made now arrives after everything that these requests could have caused.
     new = suite.client.drop('tetrahedron', 1, seed=99).result.run_id
     suite.client.wait(lambda: heard[-1].last and heard[-1].run.run_id == new, 'the new run')
     assert len(heard) == before + 1

@@ -54,7 +54,7 @@ def test_ten_concurrent_clients_request_five_parts(suite, connect, counts):
 def test_slow_subscriber_receives_a_long_run(suite, connect, quick, drops):
     slow = connect(suite.namespace)
     heard = slow.poses()
-    # So that the topic is found before the run begins.
+    # The topic is discovered before the run starts.
     suite.client.drop('tetrahedron', 1, seed=100)
     slow.wait(lambda: heard, 'first batch')
     drop = suite.client.dropping('tetrahedron', drops, seed=drops, conditions=quick)
@@ -90,7 +90,7 @@ def test_goal_is_canceled_at_random_times(suite, quick, times):
         def batches(seed=seed):
             return [batch for batch in heard if batch.run.seed == seed]
 
-        if drop.result.run_id:  # else it was canceled before its run began
+        if drop.result.run_id:  # otherwise it was canceled before its run started
             suite.client.wait(lambda b=batches: b() and b()[-1].last, 'last batch')
         assert sum(len(batch.poses) for batch in batches()) == drop.result.drops
     assert suite.alive

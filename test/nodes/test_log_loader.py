@@ -34,7 +34,7 @@ SEED = 5
 
 @pytest.fixture(scope='module')
 def run_of(part, surfaces):
-    """A run of the tetrahedron and its poses."""
+    """Return a run of the tetrahedron and its poses."""
     job, run = plan_run(
         part('tetrahedron'), surfaces.get(), seed=SEED, drops=CHUNK, run_id='4f1c', started=10**18
     )
@@ -48,7 +48,7 @@ def aspects(part):
 
 @pytest.fixture
 def write(tmp_path, part, run_of, aspects):
-    """Write a log; its folder."""
+    """Return a function that writes a log and returns its folder."""
     run, poses = run_of
 
     def write(pieces=((0, CHUNK),), *, whole=True, change=None, described='tetrahedron'):
@@ -72,7 +72,7 @@ def write(tmp_path, part, run_of, aspects):
 
 
 def double(message):
-    """Counts that only this distribution has."""
+    """Change the counts, so that they differ from those of the drops."""
     message.aspects[0].count += CHUNK
     message.drops += CHUNK
 
@@ -100,7 +100,7 @@ def test_log_of_another_suite_version_is_used(write):
 
 
 def test_first_drops_of_a_log_with_gaps_are_counted(write, run_of, aspects):
-    """Pieces in any order; drops 100 to 109 are not there."""
+    """The pieces are in any order, without drops 100 to 109."""
     run, found = read_log(write([(0, 40), (110, CHUNK), (40, 100)], whole=False))
     counted = count_poses(aspects, run_of[1].between(0, 100))
     assert run == run_of[0]
@@ -181,7 +181,7 @@ def test_newest_log_of_each_part_is_read_first(tmp_path):
 
 def test_bad_log_is_reported_and_others_are_read(write, start, connect, namespace, tmp_path):
     log = write()
-    pipe = tmp_path / 'nut_20990131T120000Z_4f1c'  # the first that is read
+    pipe = tmp_path / 'nut_20990131T120000Z_4f1c'  # the log that is read first
     pipe.mkdir()
     os.mkfifo(pipe / 'nut.mcap')
     shutil.copytree(log, tmp_path / 'tetrahedron_20300101T000000Z_cut')
@@ -206,13 +206,13 @@ def test_newest_logs_are_read_if_there_are_too_many(write, start, connect, names
 
 
 class Code(str):
-    """Python, where a constant of a node is set."""
+    """Python code, as the value of a constant of a node."""
 
     __repr__ = str.__str__
 
 
 def test_requests_are_rejected_until_logs_are_read(start, connect, namespace, tmp_path):
-    """A folder that hangs, as a disk of the network can."""
+    """The folder hangs, as a network file system can."""
     os.mkfifo(tmp_path / 'pipe')
     hang = {
         'nodes.aspect_classifier.log_loader.logs_in': Code("__import__('io').open"),

@@ -29,12 +29,12 @@ def in_tray(marker, points):
 
 
 def corners(mesh):
-    """(m, 3, 3) m, tray frame."""
+    """Return the triangles, (m, 3, 3), m, in the tray frame."""
     return in_tray(mesh, [vector(p) for p in mesh.points]).reshape(-1, 3, 3)
 
 
 def split(message):
-    """The meshes and the texts of a message, by aspect."""
+    """Return the meshes and the texts of a message, by aspect."""
     first, *others = message.markers
     assert first.action == Marker.DELETEALL
     assert {marker.action for marker in others} == {Marker.ADD}
@@ -46,7 +46,7 @@ def split(message):
 
 
 def assert_stands(mesh, part, aspect):
-    """On z = 0, in the aspect: a bare Aspect and one of a message alike."""
+    """Check that a mesh stands on z = 0 in an Aspect, of the suite or of a message."""
     triangles = corners(mesh)
     radius = part.hull_radius
     assert abs(triangles[..., 2].min()) < 1e-9 * radius
@@ -56,7 +56,7 @@ def assert_stands(mesh, part, aspect):
     )
     a, b, c = np.moveaxis(triangles - triangles.mean(axis=(0, 1)), 1, 0)
     volume = np.einsum('ij,ij->i', a, np.cross(b, c)).sum() / 6
-    assert volume == pytest.approx(part.volume, rel=1e-6)  # whole, and outward
+    assert volume == pytest.approx(part.volume, rel=1e-6)  # closed, with outward normals
 
 
 def percent(text):
@@ -76,7 +76,7 @@ def test_meshes_show_the_part_in_each_aspect(part, name):
         mesh, text = meshes[aspect.id], texts[aspect.id]
         assert_stands(mesh, part, aspect)
         assert mesh.type == Marker.TRIANGLE_LIST
-        np.testing.assert_array_equal(vector(mesh.scale), 1)  # else RViz shows nothing
+        np.testing.assert_array_equal(vector(mesh.scale), 1)  # otherwise RViz shows nothing
         assert text.type == Marker.TEXT_VIEW_FACING
         assert text.scale.z > 0.1 * part.hull_radius
         where = in_tray(mesh, part.centre_of_mass)

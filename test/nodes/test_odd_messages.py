@@ -20,7 +20,7 @@ from resting_aspects_ros.ros.conversions import part_msg, poses_from, run_from, 
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, MIN_BATCH, POSES
 
-# What is changed in a batch, and to what.
+# Fields of a batch and their invalid values.
 ODD_BATCHES = [
     ('poses.pose.orientation.x', math.nan),
     ('poses.pose.orientation.w', 1e308),
@@ -43,7 +43,7 @@ def client(connect, namespace):
 
 @pytest.fixture
 def batch(batches):
-    """Make the one batch of a run."""
+    """Return a function that creates the only batch of a run."""
 
     def batch(run_id):
         (data,) = batches(1, run_id)
@@ -54,14 +54,14 @@ def batch(batches):
 
 @pytest.fixture
 def described(client, part):
-    """The tetrahedron, as a simulator describes it."""
+    """Publish the tetrahedron as a simulator describes it."""
     publisher = client.node.create_publisher(PartDescription, 'parts/tetrahedron', LATCHED)
     publisher.publish(part_msg(part('tetrahedron')))
     return publisher
 
 
 def changed(message, path, value):
-    """The message with one field changed; that of its first pose if the path begins so."""
+    """Return the message with one field changed, by its path."""
     message = copy.deepcopy(message)
     *path, name = path.split('.')
     entry = message
@@ -74,13 +74,13 @@ def changed(message, path, value):
 
 
 def distribution(part, batch):
-    """Of all poses of a batch."""
+    """Return the distribution message of the poses of a batch."""
     counted = count_poses(find_aspects(part('tetrahedron')), poses_from(batch))
     return distribution_msg(counted, run_from(batch.run), time_msg(1), complete=True)
 
 
 def log_of(client, folder, run_id):
-    """The folder of a run's log, once it is whole."""
+    """Return the folder of the log of a run, once it is complete."""
     found = client.wait(lambda: list(folder.glob(f'*_{run_id}/metadata.yaml')), f'log of {run_id}')
     return found[0].parent
 
@@ -92,7 +92,7 @@ def test_invalid_batch_is_ignored_and_the_next_is_counted(
         start(node, namespace, {'log_folder': tmp_path})
         for node in ('aspect_classifier', 'drop_recorder')
     ]
-    # A topic of no part there can be.
+    # A topic whose name is not a valid part name.
     nobody = client.node.create_publisher(PartDescription, 'parts/Zz', LATCHED)
     nobody.publish(part_msg(part('tetrahedron')))
     out = client.node.create_publisher(RestingPoses, 'resting_poses', POSES)
@@ -163,7 +163,7 @@ def test_feeder_example_ignores_an_invalid_distribution(start, client, namespace
 def test_unreadable_log_folder_prevents_only_the_log(
     start, client, namespace, batch, described, tmp_path
 ):
-    """A name that is too long with the log's in it: so would a disk be that is gone."""
+    """With the name of a log in it, the path is too long; a removed disk fails likewise."""
     longest = os.pathconf(tmp_path, 'PC_PATH_MAX') - 20
     deep = tmp_path
     while (left := longest - len(str(deep))) > 1:

@@ -34,7 +34,7 @@ def suite(fresh_suite, folder):
 
 @pytest.fixture
 def listed(suite):
-    """Wait until list_parts gives these names, and give the summaries."""
+    """Wait until list_parts returns these names, and return the summaries."""
 
     def listed(*names):
         def found():
@@ -109,7 +109,7 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
     suite.client.wait(changed, 'another hash')
     suite.client.wait(lambda: heard[-1].part_sha256 != before, 'description of the changed part')
     assert heard[-1].mesh_sha256 == heard[0].mesh_sha256
-    # Nothing is known of the part as it is now.
+    # No distribution of the current version is known.
     assert not suite.client.parts()['hex_nut'].known
     old = suite.client.ask('hex_nut', 3, seed=[1], only_known=True)
     assert old.status.code == Status.NOT_AVAILABLE
@@ -130,7 +130,7 @@ def test_broken_mesh_is_reported_once(suite, listed, folder):
     suite.client.wait(lambda: 'broken.stl' in simulator.said, 'warning')
     assert suite.client.ask('tetrahedron', 4, seed=[9]).status.code == Status.OK
     listed('box_10x20x30', 'tetrahedron')
-    # Several scans later, seen by a part that is added.
+    # Several scans have been made when the added part is offered.
     shutil.copy(parts_folder() / 'washer.stl', folder)
     listed('box_10x20x30', 'tetrahedron', 'washer')
     (folder / 'washer.stl').unlink()
@@ -159,7 +159,7 @@ def test_request_waits_while_parts_arrive(fresh_suite):
     suite = fresh_suite({'aspect_classifier': {'ros.topic_discovery.PERIOD': 1.5}}, workers=1)
     suite.processes['aspect_classifier'].end()
     suite.start_again('aspect_classifier')
-    # It does not look for parts before 1.5 s have passed.
+    # It does not discover parts before 1.5 s have passed.
     assert suite.client.ask('washer', method='rolling').status.code == Status.OK
     unknown = suite.client.ask('no_such_part', method='rolling').status
     assert unknown.code == Status.UNKNOWN_PART
@@ -167,10 +167,10 @@ def test_request_waits_while_parts_arrive(fresh_suite):
 
 
 def test_rapidly_repeated_description_is_read(part):
-    """As a replay in a loop repeats it for a slow classifier."""
+    """A looped replay repeats it for a slow classifier."""
 
     class Files:
-        """Reads once the gate is open."""
+        """Read when the gate opens."""
 
         gate = Future()
 
@@ -179,7 +179,7 @@ def test_rapidly_repeated_description_is_read(part):
             return function(*given)
 
     def advance(coroutine):
-        """Run it up to where it waits; whether it has ended."""
+        """Run the coroutine until it waits; return whether it has ended."""
         try:
             coroutine.send(None)
         except StopIteration:

@@ -11,7 +11,7 @@ PRECISION = 0.05
 
 @pytest.fixture(scope='module')
 def answer(suite):
-    """The answer to a request without a number of drops."""
+    """Return the response to a request without a number of drops."""
     return suite.client.ask('tetrahedron', 0, precision=PRECISION, seed=[3])
 
 
@@ -24,7 +24,7 @@ def test_run_stops_at_the_first_precise_checkpoint(suite, answer, counts):
     found = [aspect.count for aspect in distribution.aspects]
     assert is_precise(found, distribution.drops, PRECISION)
     assert distribution.drops in checkpoints(MAX_DROPS)
-    # The run up to the checkpoint before has the same first drops, and was not precise.
+    # The run up to the previous checkpoint has the same first drops, and is not precise.
     before = max(drops for drops in checkpoints(MAX_DROPS) if drops < distribution.drops)
     shorter = suite.client.drop('tetrahedron', before, seed=3).result
     assert shorter.drops == before

@@ -18,7 +18,7 @@ KINDS = {getattr(Status, name): name for name in NAMES}
 
 @pytest.fixture(scope='module')
 def suite(fresh_suite, tmp_path_factory):
-    """A suite with a good and a broken part."""
+    """Start a suite with a good and a broken part."""
     folder = tmp_path_factory.mktemp('parts')
     shutil.copy(parts_folder() / 'tetrahedron.stl', folder)
     whole = (folder / 'tetrahedron.stl').read_bytes()
@@ -29,7 +29,7 @@ def suite(fresh_suite, tmp_path_factory):
 
 @pytest.fixture(params=['get_distribution', 'drop_part'])
 def refused(request, suite):
-    """Ask in either way; gives the kind of the status and its words."""
+    """Send an invalid request in either way; return the status name and the message."""
 
     def refused(**fields):
         if request.param == 'drop_part':

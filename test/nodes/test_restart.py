@@ -47,7 +47,7 @@ def suite(fresh_suite, folder):
 
 @pytest.fixture(scope='module')
 def first(suite):
-    """What the first classifier answered."""
+    """Return the distribution from the first classifier."""
     answer = suite.client.ask('tetrahedron', 300, seed=[SEED])
     assert answer.status.code == Status.OK
     suite.log_of(answer.distribution.run.run_id)
@@ -55,7 +55,7 @@ def first(suite):
 
 
 def start_again(suite, *nodes):
-    """All that the nodes had in memory is gone, and what was latched as well."""
+    """Restart the nodes, which then have no data in memory and no latched messages."""
     for node in nodes:
         assert suite.processes[node].end() == 0
     for node in nodes:
@@ -81,7 +81,7 @@ def test_known_distribution_is_returned_at_once(restarted, first):
     answer = known(restarted, seed=[SEED])
     assert (answer.status.code, answer.status.message) == (Status.OK, '')
     assert without_stamp(answer.distribution) == without_stamp(first)
-    # Also without only_known nothing is dropped: the run is the old one.
+    # Without only_known, nothing is dropped either: the run is the old one.
     again = restarted.client.ask('tetrahedron', 200)
     assert again.distribution.run.run_id == first.run.run_id
     assert restarted.client.parts()['tetrahedron'].known
@@ -143,7 +143,7 @@ def test_known_distribution_needs_no_simulator(restarted, first):
 
 @pytest.fixture
 def request_of(restarted, capfd, monkeypatch):
-    """Ask by the command; its exit code, and what it printed to both streams."""
+    """Run the request command; return the exit code and the output of both streams."""
     monkeypatch.setattr(pending_request, 'SIMULATOR_TIMEOUT', 1.0)
 
     def request_of(*words):
@@ -164,7 +164,7 @@ def test_request_command_uses_logs_without_a_simulator(restarted, first, request
     assert words == f'300 drops on rubber_mat, seed {SEED}'
     code, _, printed = request_of('--drops', '200', '--json', *surface)
     assert code == 0
-    # On a busy machine it may also say that it waits for the classifier to be found.
+    # On a busy machine it may also print that it waits for the classifier.
     assert printed.endswith('no drop_simulator offers tetrahedron\n')
     code, _, printed = request_of('--drops', '301', *surface)
     assert code == 1
@@ -176,8 +176,8 @@ def test_request_command_uses_logs_without_a_simulator(restarted, first, request
     restarted.start_again('drop_simulator')
 
 
-# Runs of the box in the order in which they end: id, seed, drops, and when they began by clocks
-# that stand still and go backwards.
+# Runs of the box in the order in which they end: id, seed, drops, and start time, from clocks that
+# stop or go backwards.
 RUNS = [
     ('b_same', 31, 60, 10**18),
     ('a_same', 31, 60, 10**18),
@@ -188,7 +188,7 @@ RUNS = [
     ('first', 34, 70, 10**18),
     ('last', 35, 70, 10**18),
 ]
-# What is asked of them, and which run is the answer, by the seeds asked for; None: without one.
+# Requests, and the run that is returned, by requested seed; None: without a seed.
 ANSWERS = {31: 'b_same', 32: 'newer', 33: 'long', 34: 'first', 35: 'last', None: 'last'}
 
 
@@ -225,7 +225,7 @@ def test_selected_run_is_the_same_after_a_restart(
     before = answers(client)
     assert {seed: found.run.run_id for seed, found in before.items()} == ANSWERS
     assert (recorder.end(), classifier.end()) == (0, 0)
-    # In another namespace, where nothing is latched.
+    # In another namespace, which has no latched messages.
     again = f'{namespace}_again'
     start('aspect_classifier', again, parameters)
     after = answers(connect(again))

@@ -18,7 +18,7 @@ def heard(suite):
 
 @pytest.fixture
 def goals(suite, heard):
-    """Some goals for the same drops, all accepted before the first drop is made."""
+    """Return goals for the same drops, all accepted before the first drop is made."""
 
     def goals(count, *asked, **fields):
         simulator = suite.processes['drop_simulator']
@@ -47,7 +47,7 @@ def test_concurrent_goals_share_one_run(suite, heard, goals, seed, precision):
     assert first.status.code == second.status.code == Status.OK
     assert first == second
     assert runs_of(heard, seed) == {first.run_id}
-    # The second is told how far it is, too. The last feedback can come after the result.
+    # The second goal receives feedback too. The last feedback can arrive after the result.
     done = [feedback.done for feedback in drops[1].feedback]
     assert done == sorted(set(done))
     assert 0 < done[-1] <= first.drops

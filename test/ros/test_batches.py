@@ -10,7 +10,7 @@ from resting_aspects_ros.ros.batching import PoseBatches
 
 
 def drops(first, end):
-    """Poses that tell their index."""
+    """Return poses that contain their index."""
     index = np.arange(first, end, dtype=float)
     codes = np.zeros(end - first, dtype=np.uint8)
     return RestingPoses(

@@ -21,7 +21,7 @@ def node():
 
 @pytest.fixture
 def logged(node, wait):
-    """Publish numbers on a topic; returns the errors on /rosout up to a last line."""
+    """Publish numbers on a topic; return the errors on /rosout up to a last line."""
     found = []
     node.create_subscription(Log, '/rosout', found.append, ALL_LATCHED)
     executor = SingleThreadedExecutor(context=node.context)

@@ -21,7 +21,7 @@ from resting_aspects_ros.ros.distribution_conversions import distribution_from, 
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.simulation.run_description import MAX_SEED, RunDescription
 
-# Each field has a value of its own, so that none can be taken for another.
+# Each field has a distinct value, so that swapped fields are detected.
 CONDITIONS = DropConditions(
     height=0.11,
     restitution=0.12,
@@ -113,7 +113,7 @@ def test_batch_without_poses_round_trip():
 
 @given(
     st.lists(
-        # Where a part is said to be at rest, it must be somewhere.
+        # Settled drops would need valid poses.
         st.tuples(
             *[st.floats(allow_nan=False)] * 9,
             st.sampled_from([RestStatus.UNSETTLED, RestStatus.FAILED]),

@@ -48,7 +48,7 @@ def make_worker(node):
 
 @pytest.fixture
 def run(node):
-    """Run a function in a worker; its result, while the node is spun."""
+    """Run a function in a worker while the node is spun; return its result."""
 
     def run(worker, *given):
         task = node.executor.create_task(worker.run, *given)
