@@ -37,13 +37,13 @@ def bomb():
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_any_value_is_shown_in_one_short_line(value):
+def test_repr_of_any_value_is_one_short_line(value):
     text = shown(value)
     assert 0 < len(text) <= MAX_SHOWN
     assert text.isprintable()
 
 
-def test_short_values_are_shown_as_they_are():
+def test_repr_of_short_values_is_unchanged():
     for value in ('bracket', 12, 1e-9, None, [1, 2], {'a': 1}, (0.0, float('inf'))):
         assert shown(value) == repr(value)
 
@@ -55,13 +55,13 @@ def test_long_text_keeps_its_beginning_and_its_end():
 
 
 @given(text=st.text(max_size=400), length=st.integers(20, 200))
-def test_text_of_others_becomes_one_printable_line(text, length):
+def test_external_text_becomes_one_printable_line(text, length):
     line = one_line(text, length)
     assert line.isprintable()
     assert len(line) <= length
 
 
-def test_time_to_show_a_value_does_not_grow_with_it():
+def test_repr_time_does_not_grow_with_the_value():
     """A value that is 1000 times as large may take no more than 100 times as long."""
 
     def seconds(value):

@@ -38,7 +38,7 @@ def test_a_regular_file_is_read_up_to_the_limit(tmp_path):
         (lambda path: None, 'does not exist'),
     ],
 )
-def test_what_is_no_regular_file_is_never_opened(tmp_path, monkeypatch, linked, make, words):
+def test_only_regular_files_are_opened(tmp_path, monkeypatch, linked, make, words):
     monkeypatch.chdir(tmp_path)  # the path of a socket may have 107 bytes
     path = Path('a.stl')
     make(path)
@@ -51,14 +51,14 @@ def test_what_is_no_regular_file_is_never_opened(tmp_path, monkeypatch, linked, 
 
 
 @pytest.mark.parametrize('name', ['a\0b', 'x' * 5000, '\x1b[31m\n'])
-def test_a_path_that_cannot_be_one_is_told_in_one_short_line(name):
+def test_error_for_an_invalid_path(name):
     with pytest.raises(InvalidValueError) as caught:
         read_input(Path(name), 100, 'mesh')
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 500
 
 
-def test_a_file_that_grows_or_has_no_size_is_read_only_up_to_the_limit():
+def test_growing_file_is_read_up_to_the_limit():
     """Files of /proc have the size 0 whatever is in them."""
     with pytest.raises(InvalidValueError, match='is too large'):
         read_input(Path('/proc/cpuinfo'), 10, 'mesh')

@@ -77,7 +77,7 @@ def test_box_has_the_mass_properties_of_the_formula():
     assert part.warnings == ()
 
 
-def test_a_density_is_not_needed_and_is_water():
+def test_default_density_is_water():
     assert part_from_bytes(stl(box()), 'stl', 'box').mass == pytest.approx(6e-3, rel=FLOAT32)
 
 
@@ -100,7 +100,7 @@ def test_all_formats_have_the_same_part_and_mm_by_default():
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-def test_centre_of_mass_of_a_degenerate_part_is_right_in_every_orientation_and_format(seed):
+def test_centre_of_mass_of_a_degenerate_part_is_exact(seed):
     """It is over an edge of the long leg's end; an aspect hangs on its last digits."""
     turn = rotation(seed)
     mesh = l_bracket()
@@ -156,13 +156,13 @@ def test_hull_does_not_depend_on_the_order_in_the_file():
     np.testing.assert_array_equal(order, np.arange(len(order)))
 
 
-def test_hull_keeps_what_is_finer_than_a_drawing_but_more_than_noise():
+def test_hull_keeps_fine_details_above_noise():
     """720 sides on a diameter of 20 mm: each corner is 0.1 um above the line of the next two."""
     mesh = trimesh.creation.cylinder(radius=10, height=20, sections=720)
     assert len(part_from_bytes(stl(mesh), 'stl', 'pin').hull_vertices) == 1440
 
 
-def test_hull_of_a_part_with_a_hollow_has_none_of_it():
+def test_hull_does_not_contain_a_cavity():
     outline = {(0, 0), (40, 0), (40, 10), (10, 30), (0, 30)}
     part = part_from_bytes(stl(l_bracket()), 'stl', 'l')
     found = {tuple(v) for v in np.round(part.hull_vertices[:, :2] * 1e3, 6).tolist()}
@@ -183,7 +183,7 @@ def test_given_centre_of_mass_leaves_the_inertia():
     assert part.hull_radius == pytest.approx(np.sqrt(6**2 + 10**2 + 20**2) * 1e-3)
 
 
-def test_given_inertia_is_taken_in_the_order_of_ros():
+def test_given_inertia_has_the_order_of_ros():
     part = part_from_bytes(
         stl(box()), 'stl', 'box', mass=1, inertia=[2e-4, 1e-6, 2e-6, 1e-4, 3e-6, 1.5e-4]
     )
@@ -220,7 +220,7 @@ def test_given_inertia_is_taken_in_the_order_of_ros():
     ],
 )
 @pytest.mark.filterwarnings('error')
-def test_a_value_that_is_not_allowed_is_told_with_what_is(given, words):
+def test_error_for_invalid_mass_properties(given, words):
     with pytest.raises(InvalidValueError) as caught:
         part_from_bytes(stl(box()), 'stl', 'bracket_7', **given)
     for word in ['bracket_7', *words]:
@@ -228,7 +228,7 @@ def test_a_value_that_is_not_allowed_is_told_with_what_is(given, words):
 
 
 @pytest.mark.parametrize('name', ['', 'Box', '7up', 'a-b', 'a' * 65, 'ä', 'box\n', None, 7])
-def test_a_name_that_is_none_is_refused(name):
+def test_invalid_name_is_rejected(name):
     with pytest.raises(InvalidValueError, match='lower case letters, digits and _'):
         part_from_bytes(stl(box()), 'stl', name)
 
@@ -288,7 +288,7 @@ def test_open_mesh_with_mass_properties_is_the_same_after_a_message():
     np.testing.assert_array_equal(got.principal_axes, sent.principal_axes)
 
 
-def test_minus_zero_is_zero():
+def test_negative_zero_becomes_zero():
     centre, inertia = np.array([0.0, 10, 15]) * 1e-3, np.array([2e-4, 0, 0, 1e-4, 0, 1.5e-4])
     given = {'mass': 1, 'centre_of_mass': centre, 'inertia': inertia}
     minus = {
@@ -300,7 +300,7 @@ def test_minus_zero_is_zero():
     assert parts[0].part_sha256 == parts[1].part_sha256
 
 
-def test_part_sha256_is_what_its_documentation_says():
+def test_part_sha256_agrees_with_its_documentation():
     data = stl(box())
     part = part_from_bytes(data, 'stl', 'box', mass=2)
     i = part.inertia
@@ -311,7 +311,7 @@ def test_part_sha256_is_what_its_documentation_says():
     assert part.part_sha256 == hashlib.sha256(text).hexdigest()
 
 
-def test_part_sha256_tells_parts_apart_and_forgets_the_name():
+def test_part_sha256_depends_on_all_but_the_name():
     data = stl(box())
     same = [part_from_bytes(data, 'stl', name).part_sha256 for name in ('a', 'b')]
     others = [
@@ -328,7 +328,7 @@ def test_part_sha256_tells_parts_apart_and_forgets_the_name():
     assert len({*same, *others}) == 6
 
 
-def test_a_part_cannot_be_changed_and_can_be_sent_to_a_worker():
+def test_part_is_immutable_and_can_be_pickled():
     part = part_from_bytes(stl(box()), 'stl', 'box')
     with pytest.raises(ValueError, match='read-only'):
         part.hull_vertices[0, 0] = 1
@@ -352,7 +352,7 @@ def test_a_part_cannot_be_changed_and_can_be_sent_to_a_worker():
         ('q' * 99, 'q' * 64),
     ],
 )
-def test_a_file_gives_the_name(tmp_path, stem, name):
+def test_default_name_is_the_file_stem(tmp_path, stem, name):
     file = tmp_path / f'{stem}.STL'
     file.write_bytes(stl(box()))
     assert load_part(file).name == name
@@ -367,7 +367,7 @@ def test_a_file_gives_the_name(tmp_path, stem, name):
         (lambda path: path.write_bytes(b''), ['empty', 'stl, obj or ply']),
     ],
 )
-def test_a_path_without_a_mesh_is_told(tmp_path, make, words):
+def test_error_for_a_path_without_a_mesh(tmp_path, make, words):
     path = tmp_path / 'bracket.stl'
     make(path)
     with pytest.raises(PartError) as caught:
@@ -377,14 +377,14 @@ def test_a_path_without_a_mesh_is_told(tmp_path, make, words):
 
 
 @pytest.mark.parametrize('file', ['bracket.step', 'bracket', '.stl'])
-def test_a_file_of_another_kind_lists_those_that_can_be_read(tmp_path, file):
+def test_error_for_an_unknown_format_lists_the_formats(tmp_path, file):
     (tmp_path / file).write_bytes(stl(box()))
     with pytest.raises(PartError, match=r'expected one of \.stl, \.obj, \.ply'):
         load_part(tmp_path / file)
 
 
 @pytest.mark.parametrize('suffix', ['.step', '.STP', '.iges', '.IGS', '.sldprt', '.x_t', '.ipt'])
-def test_a_cad_file_is_told_to_be_exported_as_stl(tmp_path, suffix):
+def test_error_for_a_cad_file_asks_for_an_stl(tmp_path, suffix):
     (tmp_path / f'bracket{suffix}').write_bytes(b'ISO-10303-21;')
     with pytest.raises(PartError, match=r'export an STL from your CAD program$'):
         load_part(tmp_path / f'bracket{suffix}')
@@ -406,7 +406,7 @@ def test_a_cad_file_is_told_to_be_exported_as_stl(tmp_path, suffix):
         ((10, 20, 30), 'ft', 'in millimetres it would be 10 x 20 x 30 mm; in centimetres it'),
     ],
 )
-def test_an_unusual_size_is_told_with_what_it_would_be(sides, unit, words):
+def test_warning_for_an_unusual_size_suggests_units(sides, unit, words):
     (warning,) = part_from_bytes(stl(box(*sides)), 'stl', 'box', unit=unit).warnings
     assert words in warning
     assert warning.endswith('Is the unit correct?')
@@ -415,7 +415,7 @@ def test_an_unusual_size_is_told_with_what_it_would_be(sides, unit, words):
 @pytest.mark.parametrize(
     ('size', 'unit'), [(3.1, None), (1999, None), (0.1001, 'mm'), (1.5, 'mm')]
 )
-def test_a_usual_size_or_one_with_a_unit_is_not_told(size, unit):
+def test_no_warning_for_a_usual_size_or_a_given_unit(size, unit):
     assert part_from_bytes(stl(box(size, size, size)), 'stl', 'box', unit=unit).warnings == ()
 
 
@@ -446,7 +446,7 @@ def test_a_part_moved_by_whole_millimetres_is_the_same_part(offset, file_format)
     exponent=st.floats(0, 9),
     shape=st.sampled_from(['bracket', 'plate', 'ball', 'rod']),
 )
-def test_a_part_far_from_the_origin_is_right_or_told_to_be_coarse(seed, exponent, shape):
+def test_part_far_from_the_origin_is_exact_or_has_a_warning(seed, exponent, shape):
     """Rounded to float32 anywhere, the volume is right within 1e-4, or there is a warning."""
     mesh = {
         'bracket': l_bracket,
@@ -473,7 +473,7 @@ def test_a_part_far_from_the_origin_is_right_or_told_to_be_coarse(seed, exponent
     assert told or not part.warnings
 
 
-def test_corners_that_differ_by_rounding_far_from_the_origin_are_welded():
+def test_rounded_corners_far_from_the_origin_are_welded():
     """Each triangle of the file is moved by itself, so that its corners are rounded otherwise."""
     triangles = np.asarray(l_bracket().triangles) + np.array([3000.3, -2000.7, 1000.1])
     noise = np.random.default_rng(1).uniform(-1, 1, triangles.shape) * 1e-4
@@ -485,7 +485,7 @@ def test_corners_that_differ_by_rounding_far_from_the_origin_are_welded():
     assert part.volume == pytest.approx(L_VOLUME, rel=1e-3)
 
 
-def test_nothing_is_said_but_by_errors_and_warnings_of_the_part(capfd):
+def test_loading_a_part_prints_nothing(capfd):
     with warnings.catch_warnings():
         warnings.simplefilter('error')
         part_from_bytes(stl(box(1, 1e4, 1)), 'stl', 'box')

@@ -48,7 +48,7 @@ def test_joined_pieces_are_the_whole(assert_same_poses, first, lengths):
 
 
 @given(st.integers(0, 30), st.integers(0, 30))
-def test_between_gives_those_drops_that_are_there_and_no_others(assert_same_poses, low, high):
+def test_between_returns_only_the_available_drops(assert_same_poses, low, high):
     poses = numbered(10, 9)
     expected = [index for index in range(low, high) if 10 <= index < 19]
     found = poses.between(low, high)

@@ -35,7 +35,7 @@ def unit(vector):
     return np.array(vector) / np.linalg.norm(vector)
 
 
-def test_the_orders_of_a_quaternion_are_those_of_scipy():
+def test_quaternion_orders_agree_with_scipy():
     xyzw = ASYMMETRIC.as_quat()
     wxyz = ASYMMETRIC.as_quat(scalar_first=True)
     assert len(set(np.round(np.abs(xyzw), 6))) == 4
@@ -44,7 +44,7 @@ def test_the_orders_of_a_quaternion_are_those_of_scipy():
     np.testing.assert_array_equal(wxyz_from_xyzw(np.stack([xyzw, -xyzw])), [wxyz, -wxyz])
 
 
-def test_points_are_turned_from_part_to_tray_as_scipy_turns_them():
+def test_rotated_points_agree_with_scipy():
     points = np.array([[1.0, 2.0, 3.0], [0.0, -1.0, 0.5]])
     points.setflags(write=False)  # as a part's arrays are
     quaternion = ASYMMETRIC.as_quat()
@@ -58,7 +58,7 @@ def test_points_are_turned_from_part_to_tray_as_scipy_turns_them():
 @given(quaternions)
 @example((0.0, 0.0, 1.0, 0.0))
 @example((0.0, 0.0, 0.0, -1.0))
-def test_the_canonical_quaternion_is_the_same_rotation_of_unit_length_with_w_not_negative(q):
+def test_canonical_quaternion_is_the_same_rotation(q):
     found = canonical(np.array([q]))
     assert found[0, 3] >= 0
     assert np.linalg.norm(found) == pytest.approx(1, abs=1e-15)
@@ -67,7 +67,7 @@ def test_the_canonical_quaternion_is_the_same_rotation_of_unit_length_with_w_not
     )
 
 
-def test_the_canonical_quaternion_leaves_its_input_alone():
+def test_canonical_does_not_change_its_input():
     q = np.array([[0.1, 0.2, 0.3, -2.0]])
     canonical(q)
     np.testing.assert_array_equal(q, [[0.1, 0.2, 0.3, -2.0]])
@@ -90,7 +90,7 @@ def test_down_in_part_is_the_axis_of_the_part_that_points_down(tray_from_part, d
 
 
 @given(st.lists(quaternions, max_size=4), st.floats(-np.pi, np.pi))
-def test_down_in_part_is_gravity_through_the_matrix_and_knows_no_yaw(list_of_q, yaw):
+def test_down_in_part_does_not_depend_on_yaw(list_of_q, yaw):
     q = np.array([unit(each) for each in list_of_q]).reshape(-1, 4)
     down = down_in_part(q)
     assert down.shape == (len(q), 3)
@@ -106,7 +106,7 @@ def test_down_in_part_is_gravity_through_the_matrix_and_knows_no_yaw(list_of_q, 
 @example((0.0, 0.0, -1.0))  # already down
 @example((1e-9, 0.0, 1.0))
 @example((1e-5, -1e-7, 1.0))
-def test_every_direction_can_be_turned_down_by_the_shortest_way(direction):
+def test_any_direction_is_turned_down_by_the_shortest_rotation(direction):
     down = unit(direction)
     q = orientation_with_down(down)
     assert q[3] >= 0
@@ -124,7 +124,7 @@ def test_random_orientations_have_the_rotation_angles_of_haar_measure():
 
 
 @pytest.mark.parametrize('axis', range(3))
-def test_random_orientations_send_every_axis_uniformly_over_the_sphere(axis):
+def test_random_orientations_distribute_axes_uniformly(axis):
     q = random_orientations(np.random.default_rng(8), 20_000)
     image = rotate(q, np.eye(3)[axis])
     # Uniform on the sphere: every coordinate is uniform (Archimedes), and so is the longitude.
@@ -141,7 +141,7 @@ def test_random_orientations_are_independent_of_each_other():
     assert kstest(turn.magnitude(), lambda t: (t - np.sin(t)) / np.pi).pvalue > LEVEL
 
 
-def test_random_orientations_are_canonical_and_follow_from_the_generator_alone():
+def test_random_orientations_depend_only_on_the_generator():
     q = random_orientations(np.random.default_rng(7), 100)
     assert q.shape == (100, 4)
     assert (q[:, 3] >= 0).all()

@@ -59,7 +59,7 @@ def assert_alike(found, expected, part, usual):
 
 
 @pytest.mark.parametrize('size', [0.5, pytest.param(1990.0, marks=pytest.mark.slow)])
-def test_a_simplified_hull_is_off_by_the_same_share_in_any_size(solids, solid, size):
+def test_relative_error_of_a_hull_does_not_depend_on_size(solids, solid, size):
     shape = 'random_sphere', (4000, (1.4, 1, 0.7))
     parts = [sized(solids, solid, *shape, each) for each in (size, 40.0)]
     assert all(len(part.hull_vertices) <= MAX_CORNERS for part in parts)

@@ -50,7 +50,7 @@ def test_plain_documents_are_read():
 
 
 @pytest.mark.parametrize('tag', TAGS)
-def test_a_value_that_does_not_fit_its_tag_is_an_error_of_the_suite(tag):
+def test_value_that_does_not_fit_its_tag_is_an_error(tag):
     places = ('mass: {}', '{}', '? {}\n: 1')
     texts = [place.format(f'!!{tag} {value}') for value in VALUES for place in places]
     refused = [text for text in texts if error_of(text)]
@@ -83,7 +83,7 @@ def test_a_value_that_does_not_fit_its_tag_is_an_error_of_the_suite(tag):
     ],
     ids=lambda text: repr(text[:20]),
 )
-def test_hostile_documents_are_refused_in_one_line(text):
+def test_hostile_documents_are_rejected_in_one_line(text):
     with pytest.raises(PartError, match=r'^sheet is not valid YAML: ') as caught:
         parse_yaml(text, 'sheet', PartError)
     assert str(caught.value).isprintable()
@@ -104,12 +104,12 @@ def test_hostile_documents_are_refused_in_one_line(text):
         max_size=30,
     ).map(''.join)
 )
-def test_any_text_is_a_document_or_one_error(text):
+def test_any_text_gives_a_document_or_one_error(text):
     error_of(text)
 
 
 @given(data=st.binary(max_size=60))
-def test_any_bytes_are_a_document_or_one_error(data):
+def test_any_bytes_give_a_document_or_one_error(data):
     error_of(data)
 
 

@@ -1,7 +1,7 @@
 """The rotations that map a part onto itself, found from its surface.
 
-A part seen by a camera or a chute looks the same after such a rotation, so aspects that one takes
-to each other are of one class. Mirror images are left out: no rotation makes one.
+Such a rotation does not change how a part appears to a camera or a chute, so the aspects that it
+maps to each other form one class. Reflections are excluded, because a part cannot be reflected.
 """
 
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from resting_aspects_ros.core.geometry.rotation_group import (
     LARGEST,
     contains,
     dihedral,
-    everywhere,
     generated,
     half_turns,
     pair_rotations,
+    sample_rotations,
     surface_frame,
     turns,
 )
@@ -27,23 +27,24 @@ from resting_aspects_ros.core.part import Part
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-# Orders of rotation that are looked for: a gear may have as many teeth.
+# Maximum order of rotation: a gear may have this number of teeth.
 HIGHEST_ORDER = 256
-# Steps of the azimuth of an axis across, rad; and at least so many from one to the next.
-STEP, STEPS = 0.01, 16
-# What is nearly a symmetry before it is polished, R.
+# Steps of the azimuth of a perpendicular axis, rad, and their minimum number between two axes.
+STEP, MIN_STEPS = 0.01, 16
+# Maximum deviation of a candidate before its refinement, R.
 ROUGH = 0.01
-# The same of rotations that are looked for everywhere, R.
+# The same for candidates from a search over all rotations, R.
 ROUGH_ANYWHERE = 0.06
-# Samples that do to choose candidates, and for products of rotations that all samples confirm.
+# Number of samples that select candidates and check products of confirmed rotations.
 SAMPLES = 300
-# A candidate closer than this, rad, to one that failed is not tried; nor are more than so many.
+# Candidates closer than this, rad, to a failed one are skipped; the second number is the maximum
+# number of attempts.
 TRIED, MAX_TRIED = 0.05, 100
-# So many of them tell whether nearly all rotations fit roughly.
+# Number of rotations that determine whether nearly all rotations fit roughly.
 FEW_ANYWHERE = 60
-# Candidates that are polished at most, in a search.
-MAX_POLISHED = 20
-# Directions that are tried as the axis of a body of revolution.
+# Maximum number of candidates that are refined in a search.
+MAX_REFINED = 20
+# Maximum number of directions that are tried as the axis of a body of revolution.
 MAX_AXES = 12
 
 
@@ -52,14 +53,15 @@ class Symmetry:
     """The group of the rotations about the centre of mass that map a part onto itself.
 
     kind : 'finite', 'axial' or 'spherical'
-        Axial: all turns about an axis. Spherical: all rotations.
+        Axial: all rotations about an axis. Spherical: all rotations.
     order : int
-        finite: the number of rotations, the identity included; axial: 2 if the part can also be
-        turned end for end, else 1; spherical: 1.
+        finite: the number of rotations including the identity; axial: 2 if the part can also be
+        turned end over end, else 1; spherical: 1.
     axis : (3,) float or None
         axial: a unit vector, part frame.
     rotations : (order, 3, 3) float
-        Matrices, part frame, the identity first. axial: one of each coset of the turns.
+        Matrices, part frame, the identity first; axial: one of each coset of the rotations about
+        the axis.
     """
 
     kind: Literal['finite', 'axial', 'spherical']
@@ -69,21 +71,21 @@ class Symmetry:
 
 
 def find_symmetry(part: Part, landmarks: Array) -> Symmetry:
-    """Find the symmetry of a part's surface about its centre of mass.
+    """Return the symmetry of the surface of a part about its centre of mass.
 
-    Candidates come from second moments of the surface and from the landmarks; a rotation counts
-    if it takes the surface onto itself, both ways, within SYMMETRY_TOLERANCE and what the
-    tessellation explains. The inertia plays no part: it may be given, and be another solid's.
+    Candidates come from second moments of the surface and from the landmarks. A rotation is a
+    symmetry if it and its inverse map the surface onto itself, within SYMMETRY_TOLERANCE plus the
+    effect of the tessellation. The inertia is not used, because it may be given by the user.
 
     Parameters
     ----------
     part : Part
     landmarks : (k, 3) float
-        Unit directions, part frame, which the group permutes, right to 1e-3, as of flat aspects;
-        may be empty.
+        Unit directions, part frame, that the group permutes, with errors up to 1e-3, such as those
+        of flat aspects; may be empty.
     """
     match = SurfaceMatch(part)
-    if not match.strays(None).any():
+    if not match.deviating(None).any():
         return Symmetry('spherical', 1, None, np.eye(3)[None])
     axes, alone = surface_frame(match.triangles)
     for axis in _directions(axes if alone.any() else np.concatenate([axes, landmarks])):
@@ -93,10 +95,10 @@ def find_symmetry(part: Part, landmarks: Array) -> Symmetry:
         rotations = _from(match, half_turns(axes), ROUGH)
     elif alone.any():
         axis = axes[alone][0]
-        order = np.argsort(~match.strays(axis), kind='stable')  # those that tell most come first
+        order = np.argsort(~match.deviating(axis), kind='stable')  # the most significant first
         n = _cyclic_order(match, axis, order)
         if n > HIGHEST_ORDER:
-            # Some sample strays at some angle, but no turn to speak of shows.
+            # Some samples deviate at some angle, but no finite order is found.
             return _axial(match, axis)
         rotations = dihedral(axis, n, _flip(match, axis, n, axes[~alone], order))
     else:
@@ -105,7 +107,7 @@ def find_symmetry(part: Part, landmarks: Array) -> Symmetry:
 
 
 def _directions(vectors: Array) -> Array:
-    """Return the first few of vectors that are not along each other."""
+    """Return the first MAX_AXES vectors that are not parallel, as unit vectors."""
     chosen: list[Array] = []
     for vector in vectors:
         if all(np.linalg.norm(np.cross(vector, other)) > STEP for other in chosen):
@@ -116,7 +118,7 @@ def _directions(vectors: Array) -> Array:
 
 
 def _across(axis: Array) -> Array:
-    """Return two unit vectors, (2, 3), at right angles to an axis and to each other."""
+    """Return two unit vectors, (2, 3), perpendicular to an axis and to each other."""
     first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(axis, first)])
@@ -124,7 +126,7 @@ def _across(axis: Array) -> Array:
 
 def _is_axial(match: SurfaceMatch, axis: Array) -> bool:
     some = turns(axis, np.array([0.3, 1.0, 2.2]))
-    return bool(match.fits(some, match.order).all()) and not match.strays(axis).any()
+    return bool(match.fits(some, match.order).all()) and not match.deviating(axis).any()
 
 
 def _axial(match: SurfaceMatch, axis: Array) -> Symmetry:
@@ -134,9 +136,9 @@ def _axial(match: SurfaceMatch, axis: Array) -> Symmetry:
 
 
 def _from(match: SurfaceMatch, candidates: Array, play: float) -> Array:
-    """Return the group that those of the candidates generate that fit when they are polished.
+    """Return the group generated by the candidates that fit after their refinement.
 
-    Before that they may miss by the play, R.
+    Before the refinement they may deviate by ``play``, R.
     """
     generators: list[Array] = []
     group = tried = np.eye(3)[None]
@@ -147,8 +149,8 @@ def _from(match: SurfaceMatch, candidates: Array, play: float) -> Array:
         if contains(group, candidate) or contains(tried, candidate, TRIED):
             continue
         tried = np.concatenate([tried, candidate[None]])
-        polished = match.polished(candidate, match.order)
-        both = np.stack([polished, candidate])
+        refined = match.refined(candidate, match.order)
+        both = np.stack([refined, candidate])
         for rotation in both[match.fits(both, match.order)]:
             if contains(group, rotation):
                 break
@@ -161,7 +163,7 @@ def _from(match: SurfaceMatch, candidates: Array, play: float) -> Array:
 
 
 def _cyclic_order(match: SurfaceMatch, axis: Array, order: Indices) -> int:
-    """Return the largest n for which a turn by 1 / n fits: the product of its prime powers."""
+    """Return the largest n for which a rotation by 1 / n fits, from its prime powers."""
     n = 1
     for prime in range(2, HIGHEST_ORDER + 1):
         if any(prime % smaller == 0 for smaller in range(2, prime)):
@@ -174,24 +176,24 @@ def _cyclic_order(match: SurfaceMatch, axis: Array, order: Indices) -> int:
 
 
 def _has_order(match: SurfaceMatch, axis: Array, n: int, order: Indices) -> bool:
-    # Not only the smallest turn, which may fit because it moves nothing by much.
+    # Not only the smallest rotation, which may fit because it hardly moves the surface.
     steps = 2 ** np.arange(np.ceil(np.log2(n)))[::-1]
     return all(match.fits(turn[None], order)[0] for turn in turns(axis, 2 * np.pi * steps / n))
 
 
 def _flip(match: SurfaceMatch, axis: Array, n: int, hints: Array, order: Indices) -> Array | None:
-    """Return a half turn about an axis across, of the hints first, that fits, if there is one."""
+    """Return a half turn about a perpendicular axis that fits, if any; hints are tried first."""
     across = _across(axis)
-    count = max(STEPS, int(np.ceil(np.pi / n / STEP)))
+    count = max(MIN_STEPS, int(np.ceil(np.pi / n / STEP)))
     azimuths = np.pi / n * np.arange(count) / count
     axes = np.stack([np.cos(azimuths), np.sin(azimuths)], axis=1) @ across
-    # An axis is off by half a step at most, and a half turn about it by twice that.
+    # The error of an axis is at most half a step, that of a half turn about it twice that.
     rough = axes[match.fits(half_turns(axes), order[:SAMPLES], np.pi / n / count)]
-    rough = rough[:: int(np.ceil(len(rough) / MAX_POLISHED)) or 1]
+    rough = rough[:: int(np.ceil(len(rough) / MAX_REFINED)) or 1]
     for candidate in (*hints, *rough):
-        polished = match.polished(half_turns(candidate[None])[0], order)
-        # Of a half turn about u, R + 1 is 2 u u^T.
-        near = (polished + np.eye(3)) @ candidate
+        refined = match.refined(half_turns(candidate[None])[0], order)
+        # For a half turn R about u, R + 1 is 2 u u^T.
+        near = (refined + np.eye(3)) @ candidate
         near -= (near @ axis) * axis
         flip = half_turns((near / np.linalg.norm(near))[None])
         if match.fits(flip, order)[0]:
@@ -200,13 +202,13 @@ def _flip(match: SurfaceMatch, axis: Array, n: int, hints: Array, order: Indices
 
 
 def _polyhedral(match: SurfaceMatch, axes: Array, landmarks: Array) -> Array:
-    """Return the group of a part that has no axis of its own, as a cube or an icosahedron."""
+    """Return the group of a part without a unique axis, such as a cube or an icosahedron."""
     pairs = pair_rotations(landmarks)
     if len(pairs):
         return _from(match, np.concatenate([half_turns(axes), pairs]), ROUGH)
-    candidates = everywhere()
+    candidates = sample_rotations()
     some = candidates[:: len(candidates) // FEW_ANYWHERE]
     if match.fits(some, match.order[:SAMPLES], ROUGH_ANYWHERE).mean() > 0.5:
-        # Nearly a ball: all fits roughly, and to tell them apart would take minutes.
+        # Nearly a ball: all rotations fit roughly, and checking them would take minutes.
         return np.eye(3)[None]
     return _from(match, candidates, ROUGH_ANYWHERE)

@@ -1,4 +1,4 @@
-"""Rotations that a solid may have: from its surface, from landmarks, and the groups they make."""
+"""Candidate symmetry rotations from a surface and from landmarks, and rotation groups."""
 
 import numpy as np
 import numpy.typing as npt
@@ -7,33 +7,35 @@ from scipy.spatial.transform import Rotation
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-# Second moments of the surface that differ by less, as a share, may be those of a symmetric
-# solid: a tessellation moves them by as much.
+# Second moments of the surface that differ by less, as a share, may be equal: the tessellation of
+# a symmetric solid changes them by this much.
 ALIKE = 0.02
-# Triangles whose points are made at once, so that memory stays flat.
-AT_ONCE = 20_000
-# Landmarks are right to 1e-3; so far may angles between them differ, rad.
+# Number of triangles that are processed at once, to limit the memory.
+BATCH = 20_000
+# Maximum difference of equal angles between landmarks, rad; landmarks have errors of 1e-3.
 LANDMARK_ANGLE = 5e-3
-# Cosine up to which two landmarks make a frame that their errors turn by little.
+# Maximum cosine between two landmarks, so that their errors rotate their frame only slightly.
 FAR_FROM_COLLINEAR = 0.99
-# Directions on half a sphere: within 0.03 of any axis, and a half turn moves twice as much.
+# Number of directions on a hemisphere: every axis is within 0.03 of one, and the error of a half
+# turn is twice that.
 DIRECTIONS = 4000
-# Rotations of a group that differ by less, rad, are one: more than the error of what is found on
-# a mesh, less than the steps of any polyhedron's group.
+# Rotations of a group that differ by less, rad, are equal. It is more than the error of rotations
+# that are found on a mesh, and less than the steps of any polyhedral group.
 SAME = 0.1
 # The largest group that is neither cyclic nor dihedral: the icosahedron's.
 LARGEST = 60
 
 
 def surface_frame(triangles: Array) -> tuple[Array, Flags]:
-    """Return axes (3, 3), a row each, and which of them no symmetry but a half turn can move.
+    """Return axes (3, 3), one per row, and which of them only a half turn can move.
 
-    Of three matrices that turn with the surface the one that tells most: two second moments,
-    weighted by 1 and by r^4, and the mean of r^2 times the position, times itself.
+    They are those of the most significant of three matrices that rotate with the surface: two
+    second moments, weighted by 1 and by r^4, and the outer product of the mean of r^2 times the
+    position.
     """
     area, second, sixth, mean = 0.0, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
-    for first in range(0, len(triangles), AT_ONCE):
-        points, weights = _quadrature(triangles[first : first + AT_ONCE])
+    for first in range(0, len(triangles), BATCH):
+        points, weights = _quadrature(triangles[first : first + BATCH])
         square = np.einsum('ij,ij->i', points, points)
         area += float(weights.sum())
         second += (weights[:, None] * points).T @ points
@@ -56,8 +58,8 @@ def surface_frame(triangles: Array) -> tuple[Array, Flags]:
 def _quadrature(triangles: Array) -> tuple[Array, Array]:
     """Return points (n, 3) and weights (n,) that integrate degree 6 over triangles.
 
-    Gauss's points of a square, its one side drawn together to a corner, so that a surface has the
-    same moments however it is divided.
+    They are Gauss points of a square with one side collapsed to a corner. So the moments of a
+    surface do not depend on its division into triangles.
     """
     at, share = np.polynomial.legendre.leggauss(4)
     u, v = (side.ravel() for side in np.meshgrid((at + 1) / 2, (at + 1) / 2))
@@ -71,7 +73,7 @@ def _quadrature(triangles: Array) -> tuple[Array, Array]:
 
 
 def pair_rotations(landmarks: Array) -> Array:
-    """Return rotations (k, 3, 3) from one pair of landmarks to all with the same angle."""
+    """Return rotations (k, 3, 3) from one pair of landmarks to all pairs with the same angle."""
     cosines = np.clip(landmarks @ landmarks.T, -1, 1)
     angles = np.arccos(cosines)
     first, second = np.nonzero(np.abs(cosines) < FAR_FROM_COLLINEAR)
@@ -87,23 +89,23 @@ def pair_rotations(landmarks: Array) -> Array:
 
 
 def _frames(first: Array, second: Array) -> Array:
-    """Return right-handed frames (k, 3, 3) of pairs of directions, columns, halfway first."""
+    """Return right-handed frames (k, 3, 3) of pairs of directions; the first axis is halfway."""
     x, z = first + second, np.cross(first, second)
     x = x / np.linalg.norm(x, axis=1, keepdims=True)
     z = z / np.linalg.norm(z, axis=1, keepdims=True)
     return np.stack([x, np.cross(z, x), z], axis=2)
 
 
-def everywhere() -> Array:
-    """Return rotations (k, 3, 3) of orders 2 to 5 about axes in all directions, half of them.
+def sample_rotations() -> Array:
+    """Return rotations (k, 3, 3) of orders 2 to 5 about axes on a hemisphere.
 
-    Directions on a Fibonacci spiral.
+    The axes are on a Fibonacci spiral.
     """
     z = (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
     azimuth = np.pi * (1 + np.sqrt(5)) * np.arange(DIRECTIONS)
     ring = np.sqrt(1 - z**2)
     axes = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), z], axis=1)
-    # In any order, so that the first few are spread.
+    # Permuted, so that the first few are evenly distributed.
     axes = np.random.default_rng(22).permutation(axes)
     angles = 2 * np.pi / np.array([2.0, 3.0, 4.0, 5.0])
     return np.asarray(
@@ -112,32 +114,32 @@ def everywhere() -> Array:
 
 
 def turns(axis: Array, angles: Array) -> Array:
-    """Return (k, 3, 3) rotations about a unit vector (3,) by angles (k,), rad."""
+    """Return rotations (k, 3, 3) about a unit vector (3,) by angles (k,), rad."""
     return np.asarray(Rotation.from_rotvec(np.asarray(angles)[:, None] * axis).as_matrix())
 
 
 def half_turns(axes: Array) -> Array:
-    """Return (k, 3, 3) half turns about unit vectors (k, 3)."""
+    """Return half turns (k, 3, 3) about unit vectors (k, 3)."""
     return 2 * axes[:, :, None] * axes[:, None, :] - np.eye(3)
 
 
 def dihedral(axis: Array, order: int, flip: Array | None) -> Array:
-    """Return the turns about an axis, (n, 3, 3), and with a half turn (3, 3) across also those."""
+    """Return the cyclic group about an axis, (n, 3, 3), or with a flip (3, 3) the dihedral one."""
     cyclic = turns(axis, 2 * np.pi * np.arange(order) / order)
     cyclic[0] = np.eye(3)
     return cyclic if flip is None else np.concatenate([cyclic, cyclic @ flip])
 
 
 def contains(group: Array, rotation: Array, within: float = SAME) -> bool:
-    """Tell whether a rotation is in a group, but for errors, rad."""
+    """Return whether a rotation is in a group, up to errors, rad."""
     return bool(_angles(group, rotation).min() < within)
 
 
 def generated(generators: Array) -> Array | None:
     """Return the group (n, 3, 3) that rotations generate, identity first.
 
-    They may be off a little. None if what they generate is no finite group, or larger than
-    the icosahedron's: then one of them is none of the solid.
+    They may have small errors. None if they do not generate a finite group, or if it is larger
+    than that of the icosahedron: then one of them is not a symmetry of the solid.
     """
     group = [np.eye(3)]
     for element in group:
@@ -151,10 +153,10 @@ def generated(generators: Array) -> Array | None:
 
 
 def _closed(group: Array) -> Array | None:
-    """Take the errors out of a group: each element is the mean of all ways to multiply to it.
+    """Return the group without errors; None if it is not closed.
 
-    The mean of g_k g_j^-1 over all pairs whose product is the element: a fixed point is closed to
-    rounding, and each round squares the error.
+    Each element is replaced by the mean of g_k g_j^-1 over all pairs whose product is the element.
+    A fixed point is closed up to rounding, and each iteration squares the error.
     """
     for _ in range(4):
         products = group[:, None] @ group.transpose(0, 2, 1)
@@ -173,5 +175,5 @@ def _closed(group: Array) -> Array | None:
 
 
 def _angles(group: Array, rotation: Array) -> Array:
-    """Return how far the elements are from a rotation, rad (n,), as chords for small ones."""
+    """Return the angles (n,) of the elements to a rotation, rad, as chords, for small angles."""
     return np.asarray(np.linalg.norm(group - rotation, axis=(1, 2)) / np.sqrt(2))

@@ -1,4 +1,4 @@
-"""Which points lie near a surface of triangles: a tree of boxes, asked for many points at once."""
+"""A tree of boxes that finds the triangles of a surface near many points at once."""
 
 from collections.abc import Callable, Iterator
 
@@ -10,28 +10,28 @@ Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 Found = Callable[[Indices, Indices], Flags]
 
-# Points that go down the tree together: what bounds the memory.
-TOGETHER = 1024
-# Boxes for each of those points from which on one triangle of each box is looked at.
+# Number of points that descend the tree together, which limits the memory.
+BATCH = 1024
+# Mean number of boxes per point above which one triangle of each box is tested early.
 CROWDED = 32
-# Pairs of points and boxes that are kept, if they are of more than one point.
+# Maximum number of pairs of points and boxes, unless they are of a single point.
 MAX_PAIRS = 500_000
-# Triangles of a point that are looked at first; then so many times more, and so on.
+# Number of triangles of a point that are tested first; each further step tests this factor more.
 FEW = 4
 
 
 class TriangleTree:
-    """Triangles in a tree of boxes; each box is cut in half across its longest side.
+    """Triangles in a tree of boxes; each box is split across its longest side.
 
-    The tree is full: the triangles are repeated to a power of two, so that a level is one array
-    and a node's children are found by its number.
+    The tree is complete: triangles are repeated up to a power of two, so that each level is one
+    array and the children of a node follow from its number.
     """
 
     def __init__(self, corners: Array, skins: Array) -> None:
         """Build the tree of triangles (m, 3 corners, 3), m.
 
-        skins : (m,) float64, by how much the true surface may be off each triangle, m: it counts
-        as that thick.
+        skins : (m,) float64, maximum distance of the true surface from each triangle, m, which is
+        used as the thickness of the triangle.
         """
         self._corners, self._skins = corners, skins
         depth = int(np.ceil(np.log2(len(corners))))
@@ -49,20 +49,20 @@ class TriangleTree:
             self._levels.insert(0, (low, high))
 
     def near(self, points: Array, reach: float, skins: Array) -> Flags:
-        """Tell which points (n, 3) are within reach of the surface, m.
+        """Return which points (n, 3) are within reach of the surface, m.
 
-        The reach is on top of the thicker of the triangle's skin and the point's own, (n,) m.
+        The larger of the skin of the triangle and the skin of the point, (n,) m, is added to it.
         """
         near = np.zeros(len(points), dtype=bool)
 
         def found(at: Indices, piece: Indices) -> Flags:
             apart = _ways_to(self._corners[piece], points[at])
-            allowed = reach + np.maximum(skins[at], self._skins[piece])
-            near[at[np.einsum('ij,ij->i', apart, apart) <= allowed**2]] = True
+            max_distance = reach + np.maximum(skins[at], self._skins[piece])
+            near[at[np.einsum('ij,ij->i', apart, apart) <= max_distance**2]] = True
             return near[at]
 
         for point, triangle in self._pairs(points, reach + skins, found):
-            # A few triangles of each point at a time: most points need no more.
+            # A few triangles of each point at a time, because most points need no more.
             rank = np.arange(len(point)) - np.searchsorted(point, point)
             left = np.arange(len(point))
             few = FEW
@@ -74,9 +74,9 @@ class TriangleTree:
         return near
 
     def nearest(self, points: Array, reach: float) -> tuple[Indices, Indices, Array]:
-        """Return (k,) points that have a triangle within reach, that one, and the way to it.
+        """Return the points (k,) within reach of a triangle, the triangle, and the offset to it.
 
-        The way, (k, 3), leads from the point to the nearest point of the triangle, m.
+        The offset (k, 3) leads from the point to the nearest point of the triangle, m.
         """
         found: list[tuple[Indices, Indices, Array]] = [
             (np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
@@ -92,15 +92,15 @@ class TriangleTree:
     def _pairs(
         self, points: Array, reach: Array, found: Found | None = None
     ) -> Iterator[tuple[Indices, Indices]]:
-        """Give points with the triangles whose box is within reach, ascending each time.
+        """Yield points with the triangles whose boxes are within reach, in ascending order.
 
         found : callable, optional
-            Tells of pairs of a point and a triangle whether the point can be left out. It is asked
-            where boxes lie over each other, as those of the needles of a fan, on the way down.
+            Returns for pairs of a point and a triangle whether the point is finished. It is called
+            during the descent where boxes overlap, such as those of the needles of a fan.
         """
-        for start in range(0, len(points), TOGETHER):
-            point = np.arange(start, min(start + TOGETHER, len(points)))
-            groups = [(1, point, np.zeros(len(point), dtype=np.int64), CROWDED * TOGETHER)]
+        for start in range(0, len(points), BATCH):
+            point = np.arange(start, min(start + BATCH, len(points)))
+            groups = [(1, point, np.zeros(len(point), dtype=np.int64), CROWDED * BATCH)]
             while groups:
                 level, point, node, crowd = groups.pop()
                 if found and len(point) > crowd:
@@ -128,9 +128,10 @@ class TriangleTree:
 
 
 def _ways_to(corners: Array, points: Array) -> Array:
-    """Return the ways (k, 3) from points (k, 3) to the nearest points of triangles (k, 3, 3).
+    """Return the offsets (k, 3) from points (k, 3) to the nearest points of triangles (k, 3, 3).
 
-    Straight down if that is inside, else to the nearest edge: so needles do no harm.
+    It is the perpendicular if its foot is inside the triangle, else the offset to the nearest
+    edge, which is robust for needles.
     """
     edges = np.roll(corners, -1, axis=1) - corners
     arms = points[:, None] - corners
@@ -149,9 +150,9 @@ def _ways_to(corners: Array, points: Array) -> Array:
 
 
 def _halved(groups: Indices, middles: Array) -> Indices:
-    """Order the triangles of each group, (groups, size), across the longest side of its box.
+    """Return the triangles of each group, (groups, size), split across its longest side.
 
-    middles : (3, m) float64, by axis: a row of one group is one row in memory.
+    middles : (3, m) float64, by axis, so that each row is contiguous in memory.
     """
     at = [along[groups] for along in middles]
     longest = np.argmax([along.max(axis=1) - along.min(axis=1) for along in at], axis=0)
@@ -160,15 +161,16 @@ def _halved(groups: Indices, middles: Array) -> Indices:
     return np.take_along_axis(groups, np.argpartition(along, half, axis=1), axis=1)
 
 
-def cut(corners: Array, longest: float, most: int) -> tuple[Array, Indices]:
-    """Cut triangles (m, 3, 3) across their longest edges until those are short, or too many.
+def subdivide(corners: Array, max_edge: float, max_pieces: int) -> tuple[Array, Indices]:
+    """Return triangles (m, 3, 3) split at their longest edges until these are short enough.
 
-    Returns the corners of the pieces, (k, 3, 3), and the triangle that each is of, (k,).
+    The result is the corners of the pieces, (k, 3, 3), and the original triangle of each, (k,).
+    The splitting stops at ``max_pieces``.
     """
     whole = np.arange(len(corners))
-    while len(corners) < most:
+    while len(corners) < max_pieces:
         lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-        long = lengths.max(axis=1) > longest
+        long = lengths.max(axis=1) > max_edge
         if not long.any():
             break
         first = lengths[long].argmax(axis=1)[:, None] + np.arange(3)

@@ -1,4 +1,4 @@
-"""Whether a rotation maps the surface of a part onto itself: by surface distance both ways."""
+"""Test whether a rotation maps the surface of a part onto itself, by distances both ways."""
 
 from itertools import pairwise
 
@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.core.geometry.surface_distance import TriangleTree, cut
+from resting_aspects_ros.core.geometry.surface_distance import TriangleTree, subdivide
 from resting_aspects_ros.core.geometry.tessellation import sagittas
 from resting_aspects_ros.core.part import Part
 
@@ -14,25 +14,27 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-# How far a point of the surface may be off the surface once it is rotated, R, on top of what the
-# tessellation explains: the play of a part that somebody drew as symmetric.
+# Maximum distance of a rotated surface point from the surface, R, in addition to the effect of the
+# tessellation. It allows for inaccuracies of a part that is designed as symmetric.
 SYMMETRY_TOLERANCE = 2e-3
-# Triangles are cut into pieces with edges below this, R, so that samples are spread well and
-# boxes are small, up to so many pieces.
-PIECE, PIECES = 0.15, 60_000
-# Samples: of the corners of the mesh, and of the middles of pieces and the other vertices.
+# Triangles are subdivided until their edges are shorter than this, R, up to a maximum number, so
+# that samples are evenly distributed and boxes are small.
+MAX_EDGE, MAX_PIECES = 0.15, 60_000
+# Maximum number of samples at corners of the mesh, and at the middles of pieces and other
+# vertices.
 MAX_CORNERS, MAX_OTHERS = 1500, 2500
-# Samples that are put first, each as far as can be from those before it.
+# Number of samples that come first, each as far as possible from those before it.
 SPREAD = 200
-# Samples looked at before a rotation is rejected: most are after the first few.
+# Numbers of samples after which failed rotations are rejected; most fail at the first few.
 STAGES = (5, 25, 125, 625)
-# Points at once, to bound the memory.
-POINTS = 200_000
-# Makes one number of a cell's place, below 2000 either way, and of a normal's direction, 0 to 4.
+# Number of points that are processed at once, to limit the memory.
+BATCH = 200_000
+# Combines the indices of a cell, -2000 to 2000, and the direction of a normal, 0 to 4, in one
+# number.
 _CELL_CODE = np.array([4000**2 * 125, 4000 * 125, 125, 25, 5, 1])
-# Sides of cells, R: the finest, and how much coarser each step is; the largest step is 3 R.
+# Sides of cells, R: the finest, the ratio of each step, and the number of steps up to about 3 R.
 FINEST, COARSER, LARGEST = 1e-3, 1.4, 24
-# How often each sample is turned by some angle to find out whether any will do.
+# Number of random rotations of each sample in the test for continuous symmetry.
 TURNS = 3
 
 
@@ -40,13 +42,15 @@ class SurfaceMatch:
     """The surface of a part about its centre of mass, in units of R, and samples of it."""
 
     def __init__(self, part: Part) -> None:
-        """Take samples: corners, vertices and points inside the triangles."""
+        """Sample the surface at corners, vertices and points inside the triangles."""
         vertices = (part.vertices - part.centre_of_mass) / part.hull_radius
         faces = part.faces
         skins, corner = sagittas(vertices, faces)
         twice = _normals(vertices[faces])
         solid = np.linalg.norm(twice, axis=1) > 0
-        pieces, whole = cut(vertices[faces][solid], PIECE, max(PIECES, 2 * len(faces)))
+        pieces, whole = subdivide(
+            vertices[faces][solid], MAX_EDGE, max(MAX_PIECES, 2 * len(faces))
+        )
         whole = np.flatnonzero(solid)[whole]
         self.triangles = vertices[faces][solid]
         self._tree = TriangleTree(pieces, skins[whole])
@@ -67,34 +71,34 @@ class SurfaceMatch:
         self._points, self._skins = points[order], skins[order]
         self.order = np.arange(len(points))
 
-    def strays(self, axis: Array | None) -> Flags:
-        """Tell which samples leave the surface when it is turned about the axis, a unit vector.
+    def deviating(self, axis: Array | None) -> Flags:
+        """Return which samples leave the surface after rotations about an axis (unit vector).
 
-        Each sample is turned by some angles of its own, so that no order of rotation hides between
-        them. Without an axis: by some rotations of its own about any axis.
+        Each sample is rotated by its own random angles, so that no finite order of rotation is
+        mistaken for a continuous symmetry. Without an axis, the rotations are about random axes.
         """
-        generator = np.random.default_rng(20)  # any angles do; these are the same every time
-        strays = np.zeros(len(self._points), dtype=bool)
+        generator = np.random.default_rng(20)  # any angles are suitable; these are reproducible
+        deviating = np.zeros(len(self._points), dtype=bool)
         for _ in range(TURNS):
             if axis is None:
-                turns = Rotation.from_quat(generator.standard_normal((len(strays), 4)))
+                turns = Rotation.from_quat(generator.standard_normal((len(deviating), 4)))
             else:
-                angles = generator.uniform(0, 2 * np.pi, len(strays))
+                angles = generator.uniform(0, 2 * np.pi, len(deviating))
                 turns = Rotation.from_rotvec(angles[:, None] * axis)
             moved = turns.apply(self._points)
-            strays |= ~self._tree.near(moved, SYMMETRY_TOLERANCE, self._skins)
-        return strays
+            deviating |= ~self._tree.near(moved, SYMMETRY_TOLERANCE, self._skins)
+        return deviating
 
     def fits(self, rotations: Array, order: Indices, play: float = 0.0) -> Flags:
-        """Tell which rotations, (k, 3, 3), map the surface onto itself, both ways.
+        """Return which rotations, (k, 3, 3), and their inverses map the surface onto itself.
 
-        ``order`` is that of the samples; the play, R, is on top of SYMMETRY_TOLERANCE.
+        ``order`` is the order of the samples; ``play``, R, is added to SYMMETRY_TOLERANCE.
         """
         left = np.arange(len(rotations))
         bounds = [0, *(s for s in STAGES if s < len(order)), len(order)]
         for start, stop in pairwise(bounds):
             some = order[start:stop]
-            block = max(1, POINTS // (2 * len(some)))
+            block = max(1, BATCH // (2 * len(some)))
             parts = [left[i : i + block] for i in range(0, len(left), block)]
             held = [part[self._hold(rotations[part], some, play)] for part in parts]
             left = np.concatenate(held) if held else left
@@ -102,11 +106,11 @@ class SurfaceMatch:
         fits[left] = True
         return fits
 
-    def polished(self, rotation: Array, order: Indices) -> Array:
-        """Return a rotation that nearly fits, turned so that the surface lies on itself best.
+    def refined(self, rotation: Array, order: Indices) -> Array:
+        """Return the rotation that fits best, starting from one that nearly fits.
 
-        Least squares of the distances to the planes of the nearest triangles (Chen and Medioni
-        1992), a few times over with the reach cut down.
+        It minimizes the squared distances to the planes of the nearest triangles (Chen and Medioni
+        1992), in several iterations with decreasing reach.
         """
         points = self._points[order[: 2 * SPREAD]]
         for reach in (0.04, 0.02, 0.01, 0.01):
@@ -129,15 +133,15 @@ class SurfaceMatch:
 
 
 def _normals(triangles: Array) -> Array:
-    """Return normals as long as twice the area."""
+    """Return the normals of triangles; their lengths are twice the areas."""
     a, b, c = np.moveaxis(triangles, 1, 0)
     return np.cross(b - a, c - a)
 
 
-def _thinned(points: Array, normals: Array, most: int) -> Indices:
-    """Choose at most so many points, one of each cell and, in it, of each direction of normal.
+def _thinned(points: Array, normals: Array, max_points: int) -> Indices:
+    """Return at most ``max_points`` points, one for each cell and direction of the normal.
 
-    So a pocket in a large face keeps samples of its walls however small it is.
+    So the walls of a small pocket in a large face keep their samples.
     """
 
     def chosen(step: int) -> Indices:
@@ -146,15 +150,15 @@ def _thinned(points: Array, normals: Array, most: int) -> Indices:
         return np.sort(np.unique(code, return_index=True)[1])
 
     direction = (np.round(1.5 * normals) + 2).astype(np.int64)
-    if len(points) <= most:
+    if len(points) <= max_points:
         return np.arange(len(points))
-    # The finest cells that are few enough: there are fewer of them the larger they are.
+    # Search for the finest cells that are few enough; larger cells are fewer.
     low, high = -1, LARGEST
     best = chosen(high)
     while high - low > 1:
         step = (low + high) // 2
         found = chosen(step)
-        if len(found) <= most:
+        if len(found) <= max_points:
             high, best = step, found
         else:
             low = step
@@ -162,7 +166,7 @@ def _thinned(points: Array, normals: Array, most: int) -> Indices:
 
 
 def _spread_first(points: Array) -> Indices:
-    """Order points so that each of the first ones is far from those before it."""
+    """Return the order of points in which each of the first is far from those before it."""
     apart = np.linalg.norm(points, axis=1)
     first: list[int] = []
     for count in range(min(SPREAD, len(points))):
@@ -170,6 +174,6 @@ def _spread_first(points: Array) -> Indices:
         distance = np.linalg.norm(points - points[first[-1]], axis=1)
         apart = np.minimum(apart, distance) if count else distance
     rest = np.setdiff1d(np.arange(len(points)), first)
-    # Scattered, so that a stage is a fair sample of them all.
+    # Permuted, so that each stage is a representative sample.
     scattered = np.random.default_rng(21).permutation(rest)
     return np.concatenate([np.array(first, dtype=np.int64), scattered])

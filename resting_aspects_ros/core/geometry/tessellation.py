@@ -1,4 +1,4 @@
-"""How far the triangles of a mesh are off the curved surface that they stand for."""
+"""Estimate of the distance between the triangles of a mesh and the true curved surface."""
 
 from dataclasses import dataclass
 
@@ -11,19 +11,20 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-# A curved side is meshed in steps of at most this: a circle of 15 sides or more (24 degrees); a
-# circle of fewer is a prism with flat sides.
+# Maximum step of the mesh of a curved side: that of a circle of 15 sides or more (24 degrees). A
+# circle with fewer sides is a prism with flat sides.
 CURVED_STEP = np.radians(25.0)
-# Triangles that meet at less are in one plane, but for the noise of float32.
+# Triangles that meet at a smaller angle are in one plane, up to the noise of float32.
 FLAT_ANGLE = np.radians(0.1)
-# A facet whose triangles are further apart than this, rad, is none.
-BENT = 5 * FLAT_ANGLE
-# A flat bounded by curved strips, as a face with rounded edges, is no part of the curve. It is
-# told from a wide strip among narrow ones by being more than so many times as wide as they.
-WIDER = 3.0
-# A triangle fills its extent least of all convex facets; a little less, for rounding.
+# Maximum angle between the triangles of a facet, rad.
+MAX_BEND = 5 * FLAT_ANGLE
+# A flat bounded by curved strips, such as a face with rounded edges, does not belong to the curved
+# side. It is distinguished from a wide strip by this ratio to the width of the adjacent strips.
+MAX_WIDTH_RATIO = 3.0
+# Minimum area of a convex facet in terms of its covariance, which is that of a triangle, 6
+# sqrt(3), reduced slightly for rounding.
 CONVEX = 10.0
-# On top of what is derived for strips and for triangles of like sides.
+# Safety factor on the depths derived for strips and equilateral triangles.
 MARGIN = 1.25
 
 
@@ -43,11 +44,11 @@ class _Edges:
 def sagittas(vertices: Array, faces: Indices) -> tuple[Array, Flags]:
     """Return the depth of the true surface over each triangle, and which vertices are corners.
 
-    Triangles in one plane make a facet. Over a facet the true surface has the slope a/2 at an
-    edge of angle a; by the divergence theorem its mean curvature tensor is
-    sum over edges of a/2 length n n^T / area, n being the edge's normal in the facet's plane. A
-    paraboloid of that curvature rises over a strip of width w by k w^2 / 8, and over a triangle
-    of like sides by k (circumradius)^2 / 2; with the facet's covariance C both are at most
+    Triangles in one plane form a facet. Over a facet the true surface has the slope a/2 at an edge
+    of angle a. By the divergence theorem its mean curvature tensor K is the sum over the edges of
+    a/2 length n n^T / area, where n is the normal of the edge in the plane of the facet. A
+    paraboloid of curvature k rises over a strip of width w by k w^2 / 8, and over an equilateral
+    triangle by k (circumradius)^2 / 2. With the covariance C of the facet both are at most
     2 trace(K C).
 
     Parameters
@@ -58,9 +59,10 @@ def sagittas(vertices: Array, faces: Indices) -> tuple[Array, Flags]:
     Returns
     -------
     depth : (m,) float64
-        In the unit of the vertices; 0 where a triangle has no edge of a curved surface.
+        In the unit of the vertices; 0 if no edge of a triangle is on a curved surface.
     corners : (n,) bool
-        Vertices at an edge that is too sharp for a curved surface, or is none of two triangles.
+        Vertices at an edge that is too sharp for a curved surface or is not shared by two
+        triangles.
     """
     triangles = vertices[faces]
     twice = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -80,18 +82,18 @@ def sagittas(vertices: Array, faces: Indices) -> tuple[Array, Flags]:
     across = np.cross((along / length[:, None])[:, None], normals[sides])
     width = np.einsum('esi,esij,esj->es', across, covariance[facet[sides]], across)
     width *= _fullness(size, covariance)[facet[sides]] ** 2
-    width = np.minimum(width, WIDER**2 * width[:, ::-1])
+    width = np.minimum(width, MAX_WIDTH_RATIO**2 * width[:, ::-1])
     rise = (edges.angle[curved] * length)[:, None] * width / size[facet[sides]]
     depth = np.bincount(facet[sides].ravel(), weights=rise.ravel(), minlength=len(size))
     return np.asarray(MARGIN * depth[facet]), corners
 
 
 def _fullness(size: Array, covariance: Array) -> Array:
-    """Return how much of its extent each facet fills: 1 if it is convex, about w / r for a ring.
+    """Return the share of its extent that each facet fills: 1 if convex, about w / r for a ring.
 
     The area of a convex facet is at least 6 sqrt(3) times the root of the determinant of its
-    covariance, which is that of a triangle. A ring around the top of a torus is not as wide as
-    its covariance says.
+    covariance, which is the value of a triangle. A ring around the top of a torus is narrower than
+    its covariance suggests.
     """
     trace = np.einsum('kii->k', covariance)
     square = np.einsum('kij,kij->k', covariance, covariance)
@@ -100,19 +102,19 @@ def _fullness(size: Array, covariance: Array) -> Array:
 
 
 def _edges(faces: Indices, normals: Array) -> _Edges:
-    """Return the edges of two triangles; all others are bounds or seams, and count as sharp.
+    """Return the edges; those that are not shared by exactly two triangles count as sharp.
 
-    Those are left in with an angle of pi and their first two triangles (or one, twice).
+    Such edges have an angle of pi and their first two triangles (or a single one, twice).
     """
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     low, high = np.minimum(start, end), np.maximum(start, end)
-    number = high * len(normals) * 3 + low  # one for each edge: fewer vertices than 3 a triangle
+    number = high * len(normals) * 3 + low  # unique: there are at most 3 vertices per triangle
     order = np.argsort(number, kind='stable')
     first = np.flatnonzero(np.diff(number[order], prepend=-1))
     count = np.diff(np.r_[first, len(order)])
     pair = np.stack([order[first], order[first + (count > 1)]], axis=1)
     sides = pair // 3
-    # Neighbours pass their edge in opposite directions, unless one of them is inside out.
+    # Neighbours use their edge in opposite directions, unless one of them is inside out.
     sign = np.where(start[pair[:, 0]] == start[pair[:, 1]], -1.0, 1.0)
     a, b = normals[sides[:, 0]], normals[sides[:, 1]] * sign[:, None]
     angle = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum('ij,ij->i', a, b))
@@ -121,9 +123,10 @@ def _edges(faces: Indices, normals: Array) -> _Edges:
 
 
 def _facets(normals: Array, area: Array, pairs: Indices) -> Indices:
-    """Return the facet of each triangle: those that flat edges join, if they are in one plane.
+    """Return the facet of each triangle: triangles connected by flat edges, if coplanar.
 
-    On a mesh so fine that its steps are flat they are not: there each triangle is its own.
+    If the steps of a fine curved mesh are below FLAT_ANGLE, connected triangles are not coplanar;
+    then each triangle is a facet.
     """
     count = len(normals)
     links = (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1]))
@@ -132,7 +135,7 @@ def _facets(normals: Array, area: Array, pairs: Indices) -> Indices:
     mean = np.stack([np.bincount(facet, weights=area * side) for side in normals.T], axis=1)
     mean = mean / np.maximum(np.linalg.norm(mean, axis=1), np.finfo(float).tiny)[:, None]
     apart = np.linalg.norm(normals - mean[facet], axis=1) * (area > 0)
-    bent = np.bincount(facet, weights=apart > BENT) > 0
+    bent = np.bincount(facet, weights=apart > MAX_BEND) > 0
     own = bent[facet]
     facet[own] = len(mean) + np.flatnonzero(own)
     return np.unique(facet, return_inverse=True)[1].astype(np.int64)

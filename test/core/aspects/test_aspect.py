@@ -74,7 +74,7 @@ def test_platonic_solids_have_one_aspect_for_each_face(solid, turn):
 
 @given(turns, st.sampled_from(FORMATS))
 @few
-def test_the_l_bracket_has_five_aspects_in_every_orientation_and_format(part, solid, turn, ending):
+def test_l_bracket_has_five_aspects_in_any_file(part, solid, turn, ending):
     aspects = find_aspects(solid(turned(mesh_of(part('l_bracket')), turn, (100, -50, 7)), ending))
     assert len(aspects) == 5
     # The centre of mass is over the edge of the long leg's end face: that one is unstable.
@@ -101,7 +101,7 @@ def test_aspects_are_numbered_by_height_then_share_then_direction(part):
                 assert low.basin_share - high.basin_share >= -step
 
 
-def test_aspects_alike_in_height_and_share_are_numbered_along_the_intrinsic_frame(part):
+def test_equal_aspects_are_numbered_by_the_intrinsic_frame(part):
     # The large faces of the L bracket are alike but for the direction; z is a principal axis.
     shape = part('l_bracket')
     first, second = find_aspects(shape).aspects[:2]
@@ -112,7 +112,7 @@ def test_aspects_alike_in_height_and_share_are_numbered_along_the_intrinsic_fram
 
 @given(turns)
 @few
-def test_ids_of_a_part_without_symmetry_turn_with_its_mesh(solid, turn):
+def test_ids_follow_a_rotation_of_an_asymmetric_mesh(solid, turn):
     mesh = irregular()
     plain = find_aspects(solid(mesh))
     moved = find_aspects(solid(turned(mesh, turn, (30, -200, 5))))
@@ -140,16 +140,14 @@ def tipping_box(solid, inside):
 
 
 @pytest.mark.parametrize(('share', 'minima'), [(1.01, 6), (0.99, 2)])
-def test_a_part_can_rest_where_its_centre_of_mass_is_inside_by_more_than_the_margin(
-    solid, share, minima
-):
+def test_facet_is_stable_beyond_the_margin(solid, share, minima):
     radius = np.linalg.norm([10, 10, 15])  # to the far corners; the margin is 1e-4 of it
     landscape = Landscape(tipping_box(solid, share * STABLE_MARGIN * radius))
     assert len(landscape.minima) == minima
 
 
 @pytest.mark.parametrize(('inside', 'aspects'), [(0.8, 6), (0.7, 4), (0.6, 2)])
-def test_a_barrier_below_noise_makes_no_aspect(solid, inside, aspects):
+def test_barrier_below_noise_does_not_separate_aspects(solid, inside, aspects):
     # Over the edge the centre of mass rises by sqrt(h^2 + inside^2) - h, for h = 10 and 15; noise
     # is up to 1e-3 of the radius of about 20.5: 0.64 to the one side, 0.79 to the other.
     found = find_aspects(tipping_box(solid, inside))
@@ -157,7 +155,7 @@ def test_a_barrier_below_noise_makes_no_aspect(solid, inside, aspects):
     assert abs(np.abs(downs(found)[:, 0]).sum() - 2) < 1e-12  # on +x and -x in any case
 
 
-def test_each_aspect_shows_itself(part):
+def test_orientation_of_each_aspect_is_in_the_aspect(part):
     shape = part('angle_45x30x8')
     for aspect in find_aspects(shape).aspects:
         np.testing.assert_allclose(
@@ -174,7 +172,7 @@ def test_each_aspect_shows_itself(part):
         assert (x * np.roll(y, -1) - y * np.roll(x, -1) != 0).all()
 
 
-def test_the_die_binom3_rests_on_the_four_faces_that_were_published(solid):
+def test_binom3_rests_on_the_four_published_faces(solid):
     # Baktash et al. 2025. Unstable facets lie 0.3 and 0.7 degrees from the stable ones.
     h, k = 0.3543327, 0.3514274
     corners = [(-0.7935591, 0, 0.4791195), (0.3202141, 0, 0.3201930)]
@@ -190,7 +188,7 @@ def test_the_die_binom3_rests_on_the_four_faces_that_were_published(solid):
     assert apart.min(axis=1).max() < 9e-4  # three digits of three coordinates
 
 
-def test_poses_at_an_aspect_are_in_it_whatever_their_yaw(part):
+def test_pose_of_an_aspect_is_in_it_for_any_yaw(part):
     aspects = find_aspects(part('u_bracket'))
     yaw = Rotation.from_rotvec([[0, 0, angle] for angle in (0, 1, -2.5, np.pi)])
     for aspect in aspects.aspects:
@@ -200,7 +198,7 @@ def test_poses_at_an_aspect_are_in_it_whatever_their_yaw(part):
 
 @pytest.mark.parametrize(('share', 'inside'), [(1 - 1e-9, True), (1 + 1e-9, False)])
 @pytest.mark.parametrize('axis', [(1, 0, 0), (0, 1, 0), (0.6, -0.8, 0)])
-def test_a_pose_is_in_an_aspect_up_to_the_angle_and_not_beyond(part, share, inside, axis):
+def test_pose_is_in_an_aspect_up_to_the_angle_limit(part, share, inside, axis):
     aspects = find_aspects(part('box_10x20x30'))
     tilt = Rotation.from_rotvec(np.array(axis) * POSE_ANGLE * share)
     for aspect in aspects.aspects:
@@ -208,7 +206,7 @@ def test_a_pose_is_in_an_aspect_up_to_the_angle_and_not_beyond(part, share, insi
         assert aspects.classify(pose).tolist() == [aspect.id if inside else 0]
 
 
-def test_classify_agrees_with_angles_taken_one_by_one(part):
+def test_classify_agrees_with_exhaustive_search(part):
     aspects = find_aspects(part('l_bracket'))
     poses = random_orientations(np.random.default_rng(2), 20_000)
     angle = np.arccos(np.clip(down_in_part(poses) @ downs(aspects).T, -1, 1))
@@ -217,7 +215,7 @@ def test_classify_agrees_with_angles_taken_one_by_one(part):
     np.testing.assert_array_equal(aspects.classify(poses), expected)
 
 
-def test_classify_takes_no_pose_one_pose_and_leaves_its_input_alone(part):
+def test_classify_accepts_zero_or_one_pose(part):
     aspects = find_aspects(part('l_bracket'))
     assert aspects.classify(np.zeros((0, 4))).shape == (0,)
     one = orientation_with_down(aspects.aspects[2].down_in_part)
@@ -226,12 +224,12 @@ def test_classify_takes_no_pose_one_pose_and_leaves_its_input_alone(part):
     np.testing.assert_array_equal(one, before)
 
 
-def test_without_aspects_nothing_is_classified():
+def test_no_pose_is_classified_without_aspects():
     nothing = AspectSet('', ())
     assert nothing.classify(np.array([[0, 0, 0, 1.0]] * 3)).tolist() == [0, 0, 0]
 
 
-def test_the_example_parts_have_the_aspects_that_their_shape_has(part):
+def test_aspects_of_the_example_parts(part):
     expected = {'tetrahedron': 4, 'box_10x20x30': 6, 'hex_nut': 6 + 2, 'l_bracket': 5}
     expected['u_bracket'] = 6  # its hull is a box
     expected |= {'cylinder_d20_h20': 3, 'washer': 3}  # two flat sides, and a curved one
@@ -274,9 +272,7 @@ def assert_same(found, expected, turn, scale=1.0):
     ('name', 'arguments'),
     [*INVARIANT[:-4], *(pytest.param(*each, marks=pytest.mark.slow) for each in INVARIANT[-4:])],
 )
-def test_turned_scaled_moved_and_written_otherwise_a_part_has_the_same_aspects(
-    solids, solid, name, arguments
-):
+def test_aspects_do_not_depend_on_the_frame_or_scale_of_the_mesh(solids, solid, name, arguments):
     mesh = getattr(solids, name)(*arguments)
     plain = find_aspects(solid(mesh))
     turn = solids.a_turn(7)
@@ -292,15 +288,13 @@ def test_turned_scaled_moved_and_written_otherwise_a_part_has_the_same_aspects(
     ('name', 'arguments', 'ending'),
     [(*INVARIANT[k], ending) for k, ending in zip((0, 3, 9, 11), FORMATS, strict=True)],
 )
-def test_divided_and_in_every_format_a_part_has_the_same_aspects(
-    solids, solid, name, arguments, ending
-):
+def test_aspects_do_not_depend_on_subdivision_or_format(solids, solid, name, arguments, ending):
     mesh = getattr(solids, name)(*arguments)
     found = find_aspects(solid(mesh.subdivide(), ending))
     assert_same(found, find_aspects(solid(mesh)), np.eye(3))
 
 
-def test_aspects_of_one_class_have_the_same_share_and_shares_add_up_to_one(solids, solid):
+def test_shares_are_equal_in_a_class_and_sum_to_one(solids, solid):
     # With three steps a fillet has a minimum halfway, which falls to one side.
     for name, arguments in (*INVARIANT[::3], ('rounded_prism', (8, 9, 1.5, 3))):
         aspects = find_aspects(solid(getattr(solids, name)(*arguments)))
@@ -310,7 +304,7 @@ def test_aspects_of_one_class_have_the_same_share_and_shares_add_up_to_one(solid
             assert len({a.basin_share for a in alike}) == 1
 
 
-def test_the_barrier_of_a_box_is_over_its_nearest_edge_to_the_lower_side(solid):
+def test_barrier_of_a_box_is_over_its_nearest_edge(solid):
     half = {0: 5e-3, 1: 10e-3, 2: 15e-3}
     aspects = find_aspects(solid(trimesh.creation.box((10, 20, 30))))
     for aspect in aspects.aspects:
@@ -327,7 +321,7 @@ def test_the_barrier_of_a_box_is_over_its_nearest_edge_to_the_lower_side(solid):
         assert len(aspect.support) == 4
 
 
-def test_a_pin_on_its_end_falls_on_its_side_and_a_sphere_has_no_neighbour(solids, solid):
+def test_neighbours_of_a_pin_and_of_a_sphere(solids, solid):
     side, *ends = find_aspects(solid(solids.prism(64, 1.0, 20.0))).aspects
     assert side.rolls
     for end in ends:
@@ -339,7 +333,7 @@ def test_a_pin_on_its_end_falls_on_its_side_and_a_sphere_has_no_neighbour(solids
     assert (sphere.neighbour, sphere.min_barrier) == (0, np.inf)
 
 
-def test_the_flats_of_a_curved_side_are_linked_all_around(solids, solid):
+def test_flats_of_a_curved_side_are_linked_in_a_ring(solids, solid):
     ring = find_aspects(solid(solids.prism(16))).aspects[0]
     assert ring.sweep is Sweep.RING
     assert ring.directions.shape == (16, 3)
@@ -360,7 +354,7 @@ def revolved(profile, steps):
 @pytest.mark.parametrize(
     ('steps', 'rings'), [(48, 8), (64, 10), pytest.param(200, 20, marks=pytest.mark.slow)]
 )
-def test_a_lens_rests_on_its_two_sides_whatever_its_mesh(solid, steps, rings):
+def test_lens_rests_on_two_sides_for_any_mesh(solid, steps, rings):
     # Slivers at the pole have the centre of mass over their rim but for less than the margin.
     slope = np.linspace(0, np.arcsin(10 / 60), rings + 1)
     top = [(60 * np.sin(a), 60 * (np.cos(a) - np.cos(slope[-1]))) for a in slope]
@@ -369,7 +363,7 @@ def test_a_lens_rests_on_its_two_sides_whatever_its_mesh(solid, steps, rings):
 
 
 @pytest.mark.parametrize('steps', [4, 5, 8])
-def test_a_disc_with_rounded_edges_keeps_its_rim_whatever_the_mesh_of_the_rounding(solid, steps):
+def test_rounded_disc_keeps_its_rim_for_any_mesh(solid, steps):
     # Diameter 20, height 6, radius 2: from the rim it rises by 0.005 R to fall over.
     a = np.linspace(0, np.pi / 2, steps + 1)
     side = [(8 + 2 * np.cos(x), 1 + 2 * np.sin(x)) for x in a]
@@ -377,12 +371,12 @@ def test_a_disc_with_rounded_edges_keeps_its_rim_whatever_the_mesh_of_the_roundi
     assert [x.sweep.name for x in found.aspects] == ['POINT', 'POINT', 'RING']
 
 
-def test_a_part_that_is_too_thin_is_refused_in_words(solid):
+def test_error_for_a_part_that_is_too_thin(solid):
     with pytest.raises(PartError, match='has no volume: all its 8 vertices lie in a plane'):
         solid(trimesh.creation.box((100, 100, 0.0005)))
 
 
-def test_a_very_thin_part_knows_how_it_is_turned_over(solid):
+def test_barrier_of_a_very_thin_part(solid):
     found = find_aspects(solid(trimesh.creation.box((100, 100, 0.01))))
     assert [(a.multiplicity, a.neighbour) for a in found.aspects] == [(2, 2), (2, 1)]
     assert found.aspects[0].min_barrier == pytest.approx(0.05, rel=1e-3)
@@ -393,7 +387,7 @@ def test_the_sides_of_a_bar_with_an_axis_are_one_class(solid):
     assert [(a.symmetry_class, a.multiplicity) for a in found.aspects] == [(1, 4)] * 4
 
 
-def test_a_mesh_finer_than_what_is_flat_is_no_sphere(solid):
+def test_mesh_finer_than_flat_facets_is_not_a_sphere(solid):
     torus = trimesh.creation.torus(10, 3, major_sections=200, minor_sections=100)
     found = find_aspects(solid(torus))
     assert (found.symmetry.kind, found.symmetry.order) == ('axial', 2)

@@ -29,7 +29,7 @@ TILTS = [(0, True), (2.9, True), (-2.9, True), (3.2, False)]
 
 
 @pytest.mark.parametrize('n', [16, 64])
-def test_a_cylinder_on_its_side_is_in_its_ring_however_it_is_rolled(solids, solid, n):
+def test_cylinder_on_its_side_is_in_its_ring_at_any_roll(solids, solid, n):
     turn = solids.a_turn(n)
     aspects = find_aspects(solid(solids.turned(solids.prism(n), turn)))
     (ring,) = (a for a in aspects.aspects if a.rolls)
@@ -40,7 +40,7 @@ def test_a_cylinder_on_its_side_is_in_its_ring_however_it_is_rolled(solids, soli
         assert (classified(aspects, down) == (ring.id if inside else 0)).all()
 
 
-def test_a_cone_on_its_side_is_in_its_ring_however_it_is_rolled(solids, solid):
+def test_cone_on_its_side_is_in_its_ring_at_any_roll(solids, solid):
     aspects = find_aspects(solid(solids.revolved([(10, 0), (0, 20)], 64)))
     (ring,) = (a for a in aspects.aspects if a.rolls)
     rise = np.degrees(np.arctan2(10, 20))
@@ -83,9 +83,7 @@ def test_every_direction_is_in_the_one_aspect_of_a_sphere(solids, solid, name, a
     ('filleted_box', ((10, 14, 20), 1, 2)), ('filleted_box', ((10, 14, 20), 1, 4)),
     ('rounded_prism', (8, 9, 1.5, 3)), ('rounded_prism', (6, 9, 1.5, 3)),
 ])  # fmt: skip
-def test_a_flat_side_beside_a_fillet_takes_in_no_more_than_its_tilt(
-    solids, solid, name, arguments
-):
+def test_flat_side_beside_a_fillet_accepts_only_its_tilt(solids, solid, name, arguments):
     aspects = find_aspects(solid(getattr(solids, name)(*arguments)))
     for aspect in aspects.aspects:
         assert aspect.sweep is Sweep.POINT
@@ -132,7 +130,7 @@ def test_angles_are_to_the_nearest_direction_or_arc(solids, solid):
     np.testing.assert_array_equal((ids == rolling)[clear], (ring < end)[clear])
 
 
-def test_directions_are_located_alike_alone_and_among_many(solids, solid):
+def test_location_does_not_depend_on_other_directions(solids, solid):
     aspects = find_aspects(solid(solids.blocks(3)))
     down = directions(6, 250_000)  # more than are worked on at once
     ids, angle = aspects.locate(down)

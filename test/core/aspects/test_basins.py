@@ -51,7 +51,7 @@ def test_a_coin_rests_on_its_side_with_h_over_its_diagonal(solids, solid, thickn
         *[('blocks', (seed,)) for seed in range(3)],
     ],
 )
-def test_shares_are_those_of_random_directions_that_descend(solids, solid, name, arguments):
+def test_shares_agree_with_random_descents(solids, solid, name, arguments):
     landscape = Landscape(solid(getattr(solids, name)(*arguments)))
     n = 100_000
     counts = np.bincount(landscape.descend(directions(n)), minlength=len(landscape.minima))
@@ -74,7 +74,7 @@ def test_shares_are_those_of_random_directions_that_descend(solids, solid, name,
         pytest.param('rounded_cylinder', (1, 20, 1, 128, 32), marks=pytest.mark.slow),
     ],
 )
-def test_shares_are_positive_and_add_up_to_one(solids, solid, name, arguments):
+def test_shares_are_positive_and_sum_to_one(solids, solid, name, arguments):
     landscape = Landscape(solid(getattr(solids, name)(*arguments)))
     assert landscape.basin_shares.min() > 0
     assert landscape.basin_shares.sum() == pytest.approx(1, abs=1e-5)  # COPLANAR

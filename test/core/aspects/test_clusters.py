@@ -44,7 +44,7 @@ def scattered(seed):
     return unit(centres[which] + noise)
 
 
-def test_every_label_of_a_small_case():
+def test_labels_of_a_small_example():
     # Two chains of steps of 4 degrees, 6 degrees apart; one alone; two that are equal.
     degrees = np.array([14.0, 0, 8, 4, 60, 18, 200, 200, 22, 26])
     assert cluster_directions(around(degrees), TOLERANCE).tolist() == [
@@ -52,14 +52,14 @@ def test_every_label_of_a_small_case():
     ]
 
 
-def test_of_equally_large_clusters_the_first_by_coordinates_goes_first():
+def test_equal_clusters_are_ordered_by_coordinates():
     axes = np.array([(0, 0, 1), (1, 0, 0), (0, -1, 0), (-1, 0, 0), (0, 0, -1), (0, 1, 0)])
     assert cluster_directions(axes.astype(float), TOLERANCE).tolist() == [4, 6, 2, 1, 3, 5]
 
 
 @pytest.mark.parametrize(('share', 'clusters'), [(1 - 1e-9, 1), (1 + 1e-9, 2)])
 @pytest.mark.parametrize('degrees', [1, 5, 30])
-def test_a_step_is_within_a_cluster_up_to_the_tolerance_and_not_beyond(share, clusters, degrees):
+def test_step_joins_a_cluster_up_to_the_tolerance(share, clusters, degrees):
     turns = Rotation.random(200, random_state=1).as_matrix()
     for turn in turns:  # over all the borders between cubes
         pair = around(np.array([0.0, degrees * share])) @ turn
@@ -67,7 +67,7 @@ def test_a_step_is_within_a_cluster_up_to_the_tolerance_and_not_beyond(share, cl
 
 
 @given(seeds, st.floats(1, 30))
-def test_the_clusters_are_those_of_single_linkage(seed, degrees):
+def test_clusters_agree_with_single_linkage(seed, degrees):
     down = scattered(seed)
     labels = cluster_directions(down, np.radians(degrees))
     if len(down) > 1:
@@ -79,7 +79,7 @@ def test_the_clusters_are_those_of_single_linkage(seed, degrees):
 
 
 @given(seeds)
-def test_the_order_of_the_poses_changes_nothing_to_the_last_bit(seed):
+def test_clusters_do_not_depend_on_the_order_of_poses(seed):
     down = scattered(seed)
     order = np.random.default_rng(seed).permutation(len(down))
     plain, mixed = find_clusters(down, TOLERANCE), find_clusters(down[order], TOLERANCE)
@@ -89,7 +89,7 @@ def test_the_order_of_the_poses_changes_nothing_to_the_last_bit(seed):
 
 
 @given(seeds)
-def test_turning_the_mesh_keeps_the_clusters_and_turns_their_means(seed):
+def test_rotating_the_mesh_rotates_the_means_of_clusters(seed):
     down = scattered(seed)
     turn = Rotation.from_quat(np.random.default_rng(seed).standard_normal(4)).as_matrix()
     plain, turned = find_clusters(down, TOLERANCE), find_clusters(down @ turn.T, TOLERANCE)
@@ -100,7 +100,7 @@ def test_turning_the_mesh_keeps_the_clusters_and_turns_their_means(seed):
         assert turned.spread[other] == pytest.approx(plain.spread[k], abs=1e-7, nan_ok=True)
 
 
-def test_poses_that_differ_by_a_turn_about_the_vertical_are_one_and_only_those():
+def test_only_poses_that_differ_by_yaw_are_the_same():
     # The seed's own words: the axis of q_i conj(q_j) is vertical.
     poses = Rotation.from_quat(random_orientations(np.random.default_rng(4), 40))
     yaw = Rotation.from_rotvec(np.linspace(-3, 3, 25)[:, None] * [0, 0, 1])
@@ -113,7 +113,7 @@ def test_poses_that_differ_by_a_turn_about_the_vertical_are_one_and_only_those()
     assert (labels[1:, 0] != labels[0, 0]).all()
 
 
-def test_a_rolling_parts_ring_is_one_cluster_without_a_mean():
+def test_ring_is_one_cluster_without_a_mean():
     ring = around(np.random.default_rng(1).uniform(0, 360, 2000))
     ends = np.repeat([[0, 0, 1.0], [0, 0, -1.0]], [700, 300], axis=0)
     clusters = find_clusters(np.concatenate([ends, ring]), TOLERANCE)
@@ -123,7 +123,7 @@ def test_a_rolling_parts_ring_is_one_cluster_without_a_mean():
     np.testing.assert_array_equal(clusters.mean[1:], [[0, 0, 1], [0, 0, -1]])
 
 
-def test_the_mean_and_the_spread_are_those_of_the_scatter():
+def test_mean_and_spread_of_scattered_directions():
     # Two normal components across the mean, each with this deviation; n = 20000 knows it to 0.5 %.
     deviation, n = np.radians(0.8), 20_000
     centre = unit(np.array([1.0, 2.0, -3.0]))
@@ -136,14 +136,14 @@ def test_the_mean_and_the_spread_are_those_of_the_scatter():
     assert clusters.spread[0] == pytest.approx(np.sqrt(2) * deviation, rel=0.02)
 
 
-def test_no_direction_and_one():
+def test_clusters_of_no_direction_and_of_one():
     none = find_clusters(np.zeros((0, 3)), TOLERANCE)
     assert (len(none), none.labels.shape, none.mean.shape) == (0, (0,), (0, 3))
     one = find_clusters(np.array([[0, 0.6, -0.8]]), TOLERANCE)
     assert (one.labels.tolist(), one.counts.tolist(), one.spread.tolist()) == ([1], [1], [0])
 
 
-def test_the_directions_are_left_alone():
+def test_input_directions_are_unchanged():
     down = scattered(7)
     before = down.copy()
     find_clusters(down, TOLERANCE)
@@ -151,7 +151,7 @@ def test_the_directions_are_left_alone():
 
 
 @pytest.mark.parametrize('kind', ['equal', 'nearly equal', 'apart', 'uniform'])
-def test_many_directions_are_clustered_however_they_lie(kind):
+def test_clusters_of_many_directions(kind):
     generator, n = np.random.default_rng(1), 200_000
     noise = generator.standard_normal((n, 3))
     down = {
@@ -167,6 +167,6 @@ def test_many_directions_are_clustered_however_they_lie(kind):
 
 
 @pytest.mark.parametrize('degrees', [0, -5, 0.9, 31, np.nan, np.inf])
-def test_a_tolerance_that_makes_no_sense_is_refused(degrees):
+def test_tolerance_outside_limits_is_rejected(degrees):
     with pytest.raises(InvalidValueError, match=rf'tolerance {degrees:g} degrees.*1 to 30'):
         cluster_directions(np.zeros((0, 3)), np.radians(degrees))

@@ -92,7 +92,7 @@ FINE_CASES = [
     ('name', 'arguments', 'aspects'),
     [*CASES, *(pytest.param(*case, marks=pytest.mark.slow) for case in FINE_CASES)],
 )
-def test_a_part_has_the_aspects_of_its_shape(solids, solid, name, arguments, aspects):
+def test_aspects_of_various_shapes(solids, solid, name, arguments, aspects):
     mesh = getattr(solids, name)(*arguments)
     for seed in (None, 1):
         pose = np.eye(3) if seed is None else solids.a_turn(seed)
@@ -114,7 +114,7 @@ def test_only_sides_that_are_meshed_in_small_steps_are_curved(
     assert len(steps) == 0 if flat == len(joined) else steps.max() < np.radians(25)
 
 
-def test_a_cylinder_is_as_high_on_its_side_as_the_circle_that_its_mesh_is_in(solids, solid):
+def test_height_of_a_cylinder_is_its_circumscribed_radius(solids, solid):
     for n in (16, 64):
         landscape = Landscape(solid(solids.prism(n)))
         (side,) = (group for group in join_minima(landscape) if group.curved)

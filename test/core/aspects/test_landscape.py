@@ -65,7 +65,7 @@ def test_random_hulls_have_two_more_extrema_than_saddles(solids, solid, seed):
 
 
 @pytest.mark.parametrize(('name', 'arguments'), [SHAPES[0], *SHAPES[3:5], SHAPES[7], *SHAPES[-3:]])
-def test_descent_leads_where_tiny_steps_lead(solids, solid, name, arguments):
+def test_descent_agrees_with_tiny_steps(solids, solid, name, arguments):
     part = solid(getattr(solids, name)(*arguments))
     landscape = Landscape(part)
     down = directions(1, 100)
@@ -88,7 +88,7 @@ def test_descent_leads_where_tiny_steps_lead(solids, solid, name, arguments):
 
 
 @pytest.mark.parametrize(('name', 'arguments'), SHAPES)
-def test_a_part_that_is_let_go_ends_in_a_minimum_that_is_no_higher(solids, solid, name, arguments):
+def test_released_part_ends_in_a_minimum_that_is_not_higher(solids, solid, name, arguments):
     landscape = Landscape(solid(getattr(solids, name)(*arguments)))
     down = directions(3, 100_000)
     found = landscape.descend(down)
@@ -101,7 +101,7 @@ def test_a_part_that_is_let_go_ends_in_a_minimum_that_is_no_higher(solids, solid
     np.testing.assert_array_equal(again, np.arange(len(landscape.minima)))
 
 
-def test_descent_takes_no_direction_and_each_alone_as_with_others(solids, solid):
+def test_descent_of_zero_one_and_many_directions(solids, solid):
     landscape = Landscape(solid(solids.blocks(1)))
     assert landscape.descend(np.zeros((0, 3))).shape == (0,)
     down = directions(4, 200)
@@ -122,9 +122,7 @@ def test_descent_from_critical_points_ends_beside_them(solids, solid):
     assert ((reached * edges).sum(axis=1) > 0).all()
 
 
-def test_minima_of_a_box_are_as_high_as_half_its_sides_and_saddles_as_half_their_diagonals(
-    solids, solid
-):
+def test_heights_of_minima_and_saddles_of_a_box(solids, solid):
     landscape = Landscape(solid(solids.box(10, 20, 30)))
     np.testing.assert_allclose(landscape.heights, np.repeat([5e-3, 10e-3, 15e-3], 2), rtol=1e-6)
     expected = np.repeat(np.hypot([5, 5, 10], [10, 15, 15]) * 1e-3, 4)
@@ -136,7 +134,7 @@ def test_minima_of_a_box_are_as_high_as_half_its_sides_and_saddles_as_half_their
 
 
 @pytest.mark.parametrize('n', [3, 5, 6, 7, 12, 16])
-def test_minima_and_saddles_of_a_prism_are_where_its_outline_says(solids, solid, n):
+def test_minima_and_saddles_of_a_prism_follow_its_outline(solids, solid, n):
     radius, height = 10e-3, 20e-3
     landscape = Landscape(solid(solids.turned(solids.prism(n), solids.a_turn(n))))
     apothem = radius * np.cos(np.pi / n)

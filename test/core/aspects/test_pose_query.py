@@ -28,7 +28,7 @@ def tilted(aspect, angle, yaw=0.0):
 
 
 @given(st.floats(-1e-3 + 1e-12, 1e-3 - 1e-12))
-def test_a_quaternion_that_is_nearly_of_length_one_is_normalised(off):
+def test_quaternion_of_nearly_unit_length_is_normalized(off):
     unit = unit_orientation(UNIT * (1 + off))
     np.testing.assert_allclose(unit, -UNIT, rtol=0, atol=1e-15)
 
@@ -57,14 +57,14 @@ def test_error_for_quaternion_of_another_norm(wrong):
     )
 
 
-def test_what_was_given_is_unchanged():
+def test_input_is_unchanged():
     wrong = UNIT * 1.0005
     unit_orientation(wrong)
     np.testing.assert_array_equal(wrong, UNIT * 1.0005)
 
 
 @pytest.mark.parametrize('degrees', [0.0, 1.0, 2.999, 3.001, 20.0])
-def test_the_angle_is_the_tilt_whatever_the_turn_about_the_vertical(box, degrees):
+def test_angle_is_the_tilt_for_any_yaw(box, degrees):
     for aspect in box.aspects:
         nearest = nearest_aspect(box, tilted(aspect, np.radians(degrees), yaw=aspect.id))
         assert nearest.aspect is aspect
@@ -72,7 +72,7 @@ def test_the_angle_is_the_tilt_whatever_the_turn_about_the_vertical(box, degrees
         assert nearest.fits == (degrees < 3)
 
 
-def test_it_agrees_with_how_drops_are_counted(box, part):
+def test_nearest_aspect_agrees_with_classify(box, part):
     for aspects in (box, find_aspects(part('cylinder_d20_h20'))):
         orientation = random_orientations(np.random.default_rng(5), 400)
         # Half of them as steep as at rest, nearly.
@@ -85,5 +85,5 @@ def test_it_agrees_with_how_drops_are_counted(box, part):
         assert {1, 2, 3} <= set(ids)
 
 
-def test_a_part_without_aspects_has_no_nearest():
+def test_no_nearest_aspect_without_aspects():
     assert nearest_aspect(AspectSet('', ()), np.array([0, 0, 0, 1.0])) is None

@@ -30,7 +30,7 @@ def decided_sides(rule, down, energy):
     return rule.directions[minima[0]] if minima[0] >= 0 else np.full(3, np.nan)
 
 
-def test_a_box_is_decided_below_its_lowest_edge(rule_of):
+def test_box_is_decided_below_its_lowest_edge(rule_of):
     # On edge, a box a x b x c has its centre of mass at half the diagonal of two of its sides. The
     # lowest way from either of its two largest sides is over the long edge.
     rule, radius = rule_of(trimesh.creation.box((10, 20, 30)))
@@ -47,7 +47,7 @@ def test_a_box_is_decided_below_its_lowest_edge(rule_of):
     )
 
 
-def test_a_cylinder_that_rolls_is_decided_below_its_rim_on_whatever_flat_it_is(rule_of):
+def test_rolling_cylinder_is_decided_below_its_rim(rule_of):
     rule, radius = rule_of(trimesh.creation.cylinder(10, 20, sections=64))
     # Any amount of rolling leads over no saddle but those between the flats of its side.
     generator = np.random.default_rng(1)
@@ -60,7 +60,7 @@ def test_a_cylinder_that_rolls_is_decided_below_its_rim_on_whatever_flat_it_is(r
     assert (reach > np.cos(np.pi / 64) - 1e-9).all()
 
 
-def test_a_side_that_is_hardly_stable_is_never_decided_by_energy(rule_of):
+def test_barely_stable_side_is_not_decided_by_energy(rule_of):
     # A washer on its rim: 0.005 R and it falls flat, which an impact's error could do.
     rule, _ = rule_of(trimesh.creation.annulus(4.2, 8.0, 1.6, sections=64))
     rim = rule.directions[np.abs(rule.directions[:, 2]) < 0.1]
@@ -69,7 +69,7 @@ def test_a_side_that_is_hardly_stable_is_never_decided_by_energy(rule_of):
     assert (rule.decided(np.array([[0, 0, 1.0]]), np.array([0.2])) >= 0).all()
 
 
-def test_a_ball_has_one_aspect_which_is_decided_at_once(rule_of):
+def test_ball_is_decided_immediately(rule_of):
     rule, _ = rule_of(trimesh.creation.icosphere(3, radius=10))
     down = down_in_part(random_orientations(np.random.default_rng(1), 20))
     assert (rule.decided(down, np.full(20, 1e6)) >= 0).all()

@@ -139,12 +139,12 @@ BODIES = {
     ids=['turned', 'straight'],
 )
 @pytest.mark.parametrize('name', BODIES)
-def test_words_for_a_body_however_its_file_is_turned(solid, name, turn):
+def test_description_does_not_depend_on_the_mesh_frame(solid, name, turn):
     mesh, expected = BODIES[name]
     assert words(solid(mesh.copy().apply_transform(turn))) == expected
 
 
-def test_a_side_that_the_hull_bridges_is_named_by_what_touches(solid):
+def test_description_names_the_contacts_under_the_hull(solid):
     assert 'an edge and a corner' in words(solid(roof_and_spike()))
 
 
@@ -164,11 +164,11 @@ def test_a_side_that_the_hull_bridges_is_named_by_what_touches(solid):
         ),
     ],
 )
-def test_words_for_an_example_part(part, name, expected):
+def test_descriptions_of_an_example_part(part, name, expected):
     assert words(part(name)) == expected
 
 
-def test_words_follow_the_size(solid):
+def test_description_contains_the_size(solid):
     small, large = (solid(create.box((10, 20, 30)), unit=unit) for unit in ('um', 'm'))
     assert words(small)[0] == 'flat side 0.01 x 0.02 mm'
     assert words(large)[0] == 'flat side 10000 x 20000 mm'
@@ -190,7 +190,7 @@ def test_noise_of_a_scan_leaves_a_side_flat(solid):
     assert words(solid(mesh))[:1] == ['flat side 10 x 20 mm']
 
 
-def test_without_the_mesh_the_support_is_described(part):
+def test_support_is_described_without_the_mesh(part):
     bracket = part('l_bracket')
     aspects = find_aspects(bracket).aspects
     assert resting_on(None, aspects[0]) == 'within 30 x 40 mm'

@@ -276,7 +276,7 @@ def assert_maps_corners(part, rotations):
 
 
 @pytest.mark.parametrize('name', [*(name for name in FINITE if name not in LARGE), *slow(*LARGE)])
-def test_a_finite_group_has_the_order_that_the_solid_has(solid, name):
+def test_order_of_finite_groups(solid, name):
     make, order = FINITE[name]
     part = solid(make())
     symmetry = find_symmetry(part, landmarks(part))
@@ -286,7 +286,7 @@ def test_a_finite_group_has_the_order_that_the_solid_has(solid, name):
 
 
 @pytest.mark.parametrize('name', [*(name for name in AXIAL if name not in FINE), *slow(*FINE)])
-def test_a_body_of_revolution_is_axial_however_many_sides_stand_for_it(solid, name):
+def test_body_of_revolution_is_axial_for_any_number_of_sides(solid, name):
     make, order = AXIAL[name]
     part = solid(make())
     symmetry = find_symmetry(part, landmarks(part))
@@ -299,7 +299,7 @@ def test_a_body_of_revolution_is_axial_however_many_sides_stand_for_it(solid, na
 
 
 @pytest.mark.parametrize('name', SPHERES)
-def test_a_ball_is_spherical_however_it_is_divided(solid, name):
+def test_ball_is_spherical_for_any_mesh(solid, name):
     part = solid(SPHERES[name]())
     symmetry = find_symmetry(part, landmarks(part))
     assert found(symmetry) == ('spherical', 1)
@@ -307,7 +307,7 @@ def test_a_ball_is_spherical_however_it_is_divided(solid, name):
 
 
 @pytest.mark.parametrize('name', EXAMPLES)
-def test_the_example_parts_have_the_groups_of_their_shapes(part, name):
+def test_groups_of_the_example_parts(part, name):
     shape = part(name)
     symmetry = find_symmetry(shape, landmarks(shape))
     assert found(symmetry) == ('finite', EXAMPLES[name])
@@ -315,7 +315,7 @@ def test_the_example_parts_have_the_groups_of_their_shapes(part, name):
 
 
 @pytest.mark.parametrize('name', ['cylinder_d20_h20', 'washer'])
-def test_the_round_example_parts_can_be_turned_end_for_end(part, name):
+def test_round_example_parts_can_be_turned_end_over_end(part, name):
     shape = part(name)
     assert found(find_symmetry(shape, landmarks(shape))) == ('axial', 2)
 
@@ -331,7 +331,7 @@ def test_without_landmarks_the_group_is_the_same(solid, name):
 
 
 @pytest.mark.parametrize('name', ['tetrahedron', 'nearer_cube', *slow('cube', 'icosahedron')])
-def test_rough_landmarks_give_the_same_group_as_exact_as_the_mesh(solid, name):
+def test_group_is_exact_in_spite_of_rough_landmarks(solid, name):
     make, order = FINITE[name]
     part = solid(make())
     exact = landmarks(part)
@@ -361,7 +361,7 @@ TURNED = {
 @pytest.mark.parametrize('name', TURNED)
 @given(turn=turns, divided=st.booleans())
 @few
-def test_turning_shifting_and_dividing_a_mesh_changes_nothing(solid, name, turn, divided):
+def test_group_does_not_depend_on_frame_and_subdivision(solid, name, turn, divided):
     kind, make, order = TURNED[name]
     mesh = make()
     moved = turned(mesh.subdivide() if divided else mesh, turn, (30, -50, 7))
@@ -396,7 +396,7 @@ def test_the_vertices_of_round_faces_need_no_symmetry_of_their_own(solid, make, 
 
 
 @pytest.mark.slow
-def test_a_hundred_thousand_triangles_are_as_good_as_a_few(solid):
+def test_group_of_a_hundred_thousand_triangles(solid):
     mesh = FINITE['gear'][0]()
     for _ in range(4):
         mesh = mesh.subdivide()
@@ -405,7 +405,7 @@ def test_a_hundred_thousand_triangles_are_as_good_as_a_few(solid):
     assert found(find_symmetry(part, NO_LANDMARKS)) == ('finite', 40)
 
 
-def test_a_rotation_of_an_n_gon_needs_n_times_to_come_round(solid):
+def test_rotation_of_an_n_gon_has_order_n(solid):
     rotations = find_symmetry(solid(FINITE['prism_9'][0]()), NO_LANDMARKS).rotations
     upright = rotations[rotations[:, 2, 2] > 0]
     angles = np.sort(np.arctan2(upright[:, 1, 0], upright[:, 0, 0]) % (2 * np.pi))
@@ -421,12 +421,12 @@ def test_a_rotation_of_an_n_gon_needs_n_times_to_come_round(solid):
         ((3e-3, 0, 3e-3), ('finite', 1)),
     ],
 )
-def test_the_group_leaves_the_given_centre_of_mass_where_it_is(solid, centre, expected):
+def test_group_preserves_the_given_centre_of_mass(solid, centre, expected):
     part = solid(cylinder(10, 20, sections=64), centre_of_mass=centre)
     assert found(find_symmetry(part, landmarks(part))) == expected
 
 
-def test_a_given_inertia_plays_no_part(solid):
+def test_given_inertia_does_not_affect_the_group(solid):
     part = solid(cylinder(10, 20, sections=64), mass=0.006, inertia=(3e-7, 0, 0, 4e-7, 0, 5e-7))
     assert found(find_symmetry(part, NO_LANDMARKS)) == ('axial', 2)
 
@@ -440,7 +440,7 @@ def test_a_mesh_that_is_not_closed_has_the_symmetry_of_its_surface(solid):
 
 
 @pytest.mark.parametrize(('gap', 'order'), [(1e-3, 8), (1e-2, 4)])
-def test_a_difference_counts_from_the_tolerance_on(solid, gap, order):
+def test_difference_above_tolerance_breaks_symmetry(solid, gap, order):
     # Of the radius, between where a side is and where a quarter turn brings the others.
     half = np.array([10.0, 10.0, 20.0])
     radius = np.linalg.norm(half)

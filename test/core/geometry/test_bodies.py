@@ -59,7 +59,7 @@ def bolt(shift=0.0, turn=0.0):
 
 @pytest.mark.parametrize('shift', [0.0, 1.3, 3.0])
 @pytest.mark.parametrize('turn', [0.0, 0.1])
-def test_overlapping_bodies_are_united_with_a_warning_of_the_change(shift, turn):
+def test_overlapping_bodies_are_united_with_a_warning(shift, turn):
     """The end of the shank, 3.5 mm, is in the head."""
     head, shank = bolt(shift, turn)
     common = shank.volume * 3.5 / 20
@@ -78,7 +78,7 @@ def test_overlapping_bodies_are_united_with_a_warning_of_the_change(shift, turn)
 
 @settings(max_examples=10)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_three_boxes_in_any_place_have_the_volume_of_their_union(seed):
+def test_volume_of_the_union_of_three_boxes(seed):
     """Whole numbers, so that the unit cubes in any of them can be counted."""
     generator = np.random.default_rng(seed)
     low = generator.integers(0, 4, (3, 3))
@@ -159,7 +159,7 @@ TWO = both(box((10, 10, 10), (60, 0, 0)), box())
         (both(box(), box((10, 10, 10), (25.01, 0, 0))), '2 bodies that do not touch'),
     ],
 )
-def test_bodies_that_do_not_touch_are_refused_with_how_to_choose(mesh, words):
+def test_separate_bodies_are_rejected_with_instructions(mesh, words):
     message = refusal(mesh)
     assert words in message
     assert 'choose one with --body N, or with "body: N" in the YAML file' in message
@@ -181,7 +181,7 @@ def test_a_chosen_body_is_the_part_that_it_would_be_alone():
     assert cubic_mm(united) == pytest.approx(cubic_mm(part_of(both(*bolt()))))
 
 
-def test_the_number_of_a_body_does_not_depend_on_the_order_in_the_file():
+def test_body_number_does_not_depend_on_file_order():
     boxes = [box((k, 5, 5), (0, 8 * k, 0)) for k in (4, 5, 5, 6)]
     generator = np.random.default_rng(1)
     found = {
@@ -201,7 +201,7 @@ def test_part_sha256_depends_on_the_body():
 
 
 @pytest.mark.parametrize('body', [0, 3, -1, True, 1.0, '1', 10**400, [1]])
-def test_a_body_that_is_none_is_refused_with_how_many_there_are(body):
+def test_invalid_body_number_is_rejected(body):
     message = refusal(TWO, body=body)
     assert message.startswith('invalid body ')
     assert message.endswith("of part 'bracket': expected 1 to 2")
@@ -213,7 +213,7 @@ def test_no_body_of_an_open_mesh_can_be_chosen():
     assert '3 open edges: no body of it can be chosen' in refusal(opened, body=1)
 
 
-def test_without_manifold3d_it_is_said_how_to_install_it(monkeypatch):
+def test_error_without_manifold3d_explains_installation(monkeypatch):
     monkeypatch.setitem(sys.modules, 'manifold3d', None)
     assert 'manifold3d' in refusal(both(*bolt()))
     assert 'pip install manifold3d' in refusal(both(*bolt()))
@@ -222,7 +222,7 @@ def test_without_manifold3d_it_is_said_how_to_install_it(monkeypatch):
 
 
 @pytest.mark.parametrize('seed', range(2))
-def test_fragments_in_the_box_of_a_body_are_inside_or_beside_it(seed):
+def test_fragments_are_inside_or_beside_a_body(seed):
     """Round a ring: where they are follows from how far they are from its circle."""
     generator = np.random.default_rng(seed)
     places = generator.uniform(-1, 1, (60, 3)) * [13, 13, 3]

@@ -55,7 +55,7 @@ def cubes_in_disorder(flips: list[bool]) -> Mesh:
 
 
 @pytest.mark.parametrize(('missing', 'edges'), [([0], 3), ([0, 2], 4)])
-def test_open_mesh_is_told_with_its_edges_and_what_to_do(missing, edges):
+def test_error_for_an_open_mesh(missing, edges):
     """The triangles 0 and 2 of the box are one side of it, and share one edge."""
     opened = Mesh(box().vertices, np.delete(box().faces, missing, axis=0), process=False)
     with pytest.raises(PartError) as caught:
@@ -143,7 +143,7 @@ def test_mesh_inside_out_is_turned_with_a_warning():
 
 
 @given(flips=st.lists(st.booleans(), min_size=24, max_size=24))
-def test_triangles_in_any_disorder_are_turned_outward(flips):
+def test_triangles_of_mixed_orientation_are_flipped_outward(flips):
     part = part_of(cubes_in_disorder(flips))
     assert cubic_mm(part) == 25000
     *turned, touching = part.warnings
@@ -199,13 +199,13 @@ def test_sheets_and_needles_beside_a_body_change_nothing():
         assert (cubic_mm(part), part.warnings) == (24000, ())
 
 
-def test_a_mesh_made_to_keep_the_computer_busy_is_refused():
+def test_mesh_with_excessive_nesting_is_rejected():
     dolls = [box(1 + size, 1 + size, 1 + size) for size in range(102)]
     with pytest.raises(PartError, match='more than 100 bodies inside each other; either repair'):
         part_of(both(*dolls))
 
 
-def test_triangles_that_are_there_twice_count_once():
+def test_duplicate_triangles_count_once():
     part = part_of(both(box(), box()))
     assert cubic_mm(part) == 24000
     assert 'duplicate triangles were removed: 12' in part.warnings[0]
@@ -233,7 +233,7 @@ def test_needle_that_closes_a_gap_stays():
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-def test_corners_apart_by_noise_of_float32_are_welded(seed):
+def test_corners_separated_by_float32_noise_are_welded(seed):
     """Each triangle of the file gets its own noise, of up to half the tolerance in all."""
     triangles = np.asarray(box().triangles)
     noise = np.random.default_rng(seed).uniform(-1, 1, size=triangles.shape)
@@ -249,7 +249,7 @@ def test_small_features_are_not_welded():
     assert len(part.vertices) == 16
 
 
-def test_zero_has_no_sign():
+def test_negative_zero_equals_zero():
     """Or the bits of a vertex would depend on which triangle of the file comes first."""
     mesh = box(at=(20, 15, 10))
     vertices = np.where(mesh.vertices == 0, -0.0, mesh.vertices)

@@ -125,14 +125,14 @@ def test_mirrored_part_has_a_right_handed_frame_too():
     assert np.linalg.det(part_of(mirrored).principal_axes) == pytest.approx(1)
 
 
-def test_signs_make_the_third_moments_greatest():
+def test_signs_maximize_the_third_moments():
     assert intrinsic_signs(np.array([-1.0, 1, 1, 0, 0, 0, 0, 0, 0, 0])).tolist() == [-1, 1, -1]
     assert intrinsic_signs(np.array([0.0, -1, 0, 0, 0, 0, 0, 0, 0, 0])).tolist() == [1, -1, -1]
     # A tetrahedron's only moment is xyz, which is the same for all four: the first is taken.
     assert intrinsic_signs(np.array([0.0, 0, 0, 0, 0, 0, 0, 0, 0, -1])).tolist() == [1, 1, 1]
 
 
-def test_noise_of_float32_decides_no_sign():
+def test_float32_noise_does_not_determine_signs():
     noise = np.array([-1e-7, -1e-7, -1e-7, 1, 0, 0, 0, 0, 0, 0])
     assert intrinsic_signs(noise).tolist() == [1, 1, 1]
     # x2y is the first one that counts, and is negative.

@@ -258,7 +258,7 @@ BROKEN = {
 
 @pytest.mark.filterwarnings('error')
 @pytest.mark.parametrize('kind', BROKEN)
-def test_broken_file_is_told_how(kind, capfd):
+def test_error_for_a_broken_file(kind, capfd):
     data, mesh_format, words = BROKEN[kind]
     with pytest.raises(PartError) as caught:
         part_from_bytes(data, mesh_format, 'bracket')
@@ -272,7 +272,7 @@ def test_broken_file_is_told_how(kind, capfd):
 
 @given(data=st.data())
 @pytest.mark.filterwarnings('error')
-def test_damaged_file_is_a_part_or_an_error_of_the_suite(data):
+def test_damaged_file_gives_a_part_or_an_error_of_the_suite(data):
     """Bytes lost, doubled or changed anywhere: no other exception, and no part that is none."""
     whole, mesh_format = WHOLE[data.draw(st.sampled_from(sorted(WHOLE)))]
     start = data.draw(st.integers(0, len(whole)))
@@ -288,7 +288,7 @@ def test_damaged_file_is_a_part_or_an_error_of_the_suite(data):
     np.testing.assert_allclose(part.principal_axes.T @ part.principal_axes, np.eye(3), atol=1e-12)
 
 
-def test_of_an_obj_trimesh_gets_vertices_and_faces_only():
+def test_obj_is_reduced_to_vertices_and_faces():
     """It makes a mesh of each material: a megabyte of them takes minutes."""
     data, _ = obj('o a\nv 1 2 3\nusemtl a\nvn 0 0 1\ng b\nf 1/1/1 2 3\nusemtl b\nf 1 2 3\nl 1 2\n')
     assert _checked_obj(data, 'x') == b'v 1 2 3\nf 1 2 3\nf 1 2 3'

@@ -38,7 +38,7 @@ def self_intersecting(seed, kind):
 
 
 @given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(['prism', 'ball', 'box', 'ring']))
-def test_a_mesh_that_intersects_itself_is_a_possible_part_or_refused(seed, kind):
+def test_self_intersecting_mesh_is_plausible_or_rejected(seed, kind):
     data = self_intersecting(seed, kind).export(file_type='stl')
     try:
         part = part_from_bytes(data, 'stl', 'odd')
@@ -57,7 +57,7 @@ def test_a_mesh_that_intersects_itself_is_a_possible_part_or_refused(seed, kind)
     assert len(message) < 1500
 
 
-def test_given_mass_properties_replace_those_of_a_mesh_that_intersects_itself():
+def test_mass_properties_can_be_given_for_any_mesh():
     given = {'mass': 1, 'inertia': [1e-5, 0, 0, 1e-5, 0, 1e-5]}
     refused = 0
     for seed in range(60):
@@ -74,7 +74,7 @@ def test_given_mass_properties_replace_those_of_a_mesh_that_intersects_itself():
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-def test_the_volume_integrals_are_those_of_trimesh_bit_for_bit(seed):
+def test_volume_integrals_equal_those_of_trimesh(seed):
     generator = np.random.default_rng(seed)
     mesh = trimesh.creation.icosphere(2, radius=0.7)
     mesh.vertices += generator.normal(size=mesh.vertices.shape) * 0.02
@@ -130,7 +130,7 @@ def test_text_of_two_megabytes_is_checked_in_linear_time(kind):
         assert many < 100 * max(few, 0.05)
 
 
-def test_too_many_triangles_are_refused_before_they_are_read():
+def test_too_many_triangles_are_rejected_before_reading():
     count = mesh_file.MAX_TRIANGLES + 1
     data = bytes(80) + count.to_bytes(4, 'little') + bytes(50 * count)
     with pytest.raises(PartError, match='has 1000001 triangles: expected at most 1000000; simpl'):

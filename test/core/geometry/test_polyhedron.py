@@ -26,16 +26,14 @@ def scaled(mesh):
     ],
 )
 @pytest.mark.parametrize('seed', [0, 1])
-def test_a_hull_has_the_corners_edges_and_facets_of_its_shape(
-    solids, name, arguments, corners, edges, facets, seed
-):
+def test_corners_edges_and_facets_of_a_hull(solids, name, arguments, corners, edges, facets, seed):
     mesh = solids.turned(getattr(solids, name)(*arguments), solids.a_turn(seed))
     body = polyhedron(scaled(mesh)[0])
     assert (len(body.points), len(body.ends), len(body.normals)) == (corners, edges, facets)
 
 
 @pytest.mark.parametrize('seed', range(10))
-def test_random_hulls_obey_euler_and_the_facets_meet_at_their_edges(solids, seed):
+def test_random_hulls_satisfy_eulers_formula(solids, seed):
     body = polyhedron(scaled(solids.irregular(seed, 60))[0])
     assert len(body.points) - len(body.ends) + len(body.normals) == 2
     for k in (0, 1):
@@ -62,7 +60,7 @@ def test_feet_and_margins_of_a_box_are_its_half_sides(solids):
     np.testing.assert_allclose(body.angles, np.pi / 2, atol=1e-12)
 
 
-def test_float32_far_from_the_origin_makes_no_facets(solids, solid):
+def test_float32_noise_does_not_create_facets(solids, solid):
     # 1 m off the coordinates of a 20 mm part are right to 6e-8 m, 4e-6 of its radius.
     mesh = solids.turned(solids.prism(16), solids.a_turn(2), (1000, -700, 400))
     part = solid(mesh)

@@ -61,7 +61,7 @@ def whole(monkeypatch, solid):
     return make
 
 
-def test_a_hull_that_is_not_too_large_is_left_as_it_is(solids, solid):
+def test_small_hull_is_unchanged(solids, solid):
     part = solid(solids.random_sphere(MAX_CORNERS))
     assert len(part.hull_vertices) == MAX_CORNERS
     assert part.hull_error == 0
@@ -86,9 +86,7 @@ def test_a_fine_mesh_has_the_aspects_of_its_shape(solids, solid, whole, name, ar
 
 
 @pytest.mark.parametrize(('name', 'arguments', 'aspects'), FEW)
-def test_the_error_is_that_of_the_support_height_at_most_and_nearly_reached(
-    solids, solid, whole, name, arguments, aspects
-):
+def test_error_bounds_the_support_height(solids, solid, whole, name, arguments, aspects):
     mesh = getattr(solids, name)(*arguments)
     full, part = whole(mesh), solid(mesh)
     down = directions(5000)
@@ -101,7 +99,7 @@ def test_the_error_is_that_of_the_support_height_at_most_and_nearly_reached(
     assert out.max() == pytest.approx(part.hull_error, rel=1e-6)
 
 
-def test_corners_are_those_of_the_mesh_in_order(solids, solid, whole):
+def test_corners_are_vertices_of_the_mesh_in_order(solids, solid, whole):
     mesh = solids.filleted_box((10, 14, 20), 2, 24)
     corners = {tuple(corner) for corner in whole(mesh).hull_vertices.tolist()}
     kept = [tuple(corner) for corner in solid(mesh).hull_vertices.tolist()]
@@ -109,7 +107,7 @@ def test_corners_are_those_of_the_mesh_in_order(solids, solid, whole):
     assert kept == sorted(kept)
 
 
-def test_flat_sides_stay_whole(solids, solid, whole):
+def test_flat_sides_keep_their_corners(solids, solid, whole):
     """Each of six sides has four corners, where the fillets begin."""
     mesh = solids.filleted_box((10, 14, 20), 4, 24)
     full, part = whole(mesh), solid(mesh)
@@ -157,7 +155,7 @@ def test_a_thin_lens_keeps_its_rim(solids, solid, whole):
     assert (lost <= 2 * part.hull_error).all()
 
 
-def test_what_is_left_out_is_said_with_its_numbers(solids, solid, whole):
+def test_warning_states_the_simplification_error(solids, solid, whole):
     mesh = solids.random_sphere(4000)
     part = solid(mesh)
     (sentence,) = part.warnings
@@ -173,7 +171,7 @@ def test_what_is_left_out_is_said_with_its_numbers(solids, solid, whole):
 
 
 @pytest.mark.slow
-def test_neither_order_in_the_file_nor_scale_matters(solids):
+def test_result_does_not_depend_on_order_and_scale(solids):
     mesh = solids.random_sphere(4000)
     mesh.vertices = mesh.vertices.astype(np.float32)
 
@@ -191,7 +189,7 @@ def test_neither_order_in_the_file_nor_scale_matters(solids):
 
 
 @pytest.mark.slow
-def test_a_mesh_of_300_000_triangles_with_noise_has_the_aspects_of_its_shape(solids, solid):
+def test_aspects_of_300_000_noisy_triangles(solids, solid):
     ball = solids.icosphere(7)
     assert len(ball.faces) > 300_000
     noise = 1 + 3e-4 * np.random.default_rng(2).standard_normal((len(ball.vertices), 1))

@@ -27,13 +27,13 @@ def distances(triangles, points):
 def tree(request, monkeypatch):
     """Make a tree that looks ahead, and divides its work, early or late."""
     crowded, pairs = request.param
-    monkeypatch.setattr(surface_distance, 'TOGETHER', 64)
+    monkeypatch.setattr(surface_distance, 'BATCH', 64)
     monkeypatch.setattr(surface_distance, 'CROWDED', crowded)
     monkeypatch.setattr(surface_distance, 'MAX_PAIRS', pairs)
     return lambda triangles: TriangleTree(triangles, np.zeros(len(triangles)))
 
 
-def test_near_and_nearest_agree_with_all_triangles_one_by_one(tree):
+def test_near_and_nearest_agree_with_exhaustive_search(tree):
     triangles = fan(100)
     points = np.random.default_rng(1).uniform(-1, 1, (200, 3)) * [1, 1, 0.8]
     points[0] = 0, 0, 0.7
