@@ -1,7 +1,7 @@
 """What holds for all tests: a skipped test is a failure in CI, where nothing may be missing.
 
-But for tests marked `stated_requirement`: what they need is asked for in the README, and npm
-needs a network.
+But for tests marked `stated_requirement`: docs/explanation/design.md lists the programs that they
+need, and npm needs a network.
 """
 
 import os
