@@ -56,12 +56,12 @@ def load_part(
         return load_mesh(mesh, **_sheet(mesh.parent / f'{mesh.stem}.yaml', unit, body))
     if unit is not None:
         raise InvalidValueError(
-            f'invalid unit {shown(unit)}: expected only with a mesh file, and {shown(text)} is '
+            f'invalid unit {shown(unit)}: expected only with a mesh file; {shown(text)} is '
             f'the name of a part, whose unit is that of its YAML file, else {DEFAULT_UNIT}'
         )
     if body is not None:
         raise InvalidValueError(
-            f'invalid body {shown(body)}: expected only with a mesh file, and {shown(text)} is '
+            f'invalid body {shown(body)}: expected only with a mesh file; {shown(text)} is '
             'the name of a part, whose body is that of its YAML file'
         )
     if folder is not None and not Path(folder).is_dir():

@@ -32,7 +32,7 @@ def make_folder(flag: str, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
         raise InvalidValueError(
-            f'{flag} is {str(folder)!r}, allowed is a folder that is there or can be made: '
+            f'invalid {flag} {str(folder)!r}: expected a folder that exists or can be made: '
             f'{_reason(error)}'
         ) from None
 
@@ -50,7 +50,7 @@ def check_output(flag: str, path: Path | None) -> None:
     else:
         return
     raise InvalidValueError(
-        f'{flag} is {str(path)!r}, allowed is a file that can be written: {problem}'
+        f'invalid {flag} {str(path)!r}: expected a file that can be written: {problem}'
     )
 
 
@@ -114,7 +114,7 @@ def poses_file(flag: str, path: Path) -> Iterator[TextIO]:
             file = stack.enter_context(part.open('w', newline='', encoding='utf-8'))
         except (OSError, OutputError) as error:
             raise InvalidValueError(
-                f'{flag} is {str(path)!r}, allowed is a file that can be written: {error}'
+                f'invalid {flag} {str(path)!r}: expected a file that can be written: {error}'
             ) from None
         csv.writer(file).writerow(POSES_HEADER)
         yield file

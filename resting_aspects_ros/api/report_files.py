@@ -7,9 +7,9 @@ import numpy as np
 
 from resting_aspects_ros.api.condition_text import condition_facts, surface_text, when_text
 from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.inputs.counts import CountsFile, counted_by_class_of
+from resting_aspects_ros.api.estimate import recommended_method
+from resting_aspects_ros.api.inputs.counts import CountedDrops, counted_by_class_of
 from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
-from resting_aspects_ros.api.recommended_method import recommended_method
 from resting_aspects_ros.core.estimators.estimate import METHODS, estimate_each
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.core.input_file import printable
@@ -41,7 +41,7 @@ def _figure_files() -> list[str]:
     return [f'{figure}.{ending}' for figure in FIGURES for ending in ENDINGS]
 
 
-def write_report(answer: DropResult, folder: Path, against: CountsFile | None = None) -> Path:
+def write_report(answer: DropResult, folder: Path, against: CountedDrops | None = None) -> Path:
     """Write the report and return the path of the page. Raises OutputError."""
     written = set()
     for name, data in report_files(_report(answer, against)):
@@ -54,7 +54,7 @@ def write_report(answer: DropResult, folder: Path, against: CountsFile | None = 
     return folder / PAGE
 
 
-def _report(answer: DropResult, against: CountsFile | None) -> Report:
+def _report(answer: DropResult, against: CountedDrops | None) -> Report:
     distribution, part = answer.distribution, answer.part
     estimates: dict[str, Array] = {}
     reasons: dict[str, str] = {}
@@ -79,12 +79,12 @@ def _report(answer: DropResult, against: CountsFile | None) -> Report:
     )
 
 
-def _measured(answer: DropResult, against: CountsFile) -> ReferenceCounts:
+def _measured(answer: DropResult, against: CountedDrops) -> ReferenceCounts:
     tally = counted_by_class_of(against, answer.distribution.aspects)
     own = answer.distribution.by_class()
     counted = DropCounts(own.counts, own.unclassified, own.unsettled, own.failed)
     found = compare(counted, tally, np.random.default_rng(SEED), own.confidence)
-    return ReferenceCounts(printable(against.path.name), counted, tally, found)
+    return ReferenceCounts(printable(Path(against.source).name), counted, tally, found)
 
 
 def _notes(answer: DropResult) -> Iterator[str]:

@@ -79,7 +79,7 @@ def requested_drops(arguments: argparse.Namespace) -> DropRequest:
         return _logged(arguments, drops, precision)
     if arguments.part is None:
         raise InvalidValueError(
-            'no part is given, allowed is a name, a mesh file, or --from-log (see --help)'
+            'missing part: expected a name, a mesh file, or --from-log (see --help)'
         )
     seed = DEFAULT_SEED if arguments.seed is None else arguments.seed
     check_seed(seed)
@@ -99,7 +99,10 @@ def _logged(arguments: argparse.Namespace, drops: int, precision: float) -> Drop
         given = getattr(arguments, name)
         if given not in (None, ''):
             flag = f'--{name.replace("_", "-")}' if name in _OF_LOG else 'PART_OR_MESH'
-            raise InvalidValueError(f'{flag} is {str(given)!r}, but --from-log says what it is')
+            raise InvalidValueError(
+                f'invalid {flag} {str(given)!r}: expected only without --from-log, which '
+                'defines it'
+            )
     # It imports ROS, which other drops do not need.
     from resting_aspects_ros.run_logs.contents import read_logged_run
 
@@ -110,10 +113,12 @@ def _logged(arguments: argparse.Namespace, drops: int, precision: float) -> Drop
     part, run = logged.part, logged.run
     if run is None:
         raise InvalidValueError(
-            f'--from-log: no drops are in {str(log)!r}, allowed are logs of runs'
+            f'invalid --from-log {str(log)!r}: expected a log of a run, and this one has no drops'
         )
     if part is None or part.part_sha256 != run.part_sha256:
-        raise InvalidValueError(f'--from-log is {str(log)!r}, which does not describe its part')
+        raise InvalidValueError(
+            f'invalid --from-log {str(log)!r}: expected a log with the description of its part'
+        )
     logged.warn_if_unfinished()
     if arguments.drops is not None or arguments.precision is not None:
         return DropRequest(part, run.conditions, run.seed, drops, precision, run)
@@ -121,5 +126,5 @@ def _logged(arguments: argparse.Namespace, drops: int, precision: float) -> Drop
     ranges = tuple(logged.ranges)
     drops = sum(end - first for first, end in ranges)
     if not drops:
-        raise InvalidValueError(f'--from-log is {str(log)!r}, which holds no drops')
+        raise InvalidValueError(f'invalid --from-log {str(log)!r}: expected a log with drops')
     return DropRequest(part, run.conditions, run.seed, drops, run.precision, run, ranges)

@@ -163,7 +163,7 @@ def _folder(arguments: argparse.Namespace, part: str) -> tuple[str, Path | None]
 
 
 def _warn_if_not_precise(distribution: Distribution, precision: float) -> None:
-    """Warn if all drops that were allowed were made, and that was not enough."""
+    """Warn if the maximum number of drops was made, and the precision was not reached."""
     half = max((each.upper - each.lower) / 2 for each in distribution.intervals())
     if 0 < precision < half:
         warn(

@@ -64,7 +64,7 @@ Start with: resting_aspects drop l_bracket"""
 EPILOG = """exit codes:
   0    done
   1    something failed on the way; what was done is saved
-  2    wrong input: one line says what, and what is allowed
+  2    wrong input: one line names the value and what was expected
   130  interrupted; what was done is saved
 """
 

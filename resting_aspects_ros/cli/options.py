@@ -162,15 +162,15 @@ def _flag(name: str) -> str:
 def parse_quantity(name: str, text: str, unit: str) -> float:
     """``60mm`` as 0.06, if the unit inside is m. A bare number is in the unit inside.
 
-    Raises InvalidValueError, with the units that are allowed.
+    Raises InvalidValueError, which names the units.
     """
     match = _NUMBER.fullmatch(text)
     factors = _FACTORS[unit]
     if match is None or (match[2] and match[2] not in factors):
-        allowed = (
+        expected = (
             f'a number, in {unit} or with one of {", ".join(factors)}' if unit else 'a number'
         )
-        raise InvalidValueError(f'{name} is {shown(text)}, allowed is {allowed}')
+        raise InvalidValueError(f'invalid {name} {shown(text)}: expected {expected}')
     return float(match[1]) * factors.get(match[2], 1.0)
 
 

@@ -99,7 +99,7 @@ def legend(methods: Sequence[str], recommended: str) -> list[str]:
 
 def estimate_document(
     part: Part,
-    estimates: Mapping[str, Estimate | None],
+    estimates: Mapping[str, Estimate],
     reasons: Mapping[str, str],
     recommended: Recommendation | None = None,
 ) -> dict[str, object]:
@@ -120,10 +120,13 @@ def estimate_document(
             name: {
                 'source': METHODS[name].source,
                 'not_defined': reasons.get(name),
-                'aspects': [] if found is None else _rows(found.probabilities),
-                'classes': [] if found is None else _rows(found.class_probabilities()),
+                'aspects': _rows(estimates[name].probabilities) if name in estimates else [],
+                'classes': _rows(estimates[name].class_probabilities())
+                if name in estimates
+                else [],
             }
-            for name, found in estimates.items()
+            for name in METHODS
+            if name in estimates or name in reasons
         },
     }
 

@@ -221,6 +221,8 @@ def test_the_first_drops_of_a_run_whose_simulator_died_are_known(
 ):
     """As they are after a restart, from its log."""
     recorder = start('drop_recorder', namespace, {'log_folder': tmp_path}, constants=QUICK)
+    # The classifier and the recorder notice a restart only of a simulator that they know.
+    client.wait(lambda: simulator._presence.get_subscription_count() >= 2, 'both know it')
     simulator.publish('short', 0, 10)
     simulator.publish('short', 10, 25)
     run_id = simulator.run_id('short')

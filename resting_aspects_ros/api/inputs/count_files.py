@@ -1,7 +1,7 @@
 """Read counts over aspects from a log, a JSON document or a CSV.
 
-A CSV, as a person keeps it who drops a part by hand, has a line for each aspect; or for each
-symmetry class, as aspects that are alike look the same.
+A CSV, as kept by a person who drops a part by hand, has a line for each aspect, or for each
+symmetry class, because its aspects look the same.
 """
 
 import io
@@ -10,7 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from resting_aspects_ros.api.inputs.counts import MAX_COUNTED, CountsFile, check_counts
+from resting_aspects_ros.api.inputs.counts import (
+    MAX_COUNTED,
+    CountedDrops,
+    check_counts,
+    counts_of_run,
+)
 from resting_aspects_ros.api.inputs.csv_table import CsvTable, open_text
 from resting_aspects_ros.core.errors import InvalidValueError, LogError, shown
 from resting_aspects_ros.core.statistics.comparison import REST, DropCounts
@@ -19,14 +24,14 @@ from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE
 
 MAX_BYTES = 1 << 26
 ASPECT, CLASS, COUNT = 'aspect', 'class', 'count'
-ALLOWED = (
+COUNTS_FILES = (
     'a log (the folder of a run, or its .mcap file), a JSON document of drop or request, or a CSV '
     'with columns aspect (or class) and count'
 )
 
 
-def read_counts(path: Path) -> CountsFile:
-    """What is in a file of any of these kinds; raises InvalidValueError."""
+def read_counts(path: Path) -> CountedDrops:
+    """Read a file of any of these kinds; raises InvalidValueError."""
     if is_log(path):
         given = _read_log(path)
     else:
@@ -43,8 +48,8 @@ def read_counts(path: Path) -> CountsFile:
     return given
 
 
-def _read_log(path: Path) -> CountsFile:
-    """The last distribution in a log."""
+def _read_log(path: Path) -> CountedDrops:
+    """Read the last distribution in a log."""
     # A second to import, which other files do not need.
     from resting_aspects_ros.run_logs.contents import read_logged_run
 
@@ -55,31 +60,15 @@ def _read_log(path: Path) -> CountsFile:
         raise InvalidValueError(str(error)) from None
     if counted is None:
         raise InvalidValueError(
-            f'log {str(path)!r} holds no distribution, allowed is one with a message of type '
+            f'invalid log {str(path)!r}: expected a distribution in it, a message of type '
             f'{DISTRIBUTION_TYPE}'
         )
     logged.warn_if_unfinished()
     distribution, run, complete = counted
-    aspects = distribution.aspects.aspects
-    return CountsFile(
-        path,
-        tuple(aspect.id for aspect in aspects),
-        DropCounts(
-            distribution.counts,
-            distribution.unclassified,
-            distribution.unsettled,
-            distribution.failed,
-        ),
-        np.array([np.full(3, np.nan) if a.rolls else a.down_in_part for a in aspects]),
-        run.part,
-        run.part_sha256,
-        run,
-        complete,
-        tuple(aspect.symmetry_class for aspect in aspects),
-    )
+    return counts_of_run(str(path), distribution, run, complete=complete)
 
 
-def _read_csv(path: Path, lines: Iterable[str]) -> CountsFile:
+def _read_csv(path: Path, lines: Iterable[str]) -> CountedDrops:
     """Read the columns ``aspect`` or ``class``, and ``count``, wherever they are."""
     table = CsvTable(path, lines)
     names = [name.lower() for name in table.header]
@@ -88,29 +77,29 @@ def _read_csv(path: Path, lines: Iterable[str]) -> CountsFile:
     if [names.count(column) for column in (what, COUNT)] != [1, 1]:
         names_shown = shown(', '.join(table.header))
         raise InvalidValueError(
-            f'{table.where} should name the columns and is {names_shown}, allowed are one aspect '
-            f'or class and one count, in columns parted by , or ;. A file may be {ALLOWED}'
+            f'invalid column names {names_shown} in {table.where}: expected one aspect or class, '
+            f'and one count, with , or ; between columns. A counts file can be {COUNTS_FILES}'
         )
     aspect, count = names.index(what), names.index(COUNT)
     found: dict[int | str, int] = {}
     for line, row in table.rows():
         key = _key(row[aspect])
         if key is None:
-            allowed = (
+            expected = (
                 f'the number of {"a class" if by_class else "an aspect"} or {", ".join(REST)}'
             )
-            raise table.wrong(line, row, aspect, allowed)
+            raise table.wrong(line, row, aspect, expected)
         if key in found:
             raise table.wrong(line, row, aspect, f'each {what} once')
         number = _whole(row[count])
         if number is None:
-            allowed = f'a whole number from 0 to {MAX_COUNTED}'
-            raise table.wrong(line, row, count, allowed)
+            expected = f'an integer from 0 to {MAX_COUNTED}'
+            raise table.wrong(line, row, count, expected)
         found[key] = number
     rest = [found.pop(name, 0) for name in REST]
     ids = sorted(key for key in found if isinstance(key, int))
     tally = DropCounts(np.array([found[k] for k in ids], dtype=np.int64), *rest)
-    return CountsFile(path, tuple(ids), tally, by_class=by_class)
+    return CountedDrops(str(path), tuple(ids), tally, by_class=by_class)
 
 
 def _key(text: str) -> int | str | None:
@@ -119,7 +108,7 @@ def _key(text: str) -> int | str | None:
 
 
 def _whole(text: str) -> int | None:
-    """A whole number that is not too large to be meant."""
+    """Return the integer, or None if the text is not one or it is above MAX_COUNTED."""
     digits = text.strip()
     plain = digits.isascii() and digits.isdecimal() and len(digits) <= len(str(MAX_COUNTED))
     return int(digits) if plain and int(digits) <= MAX_COUNTED else None

@@ -1,8 +1,7 @@
-"""Counts over aspects that a person gives, in whatever file."""
+"""Counts of drops over aspects, from a file or a result."""
 
 import dataclasses
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +10,7 @@ from resting_aspects_ros.api.condition_text import surface_text
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.core.statistics.comparison import DropCounts
+from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 # More than a run can have; numpy draws tables of less than 1e9.
@@ -18,9 +18,11 @@ MAX_COUNTED = 100_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class CountsFile:
-    """Where drops ended, and all that the file says of them.
+class CountedDrops:
+    """Where drops ended, and what else is known of them.
 
+    source : str
+        The file, or what else messages call the drops.
     ids : tuple of int
         Of the aspects, ascending; as many as `tally` has counts. If ``by_class``, the numbers of
         symmetry classes.
@@ -37,7 +39,7 @@ class CountsFile:
         False if more drops were asked for than are counted.
     """
 
-    path: Path
+    source: str
     ids: tuple[int, ...]
     tally: DropCounts
     down: npt.NDArray[np.float64] | None = None
@@ -56,14 +58,37 @@ class CountsFile:
     @property
     def title(self) -> str:
         """File, part, drops, surface and seed, as far as they are known."""
-        words = [one_line(str(self.path)), *([self.part] if self.part else [])]
+        words = [one_line(self.source), *([self.part] if self.part else [])]
         if self.run is None:
             return ', '.join([*words, f'{self.drops} drops'])
         surface = surface_text(self.run.conditions)
         return ', '.join([*words, f'{self.drops} drops on {surface}', f'seed {self.run.seed}'])
 
 
-def counted_by_class(given: CountsFile) -> CountsFile:
+def counts_of_run(
+    source: str, distribution: Distribution, run: RunDescription, *, complete: bool
+) -> CountedDrops:
+    """Return the counts of a run; ``complete``: all drops that were requested are counted."""
+    aspects = distribution.aspects.aspects
+    return CountedDrops(
+        source,
+        tuple(aspect.id for aspect in aspects),
+        DropCounts(
+            distribution.counts,
+            distribution.unclassified,
+            distribution.unsettled,
+            distribution.failed,
+        ),
+        np.array([np.full(3, np.nan) if a.rolls else a.down_in_part for a in aspects]),
+        run.part,
+        run.part_sha256,
+        run,
+        complete,
+        tuple(aspect.symmetry_class for aspect in aspects),
+    )
+
+
+def counted_by_class(given: CountedDrops) -> CountedDrops:
     """The same drops counted by symmetry class; each class shows the first of its aspects.
 
     Raises InvalidValueError if the file does not say which aspects are alike.
@@ -72,8 +97,8 @@ def counted_by_class(given: CountsFile) -> CountsFile:
         return given
     if given.classes is None:
         raise InvalidValueError(
-            f'{str(given.path)!r} counts by aspect and does not say which of them are alike, '
-            'allowed is a log or a JSON document, or a CSV with the column class'
+            f'{given.source!r} counts by aspect and has no symmetry classes: expected a log, a '
+            'JSON document, or a CSV with the column class'
         )
     numbers, first, which = np.unique(given.classes, return_index=True, return_inverse=True)
     of_class = np.bincount(which, weights=given.tally.counts).astype(np.int64)
@@ -87,16 +112,17 @@ def counted_by_class(given: CountsFile) -> CountsFile:
     )
 
 
-def check_counts(given: CountsFile) -> None:
+def check_counts(given: CountedDrops) -> None:
     """Raises InvalidValueError if there is nothing, or too much, to compare."""
     if not given.tally.counts.any():
         raise InvalidValueError(
-            f'{str(given.path)!r} has {given.drops} drops, none of them in an aspect, allowed are '
-            '1 or more'
+            f'invalid counts in {given.source!r}: expected at least one drop in an aspect, found '
+            f'none of {given.drops}'
         )
     if given.drops > MAX_COUNTED:
         raise InvalidValueError(
-            f'{str(given.path)!r} has {given.drops} drops, allowed are up to {MAX_COUNTED}'
+            f'invalid number of drops {given.drops} in {given.source!r}: expected at most '
+            f'{MAX_COUNTED}'
         )
 
 
@@ -121,9 +147,9 @@ def check_same_part(one: tuple[str, str, str], other: tuple[str, str, str]) -> N
     raise InvalidValueError(f'these are different parts: {names}')
 
 
-def check_against(given: CountsFile, part: str, part_sha256: str, aspects: AspectSet) -> None:
+def check_against(given: CountedDrops, part: str, part_sha256: str, aspects: AspectSet) -> None:
     """Raises InvalidValueError if counts given with --against are not of the aspects of a part."""
-    path = str(given.path)
+    path = given.source
     check_same_part(
         (f'--against {path!r}', given.part, given.part_sha256), ('the result', part, part_sha256)
     )
@@ -135,12 +161,12 @@ def check_against(given: CountsFile, part: str, part_sha256: str, aspects: Aspec
         ids = tuple(aspect.id for aspect in aspects.aspects)
     if given.ids != ids:
         raise InvalidValueError(
-            f'--against is {path!r} with the {many} {list(given.ids)}, allowed are those of '
-            f'{part}: {list(ids)} ({what} that was never seen has count 0)'
+            f'invalid {many} {list(given.ids)} in --against {path!r}: expected those of {part}, '
+            f'{list(ids)} ({what} that was never seen has count 0)'
         )
 
 
-def counted_by_class_of(given: CountsFile, aspects: AspectSet) -> DropCounts:
+def counted_by_class_of(given: CountedDrops, aspects: AspectSet) -> DropCounts:
     """The drops by symmetry class of the aspects; of counts that check_against let pass."""
     if given.by_class:
         return given.tally

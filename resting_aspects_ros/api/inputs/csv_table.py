@@ -51,16 +51,18 @@ class CsvTable:
         for line, row in self._filled():
             if len(row) != len(self.header):
                 raise InvalidValueError(
-                    f'{str(self._path)!r} line {line} has {len(row)} columns, allowed are '
-                    f'{len(self.header)}, as many as in the line of names'
+                    f'invalid number of columns {len(row)} in {str(self._path)!r} line {line}: '
+                    f'expected {len(self.header)}, as in the line of names'
                 )
             yield line, row
 
-    def wrong(self, line: int, row: Sequence[str], column: int, allowed: str) -> InvalidValueError:
-        """What to raise for a cell."""
+    def wrong(
+        self, line: int, row: Sequence[str], column: int, expected: str
+    ) -> InvalidValueError:
+        """Return the error for a cell."""
         return InvalidValueError(
-            f'{str(self._path)!r} line {line}, column {self.header[column]!r} is '
-            f'{shown(row[column])}, allowed is {allowed}'
+            f'invalid {self.header[column]} {shown(row[column])} in {str(self._path)!r} '
+            f'line {line}: expected {expected}'
         )
 
     def _filled(self) -> Iterator[tuple[int, list[str]]]:

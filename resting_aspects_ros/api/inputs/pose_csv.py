@@ -1,7 +1,8 @@
-"""A file of resting poses: the orientations that a CSV of any make has.
+"""A file of resting poses: the orientations that a CSV of any program writes.
 
 It needs a line of names with those of the quaternion's four numbers, in any order and among any
-other columns. A `status` column, as `resting_aspects drop` writes it, is heeded.
+other columns. Of a file with a `status` column, as `resting_aspects drop` writes it, only
+settled poses are used.
 """
 
 import re
@@ -18,7 +19,7 @@ from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE, canonical
 
-ALLOWED_NAMES = (
+COLUMN_NAMES = (
     'qx, qy, qz, qw (or q_x, quat_x, orientation.x, ...) or x, y, z, w, in any order, in columns '
     'parted by , or ;'
 )
@@ -66,7 +67,7 @@ def read_poses_file(path: Path, at_least: int) -> PosesFile:
     Raises
     ------
     InvalidValueError
-        With file, line, column, value and what is allowed.
+        Names file, line, column, value and what was expected.
     """
     numbers, index, lines = array('d'), array('q'), array('q')
     count = dict.fromkeys(RestStatus, 0)
@@ -85,7 +86,8 @@ def read_poses_file(path: Path, at_least: int) -> PosesFile:
     if len(index) < at_least:
         settled = ' settled' if sum(count.values()) > len(index) else ''
         raise InvalidValueError(
-            f'{str(path)!r} has {len(index)}{settled} poses, allowed are {at_least} or more'
+            f'invalid number of{settled} poses {len(index)} in {str(path)!r}: expected at least '
+            f'{at_least}'
         )
     xyzw = np.frombuffer(numbers, dtype=np.float64).reshape(-1, 4)
     with np.errstate(over='ignore'):  # what is as long as that is refused
@@ -94,10 +96,10 @@ def read_poses_file(path: Path, at_least: int) -> PosesFile:
     if len(wrong):
         k = int(wrong[0])
         raise InvalidValueError(
-            f'{str(path)!r} line {lines[k]}, columns '
-            f'{", ".join(table.header[column] for column in columns)} are '
-            f'{", ".join(f"{number:.6g}" for number in xyzw[k])}: a quaternion of length '
-            f'{length[k]:.6g}, allowed is 1 within {LENGTH_TOLERANCE:g}'
+            f'invalid {", ".join(table.header[column] for column in columns)} '
+            f'{", ".join(f"{number:.6g}" for number in xyzw[k])} in {str(path)!r} line '
+            f'{lines[k]}: expected a quaternion of length 1 within {LENGTH_TOLERANCE:g}, and its '
+            f'length is {length[k]:.6g}'
         )
     return PosesFile(
         canonical(xyzw),
@@ -146,7 +148,7 @@ def _quaternion_columns(where: str, header: Sequence[str]) -> list[int]:
             else f'several columns are {" and ".join(twice)} of the quaternion'
         )
         raise InvalidValueError(
-            f'{where} should name the columns and is {shown(", ".join(header))}: {problem}, '
-            f'allowed are {ALLOWED_NAMES}'
+            f'invalid column names {shown(", ".join(header))} in {where}: {problem}; expected '
+            f'{COLUMN_NAMES}'
         )
     return [names.index(axis) for axis in _AXES]

@@ -24,7 +24,7 @@ from pydantic import (
 )
 
 from resting_aspects_ros.api.convergence import Convergence
-from resting_aspects_ros.api.inputs.counts import MAX_COUNTED, CountsFile
+from resting_aspects_ros.api.inputs.counts import MAX_COUNTED, CountedDrops
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
 from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.core.input_file import MAX_PATH
@@ -125,7 +125,7 @@ class RunDocument(CountsDocument):
     convergence: Convergence | None = None
 
     def description(self) -> RunDescription:
-        """The run; raises InvalidValueError for conditions that are not allowed."""
+        """Return the run; raises InvalidValueError for invalid conditions."""
         conditions = dict(self.conditions)
         conditions['height_of'] = HeightOf[conditions['height_of']]
         values: dict[str, Any] = {
@@ -156,7 +156,7 @@ def read_document(path: Path, text: str) -> CountsDocument:
         raise _refusal(path, document, error.errors()[0]) from None
 
 
-def counts_of(path: Path, document: CountsDocument) -> CountsFile:
+def counts_of(path: Path, document: CountsDocument) -> CountedDrops:
     """Return the counts in a document; raises InvalidValueError for what contradicts itself."""
     if document.part and not is_valid_name(document.part):
         raise _wrong(path, 'part', document.part, 'a name of lower case letters, digits and _')
@@ -171,8 +171,8 @@ def counts_of(path: Path, document: CountsDocument) -> CountsFile:
         run = document.description() if isinstance(document, RunDocument) else None
     except InvalidValueError as error:
         raise InvalidValueError(f'invalid conditions in {_file(path)}: {error}') from None
-    given = CountsFile(
-        path,
+    given = CountedDrops(
+        str(path),
         ids,
         DropCounts(counts, *(getattr(document, name) for name in REST)),
         np.array(down, dtype=np.float64).reshape(-1, 3),

@@ -91,7 +91,9 @@ def _part(arguments: argparse.Namespace) -> Part | None:
         return part_of(arguments)
     for name in ('unit', 'body', 'parts'):
         if (value := getattr(arguments, name)) is not None:
-            raise InvalidValueError(f'--{name} is {shown(str(value))}, allowed only with --part')
+            raise InvalidValueError(
+                f'invalid --{name} {shown(str(value))}: expected only with --part'
+            )
     return None
 
 

@@ -2,37 +2,15 @@
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
 
-import numpy as np
-
-from resting_aspects_ros.api.condition_text import shipped_surfaces
-from resting_aspects_ros.api.recommended_method import recommended_method
+from resting_aspects_ros.api.estimate import EstimateResult, estimate
+from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.options import add_output, add_part, parse_quantity
-from resting_aspects_ros.cli.part_argument import part_of
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate, estimate_each
-from resting_aspects_ros.core.estimators.recommendation import Recommendation
-from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
-from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.report.document import to_json
-from resting_aspects_ros.report.estimate_report import (
-    against_fields,
-    estimate_document,
-    estimate_table,
-    legend,
-)
-from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.core.estimators.estimate import METHODS
+from resting_aspects_ros.report.estimate_report import estimate_table, legend
 
-if TYPE_CHECKING:  # imported when there is something to compare with
-    from resting_aspects_ros.api.inputs.counts import CountsFile
-
-# Of the tables that are drawn for p values: the same question has the same answer.
-SEED = 1
 ALL = 'all'
 DESCRIPTION = """How probable each aspect of a part is by the analytic methods of the
 literature. They take milliseconds and know the shape alone. The surface and the
@@ -58,9 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='solid_angle, csa, crsa, stability, energy_barrier, quasi_static, rolling, some of '
         'them with commas between, or all (all)',
     )
-    parser.add_argument(
-        '--against', metavar='LOG', type=Path, help='drops of the same part to compare with'
-    )
+    parser.add_argument('--against', metavar='LOG', help='drops of the same part to compare with')
     parser.add_argument(
         '--surface',
         metavar='NAME',
@@ -74,119 +50,66 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Load, estimate and show; returns the exit code.
+    """Estimate and show; returns the exit code.
 
-    Raises RestingAspectsError for wrong input, NotDefinedError if no method asked for is defined.
+    Raises RestingAspectsError for wrong input, NotDefinedError if no requested method is defined.
     """
     names = _methods(arguments.method)
-    part = part_of(arguments)
-    shape = RestingShape(part)
-    against = None
-    if arguments.against is not None:
-        from resting_aspects_ros.api.inputs.count_files import read_counts
-        from resting_aspects_ros.api.inputs.counts import check_against
-
-        against = read_counts(arguments.against)
-        check_against(against, part.name, part.part_sha256, shape.aspects)
-    recommended = recommended_method(shape, _conditions(arguments, against))
-    estimates, reasons = _estimates(shape, names)
-    show_estimates(
-        part,
-        shape.aspects,
-        estimates,
-        reasons,
-        recommended,
-        against,
-        each=arguments.each,
-        as_json=arguments.json,
-    )
+    changed = {}
+    if arguments.height is not None:
+        changed['height'] = parse_quantity('--height', arguments.height, 'm')
+    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+    result = estimate(part, names, surface=arguments.surface, against=arguments.against, **changed)
+    show_estimates(result, each=arguments.each, as_json=arguments.json)
     return 0
 
 
-def show_estimates(
-    part: Part,
-    aspects: AspectSet,
-    estimates: Mapping[str, Estimate | None],
-    reasons: Mapping[str, str],
-    recommended: Recommendation | None = None,
-    against: 'CountsFile | None' = None,
-    *,
-    each: bool = False,
-    as_json: bool,
-) -> None:
-    """On standard output, as a document and nothing else, or as a table."""
-    known_by_class = against is not None and against.by_class
-    by_class = known_by_class or not (each or as_json)
+def show_estimates(result: EstimateResult, *, each: bool, as_json: bool) -> None:
+    """Print estimates on standard output, as a document and nothing else, or as a table."""
+    if as_json:
+        sys.stdout.write(result.to_json())
+        return
+    against = result.against
+    by_class = not each or (against is not None and against.by_class)
+    methods = [name for name in METHODS if name in {*result.estimates, *result.not_defined}]
     shares = {
         name: None
         if found is None
         else found.class_probabilities()
         if by_class
         else found.probabilities
-        for name, found in estimates.items()
+        for name, found in ((name, result.estimates.get(name)) for name in methods)
     }
-    tally, deviations = None, {}
-    if against is not None:
-        from resting_aspects_ros.api.inputs.counts import counted_by_class_of
-        from resting_aspects_ros.core.statistics.comparison import compare_with_exact
-
-        tally = counted_by_class_of(against, aspects) if by_class else against.tally
-        deviations = {
-            name: compare_with_exact(tally, share, np.random.default_rng(SEED))
-            for name, share in shares.items()
-            if share is not None
-        }
-    if as_json:
-        document = estimate_document(part, estimates, reasons, recommended)
-        if against is not None and tally is not None:
-            path = str(against.path)
-            document['against'] = against_fields(path, tally, deviations, by_class=by_class)
-        sys.stdout.write(to_json(document))
-        return
-    best = '' if recommended is None else recommended.method
+    best = '' if result.recommended is None else result.recommended.method
+    aspects = result.aspects
     rows = aspects.classes() if by_class else [(aspect,) for aspect in aspects.aspects]
-    title = _title(part, against)
+    title = f'{result.part.name}: probability by method, %'
+    if against is not None:
+        title = f'{title}\nagainst {against.title}'
     console = make_console()
-    show_table(console, estimate_table(part, rows, shares, title, best, tally, deviations))
-    defined = [name for name, found in estimates.items() if found is not None]
-    lines = legend(defined, best) + [f'{reason}.' for reason in reasons.values()]
-    for line in [*lines, *([] if recommended is None else [recommended.reason])]:
+    table = estimate_table(
+        result.part,
+        rows,
+        shares,
+        title,
+        best,
+        result.counted(by_class=by_class),
+        result.comparisons(by_class=by_class),
+    )
+    show_table(console, table)
+    lines = legend([name for name in methods if name in result.estimates], best)
+    lines += [f'{reason}.' for reason in result.not_defined.values()]
+    for line in [*lines, *([] if result.recommended is None else [result.recommended.reason])]:
         console.print(line, markup=False, highlight=False)
 
 
-def _conditions(arguments: argparse.Namespace, against: 'CountsFile | None') -> DropConditions:
-    """Those that flags ask for, else those of the drops, else the default ones."""
-    if against is not None and against.run is not None and not arguments.surface:
-        conditions = against.run.conditions
-    else:
-        conditions = shipped_surfaces().get(arguments.surface)
-    if arguments.height is None:
-        return conditions
-    return conditions.changed(height=parse_quantity('--height', arguments.height, 'm'))
-
-
 def _methods(text: str) -> list[str]:
-    """Those that are named, in the order of METHODS; raises InvalidValueError."""
-    asked = list(METHODS) if text == ALL else [name.strip() for name in text.split(',')]
-    for name in asked:
+    """Return the methods that are named, in the order of METHODS; raises InvalidValueError."""
+    named = list(METHODS) if text == ALL else [name.strip() for name in text.split(',')]
+    for name in named:
         if name not in METHODS:
             raise InvalidValueError(
-                f'--method is {text!r}, allowed is {ALL}, or some of {", ".join(METHODS)} with '
+                f'invalid --method {text!r}: expected {ALL}, or some of {", ".join(METHODS)} with '
                 'commas between'
             )
-    return [name for name in METHODS if name in asked]
-
-
-def _estimates(
-    shape: RestingShape, names: Sequence[str]
-) -> tuple[dict[str, Estimate | None], dict[str, str]]:
-    """By method what it says, or why it says nothing."""
-    found, reasons = estimate_each(shape, names)
-    if len(reasons) == len(names):
-        raise NotDefinedError('; '.join(reasons.values()))
-    return {name: found.get(name) for name in names}, reasons
-
-
-def _title(part: Part, against: 'CountsFile | None') -> str:
-    title = f'{part.name}: probability by method, %'
-    return title if against is None else f'{title}\nagainst {against.title}'
+    return [name for name in METHODS if name in named]

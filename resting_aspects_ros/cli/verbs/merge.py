@@ -54,13 +54,13 @@ def run(arguments: argparse.Namespace) -> int:
     batches = (batch for each in found for batch in each.batches)
     merged = merge_drops(batches, any_engine=arguments.any_engine)
     if not merged:
-        raise InvalidValueError(f'no drops are in {_named(logs)}, allowed are logs of runs')
+        raise InvalidValueError(f'no drops in {_named(logs)}: expected logs of runs')
     run = merged[0].run
     part = _part(found, run.part_sha256)
     if part is None:
         raise InvalidValueError(
-            f'{_named(logs)} do not describe their part: allowed are logs that the recorder '
-            'closed, at least one'
+            f'no description of the part in {_named(logs)}: expected at least one log that the '
+            'recorder closed'
         )
     for each in found:
         each.warn_if_unfinished()

@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Spin until told to stop."""
     if not is_printable(str(arguments.log)):
         raise InvalidValueError(
-            f'log is {str(arguments.log)!r}, allowed is a name in UTF-8: ROS takes no other'
+            f'invalid log {str(arguments.log)!r}: expected a name in UTF-8, as ROS requires'
         )
     given: dict[str, object] = {'log': str(arguments.log)}
     if arguments.rate is not None:

@@ -59,8 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
         aspects = answer.distribution.aspects
         if not answer.distribution.counts.any():
             raise InvalidValueError(
-                f'{str(arguments.result)!r} has no drop in an aspect, allowed with --against are '
-                '1 or more'
+                f'invalid result {str(arguments.result)!r}: expected at least one drop in an '
+                'aspect for --against'
             )
         check_against(against, answer.run.part, answer.run.part_sha256, aspects)
     folder = arguments.out or default_folder(answer.run.part)
@@ -78,8 +78,8 @@ def _answer(arguments: argparse.Namespace) -> DropResult:
     for name in ('part', 'unit', 'body', 'parts'):
         if (given := getattr(arguments, name)) is not None:
             raise InvalidValueError(
-                f'--{name} is {str(given)!r}, allowed only with a JSON document: a log holds its '
-                'part'
+                f'invalid --{name} {str(given)!r}: expected only with a JSON document; a log '
+                'contains its part'
             )
     # It imports ROS, which a document does not need.
     from resting_aspects_ros.run_logs.contents import logged_result

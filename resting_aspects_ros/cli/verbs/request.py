@@ -110,7 +110,7 @@ def _check_alone(arguments: argparse.Namespace) -> None:
         if (given := getattr(arguments, name)) not in (None, ''):
             flag = f'--{name.replace("_", "-")}'
             raise InvalidValueError(
-                f'{flag} is {shown(str(given))}, allowed only with --method drops'
+                f'invalid {flag} {shown(str(given))}: expected only with --method drops'
             )
 
 
@@ -139,6 +139,7 @@ def _interrupted(progress: 'DropProgress') -> str:
 
 def _estimate(arguments: argparse.Namespace, stop: Interruption) -> int:
     """Ask for what an analytic method predicts, and show it."""
+    from resting_aspects_ros.api.estimate import EstimateResult
     from resting_aspects_ros.cli.verbs.estimate import show_estimates
     from resting_aspects_ros.client.client import RestingAspectsClient
     from resting_aspects_ros.ros.distribution_conversions import estimate_from
@@ -146,14 +147,8 @@ def _estimate(arguments: argparse.Namespace, stop: Interruption) -> int:
     with RestingAspectsClient(ros_args=arguments.ros_args, check=stop.check) as client:
         found = estimate_from(client.get_distribution(arguments.part, method=arguments.method))
         part = client.get_part(arguments.part)
-    show_estimates(
-        part,
-        found.aspects,
-        {found.method: found},
-        {},
-        each=arguments.each,
-        as_json=arguments.json,
-    )
+    result = EstimateResult(part, found.aspects, {found.method: found}, {})
+    show_estimates(result, each=arguments.each, as_json=arguments.json)
     return 0
 
 

@@ -1,0 +1,193 @@
+"""Predict the distribution of a part from its shape, by the analytic methods of the literature."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.errors import warn
+from resting_aspects_ros.core.estimators.estimate import (
+    METHODS,
+    Estimate,
+    check_method,
+    estimate_each,
+)
+from resting_aspects_ros.core.estimators.recommendation import Recommendation, recommend
+from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.comparison import (
+    Comparison,
+    DropCounts,
+    compare_with_exact,
+)
+from resting_aspects_ros.report.document import to_json
+from resting_aspects_ros.report.estimate_report import against_fields, estimate_document
+from resting_aspects_ros.simulation.conditions import DropConditions
+
+if TYPE_CHECKING:  # imported when there is something to compare with
+    from resting_aspects_ros.api.inputs.counts import CountedDrops
+
+# Of the tables that are drawn for p values: the same comparison always has the same result.
+SEED = 1
+# A part is thrown if its speed and its spin have more than this share of the height's energy.
+THROWN_SHARE = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class EstimateResult:
+    """What the methods predict for a part.
+
+    Attributes
+    ----------
+    part : Part
+    aspects : AspectSet
+        Of the part; probabilities are in their order.
+    estimates : dict of str to Estimate
+        By method, of the methods that are defined for the part.
+    not_defined : dict of str to str
+        By method, why it is not defined for the part.
+    recommended : Recommendation or None
+        The method to trust, and why; None if the conditions are not known.
+    against : CountedDrops or None
+        Drops that the methods are compared with.
+    """
+
+    part: Part
+    aspects: AspectSet
+    estimates: Mapping[str, Estimate]
+    not_defined: Mapping[str, str]
+    recommended: Recommendation | None = None
+    against: 'CountedDrops | None' = None
+
+    def counted(self, *, by_class: bool) -> DropCounts | None:
+        """Return the drops of ``against`` by symmetry class or by aspect; None without them."""
+        if self.against is None:
+            return None
+        from resting_aspects_ros.api.inputs.counts import counted_by_class_of
+
+        if by_class or self.against.by_class:
+            return counted_by_class_of(self.against, self.aspects)
+        return self.against.tally
+
+    def comparisons(self, *, by_class: bool) -> dict[str, Comparison]:
+        """Return how far the drops of ``against`` are from each method."""
+        counted = self.counted(by_class=by_class)
+        if counted is None or self.against is None:
+            return {}
+        by_class = by_class or self.against.by_class
+        return {
+            name: compare_with_exact(
+                counted,
+                each.class_probabilities() if by_class else each.probabilities,
+                np.random.default_rng(SEED),
+            )
+            for name, each in self.estimates.items()
+        }
+
+    def to_json(self) -> str:
+        """Return the JSON document that `resting_aspects estimate --json` prints."""
+        document = estimate_document(self.part, self.estimates, self.not_defined, self.recommended)
+        if (counted := self.counted(by_class=False)) is not None and self.against is not None:
+            document['against'] = against_fields(
+                self.against.source,
+                counted,
+                self.comparisons(by_class=False),
+                by_class=self.against.by_class,
+            )
+        return to_json(document)
+
+
+def estimate(
+    part: Part | str | Path,
+    methods: Iterable[str] | None = None,
+    *,
+    surface: str | DropConditions | None = None,
+    against: str | Path | None = None,
+    **conditions: Any,
+) -> EstimateResult:
+    """Predict the distribution of a part from its shape, without a drop.
+
+    Parameters
+    ----------
+    part : Part, str or Path
+        A part, or what `load_part` accepts.
+    methods : iterable of str, optional
+        Some of 'solid_angle', 'csa', 'crsa', 'stability', 'energy_barrier', 'quasi_static' and
+        'rolling'; by default all.
+    surface : str or DropConditions, optional
+        The conditions for which a method is recommended; by default those of ``against``, else
+        those of rubber_mat.
+    against : str or Path, optional
+        Drops of the part to compare with: a log, a JSON document, or a CSV of counts.
+    **conditions : float
+        Conditions that differ from the surface, in SI units, such as ``height=0.1``.
+
+    Returns
+    -------
+    EstimateResult
+
+    Raises
+    ------
+    InvalidValueError
+        A method is not known, or ``against`` is of another part.
+    NotDefinedError
+        No method that was requested is defined for the part.
+
+    Examples
+    --------
+    >>> import resting_aspects_ros as ra
+    >>> result = ra.estimate('tetrahedron')
+    >>> result.recommended.method
+    'csa'
+    >>> result.estimates['csa'].probabilities.round(3).tolist()
+    [0.25, 0.25, 0.25, 0.25]
+    """
+    names = list(METHODS) if methods is None else list(methods)
+    for name in names:
+        check_method(name)
+    loaded = part if isinstance(part, Part) else load_part(part)
+    for warning in loaded.warnings:
+        warn(warning)
+    shape = RestingShape(loaded)
+    counted = None
+    if against is not None:
+        from resting_aspects_ros.api.inputs.count_files import read_counts
+        from resting_aspects_ros.api.inputs.counts import check_against
+
+        counted = read_counts(Path(against))
+        check_against(counted, loaded.name, loaded.part_sha256, shape.aspects)
+    given = _conditions(surface, counted)
+    given = given.changed(**conditions) if conditions else given
+    found, reasons = estimate_each(shape, names)
+    if not found:
+        raise NotDefinedError('; '.join(reasons.values()))
+    recommended = recommended_method(shape, given)
+    return EstimateResult(loaded, shape.aspects, found, reasons, recommended, counted)
+
+
+def recommended_method(shape: RestingShape, conditions: DropConditions) -> Recommendation:
+    """Return the method to trust for a part that is dropped under conditions."""
+    part = shape.part
+    speeds = 2 * conditions.speed_horizontal**2 + conditions.speed_vertical**2
+    turning = conditions.spin**2 * float(np.trace(part.inertia)) / part.mass
+    kinetic = (speeds + turning) / (2 * conditions.gravity)  # as a height, m
+    return recommend(
+        shape.aspects,
+        conditions.height / part.hull_radius,
+        thrown=kinetic > THROWN_SHARE * conditions.height,
+    )
+
+
+def _conditions(
+    surface: str | DropConditions | None, against: 'CountedDrops | None'
+) -> DropConditions:
+    if isinstance(surface, DropConditions):
+        return surface
+    if not surface and against is not None and against.run is not None:
+        return against.run.conditions
+    return shipped_surfaces().get(surface or '')
