@@ -72,7 +72,7 @@ def whole_file(path: Path) -> Iterator[Path]:
             yield part
             part.replace(target)
     except OSError as error:
-        raise OutputError(f'{str(path)!r} cannot be written: {_reason(error)}') from None
+        raise OutputError(f'{str(path)!r} cannot be written: {_reason(error)}') from error
 
 
 @contextmanager
@@ -101,7 +101,7 @@ def _remove_abandoned(target: Path) -> None:
             part.unlink()
 
 
-def _reason(error: Exception) -> str:
+def _reason(error: BaseException) -> str:
     return getattr(error, 'strerror', None) or str(error)
 
 
@@ -113,8 +113,9 @@ def poses_file(flag: str, path: Path) -> Iterator[TextIO]:
             part = stack.enter_context(whole_file(path))
             file = stack.enter_context(part.open('w', newline='', encoding='utf-8'))
         except (OSError, OutputError) as error:
+            reason = _reason(error.__cause__ or error)
             raise InvalidValueError(
-                f'invalid {flag} {str(path)!r}: expected a file that can be written: {error}'
+                f'invalid {flag} {str(path)!r}: expected a file that can be written: {reason}'
             ) from None
         csv.writer(file).writerow(POSES_HEADER)
         yield file

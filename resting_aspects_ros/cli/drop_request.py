@@ -112,9 +112,7 @@ def _logged(arguments: argparse.Namespace, drops: int, precision: float) -> Drop
         raise InvalidValueError(f'--from-log: {error}') from None
     part, run = logged.part, logged.run
     if run is None:
-        raise InvalidValueError(
-            f'invalid --from-log {str(log)!r}: expected a log of a run, and this one has no drops'
-        )
+        raise InvalidValueError(f'invalid --from-log {str(log)!r}: expected a log with drops')
     if part is None or part.part_sha256 != run.part_sha256:
         raise InvalidValueError(
             f'invalid --from-log {str(log)!r}: expected a log with the description of its part'

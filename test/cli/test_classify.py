@@ -211,13 +211,13 @@ def test_a_mesh_file_with_its_unit(sorted_by, box, tmp_path):
 @pytest.mark.parametrize(
     ('words', 'says'),
     [
-        (['p.csv'], "'p.csv' has 1 poses, allowed are 2 or more"),
+        (['p.csv'], "invalid number of poses 1 in 'p.csv': expected at least 2"),
         (['q.csv'], "pose file 'q.csv' does not exist"),
         (['p.csv', '--tolerance', '0'], 'invalid tolerance 0 degrees: expected 1 to 30 degrees'),
         (['p.csv', '--tolerance', '-3'], 'invalid tolerance -3 degrees: expected 1 to 30 degrees'),
-        (['p.csv', '--tolerance', 'wide'], "--tolerance is 'wide', allowed is a number"),
-        (['p.csv', '--unit', 'mm'], "--unit is 'mm', allowed only with --part"),
-        (['p.csv', '--parts', '.'], "--parts is '.', allowed only with --part"),
+        (['p.csv', '--tolerance', 'wide'], "invalid --tolerance 'wide': expected a number"),
+        (['p.csv', '--unit', 'mm'], "invalid --unit 'mm': expected only with --part"),
+        (['p.csv', '--parts', '.'], "invalid --parts '.': expected only with --part"),
         (['p.csv', '--part', 'l_bracket', '--unit', 'mm'], "invalid unit 'mm'"),
         (['p.csv', '--part', 'spoon'], "part 'spoon' is not known"),
         (['p.csv', '--part', 'spoon.stl'], "'spoon.stl' does not exist"),
@@ -232,6 +232,6 @@ def test_what_is_refused(refused, tmp_path, words, says):
 def test_a_wrong_pose_is_refused_in_a_line(refused, tmp_path):
     write(tmp_path / 'p.csv', np.array([[0, 0, 0, 1.0], [0, 0, 0, 0.99]]))
     assert refused('classify', 'p.csv') == (
-        "error: 'p.csv' line 3, columns qx, qy, qz, qw are 0, 0, 0, 0.99: a quaternion of "
-        'length 0.99, allowed is 1 within 0.001'
+        "error: invalid qx, qy, qz, qw 0, 0, 0, 0.99 in 'p.csv' line 3: expected a quaternion of "
+        'length 1 within 0.001, and its length is 0.99'
     )

@@ -220,7 +220,7 @@ def test_what_is_no_log_with_a_distribution(refused, write_log, tmp_path):
     write_csv(tmp_path, BY_HAND)
     write_log('run')
     assert refused('compare', 'run', 'm.csv') == (
-        "error: log 'run' holds no distribution, allowed is one with a message of type "
+        "error: invalid log 'run': expected a log with a message of type "
         'resting_aspects_interfaces/msg/AspectDistribution'
     )
     with RunLog(tmp_path, 'junk') as log:
@@ -243,7 +243,7 @@ def test_what_is_no_log_with_a_distribution(refused, write_log, tmp_path):
         ({'run_id': 'other', 'first_drop': 150}, '50 drops of A and B are the same'),
         ({'first_drop': 200}, ''),
         ({'seed': 4}, ''),
-        ({'engine_version': '9'}, '200 drops of A and B begin with the same orientations'),
+        ({'engine_version': '9'}, '200 drops of A and B start from the same orientations'),
         ({'engine_version': '9', 'seed': 4}, ''),
     ],
 )
@@ -265,7 +265,7 @@ def test_other_conditions_with_the_same_seed(compared, write_json, surfaces):
     write_json('a.json')
     write_json('b.json', conditions=surfaces.get('').changed(height=0.3))
     _, said = compared('a.json', 'b.json')
-    assert '200 drops of A and B begin with the same orientations (seed 3)' in said
+    assert '200 drops of A and B start from the same orientations (seed 3)' in said
 
 
 # -- what does not go together -------------------------------------------------------------------
@@ -312,19 +312,19 @@ def test_an_aspect_that_one_has_not_is_refused(refused, write_json, tmp_path):
     write_json('a.json')
     write_csv(tmp_path, 'aspect,count\n1,2\n2,3\n4,4\n')
     assert refused('compare', 'a.json', 'm.csv') == (
-        "error: aspects in 'm.csv' are 1, 2, 4, allowed are those in 'a.json': 1, 2, 3, 4, 5; "
-        'missing: 3, 5 (what was never seen has count 0; what cannot be told apart is counted by '
-        'class, in a column class instead of aspect)'
+        "error: invalid aspects 1, 2, 4 in 'm.csv': expected those in 'a.json', 1, 2, 3, 4, 5; "
+        'missing: 3, 5 (an aspect that was never seen has count 0; aspects that look the same are '
+        'counted by class, in a column class instead of aspect)'
     )
     write_csv(tmp_path, 'aspect,count\n1,2\n9,3\n')
     assert refused('compare', 'a.json', 'm.csv').startswith(
-        "error: aspects in 'm.csv' are 1, 9, allowed are those in 'a.json': 1, 2, 3, 4, 5; "
+        "error: invalid aspects 1, 9 in 'm.csv': expected those in 'a.json', 1, 2, 3, 4, 5; "
         'not among them: 9; missing: 2, 3, 4, 5 ('
     )
     write_csv(tmp_path, 'aspect,count\n1,2\n2,3\n4,4\n')
     write_csv(tmp_path, 'aspect,count\n1,2\n2,3\n4,4\n9,1\n', 'n.csv')
-    assert "aspects in 'm.csv' are 1, 2, 4, allowed are those in 'n.csv': 1, 2, 4, 9" in refused(
-        'compare', 'n.csv', 'm.csv'
+    assert refused('compare', 'n.csv', 'm.csv').startswith(
+        "error: invalid aspects 1, 2, 4 in 'm.csv': expected those in 'n.csv', 1, 2, 4, 9; "
     )
 
 
@@ -349,7 +349,7 @@ def test_a_count_by_hand_of_what_looks_alike(run, compared, tmp_path):
 def test_a_count_by_aspect_alone_has_no_classes(refused, tmp_path):
     write_csv(tmp_path, 'aspect,count\n1,2\n2,3\n', 'a.csv')
     write_csv(tmp_path, 'class,count\n1,2\n2,3\n', 'b.csv')
-    assert "'a.csv' counts by aspect and does not say which of them are alike" in refused(
+    assert "'a.csv' counts by aspect and has no symmetry classes: expected a log, " in refused(
         'compare', 'a.csv', 'b.csv'
     )
 
@@ -419,24 +419,25 @@ def test_spellings_of_a_count_by_hand(tmp_path, text):
 @pytest.mark.parametrize(
     ('row', 'says'),
     [
-        ('two,1', "column 'aspect' is 'two', allowed is the number of an aspect or unclassified,"),
-        ('0,1', "column 'aspect' is '0', allowed is the number of an aspect"),
-        ('-1,1', "column 'aspect' is '-1', allowed is"),
-        ('1,7', "column 'aspect' is '1', allowed is each aspect once"),
-        ('2,-1', "column 'count' is '-1', allowed is a whole number from 0 to 100000000"),
-        ('2,1.5', "column 'count' is '1.5', allowed is a whole number"),
-        ('2,', "column 'count' is '', allowed is a whole number"),
-        ('2,1_0', "column 'count' is '1_0', allowed"),
-        ('2,100000001', "column 'count' is '100000001', allowed"),
-        ('2,' + '9' * 5000, "99', allowed is a whole number"),
-        ('2', 'f line 3 has 1 columns, allowed are 2'),
-        ('2,3,4', 'f line 3 has 3 columns, allowed are 2'),
+        ('two,1', ["aspect 'two' in", 'expected the number of an aspect or unclassified,']),
+        ('0,1', ["aspect '0' in", 'expected the number of an aspect']),
+        ('-1,1', ["aspect '-1' in", 'expected the number of an aspect']),
+        ('1,7', ["aspect '1' in", 'expected each aspect once']),
+        ('2,-1', ["count '-1' in", 'expected an integer from 0 to 100000000']),
+        ('2,1.5', ["count '1.5' in", 'expected an integer']),
+        ('2,', ["count '' in", 'expected an integer']),
+        ('2,1_0', ["count '1_0' in", 'expected an integer']),
+        ('2,100000001', ["count '100000001' in", 'expected an integer']),
+        ('2,' + '9' * 5000, ["count '99", "99' in", 'expected an integer']),
+        ('2', ['number of columns 1 in', 'expected 2']),
+        ('2,3,4', ['number of columns 3 in', 'expected 2']),
     ],
 )
 def test_a_line_that_is_wrong_is_named(refusal, row, says):
     words = refusal(f'aspect,count\n1,5\n{row}\n')
-    assert 'f line 3' in words
-    assert says in words
+    assert words.startswith(f'invalid {says[0]}')
+    for word in (*says, 'in f line 3: expected'):
+        assert word in words
 
 
 @pytest.mark.parametrize(
@@ -444,15 +445,24 @@ def test_a_line_that_is_wrong_is_named(refusal, row, says):
     [
         (
             '',
-            "line 1 should name the columns and is '', allowed are one aspect or class and one",
+            "invalid column names '' in f line 1: expected one aspect or class and one count",
         ),
-        ('1,5\n', "is '1,5'".replace(',', ', ')),
-        ('aspect,counts\n1,5\n', "is 'aspect, counts'"),
-        ('aspect,count,Count\n1,5,5\n', "is 'aspect, count, Count'"),
-        ('solid box\nfacet normal 0 0 1\n', 'A file may be a log (the folder of a run, or its'),
-        ('aspect,count\n', 'f has 0 drops, none of them in an aspect, allowed are 1 or more'),
-        ('aspect,count\n1,0\nfailed,4\n', 'f has 4 drops, none of them in an aspect'),
-        ('aspect,count\n1,99999999\n2,2\n', 'f has 100000001 drops, allowed are up to 100000000'),
+        ('1,5\n', "invalid column names '1, 5' in f line 1: expected"),
+        ('aspect,counts\n1,5\n', "column names 'aspect, counts' in f line 1: expected"),
+        ('aspect,count,Count\n1,5,5\n', "names 'aspect, count, Count' in f line 1: expected"),
+        ('solid box\nfacet normal 0 0 1\n', '(a counts file can be a log (the folder of a run, '),
+        (
+            'aspect,count\n',
+            'invalid counts in f: expected at least one drop in an aspect, found 0 of 0 drops',
+        ),
+        (
+            'aspect,count\n1,0\nfailed,4\n',
+            'counts in f: expected at least one drop in an aspect, found 0 of 4 drops',
+        ),
+        (
+            'aspect,count\n1,99999999\n2,2\n',
+            'invalid number of drops 100000001 in f: expected at most 100000000',
+        ),
     ],
 )
 def test_what_is_no_count_by_hand(refusal, text, says):

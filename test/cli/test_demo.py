@@ -180,4 +180,4 @@ def test_a_folder_that_cannot_be_made(run, tmp_path, out):
     ended = run('demo', '--out', out)
     assert (ended.returncode, ended.stdout) == (2, '')
     (line,) = ended.stderr.splitlines()
-    assert line.startswith(f"error: --out is '{out}', allowed is a folder")
+    assert line.startswith(f"error: invalid --out '{out}': expected a folder")

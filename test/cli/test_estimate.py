@@ -162,7 +162,8 @@ def test_against_a_count_of_what_looks_alike(run, document, tmp_path):
     path.write_text('class,count\n1,72\n2,28\n3,1\n')
     ended = run('estimate', 'hex_nut', '--against', str(path))
     assert ended.returncode == 2
-    assert 'with the classes [1, 2, 3], allowed are those of hex_nut: [1, 2] ' in ended.stderr
+    assert 'invalid classes [1, 2, 3] in --against' in ended.stderr
+    assert ': expected those of hex_nut, [1, 2] (' in ended.stderr
 
 
 @pytest.mark.parametrize(
@@ -170,7 +171,7 @@ def test_against_a_count_of_what_looks_alike(run, document, tmp_path):
     [
         (
             ['l_bracket', '--method', 'guess'],
-            "--method is 'guess', allowed is all, or some of solid_angle, csa",
+            "invalid --method 'guess': expected all, or some of solid_angle, csa",
         ),
         (['cylinder_d20_h20', '--method', 'crsa'], 'crsa is not defined for cylinder_d20_h20'),
         (['washer', '--method', 'crsa,stability'], '; stability is not defined for washer'),
@@ -191,4 +192,5 @@ def test_drops_of_another_part_are_refused(run, tmp_path):
     path = counts(tmp_path / 'manual.csv', [1, 2, 3])
     ended = run('estimate', 'l_bracket', '--against', str(path))
     assert ended.returncode == 2
-    assert 'aspects [1, 2, 3], allowed are those of l_bracket: [1, 2, 3, 4, 5]' in ended.stderr
+    assert 'invalid aspects [1, 2, 3] in --against' in ended.stderr
+    assert ': expected those of l_bracket, [1, 2, 3, 4, 5] (' in ended.stderr

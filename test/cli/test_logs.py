@@ -261,7 +261,9 @@ def test_drop_refuses_a_log_that_it_cannot_write(refused, log, tmp_path):
     (tmp_path / 'file').touch()
     assert '--log' in refused('drop', 'tetrahedron', '--log', 'file')
     folder = log()
-    assert 'without --from-log' in refused('drop', '--from-log', folder, '--log', 'logs')
+    assert "invalid --log 'logs': expected only without --from-log" in refused(
+        'drop', '--from-log', folder, '--log', 'logs'
+    )
 
 
 def test_info_of_a_log_that_was_broken_off(run, log):
@@ -540,7 +542,9 @@ def test_from_a_log_the_drops_are_made_that_it_has_and_no_others(
 
 def test_a_log_of_a_run_that_was_canceled_at_once_holds_no_drops(log_of, dropped, part, refused):
     folder = log_of(part('l_bracket'), dropped[0], [dropped[1].between(0, 0)])
-    assert refused('drop', '--from-log', folder).endswith('which holds no drops')
+    assert refused('drop', '--from-log', folder).endswith(
+        f'invalid --from-log {str(folder)!r}: expected a log with drops'
+    )
 
 
 def test_a_run_from_a_log_can_be_longer(run, log, dropped, tmp_path):
@@ -553,24 +557,31 @@ def test_a_run_from_a_log_can_be_longer(run, log, dropped, tmp_path):
 @pytest.mark.parametrize(
     ('words', 'says'),
     [
-        (['hex_nut'], "PART_OR_MESH is 'hex_nut', but --from-log says what it is"),
-        (['--seed', 3], "--seed is '3', but --from-log says what it is"),
-        (['--friction', 0.2], "--friction is '0.2', but --from-log says what it is"),
-        (['--surface', 'steel'], "--surface is 'steel', but --from-log says what it is"),
+        (['hex_nut'], "PART_OR_MESH 'hex_nut'"),
+        (['--seed', 3], "--seed '3'"),
+        (['--friction', 0.2], "--friction '0.2'"),
+        (['--surface', 'steel'], "--surface 'steel'"),
     ],
 )
 def test_what_the_log_says_nobody_else_may(run, log, words, says):
     ended = run('drop', '--from-log', log(), *words)
-    assert (ended.returncode, ended.stderr) == (2, f'error: {says}\n')
+    assert ended.returncode == 2
+    assert ended.stderr == (
+        f'error: invalid {says}: expected only without --from-log, which defines it\n'
+    )
 
 
 def test_a_log_without_drops_or_part_is_refused(run, log, refused):
     empty, bare = log('empty', 0), log('bare', 1, described=False)
-    assert f'no drops are in {str(empty)!r}, allowed' in refused('drop', '--from-log', empty)
-    assert f'no drops are in {str(empty)!r}, allowed' in refused('merge', empty)
-    assert refused('drop', '--from-log', bare).endswith('which does not describe its part')
+    assert refused('drop', '--from-log', empty) == (
+        f'error: invalid --from-log {str(empty)!r}: expected a log with drops'
+    )
+    assert f'no drops in {str(empty)!r}: expected logs with drops' in refused('merge', empty)
+    assert refused('drop', '--from-log', bare).endswith(
+        f'invalid --from-log {str(bare)!r}: expected a log with the description of its part'
+    )
     assert 'it has no .mcap file' in refused('drop', '--from-log', empty.parent)
-    assert refused('drop').startswith('error: no part is given, ')
+    assert refused('drop').startswith('error: missing part: expected a name, ')
 
 
 def test_another_version_is_told(run, dropped, part, tmp_path):

@@ -93,7 +93,7 @@ def test_the_table_says_of_how_many_runs_it_is(run, log):
 def test_logs_that_do_not_describe_their_part_are_refused(run, log):
     ended = run('merge', log('a', 1, described=False))
     assert ended.returncode == 2
-    assert ended.stderr.startswith("error: 'a' do not describe their part")
+    assert ended.stderr.startswith("error: no description of the part in 'a': expected ")
 
 
 def test_what_is_no_log_is_refused_in_words(run, tmp_path):

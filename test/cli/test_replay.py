@@ -47,7 +47,7 @@ ROS = ('--ros-args', '-r', f'__ns:=/replay_{os.getpid()}')
         (['log', '--rate', '0'], 'Min: 0.001, Max: 1000.0, value: 0.0'),
         (['log', '--rate', '1001'], 'Min: 0.001, Max: 1000.0, value: 1001.0'),
         (['log', '--rate', '-1'], 'Min: 0.001, Max: 1000.0, value: -1.0'),
-        (['log', '--rate', 'fast'], "--rate is 'fast', allowed is a number"),
+        (['log', '--rate', 'fast'], "invalid --rate 'fast': expected a number"),
         (['log', '--rate', '2', '--as-fast-as-possible'], 'not allowed with argument --rate'),
         (['log', '--ros-args', '--bogus'], '--bogus'),
         ([], 'LOG'),

@@ -190,7 +190,7 @@ def test_with_json_nothing_else_is_printed(run, tmp_path):
         (['nothing.json'], "'nothing.json'"),
         (['empty'], 'no .mcap file'),
         (['d.json', '--against', 'nothing.csv'], "'nothing.csv'"),
-        (['d.json', '--against', 'few.csv'], 'the classes [1, 2]'),
+        (['d.json', '--against', 'few.csv'], 'invalid classes [1, 2] in --against'),
         (['d.json', '--part', 'l_bracket'], 'these are different parts'),
         (['d.json', '--out', 'd.json'], '--out'),
         (['other.json'], 'has no schema_version'),
@@ -213,4 +213,6 @@ def test_wrong_input_is_told_in_a_line(run_in, refused, tmp_path, words, said):
 
 def test_a_report_that_cannot_be_written_is_refused_before_the_drops(refused, tmp_path):
     (tmp_path / 'out').write_text('')
-    assert "--report is 'out/l_bracket'" in refused('drop', 'l_bracket', '--report')
+    assert "invalid --report 'out/l_bracket': expected a folder" in refused(
+        'drop', 'l_bracket', '--report'
+    )

@@ -71,8 +71,8 @@ def blocked(tmp_path):
         ('--out', 'file/below', 'Not a directory'),
         ('--poses', 'nowhere/p.csv', "the folder 'nowhere' does not exist"),
         ('--poses', 'folder', 'this is a folder'),
-        ('--out', '/proc/self', 'allowed is a file'),
-        ('--poses', '/proc/p.csv', 'allowed is a file'),
+        ('--out', '/proc/self', 'expected a file that can be written'),
+        ('--poses', '/proc/p.csv', 'expected a file that can be written'),
     ],
 )
 def test_what_cannot_be_written_is_refused_before_a_drop(
@@ -81,7 +81,7 @@ def test_what_cannot_be_written_is_refused_before_a_drop(
     (tmp_path / 'folder').mkdir()
     # Far more drops than the deadline allows.
     line = refused('drop', 'l_bracket', '--drops', 2_000_000, flag, value)
-    assert f"{flag} is '{value}" in line
+    assert f"invalid {flag} '{value}" in line
     assert says in line
 
 

@@ -60,8 +60,7 @@ def _read_log(path: Path) -> CountedDrops:
         raise InvalidValueError(str(error)) from None
     if counted is None:
         raise InvalidValueError(
-            f'invalid log {str(path)!r}: expected a distribution in it, a message of type '
-            f'{DISTRIBUTION_TYPE}'
+            f'invalid log {str(path)!r}: expected a log with a message of type {DISTRIBUTION_TYPE}'
         )
     logged.warn_if_unfinished()
     distribution, run, complete = counted
@@ -77,8 +76,8 @@ def _read_csv(path: Path, lines: Iterable[str]) -> CountedDrops:
     if [names.count(column) for column in (what, COUNT)] != [1, 1]:
         names_shown = shown(', '.join(table.header))
         raise InvalidValueError(
-            f'invalid column names {names_shown} in {table.where}: expected one aspect or class, '
-            f'and one count, with , or ; between columns. A counts file can be {COUNTS_FILES}'
+            f'invalid column names {names_shown} in {table.where}: expected one aspect or class '
+            f'and one count, separated by , or ; (a counts file can be {COUNTS_FILES})'
         )
     aspect, count = names.index(what), names.index(COUNT)
     found: dict[int | str, int] = {}

@@ -117,7 +117,7 @@ def check_counts(given: CountedDrops) -> None:
     if not given.tally.counts.any():
         raise InvalidValueError(
             f'invalid counts in {given.source!r}: expected at least one drop in an aspect, found '
-            f'none of {given.drops}'
+            f'0 of {given.drops} drops'
         )
     if given.drops > MAX_COUNTED:
         raise InvalidValueError(

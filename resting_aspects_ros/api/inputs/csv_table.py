@@ -52,7 +52,7 @@ class CsvTable:
             if len(row) != len(self.header):
                 raise InvalidValueError(
                     f'invalid number of columns {len(row)} in {str(self._path)!r} line {line}: '
-                    f'expected {len(self.header)}, as in the line of names'
+                    f'expected {len(self.header)}, as in the header'
                 )
             yield line, row
 

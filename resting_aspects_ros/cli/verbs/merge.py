@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     batches = (batch for each in found for batch in each.batches)
     merged = merge_drops(batches, any_engine=arguments.any_engine)
     if not merged:
-        raise InvalidValueError(f'no drops in {_named(logs)}: expected logs of runs')
+        raise InvalidValueError(f'no drops in {_named(logs)}: expected logs with drops')
     run = merged[0].run
     part = _part(found, run.part_sha256)
     if part is None:
