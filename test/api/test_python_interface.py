@@ -18,18 +18,11 @@ from resting_aspects_ros.nodes.aspect_classifier.log_loader import (
 )
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.plan import make_job
-from resting_aspects_ros.simulation.process_workers import ProcessWorkers
 
 
-@pytest.fixture(scope='module')
-def workers():
-    """Two processes that all drops of this module share."""
-    workers = ProcessWorkers(2)
-    yield workers
-    workers.stop()
-
-
-@pytest.mark.parametrize('module', ['', '.api.drop', '.api.load_part'])
+@pytest.mark.parametrize(
+    'module', ['', '.api.classify', '.api.compare', '.api.drop', '.api.estimate', '.api.load_part']
+)
 def test_examples_in_docstrings_hold(module):
     tested = import_module(f'resting_aspects_ros{module}')
     failed, attempted = doctest.testmod(tested, optionflags=doctest.ELLIPSIS)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from resting_aspects_ros.api.inputs.pose_csv import read_poses_file
+from resting_aspects_ros.api.inputs.pose_csv import read_pose_csv
 from resting_aspects_ros.api.output_files import POSES_HEADER
 from resting_aspects_ros.core.errors import InvalidValueError
 
@@ -19,7 +19,7 @@ def read(tmp_path):
     def from_text(text, at_least=1, encoding='utf-8'):
         path = tmp_path / 'p.csv'
         path.write_bytes(text.encode(encoding))
-        return read_poses_file(path, at_least)
+        return read_pose_csv(path, at_least)
 
     return from_text
 
@@ -194,7 +194,7 @@ def test_what_is_no_csv(refusal, text, encoding, says):
 def test_what_cannot_be_read(tmp_path, name, says):
     path = tmp_path / name
     with pytest.raises(InvalidValueError, match=says) as caught:
-        read_poses_file(path, 1)
+        read_pose_csv(path, 1)
     assert f'pose file {str(path)!r}' in str(caught.value)
 
 

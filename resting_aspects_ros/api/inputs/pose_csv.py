@@ -30,17 +30,19 @@ MAX_BYTES = 1 << 29
 
 
 @dataclass(frozen=True, eq=False)
-class PosesFile:
-    """The settled poses in a file.
+class PoseTable:
+    """Settled poses, of a file or of arrays.
 
     orientation : (n, 4) float
         Unit quaternions xyzw, tray from part, w >= 0.
     index : (n,) int
-        Of each among all poses in the file, from 0.
+        Index of each among all poses, from 0.
     line : (n,) int
-        Its line in the file, from 1.
+        Its line in the file, from 1; without a file its index plus one.
     unsettled, failed : int
-        Poses that are not among them, by their status.
+        Number of poses with another status, which are left out.
+    source : str
+        The file; empty without one.
     """
 
     orientation: npt.NDArray[np.float64]
@@ -48,21 +50,22 @@ class PosesFile:
     line: npt.NDArray[np.int64]
     unsettled: int
     failed: int
+    source: str = ''
 
     @property
     def drops(self) -> int:
-        """How many poses the file has, settled or not."""
+        """Return the number of all poses, settled or not."""
         return len(self.index) + self.unsettled + self.failed
 
 
-def read_poses_file(path: Path, at_least: int) -> PosesFile:
+def read_pose_csv(path: Path, min_poses: int) -> PoseTable:
     """Read a CSV.
 
     Parameters
     ----------
     path : Path
-    at_least : int
-        Settled poses that are needed.
+    min_poses : int
+        Minimum number of settled poses.
 
     Raises
     ------
@@ -83,11 +86,11 @@ def read_poses_file(path: Path, at_least: int) -> PosesFile:
                 lines.append(line)
                 numbers.extend(_number(table, line, row, k) for k in columns)
             count[status] += 1
-    if len(index) < at_least:
+    if len(index) < min_poses:
         settled = ' settled' if sum(count.values()) > len(index) else ''
         raise InvalidValueError(
             f'invalid number of{settled} poses {len(index)} in {str(path)!r}: expected at least '
-            f'{at_least}'
+            f'{min_poses}'
         )
     xyzw = np.frombuffer(numbers, dtype=np.float64).reshape(-1, 4)
     with np.errstate(over='ignore'):  # what is as long as that is refused
@@ -101,12 +104,13 @@ def read_poses_file(path: Path, at_least: int) -> PosesFile:
             f'{lines[k]}: expected a quaternion of length 1 within {LENGTH_TOLERANCE:g}, and its '
             f'length is {length[k]:.6g}'
         )
-    return PosesFile(
+    return PoseTable(
         canonical(xyzw),
         np.frombuffer(index, dtype=np.int64),
         np.frombuffer(lines, dtype=np.int64),
         unsettled=count[RestStatus.UNSETTLED],
         failed=count[RestStatus.FAILED],
+        source=str(path),
     )
 
 
@@ -116,7 +120,7 @@ def _status(table: CsvTable, line: int, row: Sequence[str], column: int | None) 
     try:
         return RestStatus[row[column].strip().upper()]
     except KeyError:
-        names = ', '.join(status.name for status in RestStatus)
+        names = 'one of ' + ', '.join(status.name for status in RestStatus)
         raise table.wrong(line, row, column, names) from None
 
 
