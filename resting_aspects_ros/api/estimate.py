@@ -117,8 +117,7 @@ def estimate(
     part : Part, str or Path
         A part, or what `load_part` accepts.
     methods : iterable of str, optional
-        Some of 'solid_angle', 'csa', 'crsa', 'stability', 'energy_barrier', 'quasi_static' and
-        'rolling'; by default all.
+        Names of methods, such as 'csa' or 'rolling'; by default all.
     surface : str or DropConditions, optional
         The conditions for which a method is recommended; by default those of ``against``, else
         those of rubber_mat.

@@ -16,14 +16,6 @@ from resting_aspects_ros.report.rounding import interval_text, share_text
 from resting_aspects_ros.report.rows import ids_text
 from resting_aspects_ros.report.table import NOTHING, RESTS_ON, plain_table
 
-# Headings of two lines, so that all methods fit 80 columns. A table of one method has its name.
-_HEADINGS = {
-    'solid_angle': 'solid\nangle',
-    'stability': 'stab-\nility',
-    'energy_barrier': 'energy\nbarr.',
-    'quasi_static': 'quasi\nstatic',
-    'rolling': 'roll-\ning',
-}
 # Maximum width of the column RESTS_ON, beyond which its text is wrapped.
 _REST_WIDTH = 20
 
@@ -68,7 +60,7 @@ def estimate_table(
             for each in intervals(against.counts, int(against.counts.sum()))
         ]
     for method in shares:
-        heading = method if len(shares) == 1 else _HEADINGS.get(method, method)
+        heading = method if len(shares) == 1 else METHODS[method].heading
         headings.append(heading + '*' * (method == recommended))
     aspect = 'aspects' if any(len(row) > 1 for row in rows) else 'aspect'
     table = plain_table(title, aspect, *headings, rest_width=_REST_WIDTH)

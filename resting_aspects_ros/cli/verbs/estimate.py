@@ -33,8 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--method',
         metavar='NAME',
         default=ALL,
-        help='solid_angle, csa, crsa, stability, energy_barrier, quasi_static, rolling, some of '
-        'them with commas between, or all (all)',
+        help=f'{", ".join(METHODS)}, some of them with commas between, or all (all)',
     )
     parser.add_argument('--against', metavar='LOG', help='drops of the same part to compare with')
     parser.add_argument(

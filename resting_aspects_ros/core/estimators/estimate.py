@@ -29,12 +29,15 @@ class Method:
         Quantity to which the probability of an aspect is proportional.
     source : str
         Publication of the method.
+    heading : str
+        Its name as the heading of a column, in one or two short lines.
     """
 
     weights: Callable[[RestingShape], Array]
     label: str
     meaning: str
     source: str
+    heading: str
 
 
 def solid_angle(shape: RestingShape) -> Array:
@@ -107,42 +110,49 @@ METHODS = {
         'solid angle',
         'solid angle of its side, seen from the centre of mass',
         "Simpson's rule",
+        'solid\nangle',
     ),
     'csa': Method(
         csa,
         'centroid solid angle',
         'solid angle / height of the centre of mass',
         'Ngoi, Lim, Lee 1995',
+        'csa',
     ),
     'crsa': Method(
         crsa,
         'critical solid angle',
         '(solid angle - mean critical solid angle) / height',
         'Ngoi, Lye, Chen 1996',
+        'crsa',
     ),
     'stability': Method(
         stability,
         'stability',
         'area of the support / height of the centre of mass',
         'Chua, Tay 1998',
+        'stab-\nility',
     ),
     'energy_barrier': Method(
         energy_barrier,
         'energy barrier',
         'minimum energy that moves the part out of it',
         'Boothroyd, Ho 1977',
+        'energy\nbarr.',
     ),
     'quasi_static': Method(
         quasi_static,
         'quasi-static',
         'solid angle of all sides that lead to the aspect',
         'Goldberg, Mirtich, Zhuang, Craig et al. 1999',
+        'quasi\nstatic',
     ),
     'rolling': Method(
         rolling,
         'rolling',
         'directions from which the part rolls into the aspect',
         'Baktash, Sharp, Zhou, Crane, Jacobson 2025',
+        'roll-\ning',
     ),
 }
 
