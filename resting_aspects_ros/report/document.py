@@ -17,7 +17,7 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.intervals import Interval
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 def distribution_document(

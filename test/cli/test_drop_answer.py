@@ -51,7 +51,7 @@ def same_run(document):
 def test_the_document_says_what_was_dropped_how(document, part, surfaces):
     box, conditions = part('box_10x20x30'), surfaces.get()
     expected = {
-        'schema_version': 1,
+        'schema_version': 2,
         'part': 'box_10x20x30',
         'mesh_sha256': box.mesh_sha256,
         'part_sha256': box.part_sha256,

@@ -122,7 +122,7 @@ def test_every_field_that_is_missing_is_named(original, refusal):
         (('failed',), None, 'invalid failed None in f.json: expected a valid integer'),
         (('seed',), 1.5, 'invalid seed 1.5 in f.json: expected a valid integer'),
         (('seed',), 2**64, 'in f.json: expected less than or equal to 18446744073709551615'),
-        (('schema_version',), 2, 'invalid schema_version 2 in f.json: expected 1'),
+        (('schema_version',), 1, 'invalid schema_version 1 in f.json: expected 2'),
         (('interval',), 'bayes', "invalid interval 'bayes' in f.json: expected 'wilson' or"),
         (('part',), '<b>', "invalid part '<b>' in f.json: expected a name of lower case letters"),
         (('conditions', 'height'), -1.0, 'invalid conditions in f.json: invalid height -1.0'),

@@ -49,7 +49,7 @@ def test_it_survives_json_bit_for_bit(distribution):
     text = to_json(document)
     assert json.loads(text) == document
     assert text.endswith('}\n')
-    assert text.startswith('{\n  "schema_version": 1,\n  "part": "l_bracket"')
+    assert text.startswith('{\n  "schema_version": 2,\n  "part": "l_bracket"')
 
 
 def test_the_run_is_in_it_as_given(distribution):

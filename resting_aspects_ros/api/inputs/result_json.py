@@ -81,7 +81,7 @@ class ReportAspect(CountedAspect):
 class CountsDocument(BaseModel):
     """Counts over aspects, as `classify` prints them."""
 
-    schema_version: Literal[1]
+    schema_version: Literal[2]
     part: StrictStr
     part_sha256: StrictStr
     complete: StrictBool = True
