@@ -103,7 +103,7 @@ def drop_until_still(
     look, window = steps_in(job, CHECK_INTERVAL), round(REST_WINDOW / CHECK_INTERVAL)
     starts = full_starts(job, chunks)
     ends, looks = [], 0
-    begun = time.perf_counter()
+    started = time.perf_counter()
     for start in starts:
         for slot in range(CHUNK):
             body.place(start.position[slot], start.orientation[slot])
@@ -117,7 +117,7 @@ def drop_until_still(
                 if still == window:
                     ends.append(now)
                     break
-    return still_trial(job, len(starts) * CHUNK, time.perf_counter() - begun, looks * look, ends)
+    return still_trial(job, len(starts) * CHUNK, time.perf_counter() - started, looks * look, ends)
 
 
 def drop_until_decided(body: Body, job: DropJob, chunks: range) -> Trial:
@@ -125,7 +125,7 @@ def drop_until_decided(body: Body, job: DropJob, chunks: range) -> Trial:
     look = steps_in(job, CHECK_INTERVAL)
     starts = full_starts(job, chunks)
     ends, looks = [], 0
-    begun = time.perf_counter()
+    started = time.perf_counter()
     for start in starts:
         for slot in range(CHUNK):
             body.place(start.position[slot], start.orientation[slot])
@@ -137,7 +137,7 @@ def drop_until_decided(body: Body, job: DropJob, chunks: range) -> Trial:
                 settling.check(drop_looks * CHECK_INTERVAL, body.states())
             looks += drop_looks
             ends.append(settling)
-    seconds = time.perf_counter() - begun
+    seconds = time.perf_counter() - started
     settled = [end for end in ends if end.status[0] == RestStatus.SETTLED]
     down = down_in_part(part_from_body(np.vstack([s.orientation for s in settled]), job.axes))
     minima = np.concatenate([end.minimum for end in settled])

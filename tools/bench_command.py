@@ -67,7 +67,7 @@ def command() -> Section:
 
 
 def _run(drops: int) -> Run:
-    begun = time.perf_counter()
+    started = time.perf_counter()
     with subprocess.Popen(
         [
             *(sys.executable, '-m', 'resting_aspects_ros.cli'),
@@ -85,7 +85,7 @@ def _run(drops: int) -> Run:
                 break
             except subprocess.TimeoutExpired:
                 continue
-        seconds = time.perf_counter() - begun
+        seconds = time.perf_counter() - started
     if code:
         raise subprocess.CalledProcessError(code, process.args)
     parent = peaks.pop(process.pid)

@@ -36,14 +36,14 @@ def geometry() -> Section:
         found[group][f'{key}_s'] = seconds
         table.rows.append([title, f'{seconds:.2f}'])
     scan = _scan()
-    begun = time.perf_counter()
+    started = time.perf_counter()
     part = part_from_bytes(scan, 'stl', 'scan')
     loaded = time.perf_counter()
     aspects = find_aspects(part)
     classified = time.perf_counter()
     files = dict(report_files(Report('scan', '', no_drops(aspects), part)))
     found['scan'] = {
-        'load_s': loaded - begun,
+        'load_s': loaded - started,
         'aspects_s': classified - loaded,
         'page_s': time.perf_counter() - classified,
     }
@@ -110,9 +110,9 @@ def best(work: Callable[[], object]) -> float:
     """Return the time of the fastest of REPEATS runs, s."""
     times = []
     for _ in range(REPEATS):
-        begun = time.perf_counter()
+        started = time.perf_counter()
         work()
-        times.append(time.perf_counter() - begun)
+        times.append(time.perf_counter() - started)
     return min(times)
 
 

@@ -173,10 +173,10 @@ class _Client:
     def _timed(self, client: Any, request: Any) -> tuple[Any, float]:
         """Return the response and its latency, ms; repeats the call if there is none."""
         while True:
-            begun = time.perf_counter()
+            started = time.perf_counter()
             answer = self._call(client, request)
             if answer is not None:
-                return answer, 1e3 * (time.perf_counter() - begun)
+                return answer, 1e3 * (time.perf_counter() - started)
             self._count_lost()
 
     def _count_lost(self) -> None:

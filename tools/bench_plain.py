@@ -139,7 +139,7 @@ def _drop_until_still(body: PlainBody, job: DropJob, chunks: range) -> Trial:
     starts = full_starts(job, chunks)
     ends: list[list[float]] = []
     steps = 0
-    begun = time.perf_counter()
+    started = time.perf_counter()
     for start in starts:
         for slot in range(CHUNK):
             body.place(start.position[slot], start.orientation[slot])
@@ -154,4 +154,4 @@ def _drop_until_still(body: PlainBody, job: DropJob, chunks: range) -> Trial:
                     ends.append(now)
                     break
             steps += k + 1
-    return still_trial(job, len(starts) * CHUNK, time.perf_counter() - begun, steps, ends)
+    return still_trial(job, len(starts) * CHUNK, time.perf_counter() - started, steps, ends)

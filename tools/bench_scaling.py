@@ -47,14 +47,14 @@ def _corners(workers: ProcessWorkers) -> tuple[Table, dict[str, dict[str, float]
     found = {}
     for corners in track(CORNERS, 'corners', transient=True):
         part = egg(corners)
-        begun = time.perf_counter()
+        started = time.perf_counter()
         job = job_of(part)
-        prepared = time.perf_counter() - begun
+        prepared = time.perf_counter() - started
         drops = EGG_CHUNKS * workers.count * CHUNK
-        begun = time.perf_counter()
+        started = time.perf_counter()
         futures = submit_drops(job, 0, drops, workers)
         poses = RestingPoses.join([future.result() for future in futures])
-        seconds = time.perf_counter() - begun
+        seconds = time.perf_counter() - started
         mean = float(simulated(job, poses).mean())
         step = 1e6 * seconds / (mean * drops * job.steps_per_t)
         unsettled = (poses.status == RestStatus.UNSETTLED).mean()
@@ -86,10 +86,10 @@ def _numbers(workers: ProcessWorkers) -> tuple[Table, dict[str, dict[str, object
         measured = seconds * drops / before < MAX_TIME
         made = drops if measured else SLICE
         distribution = no_drops(aspects)
-        begun = time.perf_counter()
+        started = time.perf_counter()
         for future in submit_drops(job, drops - made, made, workers):
             distribution += count_poses(aspects, future.result())
-        seconds, before = (time.perf_counter() - begun) * drops / made, drops
+        seconds, before = (time.perf_counter() - started) * drops / made, drops
         note = '' if measured else f'extrapolated from {made}'
         table.rows.append([f'{drops}', f'{seconds:.2f}', f'{drops / seconds:.0f}', note])
         found[str(drops)] = {'seconds': seconds, 'measured_drops': distribution.drops}

@@ -35,10 +35,10 @@ def running_workers(count: int, job: DropJob) -> Iterator[ProcessWorkers]:
 def suite(workers: ProcessWorkers, job: DropJob, chunks: range) -> Trial:
     """Simulate the drops of some chunks, as the commands do."""
     first, drops = chunks.start * CHUNK, len(chunks) * CHUNK
-    begun = time.perf_counter()
+    started = time.perf_counter()
     futures = submit_drops(job, first, drops, workers)
     poses = RestingPoses.join([future.result() for future in futures])
-    seconds = time.perf_counter() - begun
+    seconds = time.perf_counter() - started
     settled = poses.status == RestStatus.SETTLED
     down = down_in_part(poses.orientation[settled])
     return Trial(drops, seconds, float(simulated(job, poses).sum() * job.steps_per_t), down)

@@ -34,7 +34,7 @@ def run_values(runs: Sequence[tuple[RunDescription, int]]) -> dict[str, object]:
         f'run {k}': f'{run.part}: {progress_text(run, drops)}, run {run.run_id}'
         for k, (run, drops) in enumerate(runs, 1)
     }
-    return {'runs under way': len(runs), **truncated(each)}
+    return {'active runs': len(runs), **truncated(each)}
 
 
 def truncated(values: Mapping[str, str]) -> dict[str, str]:

@@ -36,7 +36,7 @@ def test_nodes_publish_diagnostics_once_a_second(suite, told):
         )
         assert level == DiagnosticStatus.OK
         assert re.fullmatch(r'tetrahedron: \d+ of 500000 drops', message)
-        assert values['runs under way'] == '1'
+        assert values['active runs'] == '1'
         assert re.fullmatch(rf'{message}, run \w+', values['run 1'])
     file = values['log files']
     key = 'drops per second of run 1'
@@ -62,7 +62,7 @@ def test_active_runs_are_listed(suite, told):
     suite.client.wait(lambda: all(drop.accepted for drop in drops), 'goals taken')
     for node in ('drop_simulator', 'aspect_classifier', 'drop_recorder'):
         _, message, values = told.wait(
-            node, lambda _, __, values: values['runs under way'] == '2', node
+            node, lambda _, __, values: values['active runs'] == '2', node
         )
         assert re.fullmatch(r'tetrahedron: \d+ of 400000 drops, and 1 more run', message)
         assert values['run 1'].startswith(message.partition(',')[0])

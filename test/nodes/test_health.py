@@ -53,7 +53,7 @@ def test_a_run_that_is_broken_off_is_told_until_another_is_whole(suite, told, be
         )
         assert level == DiagnosticStatus.WARN
         assert re.fullmatch(rf'no drop_simulator; {words}(; 1 log open)?', message)
-        assert (values['runs under way'], values['runs with lost drops']) == ('0', '1')
+        assert (values['active runs'], values['runs with lost drops']) == ('0', '1')
         said = suite.processes[node]
         suite.client.wait(lambda said=said: re.search(words, said.said), f'log of {node}')
         assert len(re.findall(words, said.said)) == 1

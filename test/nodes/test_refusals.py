@@ -154,7 +154,7 @@ def test_goal_above_the_maximum_gets_busy(suite, diagnostics_of):
         drops = [suite.client.dropping(drops=2, seed=seed) for seed in range(MAX_GOALS)]
         told = diagnostics_of(suite.client)
         many = str(MAX_GOALS)
-        told.wait('drop_simulator', lambda *told: told[2]['runs under way'] == many, 'all runs')
+        told.wait('drop_simulator', lambda *told: told[2]['active runs'] == many, 'all runs')
         one_more = suite.client.drop(drops=1)
         by_service = suite.client.ask(drops=7, seed=[31])
         assert not any(drop.done for drop in drops)

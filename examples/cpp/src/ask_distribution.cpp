@@ -27,7 +27,7 @@ int ask(const rclcpp::Node::SharedPtr & node)
     if (!client->wait_for_service(timeout)) {
       break;
     }
-    // A second request starts no second run: the drops that are under way serve both.
+    // A second request does not start a second run: both receive the drops of the first.
     auto answer = client->async_send_request(request);
     if (rclcpp::spin_until_future_complete(node, answer, timeout) ==
       rclcpp::FutureReturnCode::SUCCESS)

@@ -2,7 +2,7 @@
 
 STL is parsed here, not by trimesh: the binary form is a single array, and in ASCII files trimesh
 drops a solid without ``endsolid`` and fails if a solid's name contains one of its keywords. The
-regular expressions read each character only a few times, whatever the input.
+regular expressions read each character only a few times for any input.
 """
 
 import itertools

@@ -29,7 +29,7 @@ MAX_CORNERS = 3000
 # Corners are added until the others are outside by at most this, which does not affect the
 # landscape (COPLANAR).
 FINE = 1e-5
-# Below this error a round that exceeds the maximum number of corners is not begun: half a round
+# Below this error a round that exceeds the maximum number of corners is not started: half a round
 # would leave a cylinder with corners at its top that have no counterpart at its bottom.
 GOOD = 5e-4
 # A round adds corners that are further outside than this share of the maximum.

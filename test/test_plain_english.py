@@ -1,0 +1,72 @@
+"""Texts are plain technical English: constructions that readers stumbled over do not come back."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+ENDINGS = {
+    '.py', '.md', '.msg', '.srv', '.action', '.cpp', '.js', '.yaml', '.toml', '.xml', '.in', '.cfg'
+}  # fmt: skip
+# Each with what to write instead.
+CONSTRUCTIONS = {
+    r'allowed (is|are|only)\b': 'invalid <name> <value>: expected <what>',
+    r'heeded': 'respected',
+    r'\bwho(ever)? (asks|comes|hears|listens|reads|takes|wants|waits|writes)\b': 'a client, a user',
+    r'\bto be had\b': 'available',
+    r'\bof which it\b': 'name the thing again',
+    r'\b(MOST|LEAST)_|\b(most|least)_[a-z]': 'MAX_, MIN_, max_, min_',
+    r'\b(nobody|somebody|whoever)\b': 'no client, a user',
+    r'\bbegun\b': 'started',
+    r'\btold\b': 'notified, reported, distinguished',
+    r'\bwhatever\b': 'regardless of, any',
+    r'\bunder way\b': 'active, running',
+    r'\bthat which\b': 'name the thing',
+    r'\bno whole number\b|\bwhole number\b': 'an integer',
+    r'\blikewise\b': 'the same',
+    r'\bheld against\b': 'compared with',
+    r'\bas (its|their) own\b': 'its',
+}
+PATTERN = re.compile('|'.join(f'(?:{each})' for each in CONSTRUCTIONS))
+
+
+def texts():
+    """Name and lines of each file of the project."""
+    names = subprocess.run(
+        ['git', 'ls-files'], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    for name in names:
+        path = ROOT / name
+        if path != Path(__file__) and (path.suffix in ENDINGS or path.name == 'Makefile'):
+            yield name, path.read_text('utf-8').splitlines()
+
+
+def odd_lines():
+    for name, lines in texts():
+        for number, line in enumerate(lines, start=1):
+            if found := PATTERN.search(line):
+                yield f'{name}:{number}: {found[0]!r}'
+
+
+def test_no_odd_construction_is_left():
+    assert list(odd_lines()) == []
+
+
+def test_all_kinds_of_text_are_read():
+    assert {Path(name).suffix for name, _ in texts()} >= {'.py', '.md', '.msg', '.srv', '.yaml'}
+
+
+@pytest.mark.parametrize(
+    'line',
+    [
+        "f'unit is {unit!r}, allowed are mm, cm'",
+        'NO_COLOR is heeded',
+        'Who asks hears of it; whoever comes late',
+        'MOST_DROPS = 5',
+        'fewer steps are not to be had',
+    ],
+)
+def test_an_odd_construction_is_found(line):
+    assert PATTERN.search(line.lower() if line.startswith('Who') else line)
