@@ -14,7 +14,7 @@ ENDINGS = {
 CONSTRUCTIONS = {
     r'allowed (is|are|only)\b': 'invalid <name> <value>: expected <what>',
     r'heeded': 'respected',
-    r'\bwho(ever)? (asks|comes|hears|listens|reads|takes|wants|waits|writes)\b': 'a client, a user',
+    r'\bwho(ever)? (asks|comes|hears|reads|takes|wants|waits|writes)\b': 'a user',
     r'\bto be had\b': 'available',
     r'\bof which it\b': 'name the thing again',
     r'\b(MOST|LEAST)_|\b(most|least)_[a-z]': 'MAX_, MIN_, max_, min_',

@@ -102,7 +102,7 @@ def _closed(vertices: Vertices, faces: Faces, tolerance: float) -> Surface:
 def _weld(vertices: Vertices, faces: Faces, tolerance: float) -> tuple[Vertices, Faces]:
     """Merge vertices within the tolerance; remove triangles with fewer than three corners left.
 
-    Each group is replaced by its lexicographically first vertex, regardless of the order in the file.
+    Each group is replaced by its lexicographically first vertex, in any order of the file.
     """
     vertices = vertices + 0.0  # -0 is 0
     order = np.lexsort(vertices.T[::-1])
