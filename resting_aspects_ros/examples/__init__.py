@@ -1,4 +1,4 @@
-"""Programs to copy. They import the messages and `resting_aspects_ros.client` only.
+"""Example programs to copy. They import only the messages and `resting_aspects_ros.client`.
 
-Read `feeder.py`: a feeder controller that requests a distribution, and subscribes to changes.
+Read `feeder.py`: a feeder controller that subscribes to the distribution of its part.
 """

@@ -31,7 +31,7 @@ EXPECTED_PICK_RATE = 'expected_pick_rate'
 # What data[0], data[1] and data[2] are; all are NaN if the part lacks an aspect of `pickable`.
 LABEL = 'probability, lower, upper'
 # A hint is logged if no distribution has arrived within this time, s.
-PATIENCE = 5.0
+HINT_DELAY = 5.0
 # The newest message, also for late subscribers, which have to request this QoS as well.
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
@@ -44,26 +44,26 @@ class FeederExample(Node):
     def __init__(self) -> None:
         super().__init__('feeder_example')
         values = {}
-        for name, default, words in PARAMETERS:
-            descriptor = ParameterDescriptor(description=words, read_only=True)
+        for name, default, description in PARAMETERS:
+            descriptor = ParameterDescriptor(description=description, read_only=True)
             values[name] = self.declare_parameter(name, default, descriptor).value
         self._part, self._pickable = values['part'], sorted(set(values['pickable'] or ()))
         if not self._pickable or self._pickable[0] < 1:
             raise InvalidValueError(f'invalid pickable {self._pickable}: expected ids from 1')
         self._newest: AspectDistribution | None = None
-        self._said: set[object] = set()
+        self._logged: set[object] = set()
         self._rate = self.create_publisher(Float64MultiArray, EXPECTED_PICK_RATE, LATCHED)
         topic = f'aspect_distributions/{self._part}'
-        self._input = self.create_subscription(AspectDistribution, topic, self._take, LATCHED)
-        # A timer of the node would stand still where nobody publishes simulated time.
+        self._input = self.create_subscription(AspectDistribution, topic, self._update, LATCHED)
+        # A timer with the node's clock does not run with use_sim_time and without a /clock topic.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._patience = self.create_timer(PATIENCE, self._nothing_yet, clock=steady)
-        self.get_logger().info(f'waits for {self._input.topic_name}')
+        self._hint_timer = self.create_timer(HINT_DELAY, self._log_hint, clock=steady)
+        self.get_logger().info(f'waiting for {self._input.topic_name}')
 
-    def _take(self, message: AspectDistribution) -> None:
-        """Publish what a distribution says of the pickable aspects."""
-        before = self._newest
-        if message.drops == 0 or (before is not None and _says_less(message, before)):
+    def _update(self, message: AspectDistribution) -> None:
+        """Publish the probability of the pickable aspects in a distribution."""
+        previous = self._newest
+        if message.drops == 0 or (previous is not None and _has_fewer_drops(message, previous)):
             return
         known = {aspect.id for aspect in message.aspects}
         missing = [k for k in self._pickable if k not in known]
@@ -74,72 +74,78 @@ class FeederExample(Node):
                 f'a message on {self._input.topic_name} is not used: {error}',
             )
             return
-        self._patience.cancel()
+        self._hint_timer.cancel()
         self._newest = message
-        self._compare(before or message, message)
+        self._warn_of_changes(previous or message, message)
         data = [math.nan] * 3 if missing else [share.probability, share.lower, share.upper]
         layout = MultiArrayLayout(dim=[MultiArrayDimension(label=LABEL, size=3, stride=3)])
         self._rate.publish(Float64MultiArray(layout=layout, data=data))
         if missing:
-            words = (
+            error_text = (
                 f'invalid pickable {self._pickable}: expected ids from 1 to {len(known)}, the '
                 f'aspects of {self._part} (part_sha256 {message.run.part_sha256}); '
                 f'{EXPECTED_PICK_RATE} is NaN'
             )
-            if self._is_new(words):
-                self.get_logger().error(words)
+            if self._is_new(error_text):
+                self.get_logger().error(error_text)
             return
-        # While a run is under way its numbers change five times a second.
+        # During a run the distribution is published five times a second: it is logged only once.
         if self._is_new((message.run.run_id, message.complete)):
-            self.get_logger().info(self._in_words(message, share))
+            self.get_logger().info(self._summary(message, share))
 
-    def _compare(self, before: AspectDistribution, message: AspectDistribution) -> None:
-        """Warn of what changes the meaning of the ids or of the probabilities."""
-        old, new = before.run, message.run
+    def _warn_of_changes(self, previous: AspectDistribution, message: AspectDistribution) -> None:
+        """Warn if the part or the conditions changed."""
+        old, new = previous.run, message.run
         if old.part_sha256 != new.part_sha256:
             self._warn_once(
-                f'{self._part} is another version than before (part_sha256 {new.part_sha256}): '
-                'its ids may mean other aspects',
+                f'{self._part} has changed (part_sha256 {new.part_sha256}): its ids may refer to '
+                'other aspects',
             )
         if old.conditions != new.conditions:
             self._warn_once(
-                f'run {new.run_id} was dropped under other conditions ({_surface(message)}) than '
-                f'the one before ({_surface(before)})',
+                f'the conditions of run {new.run_id} ({_surface(message)}) differ from those of '
+                f'the previous run ({_surface(previous)})',
             )
 
-    def _in_words(self, message: AspectDistribution, share: Interval) -> str:
-        state = '' if message.complete else ' so far, more are to come'
+    def _summary(self, message: AspectDistribution, share: Interval) -> str:
+        state = '' if message.complete else ' (the run continues)'
         return (
             f'{share.probability:.1%} of {self._part} can be picked ({share.lower:.1%} to '
             f'{share.upper:.1%}): {message.drops} of {message.run.drops} drops on '
             f'{_surface(message)}{state}'
         )
 
-    def _nothing_yet(self) -> None:
-        """Say once what is missing, and what to do."""
-        self._patience.cancel()
+    def _log_hint(self) -> None:
+        """Log once why no distribution has arrived, and what to do."""
+        self._hint_timer.cancel()
         if self.count_publishers(self._input.topic_name):
-            words = f'nobody has dropped {self._part} yet: resting_aspects request {self._part}'
-        else:
-            words = (
-                f'nobody publishes {self._input.topic_name}: start the suite with '
-                f'"resting_aspects nodes", and see whether it has a part {self._part}'
+            hint = (
+                f'there are no drops of {self._part} yet: run "resting_aspects request '
+                f'{self._part}"'
             )
-        self.get_logger().warning(words)
+        else:
+            hint = (
+                f'{self._input.topic_name} has no publisher: start the suite with '
+                f'"resting_aspects nodes", and check that it has a part {self._part}'
+            )
+        self.get_logger().warning(hint)
 
-    def _warn_once(self, words: str) -> None:
-        if self._is_new(words):
-            self.get_logger().warning(words)
+    def _warn_once(self, text: str) -> None:
+        if self._is_new(text):
+            self.get_logger().warning(text)
 
     def _is_new(self, fact: object) -> bool:
-        """Return whether it was not logged before."""
-        new = fact not in self._said
-        self._said.add(fact)
+        """Return whether the fact was not logged before."""
+        new = fact not in self._logged
+        self._logged.add(fact)
         return new
 
 
-def _says_less(message: AspectDistribution, known: AspectDistribution) -> bool:
-    """Whether more drops of the same are known: of two runs at once, or of one that has begun."""
+def _has_fewer_drops(message: AspectDistribution, known: AspectDistribution) -> bool:
+    """Return whether ``known`` has more drops of the same part under the same conditions.
+
+    This happens when two runs overlap, or when a new run starts.
+    """
     new, old = message.run, known.run
     same = (new.part_sha256, new.conditions) == (old.part_sha256, old.conditions)
     return bool(same and message.drops < known.drops)
@@ -151,10 +157,12 @@ def _surface(message: AspectDistribution) -> str:
 
 def main() -> int:
     """Run the node until it is told to stop; returns the exit code."""
-    lines = [f'  {name:9} {words} (default {default})' for name, default, words in PARAMETERS]
+    lines = [f'  {name:9} {text} (default {default})' for name, default, text in PARAMETERS]
     parser = argparse.ArgumentParser(
         usage='%(prog)s [--ros-args -p name:=value ... -r __ns:=/namespace]',
-        description='\n'.join(['Publishes which share can be picked.', '', 'parameters:', *lines]),
+        description='\n'.join(
+            ['Publishes the share of the parts that can be picked.', '', 'parameters:', *lines]
+        ),
         epilog='Ctrl-C ends it.',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -163,7 +171,7 @@ def main() -> int:
         rclpy.init()
         rclpy.spin(FeederExample())
     except (KeyboardInterrupt, ExternalShutdownException):
-        pass  # that is how a node is stopped
+        pass  # the normal way to stop a node
     except (InvalidValueError, ParameterException, NameValidationException) as error:
         print('error:', ' '.join(str(error).split()), file=sys.stderr)
         return 2

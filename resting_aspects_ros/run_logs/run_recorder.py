@@ -111,7 +111,10 @@ class RunRecorder:
         """Return a message with the consequence of the error for the run."""
         run = f'run {self.run.run_id} of {self.run.part}'
         if self._whole or self.drops >= self.run.drops:
-            return f'all {self.drops} drops of {run} are recorded, but not the end: {self.error}'
+            return (
+                f'all {self.drops} drops of {run} are recorded, but the log has no end: '
+                f'{self.error}'
+            )
         if self.drops:
             return f'only {self.drops} drops of {run} are recorded: {self.error}'
         return f'{run} is not recorded: {self.error}'

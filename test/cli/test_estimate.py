@@ -63,7 +63,7 @@ def test_the_table_of_a_cylinder_says_what_is_not_defined(run):
         assert f'{method} is not defined for cylinder_d20_h20: {reason}' in words
 
 
-def test_aspects_that_look_alike_are_one_row_with_their_sum(run, document):
+def test_equivalent_aspects_are_summed_in_one_row(run, document):
     methods = document('hex_nut', '--method', 'csa,rolling')['methods'].values()
     flat, side = (
         [sum(a['probability'] for a in each['aspects'][k]) for each in methods]

@@ -1,4 +1,4 @@
-// Reads a distribution as it is on the wire from a file, and prints its share of some aspects, and the interval:
+// Reads a serialised distribution from a file, and prints the share of some aspects and the interval:
 //   share_of FILE [ID ...]
 #include <fstream>
 #include <iomanip>

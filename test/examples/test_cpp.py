@@ -1,4 +1,4 @@
-"""The C++ example: what of it needs no rclcpp, which is not on PyPI, is compiled and run."""
+"""The C++ example: code that does not need rclcpp, which is not on PyPI, is compiled and run."""
 
 import itertools
 import math
@@ -32,7 +32,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope='module')
 def compile_cpp():
-    """Run the compiler as strictly as it can be, with what set-up generated and installed."""
+    """Run the compiler with strict warnings and the headers that the set-up installed."""
     named = [os.environ.get('CXX', ''), 'c++', 'g++', 'clang++']
     compiler = next(filter(None, map(shutil.which, filter(None, named))))
     folders = [PREFIX / 'include', *sorted((PREFIX / 'include').iterdir())]
@@ -53,13 +53,13 @@ def compile_cpp():
 
 @pytest.fixture(scope='module')
 def share_of(compile_cpp, tmp_path_factory):
-    """The header's answer about a message that rclpy serialised, as a program prints it."""
+    """Run a program that applies the header to a message that rclpy serialised."""
     folder = tmp_path_factory.mktemp('cpp')
     library = PREFIX / 'lib'
     done = compile_cpp(
         *(Path(__file__).with_name('share_of.cpp'), '-o', folder / 'share_of', f'-L{library}'),
         *('-lresting_aspects_interfaces__rosidl_typesupport_fastrtps_cpp', '-lfastcdr'),
-        f'-Wl,--disable-new-dtags,-rpath,{library}',  # also for what these libraries need
+        f'-Wl,--disable-new-dtags,-rpath,{library}',  # also for their dependencies
     )
     assert done.returncode == 0, done.stderr
 
@@ -79,7 +79,7 @@ def share_of(compile_cpp, tmp_path_factory):
 
 @pytest.fixture
 def distribution(filled):
-    """A distribution whose other fields are not the defaults."""
+    """A distribution in which all other fields differ from the defaults."""
     message = filled(AspectDistribution, random.Random(3))
     message.aspects = [filled(Aspect, random.Random(k)) for k in range(len(COUNTS))]
     for number, (aspect, count) in enumerate(zip(message.aspects, COUNTS, strict=True), start=1):
@@ -92,7 +92,7 @@ def numbers_of(printed):
     return [float(number) for number in printed.split()]
 
 
-def test_the_share_of_any_aspects_and_wilson_s_interval(share_of, distribution):
+def test_share_and_wilson_interval_of_any_set_of_aspects(share_of, distribution):
     numbers = range(1, len(COUNTS) + 1)
     choices = [c for n in (0, 1, 2, 5) for c in itertools.combinations(numbers, n)]
     assert len(choices) == 17
@@ -105,17 +105,17 @@ def test_the_share_of_any_aspects_and_wilson_s_interval(share_of, distribution):
         assert numbers_of(printed) == pytest.approx(expected, abs=1e-12), ids
 
 
-def test_an_id_that_is_given_twice_counts_once(share_of, distribution):
+def test_a_duplicate_id_counts_once(share_of, distribution):
     assert numbers_of(share_of(distribution, 2, 1, 2)[1])[0] == 0.75
 
 
 @pytest.mark.parametrize('unknown', [0, 6, -1, 2**32 + 1])
-def test_an_id_that_no_aspect_has_is_refused_in_words(share_of, distribution, unknown):
-    words = f'aspect {unknown} is not known, allowed are 1 to 5'
-    assert share_of(distribution, 1, unknown) == (2, words)
+def test_an_unknown_id_is_rejected(share_of, distribution, unknown):
+    message = f'invalid aspect {unknown}: expected 1 to 5'
+    assert share_of(distribution, 1, unknown) == (2, message)
 
 
-def test_before_the_first_drop_it_is_not_a_number(share_of, distribution):
+def test_share_is_nan_before_the_first_drop(share_of, distribution):
     for aspect in distribution.aspects:
         aspect.count = 0
     distribution.drops = 0
@@ -127,16 +127,16 @@ def test_before_the_first_drop_it_is_not_a_number(share_of, distribution):
 
 
 @pytest.mark.parametrize('name', ['pickable_share', 'ask_distribution'])
-def test_of_the_node_only_rclcpp_is_missing_here(compile_cpp, name):
-    """Where there is an rclcpp, the node is compiled; else nothing after its line is looked at."""
+def test_node_compiles_up_to_rclcpp(compile_cpp, name):
+    """With rclcpp the whole node compiles; without it, only rclcpp is missing."""
     done = compile_cpp('-fsyntax-only', EXAMPLE / 'src' / f'{name}.cpp')
     errors = [line for line in done.stderr.splitlines() if 'error' in line]
     missing = re.compile(rf'.*{name}\.cpp:\d+:\d+: fatal error: .*rclcpp/rclcpp\.hpp.*')
     assert done.returncode == 0 or (len(errors) == 1 and missing.fullmatch(errors[0])), done.stderr
 
 
-def test_no_exception_leaves_the_nodes():
-    """Such as that of rclcpp for a parameter of another type, pickable:=[1.5]."""
+def test_nodes_catch_all_exceptions():
+    """For example, rclcpp throws for a parameter of another type, pickable:=[1.5]."""
     for file in (EXAMPLE / 'src').glob('*.cpp'):
         main = file.read_text(encoding='utf-8').split('int main(')[1]
         before, tried = main.split('try {')
@@ -145,18 +145,18 @@ def test_no_exception_leaves_the_nodes():
         assert 'error.what()' in tried, file
 
 
-def test_the_client_of_the_service_has_the_depth_of_the_server():
+def test_service_client_has_the_depth_of_the_server():
     source = (EXAMPLE / 'src' / 'ask_distribution.cpp').read_text(encoding='utf-8')
     assert f'"{GET_DISTRIBUTION}", rclcpp::ServicesQoS().keep_last({SERVICES.depth})' in source
     fields = set(re.findall(r'request->(\w+)', source))
     assert fields <= set(GetDistribution.Request.get_fields_and_field_types())
 
 
-def test_the_node_subscribes_as_the_classifier_publishes():
+def test_subscription_matches_the_classifier():
     assert f'"{ASPECT_DISTRIBUTIONS}/" + part' in SOURCE
     assert 'resting_aspects_interfaces::msg::AspectDistribution' in SOURCE
     assert 'rclcpp::QoS(1).reliable().transient_local()' in SOURCE
-    # What the node reads of a message is declared.
+    # All fields that the node reads exist in the message.
     fields = set(re.findall(r'distribution\.(\w+)', SOURCE))
     assert (
         fields
@@ -165,12 +165,12 @@ def test_the_node_subscribes_as_the_classifier_publishes():
     )
 
 
-def test_its_parameters_are_those_of_the_example_in_python():
+def test_parameters_match_the_python_example():
     declared = re.findall(r'declare_parameter\("(\w+)"', SOURCE)
     assert declared == [name for name, *_ in PARAMETERS]
 
 
-def test_package_and_cmake_name_the_same():
+def test_package_xml_and_cmake_agree():
     warnings = []
     package = parse_package(EXAMPLE / 'package.xml', warnings=warnings)
     package.validate(warnings=warnings)

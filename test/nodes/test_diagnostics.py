@@ -188,5 +188,5 @@ def test_disk_is_full_at_the_end_of_a_run(suite, told):
     finally:
         resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (hard, hard))
     assert error().endswith('cannot be written: File too large')
-    words = f'all 5 drops of run {run_id} of tetrahedron are recorded, but not the end: '
+    words = f'all 5 drops of run {run_id} of tetrahedron are recorded, but the log has no end: '
     told.wait('drop_recorder', lambda _, message, __: message.startswith(words), words)

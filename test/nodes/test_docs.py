@@ -85,12 +85,12 @@ def dropped(suite):
     return suite.client.ask('l_bracket', 50, seed=[5050]).distribution
 
 
-def test_all_snippets_are_known_to_the_tests_below():
+def test_all_snippets_are_tested():
     for page, words in SNIPPETS.items():
         assert [snippet(word) for word in words] == code(page, 'python')
 
 
-def test_a_subscription_has_what_is_latched(suite, dropped, run_snippet):
+def test_subscription_receives_the_latched_distribution(suite, dropped, run_snippet):
     process = run_snippet(snippet('create_subscription'))
     suite.client.wait(lambda: '\n' in process.said or not process.running, 'a line')
     first = dropped.aspects[0]
@@ -98,7 +98,7 @@ def test_a_subscription_has_what_is_latched(suite, dropped, run_snippet):
     assert process.said.startswith(f'50 drops on rubber_mat [{row}, ')
 
 
-def test_a_node_asks(suite, run_snippet):
+def test_node_requests_a_distribution(suite, run_snippet):
     code = snippet('ReentrantCallbackGroup').replace('drops=1000', 'drops=60')
     process = run_snippet(code)
     suite.client.wait(lambda: 'mostly' in process.said or not process.running, 'its words')
@@ -121,7 +121,7 @@ def test_the_controller_of_the_tutorial_follows_a_distribution(suite, run_snippe
     assert 'Traceback' not in process.said
 
 
-def test_a_client_without_a_node_asks_in_the_namespace_it_is_given(suite, run_command):
+def test_client_without_a_node_uses_the_given_namespace(suite, run_command):
     code = snippet('list_parts')
     assert '/cell_1' in code
     process = run_command(sys.executable, '-c', code.replace('/cell_1', suite.namespace))
@@ -129,7 +129,7 @@ def test_a_client_without_a_node_asks_in_the_namespace_it_is_given(suite, run_co
     assert process.said == f'{list(suite.client.parts())}\n'
 
 
-def test_or_in_that_of_the_command_line(suite, run_snippet):
+def test_client_without_a_node_uses_the_ros_arguments(suite, run_snippet):
     code = snippet('list_parts')
     given = "ros_args=['-r', '__ns:=/cell_1']"
     assert given in code
@@ -138,7 +138,7 @@ def test_or_in_that_of_the_command_line(suite, run_snippet):
     assert process.said == f'{list(suite.client.parts())}\n'
 
 
-def test_a_plain_service_client_is_answered(suite, dropped, run_snippet):
+def test_plain_service_client_receives_an_answer(suite, dropped, run_snippet):
     code = snippet('remove_pending_request').replace('drops=1000', 'drops=50')
     process = run_snippet(code)
     suite.client.wait(lambda: not process.running, 'the end')
@@ -147,7 +147,7 @@ def test_a_plain_service_client_is_answered(suite, dropped, run_snippet):
     assert 0.9 < sum(probability for _, probability in rows) < 1 + 1e-9
 
 
-def test_the_documented_depth_keeps_many_answers_at_once(suite, connect):
+def test_documented_depth_keeps_many_concurrent_answers(suite, connect):
     """All answers of a service go to all of its clients, and the default depth is 10."""
     (depth,) = re.findall(r'QoSProfile\(depth=(\d+)\)', snippet('remove_pending_request'))
     assert f'keep_last({depth})' in PAGES[GUIDE]
@@ -164,7 +164,7 @@ def test_the_documented_depth_keeps_many_answers_at_once(suite, connect):
     assert mine.result().parts
 
 
-def test_an_empty_request_cancels_what_runs_and_keeps_its_drops(suite, run_snippet):
+def test_empty_request_cancels_the_run_and_keeps_its_drops(suite, run_snippet):
     poses = suite.client.poses()
     asked = suite.client.asking('tetrahedron', 500_000, seed=[9])
     suite.client.wait(lambda: any(batch.run.seed == 9 for batch in poses), 'a batch')
@@ -180,7 +180,7 @@ def test_an_empty_request_cancels_what_runs_and_keeps_its_drops(suite, run_snipp
 
 
 @pytest.mark.parametrize('word', ['AnyReader', 'mcap_ros2'])
-def test_a_log_is_read(suite, dropped, run_snippet, word):
+def test_log_snippets_run(suite, dropped, run_snippet, word):
     code = snippet(word)
     assert LOG in code
     process = run_snippet(code.replace(LOG, str(suite.log_of(dropped.run.run_id))))
@@ -189,7 +189,7 @@ def test_a_log_is_read(suite, dropped, run_snippet, word):
     assert word == 'mcap_ros2' or process.said.endswith('rubber_mat true\n')
 
 
-def test_the_keys_of_the_metadata_are_there(suite, dropped):
+def test_documented_metadata_keys_exist(suite, dropped):
     text = (suite.log_of(dropped.run.run_id) / 'metadata.yaml').read_text()
     paragraph = section('docs/reference/files.md', '## Log of a run')
     keys = re.findall(r'`((?:run|outcome)\.\w+)`', paragraph)
@@ -198,11 +198,11 @@ def test_the_keys_of_the_metadata_are_there(suite, dropped):
 
 
 @pytest.mark.parametrize('line', NODE_LINES)
-def test_a_node_starts_with_such_parameters(line, run_command, wait, namespace):
+def test_documented_commands_start_a_node(line, run_command, wait, namespace):
     program, *words = shlex.split(line)
     program = Path(sys.executable).parent / program.removeprefix('.venv/bin/')
     process = run_command(program, *words, '-r', f'__ns:={namespace}')
-    wait(lambda: re.search('ready|waits for', process.said) or not process.running, 'ready')
+    wait(lambda: re.search('ready|waiting for', process.said) or not process.running, 'ready')
     assert process.running, process.said
     assert process.end() == 0
 
@@ -210,7 +210,7 @@ def test_a_node_starts_with_such_parameters(line, run_command, wait, namespace):
 @pytest.mark.parametrize(
     'node', [drop_simulator, aspect_classifier, drop_recorder, feeder, log_replayer]
 )
-def test_parameters_are_listed(node):
+def test_documented_parameters_are_complete(node):
     name = 'feeder_example' if node is feeder else node.__name__.split('.')[-2]
     rows = re.findall(r'^\| (.*) \|$', PAGES[PARAMETERS], re.MULTILINE)
     cells = [[cell.strip() for cell in row.split('|')] for row in rows]
@@ -241,7 +241,7 @@ def interface_rows():
     ]
 
 
-def test_the_interface_is_listed():
+def test_documented_interface_is_complete():
     rows = interface_rows()
     assert {name for name, *_ in rows} == {
         interface.GET_DISTRIBUTION,
@@ -300,7 +300,7 @@ def test_every_topic_and_service_of_the_nodes_is_listed(suite, dropped):
 
 
 @pytest.mark.parametrize('name', TOPICS)
-def test_the_quality_of_service_is_the_publisher_s(suite, dropped, name):
+def test_documented_qos_matches_the_publisher(suite, dropped, name):
     profile = TOPICS[name]
     ((*_, qos),) = [row for row in interface_rows() if row[0] == name]
     assert qos == f'latched, {profile.depth}'

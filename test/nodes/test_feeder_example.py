@@ -16,7 +16,7 @@ from resting_aspects_ros.ros.interface import ASPECT_DISTRIBUTIONS, LATCHED
 from resting_aspects_ros.simulation.config_files import parts_folder
 
 BOX = 'box_10x20x30'
-QUICK = {'examples.feeder.PATIENCE': 2.0}
+QUICK = {'examples.feeder.HINT_DELAY': 2.0}
 
 
 @pytest.fixture(scope='module')
@@ -42,7 +42,7 @@ def feed(start):
 
     def feed(namespace, part, pickable, constants=()):
         parameters = {'part': part, 'pickable': pickable}
-        begun.append(start('feeder_example', namespace, parameters, constants, 'waits for'))
+        begun.append(start('feeder_example', namespace, parameters, constants, 'waiting for'))
         return begun[-1]
 
     yield feed
@@ -78,7 +78,7 @@ def warnings(process):
     return [line for line in process.said.splitlines() if '[WARN]' in line]
 
 
-def test_it_starts_late_and_hears_of_changes(suite, feed, rates):
+def test_late_feeder_receives_changes(suite, feed, rates):
     first = suite.client.ask('tetrahedron', 300, seed=[1]).distribution
     feeder = feed(suite.namespace, 'tetrahedron', [4, 2, 4])
     wait_for_rate(suite.client, rates, expected(first, 2, 4))
@@ -96,7 +96,7 @@ def test_it_starts_late_and_hears_of_changes(suite, feed, rates):
     suite.client.wait(lambda: '1500 of 1500 drops on rubber_mat\n' in feeder.said, 'its line')
     # One when it began, one when it was over.
     assert feeder.said.count('of 1500 drops') == 2
-    assert ' of 1500 drops on rubber_mat so far, more are to come\n' in feeder.said
+    assert ' of 1500 drops on rubber_mat (the run continues)\n' in feeder.said
     assert warnings(feeder) == []
 
     late = suite.client.listen(Float64MultiArray, 'expected_pick_rate', LATCHED)
@@ -104,7 +104,7 @@ def test_it_starts_late_and_hears_of_changes(suite, feed, rates):
     assert len(late) == 1
 
 
-def test_a_run_under_other_conditions_is_told_once(suite, feed, rates):
+def test_other_conditions_are_warned_of_once(suite, feed, rates):
     feeder = feed(suite.namespace, 'washer', [1])
     suite.client.ask('washer', 40)
     suite.client.wait(lambda: '40 of 40 drops on rubber_mat' in feeder.said, 'first')
@@ -113,13 +113,13 @@ def test_a_run_under_other_conditions_is_told_once(suite, feed, rates):
     wait_for_rate(suite.client, rates, expected(steel, 1))
     (line,) = warnings(feeder)
     assert line.endswith(
-        f'run {steel.run.run_id} was dropped under other conditions (steel) than the one before '
+        f'the conditions of run {steel.run.run_id} (steel) differ from those of the previous run '
         '(rubber_mat)'
     )
 
 
 @pytest.mark.slow
-def test_a_part_whose_mesh_is_replaced_is_told_once(suite, feed, rates, folder):
+def test_replaced_mesh_is_warned_of_once(suite, feed, rates, folder):
     feeder = feed(suite.namespace, BOX, [1, 6])
     before = suite.client.ask(BOX, 50).distribution
     wait_for_rate(suite.client, rates, expected(before, 1, 6))
@@ -138,14 +138,14 @@ def test_a_part_whose_mesh_is_replaced_is_told_once(suite, feed, rates, folder):
     )
     (version,) = warnings(feeder)
     assert version.endswith(
-        f'{BOX} is another version than before (part_sha256 {new}): its ids may mean other aspects'
+        f'{BOX} has changed (part_sha256 {new}): its ids may refer to other aspects'
     )
     assert len(errors(feeder)) == 1
     assert '600 of 600 drops' not in feeder.said
 
 
 @pytest.mark.parametrize('pickable', [[99], [1, 5]])
-def test_an_unknown_aspect_is_an_error_and_its_rate_is_nan(suite, feed, rates, pickable):
+def test_unknown_aspect_is_an_error_and_the_rate_is_nan(suite, feed, rates, pickable):
     suite.client.ask('tetrahedron', 300, seed=[1])
     feeder = feed(suite.namespace, 'tetrahedron', pickable)
     suite.client.wait(lambda: rates, 'rate')
@@ -158,15 +158,17 @@ def test_an_unknown_aspect_is_an_error_and_its_rate_is_nan(suite, feed, rates, p
     assert 'can be picked' not in feeder.said
 
 
-def test_a_part_that_nobody_dropped_yet(suite, feed, wait, rates):
+def test_part_without_drops_is_reported(suite, feed, wait, rates):
     feeder = feed(suite.namespace, 'hex_nut', [1])
     (line,) = wait(lambda: warnings(feeder), 'warning')
-    assert line.endswith('nobody has dropped hex_nut yet: resting_aspects request hex_nut')
+    assert line.endswith(
+        'there are no drops of hex_nut yet: run "resting_aspects request hex_nut"'
+    )
     assert rates == []
 
 
 @pytest.mark.slow
-def test_a_classifier_that_is_started_again_is_heard_again(suite, feed, rates):
+def test_feeder_follows_a_restarted_classifier(suite, feed, rates):
     feeder = feed(suite.namespace, 'tetrahedron', [1, 3])
     few = suite.client.ask('tetrahedron', 1600, seed=[11]).distribution
     wait_for_rate(suite.client, rates, expected(few, 1, 3))
@@ -177,9 +179,7 @@ def test_a_classifier_that_is_started_again_is_heard_again(suite, feed, rates):
     assert warnings(feeder) == []
 
 
-def test_what_says_less_than_what_is_known_of_the_same_is_not_used(
-    suite, feed, connect, namespace
-):
+def test_distribution_with_fewer_drops_is_ignored(suite, feed, connect, namespace):
     """As of two runs at once, of which now one and now the other is published."""
     found = {
         drops: suite.client.ask('tetrahedron', drops, seed=[drops]).distribution
@@ -205,13 +205,13 @@ def test_what_says_less_than_what_is_known_of_the_same_is_not_used(
     assert feeder.said.count('90 of 90 drops') == 1
 
 
-def test_who_copies_it_needs_public_names_only():
+def test_example_uses_only_public_names():
     source = Path(feeder.__file__).read_text(encoding='utf-8')
     modules = re.findall(r'^\s*(?:from|import) (resting_aspects_ros[\w.]*)', source, re.MULTILINE)
     assert set(modules) == {'resting_aspects_ros.client'}
 
 
-def test_it_starts_before_the_suite(feed, start, connect, namespace, folder, wait):
+def test_feeder_can_start_before_the_suite(feed, start, connect, namespace, folder, wait):
     feeder = feed(namespace, 'tetrahedron', [1], QUICK)
     wait(lambda: warnings(feeder), 'warning')
     start('drop_simulator', namespace, {'workers': 1, 'parts_folder': folder})
@@ -223,14 +223,12 @@ def test_it_starts_before_the_suite(feed, start, connect, namespace, folder, wai
     (line,) = warnings(feeder)
     topic = f'{namespace}/aspect_distributions/tetrahedron'
     assert line.endswith(
-        f'nobody publishes {topic}: start the suite with "resting_aspects nodes", and see whether '
+        f'{topic} has no publisher: start the suite with "resting_aspects nodes", and check that '
         'it has a part tetrahedron'
     )
 
 
-def test_a_run_that_was_canceled_before_its_first_drop_says_nothing(
-    suite, feed, connect, namespace
-):
+def test_run_canceled_before_its_first_drop_is_ignored(suite, feed, connect, namespace):
     found = suite.client.ask('tetrahedron', 300, seed=[1]).distribution
     client = connect(namespace)
     rates = client.listen(Float64MultiArray, 'expected_pick_rate', LATCHED)
@@ -240,7 +238,7 @@ def test_a_run_that_was_canceled_before_its_first_drop_says_nothing(
     feeder = feed(namespace, 'tetrahedron', [3])
     # It comes when the feeder has found the topic, with what is latched there.
     client.wait(lambda: warnings(feeder), 'warning')
-    assert 'nobody has dropped tetrahedron yet' in feeder.said
+    assert 'there are no drops of tetrahedron yet' in feeder.said
     assert rates == []
     classifier.publish(found)
     wait_for_rate(client, rates, expected(found, 3))
@@ -256,7 +254,7 @@ def test_a_run_that_was_canceled_before_its_first_drop_says_nothing(
         ('pickable', [1.5], "'pickable' to '[1.5]' of type 'DOUBLE_ARRAY', expecting"),
     ],
 )
-def test_a_parameter_that_is_not_allowed_ends_it_in_one_line(
+def test_invalid_parameter_is_reported_in_one_line(
     start, namespace, traceback, name, value, words
 ):
     process = start('feeder_example', namespace, {name: value}, ready='')

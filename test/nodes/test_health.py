@@ -43,13 +43,13 @@ def begin(suite, told, seeds=itertools.count(1)):  # noqa: B008 - one for all te
 
 
 @pytest.mark.slow
-def test_a_run_that_is_broken_off_is_told_until_another_is_whole(suite, told, begin):
+def test_interrupted_run_is_reported_until_the_next_complete(suite, told, begin):
     run_id = begin()
     assert suite.processes['drop_simulator'].end(signal.SIGTERM) == 0
-    words = rf'run {run_id} of tetrahedron was broken off: \d+ of 500000 drops'
+    words = rf'run {run_id} of tetrahedron was interrupted: \d+ of 500000 drops'
     for node in CONSUMERS:
         level, message, values = told.wait(
-            node, lambda _, message, __: 'was broken off' in message, f'{node} tells'
+            node, lambda _, message, __: 'was interrupted' in message, f'{node} tells'
         )
         assert level == DiagnosticStatus.WARN
         assert re.fullmatch(rf'no drop_simulator; {words}(; 1 log open)?', message)
@@ -57,7 +57,7 @@ def test_a_run_that_is_broken_off_is_told_until_another_is_whole(suite, told, be
         said = suite.processes[node]
         suite.client.wait(lambda said=said: re.search(words, said.said), f'log of {node}')
         assert len(re.findall(words, said.said)) == 1
-        assert len(re.findall('no drop_simulator any more: tetrahedron: ', said.said)) == 1
+        assert len(re.findall('drop_simulator disappeared: tetrahedron: ', said.said)) == 1
     suite.start_again('drop_simulator')
     for node in CONSUMERS:
         told.wait(node, lambda _, message, __: re.match(words, message), f'{node} sees another')
@@ -67,7 +67,7 @@ def test_a_run_that_is_broken_off_is_told_until_another_is_whole(suite, told, be
 
 
 @pytest.mark.slow
-def test_a_replayer_is_a_source_too(
+def test_replayer_counts_as_a_source_of_poses(
     suite, told, start, batches, write_log, tmp_path_factory, wait
 ):
     assert suite.processes['drop_simulator'].end(signal.SIGTERM) == 0
@@ -83,7 +83,7 @@ def test_a_replayer_is_a_source_too(
 
 # Last: for 20 s a node that was killed is taken for present by ROS.
 @pytest.mark.slow
-def test_a_simulator_that_is_killed_is_missed(suite, told, begin):
+def test_killed_simulator_is_reported(suite, told, begin):
     begin()
     suite.processes['drop_simulator'].end(signal.SIGKILL)
     for node in CONSUMERS:
@@ -107,7 +107,7 @@ def test_a_simulator_that_is_killed_is_missed(suite, told, begin):
         ('drop_recorder', DiagnosticStatus.WARN, 'each writes a log of every run'),
     ],
 )
-def test_two_of_a_kind_tell_of_each_other(
+def test_duplicate_nodes_report_each_other(
     start, connect, diagnostics_of, namespace, tmp_path, node, level, words
 ):
     client = connect(namespace)

@@ -101,7 +101,7 @@ def assert_same(distribution, recorded):
 @pytest.mark.parametrize(
     'way', [{'as_fast_as_possible': True}, pytest.param({'rate': 2.0}, marks=pytest.mark.slow)]
 )
-def test_a_fresh_classifier_counts_what_the_log_holds(
+def test_new_classifier_counts_the_replayed_drops(
     start, connect, namespace, replay, log, recorded, last_distribution, way
 ):
     classifier = start('aspect_classifier', namespace)
@@ -128,7 +128,7 @@ def test_a_fresh_classifier_counts_what_the_log_holds(
     assert (replayer.end(), classifier.end()) == (0, 0)
 
 
-def test_every_message_has_the_bytes_that_were_recorded(heard, replay, log, recorded):
+def test_replayed_messages_are_identical(heard, replay, log, recorded):
     client, topics = heard
     replay(log, rate=2.0)
     client.wait(
@@ -144,9 +144,7 @@ def test_every_message_has_the_bytes_that_were_recorded(heard, replay, log, reco
     assert found == recorded[DISTRIBUTION][-len(found) :]
 
 
-def test_topics_are_in_the_namespace_of_the_replayer_with_the_recorded_qos(
-    heard, replay, log, namespace
-):
+def test_topics_have_the_replayer_namespace_and_recorded_qos(heard, replay, log, namespace):
     client, _ = heard
     replay(log)
     for name, qos in (('resting_poses', POSES), (DISTRIBUTION, LATCHED), (PART, LATCHED)):
@@ -158,7 +156,7 @@ def test_topics_are_in_the_namespace_of_the_replayer_with_the_recorded_qos(
         # Its depth is not told by DDS: see the test of who comes late.
 
 
-def test_who_comes_late_finds_all_that_is_latched_and_the_replayer_at_rest(
+def test_late_subscriber_receives_latched_topics_after_the_end(
     connect, namespace, replay, wait, listen_raw, log, recorded, diagnostics_of, traceback
 ):
     replayer = replay(log, as_fast_as_possible=True)
@@ -183,7 +181,7 @@ def test_who_comes_late_finds_all_that_is_latched_and_the_replayer_at_rest(
     assert not traceback(replayer.said)
 
 
-def test_as_many_messages_are_kept_for_who_comes_late_as_were(
+def test_late_subscriber_receives_the_recorded_depth(
     connect, namespace, replay, wait, listen_raw, batches, write_log, tmp_path
 ):
     written = list(batches(30))
@@ -204,7 +202,7 @@ def whole_batches(content):
     return [data for data in found if len(data) > 200 * 80]
 
 
-def test_a_log_that_was_broken_off_is_replayed_as_far_as_it_is_whole(
+def test_truncated_log_is_replayed_up_to_the_damage(
     start, connect, namespace, replay, log, recorded, tmp_path
 ):
     """Cut in the middle of its last batch, without an index."""
@@ -232,7 +230,7 @@ def test_a_log_that_was_broken_off_is_replayed_as_far_as_it_is_whole(
     assert f"log '{cut}' was not closed: the messages in it are used" in replayer.said
 
 
-def test_other_topics_are_replayed_in_the_namespace_of_the_suite(
+def test_other_topics_are_replayed_in_the_suite_namespace(
     connect, namespace, replay, log, recorded, wait, tmp_path
 ):
     note = Topic('/cell/camera/note', 'std_msgs/msg/String', Qos(1, durability='transient_local'))
@@ -253,7 +251,7 @@ def test_other_topics_are_replayed_in_the_namespace_of_the_suite(
 
 
 @pytest.mark.slow
-def test_a_simulator_beside_it_is_told_once(
+def test_simulator_in_the_same_namespace_is_warned_of_once(
     start, connect, namespace, replay, log, diagnostics_of
 ):
     simulator = start('drop_simulator', namespace)
@@ -269,14 +267,14 @@ def test_a_simulator_beside_it_is_told_once(
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_it_ends_in_order_in_the_middle(replay, log, traceback, number):
+def test_replayer_stops_cleanly_during_a_replay(replay, log, traceback, number):
     replayer = replay(log, rate=0.01)
     assert replayer.end(number) == 0
     assert not traceback(replayer.said)
     assert 'replayed in' not in replayer.said
 
 
-def test_a_log_that_is_damaged_meanwhile_ends_it_with_an_error(
+def test_damage_during_the_replay_is_an_error(
     replay, log, connect, namespace, tmp_path, traceback
 ):
     path = shutil.copy(next(log.glob('*.mcap')), tmp_path)
@@ -293,7 +291,7 @@ def test_a_log_that_is_damaged_meanwhile_ends_it_with_an_error(
     assert not traceback(replayer.said)
 
 
-def test_services_pause_and_resume_it(heard, replay, log):
+def test_services_pause_and_resume(heard, replay, log):
     client, topics = heard
     replayer = replay(log, rate=0.05)
     call = replayer_services(client)
@@ -302,15 +300,15 @@ def test_services_pause_and_resume_it(heard, replay, log):
     success, words, position = call('pause')
     assert (success, words) == (True, 'paused')
     assert re.fullmatch(r'\d+\.\d{3} s of \d+\.\d{3} s, message \d+', position)
-    assert call('pause') == (True, 'paused already', position)
+    assert call('pause') == (True, 'already paused', position)
     assert call('resume') == (True, 'resumed', position)
     for word in ('paused', 'resumed'):
         told = f']: {word}, at {position}'
         client.wait(lambda told=told: told in replayer.said, told)
-    assert not re.search(r'\]: (paused already|not paused)', replayer.said)
+    assert not re.search(r'\]: (already paused|not paused)', replayer.said)
 
 
-def test_a_loop_is_counted_once(start, heard, replay, log, recorded, diagnostics_of):
+def test_drops_of_a_loop_are_counted_once(start, heard, replay, log, recorded, diagnostics_of):
     client, topics = heard
     told = diagnostics_of(client)
     start('aspect_classifier', client.node.get_namespace())
@@ -347,7 +345,7 @@ def test_a_loop_is_counted_once(start, heard, replay, log, recorded, diagnostics
     ],
     ids=str,
 )
-def test_what_cannot_be_replayed_is_said_in_one_line(
+def test_invalid_log_is_reported_in_one_line(
     start, namespace, log, tmp_path, traceback, parameters, words
 ):
     (tmp_path / 'text').mkdir()

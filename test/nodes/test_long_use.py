@@ -28,7 +28,7 @@ def resident(suite):
 
 @pytest.mark.slow
 @pytest.mark.timeout(MINUTES * 60 + 300)
-def test_mixed_requests_for_minutes_cost_no_memory(fresh_suite, quick):
+def test_memory_does_not_grow_under_mixed_requests(fresh_suite, quick):
     suite = fresh_suite()
     rng = random.Random(8)
     classify = suite.client.node.create_client(ClassifyPose, 'classify_pose', qos_profile=SERVICES)

@@ -166,7 +166,7 @@ def whole_run(_, first, end):
     ],
     ids=['middle', 'beginning', 'two gaps'],
 )
-def test_exactly_the_missing_drops_are_asked_for(simulator, known, sent, asked):
+def test_exactly_the_missing_drops_are_requested(simulator, known, sent, asked):
     simulator.answer = repaired
     for first, end in sent:
         simulator.publish('gapped', first, end, last=end == DROPS)
@@ -174,14 +174,14 @@ def test_exactly_the_missing_drops_are_asked_for(simulator, known, sent, asked):
     assert simulator.asked == [('gapped', *drops) for drops in asked]
 
 
-def test_a_batch_that_comes_twice_is_counted_once(simulator, known):
+def test_duplicate_batch_is_counted_once(simulator, known):
     for first, end in [(0, 20), (0, 20), (10, 30), (20, 40)]:
         simulator.publish('twice', first, end, last=end == DROPS)
     assert_whole(known(), simulator)
     assert simulator.asked == []
 
 
-def test_a_repair_that_fails_at_first_is_tried_again(simulator, known):
+def test_failed_repair_is_retried(simulator, known):
     answers = [(Status(code=Status.BUSY, message='try later'), []), (Status(), [])]
     simulator.answer = lambda *asked: answers.pop() if answers else repaired(*asked)
     simulator.publish('gapped', 0, 10)
@@ -190,15 +190,15 @@ def test_a_repair_that_fails_at_first_is_tried_again(simulator, known):
     assert simulator.asked == [('gapped', 10, 20)] * 3
 
 
-def test_drops_that_are_lost_for_good_fail_the_request_in_words(simulator, client, classifier):
+def test_unrecoverable_drops_fail_the_request(simulator, client, classifier):
     refusal = Status(code=Status.FAILED, message='the engine is broken')
     holed = [('made', 0, 10, False), ('made', 20, 40, True)]
     simulator.answer = lambda name, *_: (refusal, []) if name else (Status(), holed)
     answer = client.ask(drops=DROPS, surface='rubber_mat', seed=[simulator.seed])
     assert answer.status.code == Status.FAILED
     assert answer.status.message == (
-        f'run {simulator.run_id("made")} of tetrahedron has lost 10 of 40 drops, which could not '
-        'be recovered'
+        f'run {simulator.run_id("made")} of tetrahedron is missing 10 of 40 drops, which could '
+        'not be recovered'
     )
     assert simulator.asked == [('', 0, DROPS)] + [('made', 10, 20)] * 3
     assert 'the engine is broken' in classifier.said
@@ -216,7 +216,7 @@ def test_drops_that_are_lost_for_good_fail_the_request_in_words(simulator, clien
 
 
 @pytest.mark.parametrize('restarted', [pytest.param(False, marks=pytest.mark.slow), True])
-def test_the_first_drops_of_a_run_whose_simulator_died_are_known(
+def test_drops_before_a_simulator_died_are_kept(
     simulator, client, connect, start, namespace, classifier, tmp_path, restarted
 ):
     """As they are after a restart, from its log."""
@@ -257,7 +257,7 @@ def test_the_first_drops_of_a_run_whose_simulator_died_are_known(
     assert before == after
 
 
-def test_a_recorder_that_lost_drops_for_good_closes_its_log(
+def test_recorder_closes_the_log_after_unrecoverable_loss(
     simulator, client, start, namespace, tmp_path
 ):
     recorder = start('drop_recorder', namespace, {'log_folder': tmp_path}, constants=QUICK)
@@ -267,20 +267,20 @@ def test_a_recorder_that_lost_drops_for_good_closes_its_log(
     run_id = simulator.run_id('gapped')
     client.wait(lambda: list(tmp_path.glob(f'*_{run_id}/metadata.yaml')), 'closed log')
     drops = f'drops 10 to 19 of run {run_id} (tetrahedron)'
-    for words in ('were lost, asking again', 'are not available: no'):
+    for words in ('were lost and are requested again', 'are not available: no'):
         client.wait(lambda words=words: f'{drops} {words}' in recorder.said, words)
     assert recorder.running
 
 
-def test_a_batch_that_contradicts_its_run_is_refused_in_words(simulator, known, classifier):
+def test_batch_that_contradicts_its_run_is_rejected(simulator, known, classifier):
     simulator.publish('twofold', 0, 20)
     simulator.publish('twofold', 20, 40, seed=10**6)
     simulator.publish('twofold', 20, 40, last=True)
     assert_whole(known(), simulator)
-    assert f'run {simulator.run_id("twofold")} is not the run that it began as' in classifier.said
+    assert f'a batch of run {simulator.run_id("twofold")} describes another run' in classifier.said
 
 
-def test_a_batch_with_conditions_that_cannot_be_is_not_counted(simulator, known, classifier):
+def test_batch_with_invalid_conditions_is_not_counted(simulator, known, classifier):
     impossible = conditions_msg(simulator.conditions)
     impossible.gravity = math.nan
     simulator.publish('impossible', 0, 40, last=True, conditions=impossible)

@@ -144,7 +144,7 @@ def test_recorder_ignores_invalid_messages(
 
 def test_feeder_example_ignores_an_invalid_distribution(start, client, namespace, batch, part):
     rates = client.listen(Float64MultiArray, 'expected_pick_rate', LATCHED)
-    feeder = start('feeder_example', namespace, {'part': 'tetrahedron'}, ready='waits for')
+    feeder = start('feeder_example', namespace, {'part': 'tetrahedron'}, ready='waiting for')
     topic = 'aspect_distributions/tetrahedron'
     counts = client.node.create_publisher(AspectDistribution, topic, LATCHED)
     odd = distribution(part, batch('odd'))

@@ -66,13 +66,13 @@ def parameters(suite, parameters_of):
 # -- the declarations ----------------------------------------------------------------------------
 
 
-def test_the_nodes_of_the_suite_are_found():
+def test_suite_nodes_are_found():
     assert set(DECLARED) >= set(SUITE)
     assert {name for node in DECLARED.values() for name in node} >= {'surface', 'workers'}
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf, 0.0, 0.5 - 1e-9, 2.0 + 1e-9])
-def test_a_number_out_of_bounds_is_refused_strictly(value):
+def test_number_out_of_bounds_is_rejected(value):
     parameter = Parameter('rate', 1.0, 'a rate', bounds=(0.5, 2.0))
     for allowed in (0.5, 1, 2.0):
         parameter.check(allowed)
@@ -81,13 +81,13 @@ def test_a_number_out_of_bounds_is_refused_strictly(value):
     assert str(refused.value) == f'invalid rate {value!r}: expected 0.5 to 2'
 
 
-def test_a_default_is_within_its_bounds():
+def test_default_is_within_its_bounds():
     with pytest.raises(InvalidValueError, match='invalid rate 3'):
         Parameter('rate', 3, 'a rate', bounds=(1, 2))
 
 
 @pytest.mark.parametrize(('node', 'parameter'), DECLARED_IN_SUITE, ids=by_name)
-def test_a_node_describes_a_parameter_as_it_is_declared(suite, parameters_of, node, parameter):
+def test_node_describes_its_parameters_as_declared(suite, parameters_of, node, parameter):
     told = parameters_of(suite.client, node).describe(parameter.name)
     assert told.description == parameter.description != ''
     assert told.additional_constraints == parameter.allowed
@@ -102,7 +102,7 @@ def test_a_node_describes_a_parameter_as_it_is_declared(suite, parameters_of, no
 
 
 @pytest.mark.parametrize('node', SUITE)
-def test_a_node_has_the_declared_parameters_and_no_other(suite, parameters_of, node):
+def test_node_has_exactly_the_declared_parameters(suite, parameters_of, node):
     assert parameters_of(suite.client, node).names() == {*DECLARED[node], *EVERY_NODE_HAS}
 
 
@@ -119,7 +119,7 @@ def entries():
     }
 
 
-def test_the_file_has_every_parameter_at_its_default():
+def test_file_has_every_parameter_at_its_default():
     declared = {
         node: {name: parameter.default for name, parameter in parameters.items()}
         for node, parameters in DECLARED.items()
@@ -130,7 +130,7 @@ def test_the_file_has_every_parameter_at_its_default():
             assert type(value) is type(declared[node][name]), name
 
 
-def test_every_entry_has_a_comment_with_its_bounds_and_when_it_may_be_set():
+def test_every_entry_is_commented_with_bounds_and_changeability():
     comments, node, said = {}, '', ''
     for line in FILE.read_text(encoding='utf-8').splitlines():
         words = line.strip()
@@ -163,7 +163,7 @@ def start_with_file(start, wait):
     return start_with_file
 
 
-def test_nodes_take_their_parameters_from_the_file(
+def test_nodes_read_their_parameters_from_the_file(
     start_with_file, connect, parameters_of, namespace, tmp_path
 ):
     namespace += '/deep/er'
@@ -209,9 +209,7 @@ def test_nodes_take_their_parameters_from_the_file(
 
 
 @pytest.mark.parametrize('node', SUITE)
-def test_the_file_as_it_is_changes_nothing(
-    start_with_file, connect, parameters_of, namespace, node
-):
+def test_unmodified_file_changes_nothing(start_with_file, connect, parameters_of, namespace, node):
     process = start_with_file(node, namespace, FILE)
     assert process.running, process.said
     told = parameters_of(connect(namespace), node)
@@ -221,7 +219,7 @@ def test_the_file_as_it_is_changes_nothing(
     assert 'not known' not in process.said
 
 
-def test_neither_file_is_taken_for_the_other(start_with_file, start, namespace):
+def test_parameter_file_and_surface_file_are_distinguished(start_with_file, start, namespace):
     process = start_with_file('aspect_classifier', namespace, surfaces_file())
     assert process.end(0) == 2
     assert 'Cannot have a value before ros__parameters' in process.said
@@ -239,14 +237,14 @@ def test_neither_file_is_taken_for_the_other(start_with_file, start, namespace):
     [pair for pair in DECLARED_IN_SUITE if not pair[1].changeable],
     ids=by_name,
 )
-def test_what_is_read_only_is_not_set(parameters, node, parameter):
+def test_read_only_parameter_cannot_be_set(parameters, node, parameter):
     before = parameters[node].get(parameter.name)
     (words,) = parameters[node].set(**{parameter.name: parameter.default})
     assert words == f'Trying to set a read-only parameter: {parameter.name}.'
     assert parameters[node].get(parameter.name) == before
 
 
-def test_those_that_can_be_set_are_these():
+def test_changeable_parameters_are_these():
     changeable = {(node, p.name) for node, p in DECLARED_IN_SUITE if p.changeable}
     assert changeable == {
         ('drop_simulator', 'surface'),
@@ -256,7 +254,7 @@ def test_those_that_can_be_set_are_these():
 
 
 NO_SURFACE = "invalid surface '{}': expected one of rubber_mat, steel, thrown"
-NO_FOLDER = "log_folder is '{}', allowed is a folder that is there or can be made"
+NO_FOLDER = "invalid log_folder '{}': expected a folder that exists or can be made"
 
 
 @pytest.mark.parametrize(
@@ -284,9 +282,7 @@ NO_FOLDER = "log_folder is '{}', allowed is a folder that is there or can be mad
     ],
     ids=lambda value: str(value)[:20],
 )
-def test_a_value_that_is_not_allowed_is_refused_in_words(
-    suite, parameters, node, name, value, words
-):
+def test_invalid_value_is_rejected_with_a_reason(suite, parameters, node, name, value, words):
     before = parameters[node].get(name)
     (reason,) = parameters[node].set(**{name: value})
     assert words in reason
@@ -294,24 +290,24 @@ def test_a_value_that_is_not_allowed_is_refused_in_words(
     assert suite.processes[node].running
 
 
-def test_a_whole_number_is_a_number(parameters):
+def test_integer_is_accepted_for_a_float(parameters):
     assert parameters['aspect_classifier'].set(publish_period=2) == []
     value = parameters['aspect_classifier'].get('publish_period')
     assert (value, type(value)) == (2.0, float)
 
 
-def test_a_1_at_the_start_is_1_0(start, connect, parameters_of, namespace):
+def test_integer_at_the_start_is_accepted_for_a_float(start, connect, parameters_of, namespace):
     start('aspect_classifier', namespace, {'publish_period': 1})
     assert parameters_of(connect(namespace), 'aspect_classifier').get('publish_period') == 1.0
 
 
-def test_a_list_of_texts_for_a_list_of_numbers_is_refused(start, namespace):
+def test_list_of_strings_for_a_list_of_integers_is_rejected(start, namespace):
     process = start('feeder_example', namespace, {'pickable': '[a]'}, ready='')
     assert process.end(0) == 2
     assert 'pickable' in process.said
 
 
-def test_of_two_that_are_set_together_none_is_if_one_is_refused(suite, parameters):
+def test_parameters_are_set_all_or_none(suite, parameters):
     simulator = parameters['drop_simulator']
     (words,) = simulator.set_all_or_nothing(surface='steel', workers=1)
     assert 'read-only' in words
@@ -331,7 +327,7 @@ def test_of_two_that_are_set_together_none_is_if_one_is_refused(suite, parameter
 # -- the others ----------------------------------------------------------------------------------
 
 
-def test_publish_period_says_how_often_a_run_under_way_is_told_of(suite, parameters):
+def test_publish_period_limits_updates_during_a_run(suite, parameters):
     heard = suite.client.listen(AspectDistribution, 'aspect_distributions/u_bracket', ALL_LATCHED)
 
     def told(seed):
@@ -349,7 +345,7 @@ def test_publish_period_says_how_often_a_run_under_way_is_told_of(suite, paramet
     assert often[-1] is True
 
 
-def test_log_folder_is_that_of_the_runs_that_begin_then(suite, parameters, tmp_path):
+def test_new_log_folder_applies_to_new_runs(suite, parameters, tmp_path):
     before = suite.client.ask('washer', 3, seed=[1]).distribution.run.run_id
     suite.log_of(before)
     assert parameters['drop_recorder'].set(log_folder=str(tmp_path / 'a' / 'b')) == []

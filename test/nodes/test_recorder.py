@@ -84,7 +84,7 @@ def folder(suite, run):
     return suite.log_of(run.run_id)
 
 
-def test_a_run_has_a_folder_named_after_part_start_and_run(folder, run):
+def test_run_folder_is_named_after_part_start_and_run_id(folder, run):
     started = datetime.fromtimestamp(run.started.sec, timezone.utc)
     assert folder.name == f'tetrahedron_{started:%Y%m%dT%H%M%SZ}_{run.run_id}'
     assert re.fullmatch(r'tetrahedron_\d{8}T\d{6}Z_[0-9a-f]+', folder.name)
@@ -95,7 +95,7 @@ def test_a_run_has_a_folder_named_after_part_start_and_run(folder, run):
 
 
 @pytest.mark.parametrize('way', ['the bare file', 'metadata.yaml'])
-def test_all_that_was_heard_is_in_the_log_value_by_value(suite, folder, heard, way):
+def test_log_contains_every_published_message(suite, folder, heard, way):
     messages = read(next(folder.glob('*.mcap')) if way == 'the bare file' else folder)
     assert set(messages) == {f'{suite.namespace}/{topic}' for topic in heard}
     for topic, expected in heard.items():
@@ -111,7 +111,7 @@ def test_all_that_was_heard_is_in_the_log_value_by_value(suite, folder, heard, w
             assert plain(one) == plain(other), topic
 
 
-def test_the_log_ends_with_all_drops_counted(suite, folder, heard, run):
+def test_log_ends_with_all_drops_counted(suite, folder, heard, run):
     messages = read(folder)
     batches = messages[f'{suite.namespace}/resting_poses']
     assert sum(len(batch.poses) for batch in batches) == DROPS
@@ -120,7 +120,7 @@ def test_the_log_ends_with_all_drops_counted(suite, folder, heard, run):
     assert (last.complete, last.drops, last.run.run_id) == (True, DROPS, run.run_id)
 
 
-def test_distributions_come_while_drops_are_made_and_grow(heard, run):
+def test_distributions_grow_during_a_run(heard, run):
     distributions = heard['aspect_distributions/tetrahedron']
     assert {message.run.run_id for message in distributions} == {run.run_id}
     drops = [message.drops for message in distributions]
@@ -129,20 +129,20 @@ def test_distributions_come_while_drops_are_made_and_grow(heard, run):
     assert [message.complete for message in distributions] == [count == DROPS for count in drops]
 
 
-def test_who_comes_late_gets_the_newest_distribution(suite, run):
+def test_late_subscriber_receives_the_newest_distribution(suite, run):
     late = suite.client.listen(AspectDistribution, 'aspect_distributions/tetrahedron', LATCHED)
     suite.client.wait(lambda: late, 'latched distribution')
     assert (late[0].run, late[0].complete, late[0].drops) == (run, True, DROPS)
 
 
-def test_the_mesh_is_attached_byte_for_byte(folder):
+def test_mesh_file_is_attached_unchanged(folder):
     with next(folder.glob('*.mcap')).open('rb') as file:
         (attachment,) = make_reader(file).iter_attachments()
     assert (attachment.name, attachment.media_type) == ('tetrahedron.stl', 'model/stl')
     assert attachment.data == (parts_folder() / 'tetrahedron.stl').read_bytes()
 
 
-def test_runs_that_end_while_the_recorder_is_held_up_have_a_whole_log_each(suite):
+def test_runs_that_end_while_the_recorder_is_stopped(suite):
     recorder = suite.processes['drop_recorder']
     recorder.send(signal.SIGSTOP)
     try:
@@ -157,7 +157,7 @@ def test_runs_that_end_while_the_recorder_is_held_up_have_a_whole_log_each(suite
         assert recorded_outcome(suite.log_of(drop.result.run_id)).whole
 
 
-def test_a_canceled_run_has_a_whole_log(suite):
+def test_canceled_run_has_a_complete_log(suite):
     drop = suite.client.dropping('tetrahedron', 100_000, seed=5)
     suite.client.wait(lambda: drop.feedback, 'first feedback')
     drop.cancel()
@@ -171,7 +171,7 @@ MAIN = 'from resting_aspects_ros.cli.main import main; raise SystemExit(main())'
 
 
 @pytest.mark.parametrize('canceled', [pytest.param(False, marks=pytest.mark.slow), True])
-def test_drop_makes_the_drops_of_a_log_again(suite, surfaces, run_script, tmp_path, canceled):
+def test_drop_repeats_the_drops_of_a_log(suite, surfaces, run_script, tmp_path, canceled):
     """Of a run to a precision under conditions of its own, which a cancel ends before it."""
     conditions = surfaces.get('steel').changed(height=0.07, friction=0.31, spin=2.0)
     drop = suite.client.dropping(
@@ -203,7 +203,7 @@ def test_drop_makes_the_drops_of_a_log_again(suite, surfaces, run_script, tmp_pa
     assert made == logged
 
 
-def test_a_folder_whose_full_name_ros_does_not_take_is_refused(run_command, wait, tmp_path):
+def test_folder_name_that_is_not_utf8_is_rejected(run_command, wait, tmp_path):
     folder = tmp_path / '\udcff'  # no UTF-8
     folder.mkdir()
     start = f'import os; os.chdir({os.fsencode(folder)!r})\n'
@@ -213,13 +213,12 @@ def test_a_folder_whose_full_name_ros_does_not_take_is_refused(run_command, wait
     recorder = run_command(sys.executable, '-c', start)
     wait(lambda: not recorder.running, 'its end')
     assert recorder.end() == 2
-    assert (
-        r"\udcff/out/logs', allowed is a full name in UTF-8: ROS takes no other" in recorder.said
-    )
+    reason = r"\udcff/out/logs': expected UTF-8 text, as ROS messages require"
+    assert reason in recorder.said
     assert not list(folder.iterdir())
 
 
-def test_a_folder_that_cannot_be_written_is_told_and_harms_nothing(suite, start, tmp_path):
+def test_unwritable_folder_is_reported(suite, start, tmp_path):
     (tmp_path / 'file').write_bytes(b'')
     recorder = start('drop_recorder', suite.namespace, {'log_folder': tmp_path / 'file' / 'logs'})
     answer = suite.client.ask('tetrahedron', 3, seed=[6])
@@ -234,9 +233,7 @@ def test_a_folder_that_cannot_be_written_is_told_and_harms_nothing(suite, start,
     assert recorder.end() == 0
 
 
-def test_a_recorder_that_is_killed_and_started_again_has_all_of_the_run(
-    suite, heard, start, tmp_path
-):
+def test_restarted_recorder_records_the_whole_run(suite, heard, start, tmp_path):
     """What the first wrote stays; the second writes a whole log beside it, and a third none."""
 
     def recorder():
@@ -258,24 +255,22 @@ def test_a_recorder_that_is_killed_and_started_again_has_all_of_the_run(
     simulator.send_to_workers(signal.SIGCONT)
     suite.client.wait(lambda: drop.done, 'goal')
     suite.client.wait(lambda: f'run {run_id} of tetrahedron is in ' in second.said, 'whole log')
-    broken_off, whole = logs()
+    interrupted, whole = logs()
     assert f'is in {whole}' in second.said
-    assert whole.name == f'{broken_off.name}_2'
-    assert not (broken_off / 'metadata.yaml').exists()
+    assert whole.name == f'{interrupted.name}_2'
+    assert not (interrupted / 'metadata.yaml').exists()
     batches = read(whole)[f'{suite.namespace}/resting_poses']
     assert sum(len(batch.poses) for batch in batches) == 5000
     assert recorded_outcome(whole) == Outcome(5000, whole=True)
     assert second.end() == 0
     third = recorder()
-    suite.client.wait(lambda: f'is in {whole} already' in third.said, 'word of it')
+    suite.client.wait(lambda: f'is already in {whole}' in third.said, 'word of it')
     assert third.end() == 0
-    assert logs() == [broken_off, whole]
+    assert logs() == [interrupted, whole]
 
 
 # Last: it ends the recorder.
-def test_a_recorder_that_is_stopped_in_the_middle_closes_a_log_that_can_be_read(
-    suite, heard, traceback
-):
+def test_recorder_closes_its_log_when_it_ends_during_a_run(suite, heard, traceback):
     drop = suite.client.dropping('tetrahedron', 100_000, seed=9)
 
     def of_the_run():

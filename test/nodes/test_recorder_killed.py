@@ -61,7 +61,7 @@ def start_recorder(tmp_path):
             os.killpg(process.pid, signal.SIGKILL)
 
 
-def drops_told(output):
+def reported_drops(output):
     """How many drops a recorder says it has written."""
     found = re.findall(r' (\d+) drops are in .*\n', output.read_text())
     return max(map(int, found), default=0)
@@ -75,7 +75,7 @@ def batches_in(log, topic):
 
 
 @pytest.mark.parametrize('kills', [2, pytest.param(20, marks=pytest.mark.slow)])
-def test_a_recorder_killed_at_random_moments_loses_nothing_it_told(
+def test_killed_recorder_loses_no_reported_drops(
     kills, connect, start_recorder, namespace, batches, wait, tmp_path
 ):
     client = connect(namespace)
@@ -90,7 +90,7 @@ def test_a_recorder_killed_at_random_moments_loses_nothing_it_told(
         end = f'killed_{number}' if number > 1 else 'killed'
         least = MIN_BATCH * rng.randint(1, LATEST)
         wait(
-            lambda output=output, least=least: output.exists() and drops_told(output) >= least,
+            lambda output=output, least=least: output.exists() and reported_drops(output) >= least,
             'batches',
             step=lambda: time.sleep(0.001),
         )
@@ -98,7 +98,7 @@ def test_a_recorder_killed_at_random_moments_loses_nothing_it_told(
         os.kill(pid, signal.SIGKILL)
         # What it said is all there once it is gone.
         client.wait(lambda pid=pid: not Path(f'/proc/{pid}').exists(), 'its end')
-        told = drops_told(output)
+        told = reported_drops(output)
         (log,) = tmp_path.glob(f'*_{end}')
         recover_log(log)
         recovered = batches_in(log, f'{namespace}/{RESTING_POSES}')

@@ -30,7 +30,7 @@ def run(suite, heard):
     return heard[0].run
 
 
-def test_a_recorder_that_starts_again_knows_the_log(suite, run):
+def test_restarted_recorder_finds_its_log(suite, run):
     log = suite.log_of(run.run_id)
     assert suite.processes['drop_recorder'].end() == 0
     suite.start_again('drop_recorder')
@@ -42,8 +42,8 @@ def test_a_recorder_that_starts_again_knows_the_log(suite, run):
     suite.client.wait(of_the_run, 'message about the log')
     assert {(run.drops, run.whole, run.error) for run in of_the_run()} == {(DROPS, True, '')}
     recorder = suite.processes['drop_recorder']
-    suite.client.wait(lambda: f'is in {log} already' in recorder.said, 'log line')
-    assert 'asking again' not in recorder.said
+    suite.client.wait(lambda: f'is already in {log}' in recorder.said, 'log line')
+    assert 'requested again' not in recorder.said
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def two_goals(suite, run):
     simulator.send_to_workers(signal.SIGCONT)
 
 
-def test_drops_that_two_ask_for_at_once_are_made_once(suite, heard, run, two_goals):
+def test_concurrent_repairs_are_simulated_once(suite, heard, run, two_goals):
     before = len(heard)
     suite.processes['drop_simulator'].send_to_workers(signal.SIGCONT)
     suite.client.wait(lambda: all(goal.done for goal in two_goals), 'both')
@@ -75,7 +75,7 @@ def test_drops_that_two_ask_for_at_once_are_made_once(suite, heard, run, two_goa
     assert [len(batch.poses) for batch in again] == [250, 50]
 
 
-def test_drops_of_which_one_goal_is_canceled_are_made_for_the_other(suite, two_goals):
+def test_canceled_repair_does_not_affect_the_other(suite, two_goals):
     canceled, other = two_goals
     answer = canceled.cancel()
     suite.client.wait(lambda: answer.done() and canceled.done, 'cancel')
@@ -85,7 +85,7 @@ def test_drops_of_which_one_goal_is_canceled_are_made_for_the_other(suite, two_g
     assert canceled.result.drops < other.result.drops == 300
 
 
-def test_only_a_run_of_this_simulator_is_repaired(suite, run):
+def test_only_runs_of_this_simulator_are_repaired(suite, run):
     refused = suite.client.drop(drops=5, seed=11, run_id='another').result.status
     assert refused.code == Status.NOT_AVAILABLE
     assert refused.message.startswith('run another was not made by this simulator')

@@ -68,7 +68,7 @@ def log(batches, write_log, tmp_path_factory):
 
 
 @pytest.mark.parametrize('rate', [0.001, 0.3, 1.0, 4.0, 1000.0])
-def test_each_message_is_published_at_its_time_divided_by_the_rate(log, rate):
+def test_messages_are_published_at_their_time_over_the_rate(log, rate):
     player = Player(log, rate)
     player.run()
     start = 5 * SECOND + PAUSE_BEFORE
@@ -87,7 +87,7 @@ def test_delays_do_not_add_up(log, late):
     assert [now - d for now, d in zip(player.times(), due, strict=True)] == [late] * COUNT
 
 
-def test_a_pause_shifts_what_follows_and_publishes_nothing(log):
+def test_pause_delays_the_following_messages(log):
     whole, player = Player(log, 0.5), Player(log, 0.5)
     whole.run()
     player.run(until=5 * SECOND + PAUSE_BEFORE + SECOND)
@@ -106,7 +106,7 @@ def test_a_pause_shifts_what_follows_and_publishes_nothing(log):
     assert later == whole.times()[count:]
 
 
-def test_the_position_follows_the_clock_from_the_first_message_to_the_end(log):
+def test_position_follows_the_clock(log):
     player = Player(log, 4.0)
     length = COUNT * GAP / SECOND
     start = player.replay.position
@@ -122,7 +122,7 @@ def test_the_position_follows_the_clock_from_the_first_message_to_the_end(log):
     assert not player.replay.paused
 
 
-def test_a_loop_publishes_the_same_again_after_a_second(log):
+def test_loop_repeats_after_a_second(log):
     player = Player(log, 10.0, loop=True)
     player.run(until=20 * SECOND)
     data = [message.data for _, message in player.published]
@@ -151,7 +151,7 @@ def deep_log(tmp_path):
 
 
 @pytest.mark.parametrize(('count', 'depth'), [(1, 1), (5, 1), (20, 20), (21, 20), (100, 20)])
-def test_at_full_speed_no_unacknowledged_message_is_replaced(deep_log, count, depth):
+def test_full_speed_replaces_no_unacknowledged_message(deep_log, count, depth):
     player = Player(deep_log(count, depth))
     player.acknowledging = False
     held = 0
@@ -168,7 +168,7 @@ def test_at_full_speed_no_unacknowledged_message_is_replaced(deep_log, count, de
     assert player.warnings == []
 
 
-def test_a_log_within_the_depth_is_published_at_once(log):
+def test_log_within_the_depth_is_published_at_once(log):
     player = Player(log)
     player.acknowledging = False
     player.run()
@@ -176,7 +176,7 @@ def test_a_log_within_the_depth_is_published_at_once(log):
     assert len(player.times()) == COUNT
 
 
-def test_a_subscriber_that_hangs_does_not_hang_the_replay(deep_log):
+def test_hanging_subscriber_does_not_block_the_replay(deep_log):
     player = Player(deep_log(100, 1))
     player.acknowledging = False
     player.run()
@@ -187,7 +187,7 @@ def test_a_subscriber_that_hangs_does_not_hang_the_replay(deep_log):
     assert words.startswith('a subscriber of note has not acknowledged for 60 s: ')
 
 
-def test_a_pause_is_not_counted_as_time_of_a_hanging_subscriber(deep_log):
+def test_pause_does_not_count_as_a_hanging_subscriber(deep_log):
     player = Player(deep_log(2, 1))
     player.acknowledging = False
     player.run(until=10 * SECOND)

@@ -51,7 +51,7 @@ def names(recording):
 
 
 @pytest.mark.parametrize('namespace', ['', '/cell_1', '/plant/cell_1', '/parts'])
-def test_names_are_those_below_the_namespace_of_the_recorded_suite(recording, namespace):
+def test_names_are_relative_to_the_recorded_namespace(recording, namespace):
     expected = {
         f'{namespace}/resting_poses': 'resting_poses',
         f'{namespace}/parts/nut': 'parts/nut',
@@ -64,12 +64,12 @@ def test_names_are_those_below_the_namespace_of_the_recorded_suite(recording, na
 
 
 @pytest.mark.parametrize('name', ['resting_poses', 'parts/nut', 'aspect_distributions/nut'])
-def test_each_topic_of_the_suite_tells_the_namespace(recording, name):
+def test_every_suite_topic_determines_the_namespace(recording, name):
     kind = {'r': 'poses', 'p': 'part', 'a': 'distribution'}[name[0]]
     assert names(recording((f'/cell_1/{name}', kind)))[0] == {f'/cell_1/{name}': name}
 
 
-def test_suites_in_several_namespaces_stay_apart(recording):
+def test_several_suites_keep_their_namespaces(recording):
     found = names(
         recording(
             ('/plant/cell_1/resting_poses', 'poses'),
@@ -89,7 +89,7 @@ def test_suites_in_several_namespaces_stay_apart(recording):
     )
 
 
-def test_a_log_without_a_suite_keeps_its_names(recording):
+def test_log_without_a_suite_keeps_its_names(recording):
     """Also what is named as in a suite and is of another type, or the other way round."""
     topics = {'/a/note': 'text', '/b/resting_poses': 'text', '/c/poses': 'poses'}
     replayed, _ = names(recording(*topics.items()))
@@ -101,38 +101,38 @@ def test_a_log_without_a_suite_keeps_its_names(recording):
     [
         ('/note', 'text', 'not in /cell, the namespace of the suite in the log'),
         ('/cellar/note', 'text', 'not in /cell, the namespace of the suite in the log'),
-        ('/cell/drop_part/_action/status', 'text', 'hidden, or no name of a topic of ROS'),
-        ('/cell/a b', 'text', 'hidden, or no name of a topic of ROS'),
-        ('/cell/1', 'text', 'hidden, or no name of a topic of ROS'),
-        ('/cell/a/', 'text', 'hidden, or no name of a topic of ROS'),
-        ('/cell/' + 'a' * 242, 'text', 'hidden, or no name of a topic of ROS'),
-        ('/cell/x', 'a/srv/X_Event', 'no messages of ROS 2 (a/srv/X_Event, in cdr)'),
-        ('/cell/x', '../msg/X', 'no messages of ROS 2 (../msg/X, in cdr)'),
+        ('/cell/drop_part/_action/status', 'text', 'hidden, or not a valid ROS topic name'),
+        ('/cell/a b', 'text', 'hidden, or not a valid ROS topic name'),
+        ('/cell/1', 'text', 'hidden, or not a valid ROS topic name'),
+        ('/cell/a/', 'text', 'hidden, or not a valid ROS topic name'),
+        ('/cell/' + 'a' * 242, 'text', 'hidden, or not a valid ROS topic name'),
+        ('/cell/x', 'a/srv/X_Event', 'not ROS 2 messages (type a/srv/X_Event, encoding cdr)'),
+        ('/cell/x', '../msg/X', 'not ROS 2 messages (type ../msg/X, encoding cdr)'),
     ],
 )
-def test_what_cannot_be_replayed_is_left_out_and_told(recording, name, kind, why):
+def test_topic_that_cannot_be_replayed_is_skipped_and_reported(recording, name, kind, why):
     log = recording(('/cell/resting_poses', 'poses'), (name, kind))
     assert names(log) == ({'/cell/resting_poses': 'resting_poses'}, [f'{name}: {why}'])
 
 
-def test_control_characters_of_a_topic_are_not_told(recording):
+def test_control_characters_of_a_topic_are_not_printed(recording):
     log = recording(('/cell/resting_poses', 'poses'), ('/cell/\x1b[31m', 'text'))
-    why = 'hidden, or no name of a topic of ROS'
+    why = 'hidden, or not a valid ROS topic name'
     assert names(log)[1] == [rf'/cell/\x1b[31m: {why}']
 
 
-def test_a_log_of_nothing_that_can_be_replayed_is_refused(recording):
+def test_log_without_a_replayable_topic_is_rejected(recording):
     log = recording(('/a', 'text'), ('b', 'text'), encoding='json')
     with pytest.raises(LogError) as caught:
         replayed_topics(log)
     assert str(caught.value) == (
-        f'log {str(log.path)!r} has nothing to replay: '
-        '/a: no messages of ROS 2 (std_msgs/msg/String, in json); '
+        f'log {str(log.path)!r} has no topic that can be replayed: '
+        '/a: not ROS 2 messages (type std_msgs/msg/String, encoding json); '
         'b: not in /, the namespace of the suite in the log'
     )
 
 
-def test_types_are_those_that_are_installed(recording):
+def test_message_classes_are_the_installed_ones(recording):
     log = recording(('/resting_poses', 'poses'), ('/parts/a', 'part'), ('/markers', 'markers'))
     topics, _ = replayed_topics(log)
     classes = [RestingPoses, PartDescription, visualization_msgs.msg.MarkerArray]
@@ -141,12 +141,12 @@ def test_types_are_those_that_are_installed(recording):
     assert [topic.describes_part for topic in topics] == [False, True, False]
 
 
-def test_a_type_that_is_not_installed_is_refused_in_words(recording):
+def test_type_that_is_not_installed_is_an_error(recording):
     with pytest.raises(LogError, match='type no_msgs/msg/Nothing is not installed: there is no'):
         replayed_topics(recording(('/resting_poses', 'poses'), ('/x', 'no_msgs/msg/Nothing')))
 
 
-def test_a_type_without_a_python_class_is_refused_in_words(recording, tmp_path, monkeypatch):
+def test_type_without_a_python_class_is_an_error(recording, tmp_path, monkeypatch):
     """Its definition is there, as in a workspace of C++ alone."""
     known = importlib.import_module('resting_aspects_ros.logs.message_definitions')
     folder = tmp_path / 'prefix' / 'share' / 'only_cpp' / 'msg'
@@ -159,10 +159,10 @@ def test_a_type_without_a_python_class_is_refused_in_words(recording, tmp_path, 
     assert known.load_schema('only_cpp/msg/Thing').type_hash == 'RIHS01_1'
     with pytest.raises(LogError) as caught:
         replayed_topics(recording(('/x', 'only_cpp/msg/Thing')))
-    assert 'has topic /x of type only_cpp/msg/Thing, of which no Python class' in str(caught.value)
+    assert 'has topic /x of type only_cpp/msg/Thing, but the Python class' in str(caught.value)
 
 
-def test_a_type_of_another_definition_is_refused_in_words(recording):
+def test_type_with_another_definition_is_an_error(recording):
     log = recording(('/resting_poses', 'poses'), topic_type_hash='RIHS01_older')
     with pytest.raises(LogError) as caught:
         replayed_topics(log)
@@ -196,7 +196,7 @@ def offered(recording):
         ),
     ],
 )
-def test_what_was_offered_is_offered_again(recording, qos, expected):
+def test_recorded_qos_is_offered(recording, qos, expected):
     profiles = yaml_text(qos_profiles(qos))
     for kind in ('poses', 'part', 'text'):
         assert offered(recording(('/x', kind), offered_qos_profiles=profiles)) == expected
@@ -205,7 +205,7 @@ def test_what_was_offered_is_offered_again(recording, qos, expected):
 @pytest.mark.parametrize(
     ('kind', 'usual'), [('poses', POSES), ('part', LATCHED), ('distribution', LATCHED)]
 )
-def test_what_the_log_does_not_say_is_as_the_suite_has_it(recording, kind, usual):
+def test_missing_qos_of_a_suite_topic_is_the_default(recording, kind, usual):
     """The depth is not in a bag that rosbag2 recorded; a log of another writer says nothing."""
     bag = qos_profiles(Qos(0, durability='transient_local'))
     bag[0]['history'] = 'unknown'
@@ -214,7 +214,7 @@ def test_what_the_log_does_not_say_is_as_the_suite_has_it(recording, kind, usual
     assert offered(recording(('/x', kind), offered_qos_profiles=yaml_text(bag))) == expected
 
 
-def test_of_other_topics_what_the_log_does_not_say_is_what_ros_takes(recording):
+def test_missing_qos_of_other_topics_is_the_ros_default(recording):
     depth, reliability, durability, history = offered(recording(('/x', 'text')))
     assert (depth, history) == (10, HistoryPolicy.KEEP_LAST)
     assert (reliability, durability) == (ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)

@@ -34,7 +34,7 @@ def overrides():
     }
 
 
-def test_every_topic_deeper_than_rosbag2_s_default_is_overridden_with_its_qos():
+def test_deep_topics_are_overridden_with_their_qos():
     published = {
         f'/{interface.RESTING_POSES}': interface.POSES,
         f'/{interface.RECORDED_RUNS}': interface.ALL_LATCHED,
@@ -48,7 +48,7 @@ def test_every_topic_deeper_than_rosbag2_s_default_is_overridden_with_its_qos():
 
 
 @pytest.mark.parametrize('count', [48, 300])
-def test_a_late_subscriber_with_the_overrides_receives_all_latched_batches(wait, count):
+def test_late_subscriber_with_overrides_gets_all_batches(wait, count):
     profile = overrides()['/resting_poses']
     default = QoSProfile(depth=ROSBAG2_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     heard, kept = [], []

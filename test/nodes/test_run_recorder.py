@@ -43,20 +43,24 @@ def failed(surfaces, tmp_path):
 @pytest.mark.parametrize(
     ('recorded', 'asked', 'said'),
     [
-        (4000, 4000, 'all 4000 drops of run 4f1c of nut are recorded, but not the end: log '),
-        (1, 1, 'all 1 drops of run 4f1c of nut are recorded, but not the end: log '),
+        (
+            4000,
+            4000,
+            'all 4000 drops of run 4f1c of nut are recorded, but the log has no end: log ',
+        ),
+        (1, 1, 'all 1 drops of run 4f1c of nut are recorded, but the log has no end: log '),
         (3999, 4000, 'only 3999 drops of run 4f1c of nut are recorded: log '),
         (0, 4000, 'run 4f1c of nut is not recorded: log '),
     ],
 )
-def test_the_problem_says_how_many_drops_are_recorded(failed, recorded, asked, said):
+def test_problem_states_the_number_of_recorded_drops(failed, recorded, asked, said):
     assert failed(recorded, asked).problem().startswith(said)
 
 
-def test_a_working_folder_that_is_gone_is_named(tmp_path, monkeypatch):
+def test_deleted_working_folder_is_an_error(tmp_path, monkeypatch):
     (tmp_path / 'gone').mkdir()
     monkeypatch.chdir(tmp_path / 'gone')
     (tmp_path / 'gone').rmdir()
-    with pytest.raises(InvalidValueError, match='the working folder is gone'):
+    with pytest.raises(InvalidValueError, match='the working folder no longer exists'):
         absolute_folder('logs')
     assert absolute_folder('/logs') == Path('/logs')

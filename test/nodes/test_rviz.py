@@ -34,14 +34,12 @@ def displays(manager):
     return {each['Topic']['Value']: each for each in manager['Displays'] if 'Topic' in each}
 
 
-def test_it_shows_the_markers_and_the_current_poses(displays):
+def test_config_shows_markers_and_current_poses(displays):
     assert set(displays) == {'markers', 'current_poses'}
     assert all(display['Enabled'] for display in displays.values())
 
 
-def test_each_topic_is_published_by_the_classifier_in_the_type_and_quality_asked_for(
-    suite, displays
-):
+def test_topics_have_the_type_and_qos_of_the_classifier(suite, displays):
     for topic, display in displays.items():
 
         def publishers(topic=topic):
@@ -60,11 +58,11 @@ def test_each_topic_is_published_by_the_classifier_in_the_type_and_quality_asked
         assert asked['Depth'] == LATCHED.depth
 
 
-def test_topics_are_relative_so_that_a_namespace_holds_them(displays):
+def test_topics_are_relative(displays):
     assert not [topic for topic in displays if topic.startswith('/')]
 
 
-def test_frame_and_namespaces_are_those_of_the_messages(suite, manager, displays):
+def test_frame_and_namespaces_match_the_messages(suite, manager, displays):
     assert manager['Global Options']['Fixed Frame'] == FRAME
     heard = suite.client.listen(MarkerArray, MARKERS, LATCHED)
     suite.client.ask('tetrahedron', 20)

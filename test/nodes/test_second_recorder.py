@@ -8,7 +8,7 @@ from resting_aspects_ros.nodes.drop_recorder.log_folder import FolderLock
 from resting_aspects_ros.ros.interface import POSES, RESTING_POSES
 
 
-def test_a_second_recorder_is_refused_and_another_namespace_is_not(
+def test_second_recorder_needs_another_namespace(
     start, connect, namespace, tmp_path, wait, batches
 ):
     first = start('drop_recorder', namespace, {'log_folder': tmp_path})
@@ -17,7 +17,7 @@ def test_a_second_recorder_is_refused_and_another_namespace_is_not(
     assert second.end() == 2
     assert second.said == (
         f"error: invalid log_folder '{tmp_path}': expected a folder in which no other "
-        'drop_recorder of this namespace writes its logs: end one of the two\n'
+        'drop_recorder of this namespace writes logs\n'
     )
     other = f'{namespace}_other'
     start('drop_recorder', other, {'log_folder': tmp_path})
@@ -32,7 +32,7 @@ def test_a_second_recorder_is_refused_and_another_namespace_is_not(
     start('drop_recorder', namespace, {'log_folder': tmp_path})
 
 
-def test_a_lock_moves_with_the_folder(tmp_path):
+def test_lock_moves_with_the_folder(tmp_path):
     mine, other = FolderLock('/cell'), FolderLock('/cell')
     mine.take(tmp_path / 'a')
     other.take(tmp_path / 'b')

@@ -12,9 +12,7 @@ NODES = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 YEAR = 365 * 86_400
 
 
-def test_nodes_work_where_simulated_time_stands_still(
-    start, connect, namespace, parameters_of, tmp_path
-):
+def test_nodes_work_without_a_clock_publisher(start, connect, namespace, parameters_of, tmp_path):
     client = connect(namespace)
     processes = [
         start(node, namespace, {'use_sim_time': 'true', **folder})

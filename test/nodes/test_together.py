@@ -7,7 +7,7 @@ import sys
 from resting_aspects_interfaces.msg import Status
 
 
-def test_requests_for_the_same_drops_at_once_are_one_run(suite, counts):
+def test_identical_concurrent_requests_share_a_run(suite, counts):
     heard = suite.client.poses()
     asked = [suite.client.asking('tetrahedron', 130, seed=[3]) for _ in range(12)]
     suite.client.wait(lambda: all(answer.done() for answer in asked), 'answers')
@@ -23,7 +23,7 @@ def test_requests_for_the_same_drops_at_once_are_one_run(suite, counts):
     assert {batch.run.run_id for batch in of_the_seed()} == {run_id}
 
 
-def test_requests_for_two_parts_at_once_are_both_answered(suite, counts):
+def test_concurrent_requests_for_two_parts_are_answered(suite, counts):
     names = ('tetrahedron', 'box_10x20x30')
     asked = {name: suite.client.asking(name, 130, seed=[4]) for name in names}
     suite.client.wait(lambda: all(answer.done() for answer in asked.values()), 'answers')
@@ -36,7 +36,7 @@ def test_requests_for_two_parts_at_once_are_both_answered(suite, counts):
     assert aspects == {'tetrahedron': 4, 'box_10x20x30': 6}
 
 
-def test_a_known_answer_does_not_wait_for_a_run_that_is_under_way(suite):
+def test_known_answer_does_not_wait_for_an_active_run(suite):
     assert suite.client.ask('tetrahedron', 5, seed=[6]).status.code == Status.OK
     long = suite.client.dropping('tetrahedron', 100_000, seed=61)
     suite.client.wait(lambda: long.accepted, 'long goal')
@@ -47,7 +47,7 @@ def test_a_known_answer_does_not_wait_for_a_run_that_is_under_way(suite):
     suite.client.wait(lambda: long.done, 'canceled goal')
 
 
-def test_a_client_that_is_killed_leaves_the_result_known(suite, run_command):
+def test_result_is_kept_after_the_client_was_killed(suite, run_command):
     heard = suite.client.poses()
     ros = ('--ros-args', '-r', f'__ns:={suite.namespace}')
     command = ('request', 'tetrahedron', '--drops', '400', '--seed', '77')
@@ -68,7 +68,7 @@ def test_a_client_that_is_killed_leaves_the_result_known(suite, run_command):
     assert suite.alive
 
 
-def test_a_worker_that_dies_costs_no_drop(suite):
+def test_killed_worker_loses_no_drop(suite):
     simulator = suite.processes['drop_simulator']
     drop = suite.client.dropping('tetrahedron', 500, seed=15)
     suite.client.wait(lambda: drop.feedback, 'first feedback')
@@ -88,7 +88,7 @@ def test_a_worker_that_dies_costs_no_drop(suite):
     )
 
 
-def test_a_worker_that_dies_while_it_has_nothing_to_do_costs_nothing(suite):
+def test_killed_idle_worker_loses_no_drop(suite):
     assert suite.client.drop('tetrahedron', 5).outcome == 'succeeded'
     assert suite.processes['drop_simulator'].send_to_workers(signal.SIGKILL) >= 1
     drop = suite.client.drop('tetrahedron', 5)
@@ -96,7 +96,7 @@ def test_a_worker_that_dies_while_it_has_nothing_to_do_costs_nothing(suite):
     assert drop.outcome == 'succeeded'
 
 
-def test_workers_that_die_again_and_again_end_the_goal_in_words(suite):
+def test_repeatedly_killed_workers_fail_the_goal(suite):
     simulator = suite.processes['drop_simulator']
     drop = suite.client.dropping('tetrahedron', 100_000, seed=16)
 
@@ -111,7 +111,7 @@ def test_workers_that_die_again_and_again_end_the_goal_in_words(suite):
     assert suite.client.drop('tetrahedron', 5).outcome == 'succeeded'
 
 
-def test_suites_in_two_namespaces_do_not_mix(suite, fresh_suite):
+def test_suites_in_two_namespaces_are_independent(suite, fresh_suite):
     other = fresh_suite()
     here, there = suite.client.poses(), other.client.poses()
     run_id = other.client.ask('tetrahedron', 6, seed=[5501]).distribution.run.run_id

@@ -26,7 +26,7 @@ def in_tray(standing, points):
 
 
 @pytest.mark.parametrize('name', EXAMPLES)
-def test_each_touches_the_surface_in_its_aspect(part, name):
+def test_each_pose_touches_the_surface_in_its_aspect(part, name):
     part = part(name)
     aspects = find_aspects(part).aspects
     standing = aspect_poses(part, aspects)
@@ -42,7 +42,7 @@ def test_each_touches_the_surface_in_its_aspect(part, name):
         assert centre[2] == pytest.approx(aspect.com_height, abs=slack * part.hull_radius)
 
 
-def standing_of(part, count):
+def grid_poses(part, count):
     part = part('tetrahedron')
     first = find_aspects(part).aspects[0]
     aspects = [dataclasses.replace(first, id=k) for k in range(1, count + 1)]
@@ -50,8 +50,8 @@ def standing_of(part, count):
 
 
 @pytest.mark.parametrize('count', [1, 2, ROW, ROW + 1, 50, 101])
-def test_places_are_apart_in_order_and_around_the_origin(part, count):
-    standing, pitch = standing_of(part, count)
+def test_poses_form_a_centred_grid_in_order(part, count):
+    standing, pitch = grid_poses(part, count)
     places = np.array([each.centre_of_mass[:2] for each in standing])
     assert (pdist(places) > pitch * (1 - 1e-9)).all()
     np.testing.assert_allclose(places.min(axis=0) + places.max(axis=0), 0, atol=1e-9)
@@ -66,16 +66,16 @@ def test_places_are_apart_in_order_and_around_the_origin(part, count):
             assert next_x == pytest.approx(places[:, 0].min())
 
 
-def test_no_aspect_has_no_place(part):
+def test_no_aspects_give_no_poses(part):
     assert aspect_poses(part('tetrahedron'), []) == []
 
 
-def test_a_small_mesh_is_shown_as_it_is(part):
+def test_small_mesh_is_not_simplified(part):
     part = part('l_bracket')
     assert message_faces(part, find_aspects(part).aspects) is part.faces
 
 
-def test_a_large_mesh_is_made_coarse_and_still_stands_on_the_surface(solid):
+def test_simplified_mesh_still_touches_the_surface(solid):
     mesh = trimesh.creation.box((10, 20, 30))
     for _ in range(6):  # to 49152 triangles
         mesh = mesh.subdivide()

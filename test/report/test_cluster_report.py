@@ -18,7 +18,7 @@ from resting_aspects_ros.report.cluster_report import (
     differences_table,
 )
 
-MOST = 2_000_000  # drops of a run
+MAX_RUN_DROPS = 2_000_000  # drops of a run
 
 
 def lines(table):
@@ -36,8 +36,8 @@ def clusters_of(counts):
 
 
 @pytest.mark.parametrize('more', [0, 3])
-def test_the_largest_clusters_have_a_row_each_and_the_rest_one(more):
-    counts = [MOST, *range(1020, 1001, -1), *[7] * more]
+def test_largest_clusters_have_rows_and_the_rest_share_one(more):
+    counts = [MAX_RUN_DROPS, *range(1020, 1001, -1), *[7] * more]
     clusters = clusters_of(counts)
     shown = lines(
         cluster_table(
@@ -59,14 +59,14 @@ def test_the_largest_clusters_have_a_row_each_and_the_rest_one(more):
 def test_two_million_poses_fit_80_columns(part):
     aspects = find_aspects(part('l_bracket'))
     counts = np.array([556_400, 541_600, 498_700, 262_000, 139_300])
-    counts[0] += MOST - counts.sum()
+    counts[0] += MAX_RUN_DROPS - counts.sum()
     clusters = clusters_of(counts.tolist())
     agreement = compare(np.arange(1, 6), 5, find_clusters(np.eye(5, 3), 0.1))
     shown = lines(
         agreement_table(Distribution(aspects, counts, 0, 0, 0), agreement, clusters, 'title')
     )
     assert '…' not in ''.join(shown)
-    assert shown[-1].split()[-1] == str(MOST)
+    assert shown[-1].split()[-1] == str(MAX_RUN_DROPS)
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_two_million_poses_fit_80_columns(part):
         ([1, 1, 0, 2], 'agree on 3 of 4 settled poses, but differ on 1 within 1 degree'),
     ],
 )
-def test_whether_they_agree_where_they_must_is_said(part, ids, says):
+def test_agreement_line_counts_differences_near_aspects(part, ids, says):
     aspects = find_aspects(part('box_10x20x30'))
     down = np.array([a.down_in_part for a in aspects.aspects])[[0, 0, 0, 1]]
     clusters = find_clusters(down, 0.1)

@@ -16,20 +16,20 @@ def ball():
     return np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64)
 
 
-def test_what_is_few_enough_stays(ball):
+def test_small_mesh_is_unchanged(ball):
     vertices, faces = ball
     assert coarse_faces(vertices, faces, len(faces), NOTHING) is faces
 
 
 @pytest.mark.parametrize('most', [100, 1000, 10_000])
-def test_there_are_not_more_triangles_than_allowed_but_not_far_fewer(ball, most):
+def test_number_of_triangles_is_close_to_the_limit(ball, most):
     faces = coarse_faces(*ball, most, NOTHING)
     assert most / 4 < len(faces) <= most
     assert (np.sort(faces)[:, 1:] > np.sort(faces)[:, :-1]).all()  # three corners each
     assert len(np.unique(np.sort(faces), axis=0)) == len(faces)
 
 
-def test_they_are_near_the_surface_and_face_outward(ball):
+def test_triangles_are_near_the_surface_and_face_outward(ball):
     vertices, _ = ball
     corners = vertices[coarse_faces(*ball, 2000, NOTHING)]
     a, b, c = np.moveaxis(corners, 1, 0)
@@ -38,17 +38,17 @@ def test_they_are_near_the_surface_and_face_outward(ball):
     assert (outward > 0).mean() > 0.98
 
 
-def test_vertices_that_are_kept_are_corners_still(ball):
+def test_kept_vertices_remain_corners(ball):
     kept = np.array([3, 77, 4000, 10_000])
     assert set(kept) <= set(coarse_faces(*ball, 300, kept).ravel().tolist())
 
 
-def test_a_mesh_of_any_size_and_place_is_made_coarse_alike(ball):
+def test_result_is_invariant_to_scale_and_position(ball):
     vertices, faces = ball
     moved = vertices * 2.0**-10 + 0.5
     once = coarse_faces(vertices + 512, faces, 500, NOTHING)
     np.testing.assert_array_equal(coarse_faces(moved, faces, 500, NOTHING), once)
 
 
-def test_not_even_a_limit_of_one_triangle_leaves_nothing(ball):
+def test_limit_of_one_triangle_leaves_a_mesh(ball):
     assert 0 < len(coarse_faces(*ball, 1, NOTHING)) < 200

@@ -39,7 +39,7 @@ def cells(shown):
     return [re.split(r' {2,}', line.strip()) for line in shown]
 
 
-def test_a_row_for_each_aspect_and_for_all_that_is_in_none():
+def test_table_has_a_row_for_each_aspect_and_outcome():
     shown = cells(lines(*compared(ONE, OTHER, DOWN, ids=(1, 3, 7)), '[A]\n[B]'))
     assert shown[:2] == [['[A]'], ['[B]']]
     # Intervals of 50, 30 and 20 of 100 are Wilson's.
@@ -60,7 +60,7 @@ def test_a_row_for_each_aspect_and_for_all_that_is_in_none():
     assert len(shown) == 12
 
 
-def test_measures_by_hand():
+def test_measures_match_manual_values():
     comparison, sides = compared(ONE, OTHER, ids=(1, 3, 7))
     text = measures_text(comparison, sides)
     assert max(map(len, text.splitlines())) <= 80
@@ -75,7 +75,7 @@ def test_measures_by_hand():
     assert 'others: of all drops' in text
 
 
-def test_how_p_was_had_is_said():
+def test_method_of_the_p_value_is_stated():
     few = compared(DropCounts(np.array([3, 1, 0])), DropCounts(np.array([1, 2, 2])))
     assert re.search(r'^p value +0\.\d+ by Monte Carlo, 9999 tables$', measures_text(*few), re.M)
     assert 'of all drops' not in measures_text(*few)
@@ -83,7 +83,7 @@ def test_how_p_was_had_is_said():
     assert re.search(r'^p value +less than 0.0001 by chi-square$', measures_text(*far), re.M)
 
 
-def test_equal_ones_are_not_apart():
+def test_equal_counts_have_no_deviation():
     comparison, sides = compared(ONE, ONE)
     assert all(row[-2] == '+0.0' for row in cells(lines(comparison, sides))[4:7])
     text = measures_text(comparison, sides)
@@ -92,13 +92,13 @@ def test_equal_ones_are_not_apart():
     assert re.search(r'p value +1 by chi-square', text)
 
 
-def test_without_directions_there_are_none():
+def test_missing_directions_are_shown_as_dashes():
     assert [row[1] for row in cells(lines(*compared(ONE, OTHER)))[4:7]] == ['-'] * 3
 
 
 @pytest.mark.parametrize('factor', [1, 1000, 50_000])
 @pytest.mark.parametrize('confidence', [0.95, 0.9999])
-def test_it_fits_80_columns_whatever_the_drops(factor, confidence):
+def test_table_fits_80_columns_for_any_number_of_drops(factor, confidence):
     one = DropCounts(factor * np.array([900, 12, 3, *[1] * 17]), factor, factor, factor)
     other = DropCounts(factor * np.array([300, 612, 4, *[1] * 17]), factor, factor, factor)
     down = np.tile([-0.55, -0.83, -0.1], (20, 1))
@@ -112,7 +112,7 @@ def test_it_fits_80_columns_whatever_the_drops(factor, confidence):
     assert all(row.isascii() for row in rows)
 
 
-def test_one_aspect_of_which_all_is_known_fits_too():
+def test_share_of_100_percent_fits_80_columns():
     one, other = DropCounts(np.array([2_000_000, 0])), DropCounts(np.array([1_000_000, 1_000_000]))
     down = np.tile([-0.55, -0.83, -0.1], (2, 1))
     shown = lines(*compared(one, other, down))
@@ -120,7 +120,7 @@ def test_one_aspect_of_which_all_is_known_fits_too():
     assert '100.0  100.0 to 100.0  50.00  +50.0' in re.sub(r' {2,}', '  ', shown[4])
 
 
-def test_the_document_is_what_was_compared_and_not_rounded():
+def test_document_is_complete_and_not_rounded():
     comparison, sides = compared(ONE, OTHER, DOWN, ids=(1, 3, 7))
     document = comparison_document(comparison, sides, {'a': {'file': 'x'}, 'b': {'file': 'y'}})
     assert json.loads(to_json(document)) == document

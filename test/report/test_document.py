@@ -44,7 +44,7 @@ def message_fields(pytestconfig, name):
     return {words[1] for words in declared if words and '=' not in words[1]}
 
 
-def test_it_survives_json_bit_for_bit(distribution):
+def test_document_survives_json_unchanged(distribution):
     document = distribution_document(distribution, RUN)
     text = to_json(document)
     assert json.loads(text) == document
@@ -52,19 +52,19 @@ def test_it_survives_json_bit_for_bit(distribution):
     assert text.startswith('{\n  "schema_version": 2,\n  "part": "l_bracket"')
 
 
-def test_the_run_is_in_it_as_given(distribution):
+def test_document_contains_the_run(distribution):
     document = distribution_document(distribution, RUN)
     assert {name: document[name] for name in RUN} == RUN
 
 
-def test_an_aspect_has_the_fields_of_the_message_and_words(distribution, pytestconfig):
+def test_aspect_has_the_fields_of_the_message(distribution, pytestconfig):
     expected = message_fields(pytestconfig, 'Aspect.msg')
     assert len(expected) == 17
     for aspect in distribution_document(distribution, RUN)['aspects']:
         assert set(aspect) == expected | {'rests_on'}
 
 
-def test_it_has_the_messages_other_fields(distribution, pytestconfig):
+def test_document_has_the_other_fields_of_the_message(distribution, pytestconfig):
     # What is in header and run of the message, the command line gives; it writes complete runs.
     expected = message_fields(pytestconfig, 'AspectDistribution.msg') - {
         'header',
@@ -74,7 +74,7 @@ def test_it_has_the_messages_other_fields(distribution, pytestconfig):
     assert expected <= set(distribution_document(distribution, RUN))
 
 
-def test_numbers_are_the_distributions_own(distribution):
+def test_numbers_match_the_distribution(distribution):
     document = json.loads(to_json(distribution_document(distribution, RUN)))
     assert document['drops'] == 935
     assert (document['unclassified'], document['unsettled'], document['failed']) == (1, 2, 3)
@@ -98,7 +98,7 @@ def test_no_number_is_minus_zero(distribution):
     assert '-0.0,' not in to_json(distribution_document(distribution, RUN)).replace('\n', ',')
 
 
-def test_what_the_run_gives_becomes_plain(distribution):
+def test_run_values_become_plain_types(distribution):
     document = distribution_document(
         distribution,
         {
@@ -118,13 +118,13 @@ def test_what_the_run_gives_becomes_plain(distribution):
     assert told['drops'] == distribution.drops  # those counted, not those asked for
 
 
-def test_before_the_first_drop_it_is_json_too(distribution):
+def test_document_without_drops_is_valid(distribution):
     document = json.loads(to_json(distribution_document(no_drops(distribution.aspects), {})))
     assert [(a['probability'], a['lower'], a['upper']) for a in document['aspects']] == [
         (0.0, 0.0, 1.0)
     ] * 5
 
 
-def test_a_number_that_is_not_finite_is_not_written():
+def test_infinite_number_is_rejected():
     with pytest.raises(ValueError, match='not JSON compliant'):
         to_json({'height': float('inf')})

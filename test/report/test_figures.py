@@ -29,7 +29,7 @@ def rows():
     ]
 
 
-def check_words(figure):
+def check_texts(figure):
     """Each word is in the figure, and none lies on another."""
     figure.draw_without_rendering()
     boxes = {}
@@ -50,10 +50,10 @@ def check_words(figure):
 
 @WIDTHS
 @pytest.mark.parametrize('drops', [2, 150, 50_000, 2_000_000])
-def test_numbers_of_drops_below_an_axis(rows, width, drops):
+def test_last_number_of_drops_is_labelled(rows, width, drops):
     looks = np.array(sorted({min(n, drops) for n in (1, 10, 13, 100, 1000, 10_000, drops)}))
     bands = [[row.interval for row in rows]] * len(looks)
-    boxes = check_words(convergence_figure(rows, looks, bands, width))
+    boxes = check_texts(convergence_figure(rows, looks, bands, width))
     assert f'{drops:,}'.replace(',', ' ') in boxes
 
 
@@ -66,12 +66,12 @@ def test_numbers_of_drops_below_an_axis(rows, width, drops):
     ],
 )
 @pytest.mark.parametrize('name', ['a.csv', 'manual_count_of_the_night_shift_2025-01-31.csv'])
-def test_two_sides_with_long_words(rows, width, differences, name):
+def test_comparison_with_long_texts_is_readable(rows, width, differences, name):
     own = [row.interval for row in rows]
     words = f'{name}, 980 of 1000 drops in an aspect'
     sides = [('simulated', own), (words, own)]
     figure = comparison_figure(rows, sides, differences, width)
-    check_words(figure)
+    check_texts(figure)
     (axes,) = figure.axes
     # The longest bar with its interval ends inside, and takes a good part of the room.
     low, high = axes.get_xlim()
@@ -84,6 +84,6 @@ def test_two_sides_with_long_words(rows, width, differences, name):
 @pytest.mark.parametrize('methods', [1, len(METHODS)])
 def test_all_methods_are_named(rows, width, methods):
     estimates = {name: np.full(len(rows), 1 / len(rows)) for name in list(METHODS)[:methods]}
-    boxes = check_words(estimates_figure(rows, estimates, width))
+    boxes = check_texts(estimates_figure(rows, estimates, width))
     labels = {METHODS[name].label for name in estimates}
     assert {*labels, *NAMES} <= set(boxes)

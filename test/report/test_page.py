@@ -98,7 +98,7 @@ def page(text):
     return Reader(text)
 
 
-def test_one_file_needs_no_network(page, text):
+def test_page_needs_no_network(page, text):
     assert len(text) < 3_000_000
     for element in page.found:
         for name in ('src', 'href', 'xlink:href', 'action', 'data'):
@@ -108,7 +108,7 @@ def test_one_file_needs_no_network(page, text):
     assert '@import' not in text
 
 
-def test_figures_are_there_as_png_and_svg(folder):
+def test_figures_are_written_as_png_and_svg(folder):
     names = {f'{name}.{ending}' for name in FIGURES for ending in ENDINGS}
     assert {file.name for file in folder.iterdir()} == {*names, 'report.html'}
     for name in FIGURES:
@@ -121,7 +121,7 @@ def test_figures_are_there_as_png_and_svg(folder):
         assert ''.join(root.itertext()).strip()
 
 
-def test_a_row_for_each_class_and_each_other_end(page, bracket):
+def test_page_has_a_row_for_each_class_and_outcome(page, bracket):
     rows = page.all('li', **{'data-row': ''})
     rows = [row for row in rows if 'data-row' in row]
     distribution = bracket.distribution
@@ -133,7 +133,7 @@ def test_a_row_for_each_class_and_each_other_end(page, bracket):
         assert f'{count} of 1000' in words(row)
 
 
-def test_numbers_are_those_of_the_distribution(page, bracket):
+def test_numbers_match_the_distribution(page, bracket):
     rows = [each for each in page.all('li') if 'data-row' in each]
     for row, aspect, count, interval in zip(
         rows,
@@ -156,7 +156,7 @@ def test_numbers_are_those_of_the_distribution(page, bracket):
         assert int(to) == aspect.neighbour
 
 
-def test_bars_and_whiskers_are_as_long_as_what_they_show(page, bracket):
+def test_bars_and_whiskers_have_the_right_lengths(page, bracket):
     fills = [each['style'] for each in page.all('i', **{'class': 'fill'})][-7:]
     whiskers = [each['style'] for each in page.all('i', **{'class': 'whisker'})][-7:]
     intervals = bracket.distribution.intervals()
@@ -169,14 +169,14 @@ def test_bars_and_whiskers_are_as_long_as_what_they_show(page, bracket):
         assert left + wide == pytest.approx(100 * each.upper / longest, abs=0.02)
 
 
-def test_an_aspect_that_was_never_seen_has_its_bound(page):
+def test_unseen_aspect_has_an_upper_bound(page):
     (row,) = [each for each in page.all('li', **{'class': 'unseen'}) if 'data-row' in each]
     assert 'never seen' in words(row)
     assert '0 to 0.38 %' in words(row)
     assert any('Never seen: aspect 5 (at most 0.38 %)' in words(e) for e in page.all('figcaption'))
 
 
-def test_words_from_outside_are_text(page):
+def test_input_texts_are_escaped(page):
     assert [words(each) for each in page.all('p', **{'class': 'note'})] == [
         'Only <b>half</b> of it & more.'
     ]
@@ -193,7 +193,7 @@ def test_bands_end_with_the_intervals_of_the_rows(part, make_report):
         assert wide.lower < narrow.lower < narrow.upper < wide.upper
 
 
-def test_measured_and_simulated_in_words(page, bracket):
+def test_comparison_texts_match_the_comparison(page, bracket):
     found = bracket.measured.comparison
     said = {
         words(each): words(value)
@@ -224,7 +224,7 @@ def test_measured_and_simulated_in_words(page, bracket):
         (0.0001, 'in less than 1 of 1000 cases'),
     ],
 )
-def test_chance_is_told_without_exponents(p_value, said):
+def test_chance_text_has_no_exponent(p_value, said):
     assert chance_text(p_value) == said
 
 
@@ -237,11 +237,11 @@ def test_chance_is_told_without_exponents(p_value, said):
         ((0.0, -0.2, 0.2), '+0 (-20 to +20)'),
     ],
 )
-def test_a_difference_has_the_digits_that_its_bounds_allow(numbers, said):
+def test_difference_has_the_digits_of_its_bounds(numbers, said):
     assert points_text(*numbers) == said
 
 
-def test_sections_that_have_nothing_to_say_are_left_out(part, make_report, written):
+def test_sections_without_data_are_omitted(part, make_report, written):
     report = make_report(part('l_bracket'), history=None)
     folder = written(report)
     page = Reader((folder / 'report.html').read_text(encoding='utf-8'))
@@ -258,7 +258,7 @@ def test_sections_that_have_nothing_to_say_are_left_out(part, make_report, writt
     assert not page.all('script', type='module')
 
 
-def test_pictures_are_of_the_part_in_its_colour(page, bracket):
+def test_pictures_have_the_colour_of_the_aspect(page, bracket):
     shown, *others = [each for each in page.all('img') if each['src']]
     images = [each for each in others if each['alt']]
     assert shown['src'] == images[0]['src']  # in place of the view until there is one
@@ -277,19 +277,19 @@ def test_pictures_are_of_the_part_in_its_colour(page, bracket):
             assert (np.abs(shade - target / target.max()).max(axis=1) < 0.03).mean() > 0.9
 
 
-def test_each_bar_has_a_small_picture_however_short_it_is(page):
+def test_each_bar_has_a_small_picture(page):
     small = [each for each in page.all('img') if each.get('width') == '32']
     assert [decoded(each).shape for each in small] == 5 * [(SMALL_PIXELS, SMALL_PIXELS, 4)]
     assert all((decoded(each)[..., 3] == 255).any() for each in small)
 
 
-def test_a_long_hash_is_shortened_and_can_be_copied_whole(page):
+def test_long_hash_is_shortened_and_can_be_expanded(page):
     (code,) = page.all('code')
     assert words(code) == 64 * 'a'
     assert 'a' * 12 + '…' in [words(each) for each in page.all('summary')]
 
 
-def test_what_each_aspect_rests_on_is_said(page):
+def test_page_states_what_each_aspect_rests_on(page):
     said = [
         words(value)
         for label, value in zip(page.all('dt'), page.all('dd'), strict=True)
@@ -304,7 +304,7 @@ def decoded(element):
     return np.asarray(Image.open(io.BytesIO(data)))
 
 
-def test_the_scene_has_the_part_lying_in_each_row(page, bracket):
+def test_scene_poses_match_the_aspects(page, bracket):
     (script,) = page.all('script', id='scene')
     scene = json.loads(script['text'])
     part = bracket.part
@@ -326,19 +326,19 @@ def test_ids_are_unique(page):
     assert len(ids) == len(set(ids)) > 20
 
 
-def test_the_same_report_gives_the_same_files(bracket, folder, written):
+def test_equal_reports_give_equal_files(bracket, folder, written):
     for file in written(bracket).iterdir():
         assert file.read_bytes() == (folder / file.name).read_bytes()
 
 
-def test_headings_go_down_by_one(page):
+def test_heading_levels_are_consecutive(page):
     levels = [int(each['tag'][1]) for each in page.found if re.fullmatch('h[1-6]', each['tag'])]
     assert levels[0] == 1
     assert all(b - a <= 1 for a, b in pairwise(levels))
 
 
 @pytest.mark.slow
-def test_many_aspects(many_sided, make_report, written):
+def test_page_with_many_aspects(many_sided, make_report, written):
     report = make_report(many_sided)
     classes = len(report.distribution.aspects.classes())
     assert classes > 30
@@ -350,7 +350,7 @@ def test_many_aspects(many_sided, make_report, written):
     assert len(text) < 5_000_000
 
 
-def test_one_aspect_and_no_drops(solid, make_report, written):
+def test_page_with_one_aspect_and_no_drops(solid, make_report, written):
     ball = make_report(solid(trimesh.creation.icosphere(subdivisions=2, radius=10)))
     assert len(ball.distribution.aspects) == 1
     none = Report('ball', '', ball.distribution.__class__(
@@ -362,7 +362,7 @@ def test_one_aspect_and_no_drops(solid, make_report, written):
 
 
 @pytest.mark.slow
-def test_a_large_mesh_is_simplified_for_display_and_that_is_said(solid, make_report, written):
+def test_large_mesh_is_simplified_and_the_page_states_it(solid, make_report, written):
     part = solid(trimesh.creation.icosphere(subdivisions=6, radius=10))
     assert len(part.faces) > MAX_PICTURE_TRIANGLES
     text = (written(make_report(part)) / 'report.html').read_text(encoding='utf-8')

@@ -73,7 +73,7 @@ def bracket(part, make_report, written):
         pytest.param(TELEPHONE, 'dark', marks=pytest.mark.slow),
     ],
 )
-def test_an_aspect_is_chosen_and_the_part_lies_so(look, bracket, width, scheme):
+def test_selected_aspect_is_shown_in_the_view(look, bracket, width, scheme):
     seen = look(bracket, width, scheme)
     assert seen['said'] == []
     assert seen['asked'] == [f'file://{bracket / "report.html"}']
@@ -99,12 +99,12 @@ def test_an_aspect_is_chosen_and_the_part_lies_so(look, bracket, width, scheme):
     assert seen['in_sight'] == [True, True]
     assert seen['marked'] == 'aspect 1'
     assert len(seen['figures']) == 4
-    check_words(seen['figures'])
+    check_texts(seen['figures'])
     paper, ink = seen['colours']
     assert (paper > ink + 100) if scheme == 'light' else (ink > paper + 100)
 
 
-def check_words(figures):
+def check_texts(figures):
     """All words of the figures can be read."""
     for figure in figures:
         assert figure['words'] > 0
@@ -114,7 +114,7 @@ def check_words(figures):
 
 
 @pytest.mark.slow
-def test_without_scripts_all_but_the_view_is_there(look, part, make_report, written):
+def test_page_without_scripts_lacks_only_the_view(look, part, make_report, written):
     report = make_report(part('hex_nut'))
     seen = look(written(report), webgl='scriptless')
     assert seen['said'] == []
@@ -127,7 +127,7 @@ def test_without_scripts_all_but_the_view_is_there(look, part, make_report, writ
 
 
 @pytest.mark.slow
-def test_without_3d_graphics_the_picture_is_shown(look, bracket):
+def test_picture_is_shown_without_webgl(look, bracket):
     seen = look(bracket, webgl='without')
     assert seen['said'] == []
     assert seen['turned'] is None
@@ -140,7 +140,9 @@ def test_without_3d_graphics_the_picture_is_shown(look, bracket):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('kind', ['many', 'one', 'curved'])
-def test_other_parts_are_read_as_well(look, part, solid, many_sided, make_report, written, kind):
+def test_pages_of_other_parts_are_readable(
+    look, part, solid, many_sided, make_report, written, kind
+):
     if kind == 'many':
         shape = many_sided
     elif kind == 'one':
@@ -159,4 +161,4 @@ def test_other_parts_are_read_as_well(look, part, solid, many_sided, make_report
         assert seen['overflow'] <= 0
         assert seen['broken'] == 0
         assert len(seen['rows']) == len(report.distribution.aspects.classes()) + 2
-        check_words(seen['figures'])
+        check_texts(seen['figures'])

@@ -49,7 +49,7 @@ def distribution(bracket):
     return Distribution(find_aspects(bracket), np.array([400, 200, 150, 100, 0]), 120, 30, 0)
 
 
-def test_bars_are_as_long_as_probabilities(distribution, bracket):
+def test_bar_lengths_are_proportional_to_probabilities(distribution, bracket):
     image = drawn(distribution, bracket, 'title', 'subtitle')[
         :, MARGIN + ROW :
     ]  # beside the part's pictures
@@ -60,13 +60,13 @@ def test_bars_are_as_long_as_probabilities(distribution, bracket):
     assert bar_length(image, GREY) == pytest.approx(longest * 120 / 400, abs=2)
 
 
-def test_without_the_part_bars_are_the_same(distribution):
+def test_bars_do_not_need_the_part(distribution):
     image = drawn(distribution, None, 'title')
     longest = bar_length(image, COLOURS[0])
     assert bar_length(image, COLOURS[1]) == pytest.approx(longest / 2, abs=2)
 
 
-def test_words_are_written_as_they_are(distribution):
+def test_title_is_not_parsed_as_math(distribution):
     plain = drawn(distribution, None, 'a part')
     other = drawn(distribution, None, 'a_{part $x$ \\frac')
     assert (plain[:60] != other[:60]).any()
@@ -74,14 +74,14 @@ def test_words_are_written_as_they_are(distribution):
 
 
 @pytest.mark.filterwarnings('error')
-def test_no_drops_and_no_aspects_give_a_picture(distribution, bracket):
+def test_picture_without_drops_or_aspects(distribution, bracket):
     for aspects in (distribution.aspects, AspectSet(bracket.part_sha256, ())):
         image = drawn(no_drops(aspects), bracket, 'none')
         assert image.shape[1] == 1240
         assert (image < 128).any()
 
 
-def test_of_many_classes_the_most_probable_are_shown_and_the_others_counted(many_sided):
+def test_most_probable_classes_are_shown_and_others_summed(many_sided):
     aspects = find_aspects(many_sided)
     classes = len(aspects.classes())
     assert classes == len(aspects) > 30  # no two look alike
@@ -101,14 +101,14 @@ def test_of_many_classes_the_most_probable_are_shown_and_the_others_counted(many
     )
 
 
-def test_aspects_that_look_alike_have_one_bar_and_one_picture(part):
+def test_equivalent_aspects_share_a_bar(part):
     aspects = find_aspects(part('hex_nut'))
     rows = _rows(Distribution(aspects, np.full(8, 10), 0, 0, 0))
     assert [row.name for row in rows] == ['aspects 1 and 2', 'aspects 3 to 8']
     assert [row.interval.probability for row in rows] == [0.25, 0.75]
 
 
-def test_colours_differ_also_to_the_colour_blind():
+def test_colours_are_distinguishable_for_colour_blind_viewers():
     assert len(set(COLOURS)) == len(COLOURS)
     # Machado, Oliveira and Fernandes 2009, severity 1.
     sights = {
@@ -147,7 +147,7 @@ def silhouette(image):
 
 
 @pytest.mark.parametrize('name', ['l_bracket', 'u_bracket', 'tetrahedron', 'box_10x20x30'])
-def test_a_part_in_a_picture_is_as_large_as_its_projection(part, name):
+def test_part_has_the_size_of_its_projection(part, name):
     shape = part(name)
     aspects = find_aspects(shape).aspects
     solids = pose_parts(shape, aspects)
@@ -172,7 +172,7 @@ def extent(image):
     return np.array([np.ptp(columns), np.ptp(rows)]) + 1.0
 
 
-def test_the_part_lies_on_the_surface_in_its_aspect(part):
+def test_posed_part_touches_the_surface_in_its_aspect(part):
     for name in ('l_bracket', 'tetrahedron', 'hex_nut'):
         shape = part(name)
         aspects = find_aspects(shape).aspects
@@ -197,7 +197,7 @@ def test_the_part_lies_on_the_surface_in_its_aspect(part):
             np.testing.assert_allclose(turned, solid.points, atol=1e-9)
 
 
-def test_from_above_a_part_is_seen_as_by_a_camera_over_it(bracket):
+def test_view_from_above_matches_the_projection(bracket):
     aspects = find_aspects(bracket).aspects
     solids = pose_parts(bracket, aspects)
     images = draw_parts(solids, [BLUE] * len(aspects), PIXELS, FROM_ABOVE)
@@ -206,7 +206,7 @@ def test_from_above_a_part_is_seen_as_by_a_camera_over_it(bracket):
         assert extent(image) == pytest.approx(np.ptp(solid.points[:, :2], axis=0) * scale, abs=3)
 
 
-def test_aspects_of_an_l_bracket_look_different(bracket):
+def test_pictures_of_l_bracket_aspects_differ(bracket):
     aspects = find_aspects(bracket).aspects
     images = draw_parts(pose_parts(bracket, aspects), [BLUE] * len(aspects), PIXELS)
     assert len(images) == 5
@@ -214,7 +214,7 @@ def test_aspects_of_an_l_bracket_look_different(bracket):
         assert (a & b).sum() / (a | b).sum() < 0.8
 
 
-def test_a_portrait_has_the_aspects_colour_three_shades_of_it_and_dark_edges(bracket):
+def test_picture_has_shades_of_the_colour_and_dark_edges(bracket):
     image = draw_parts(pose_parts(bracket, find_aspects(bracket).aspects[:1]), [BLUE], PIXELS)[0]
     inside = image[silhouette(image)][:, :3]
     of_colour = np.abs(inside / inside[:, 2:] - np.array(BLUE) / BLUE[2]).max(axis=1) < 0.01
@@ -225,7 +225,7 @@ def test_a_portrait_has_the_aspects_colour_three_shades_of_it_and_dark_edges(bra
     assert (inside.max(axis=1) < 0.16).any()
 
 
-def test_a_shadow_is_drawn_and_the_rest_is_transparent(bracket):
+def test_picture_has_a_shadow_and_is_otherwise_transparent(bracket):
     image = draw_parts(pose_parts(bracket, find_aspects(bracket).aspects[4:]), [BLUE], PIXELS)[0]
     alpha = image[..., 3]
     assert alpha[[0, -1]].max() == 0.0
@@ -235,7 +235,7 @@ def test_a_shadow_is_drawn_and_the_rest_is_transparent(bracket):
     assert image.shape == (PIXELS, PIXELS, 4)
 
 
-def test_matplotlib_is_imported_only_for_a_picture_and_pyplot_never():
+def test_matplotlib_is_imported_lazily_and_pyplot_never():
     code = """
 import sys
 import numpy as np
@@ -257,7 +257,7 @@ assert 'matplotlib.pyplot' not in sys.modules
     assert done.returncode == 0, done.stderr
 
 
-def test_a_mesh_that_is_not_closed_is_seen_from_inside_too(solid):
+def test_inside_of_an_open_mesh_is_visible(solid):
     box = trimesh.creation.box([20, 30, 40])
     whole = solid(box)
     given = {

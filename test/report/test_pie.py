@@ -13,7 +13,7 @@ IMAGE = np.ones((4, 4, 4), dtype=np.float32)
 @pytest.mark.parametrize(
     'shares', [[1.0], [0.99, 0.01], [0.9, 0.04, 0.02, 0.02, 0.01, 0.01], [0.1] * 10]
 )
-def test_the_largest_slices_have_pictures_that_do_not_touch(shares):
+def test_largest_slices_have_separate_pictures(shares):
     rows = [Row(f'r{k}', 1, Interval(p, p, p), '#0072B2') for k, p in enumerate(shares)]
     (axes,) = pie_figure(rows, [IMAGE] * len(rows)).axes
     boxes = np.array([image.get_extent() for image in axes.images])
@@ -28,7 +28,7 @@ def test_the_largest_slices_have_pictures_that_do_not_touch(shares):
     assert sorted(names) == sorted(row.name for row in rows)
 
 
-def test_angles_that_are_far_apart_stay():
+def test_spread_moves_only_close_angles():
     angles = np.array([1.5, 0.0, -2.0])
     assert spread(angles, 0.5).tolist() == angles.tolist()
     close = spread(np.array([1.0, 0.9, 0.8]), 2 * np.arcsin(SIDE / 2 / DISTANCE))

@@ -25,7 +25,7 @@ def turned(mesh, rotation, scale=1.0):
     ],
     ids=['box', 'sphere', 'cylinder'],
 )
-def test_a_convex_silhouette_has_the_projected_area_and_no_holes(mesh):
+def test_convex_silhouette_has_the_projected_area(mesh):
     for rotation in Rotation.random(5, np.random.default_rng(3)):
         seen = rasterise(turned(mesh, rotation, 4.0), mesh.faces, SIZE).face != NOTHING
         towards = mesh.face_normals @ rotation.as_matrix()[2]
@@ -38,7 +38,7 @@ def test_a_convex_silhouette_has_the_projected_area_and_no_holes(mesh):
             assert len(columns) == columns[-1] - columns[0] + 1
 
 
-def test_it_sees_what_asking_every_triangle_at_every_pixel_finds():
+def test_rasterise_matches_a_brute_force_search():
     generator = np.random.default_rng(5)
     size, points = 40, generator.uniform(-10, 50, (90, 3))
     faces = np.arange(90).reshape(-1, 3)
@@ -64,7 +64,7 @@ def test_it_sees_what_asking_every_triangle_at_every_pixel_finds():
     ).any()
 
 
-def test_the_nearer_wall_hides_and_the_slot_between_walls_is_seen(part):
+def test_near_walls_hide_far_ones_but_not_the_slot(part):
     bracket = part('u_bracket')
     points = bracket.vertices * 1000 * 4  # pixels
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
@@ -83,13 +83,13 @@ def test_the_nearer_wall_hides_and_the_slot_between_walls_is_seen(part):
     assert min(heights) == 0.0
 
 
-def test_a_triangle_outside_of_the_picture_or_on_edge_is_not_seen():
+def test_triangles_outside_or_edge_on_are_invisible():
     points = np.array([[-9.0, -9, 0], [-1, -9, 0], [-1, -1, 0], [5, 5, 0], [5, 9, 0], [5, 9, 9]])
     seen = rasterise(points, np.array([[0, 1, 2], [3, 4, 5]]), 20)
     assert (seen.face == NOTHING).all()
 
 
-def test_edges_are_the_outline_and_the_creases_and_not_the_triangulation():
+def test_edges_are_outlines_and_creases_only():
     box = trimesh.creation.box([20, 30, 10])
     straight = rasterise(turned(box, Rotation.identity(), 4.0), box.faces, SIZE)
     drawn = edges(straight, box.face_normals)
@@ -98,7 +98,7 @@ def test_edges_are_the_outline_and_the_creases_and_not_the_triangulation():
     assert not drawn[60:140, 70:130].any()
 
 
-def test_flats_of_a_curved_side_have_no_edges_and_a_step_in_depth_has_one():
+def test_curved_sides_have_no_edges_but_depth_steps_do():
     mesh = trimesh.creation.cylinder(radius=15, height=40, sections=64)
     lying = Rotation.from_euler('x', 90, degrees=True)
     seen = rasterise(turned(mesh, lying, 4.0), mesh.faces, SIZE)

@@ -18,7 +18,7 @@ from resting_aspects_ros.report.rows import class_rows, ids_text, outside_rows, 
         ('cylinder_d20_h20', ['aspect 1', 'aspects 2 and 3']),
     ],
 )
-def test_aspects_that_look_alike_share_a_row(part, name, named):
+def test_equivalent_aspects_share_a_row(part, name, named):
     aspects = find_aspects(part(name))
     counts = np.arange(len(aspects)) + 5
     rows = class_rows(Distribution(aspects, counts, 0, 0, 0))
@@ -31,7 +31,7 @@ def test_aspects_that_look_alike_share_a_row(part, name, named):
     assert [row.colour for row in rows] == list(COLOURS[: len(rows)])
 
 
-def test_other_ends_have_a_grey_row_if_there_were_any(part):
+def test_other_outcomes_have_a_grey_row_if_they_occurred(part):
     aspects = find_aspects(part('l_bracket'))
     rows = outside_rows(Distribution(aspects, np.full(5, 100), 20, 0, 3))
     assert [(row.name, row.count, row.colour) for row in rows] == [
@@ -41,7 +41,7 @@ def test_other_ends_have_a_grey_row_if_there_were_any(part):
     assert short_name(rows[0]) == 'unclassified'
 
 
-def test_ids_are_short_however_many(part):
+def test_ids_text_is_short(part):
     aspects = find_aspects(part('hex_nut')).aspects
     assert ids_text(aspects[:1]) == '1'
     assert ids_text(aspects[:2]) == '1 and 2'

@@ -50,7 +50,7 @@ def half_digit(text):
     return 0.5 * 10.0 ** -len(text.partition('.')[2]) + 1e-9
 
 
-def test_every_aspect_is_a_row_whose_numbers_are_the_distributions(aspects):
+def test_rows_match_the_distribution(aspects):
     distribution = Distribution(aspects, np.array([2780, 2713, 2490, 1312, 0]), 7, 0, 1)
     found = rows(distribution, each=True)
     assert [row['id'] for row in found] == ['1', '2', '3', '4', '5', '', '']
@@ -69,7 +69,7 @@ def test_every_aspect_is_a_row_whose_numbers_are_the_distributions(aspects):
     assert sum(int(row['count']) for row in found) == distribution.drops
 
 
-def test_aspects_that_look_alike_are_one_row_with_their_sum(part):
+def test_equivalent_aspects_are_summed_in_one_row(part):
     nut = part('hex_nut')
     counts = np.array([300, 320, 60, 65, 70, 50, 55, 80])
     distribution = Distribution(find_aspects(nut), counts, 0, 0, 0)
@@ -85,7 +85,7 @@ def test_aspects_that_look_alike_are_one_row_with_their_sum(part):
         assert float(row['each']) == pytest.approx(count / 10 / many, abs=half_digit(row['each']))
 
 
-def test_every_row_is_shown_when_each_is_asked_for(part):
+def test_each_shows_a_row_for_every_aspect(part):
     nut = part('hex_nut')
     distribution = Distribution(find_aspects(nut), np.arange(8) * 10, 0, 0, 0)
     found = [row for row in rows(distribution, part=nut, each=True) if row['id']]
@@ -94,7 +94,7 @@ def test_every_row_is_shown_when_each_is_asked_for(part):
 
 
 @pytest.mark.parametrize('each', [False, True])
-def test_what_was_never_seen_is_named_as_in_the_table(part, each):
+def test_unseen_aspects_are_named_as_in_the_table(part, each):
     aspects = find_aspects(part('hex_nut'))
     basin = [100 * aspect.basin_share for aspect in aspects.aspects]
     one = Distribution(aspects, np.array([500, 400, 10, 10, 10, 10, 10, 0]), 0, 0, 0)
@@ -106,25 +106,25 @@ def test_what_was_never_seen_is_named_as_in_the_table(part, each):
     assert f'{words} {share:.2g} % of all' in never_seen_text(none, each=each)
 
 
-def test_the_drops_are_always_told_and_outcomes_that_did_not_happen_are_not(aspects):
+def test_total_is_shown_and_absent_outcomes_are_not(aspects):
     text = '\n'.join(lines(Distribution(aspects, np.array([1, 2, 3, 4, 5]), 0, 0, 0)))
     assert re.search(r'drops in total +15\b', text)
     for word in ('unclassified', 'unsettled', 'failed'):
         assert word not in text
 
 
-def test_an_aspect_that_was_never_seen_has_zero_and_its_bound(aspects):
+def test_unseen_aspect_has_zero_and_an_upper_bound(aspects):
     never = rows(Distribution(aspects, np.array([300, 300, 300, 100, 0]), 0, 0, 0))[4]
     assert (never['probability'], never['lower']) == ('0', '0')
     assert float(never['upper']) == pytest.approx(100 * 3.8415 / 1003.8415, abs=0.005)  # z2/(n+z2)
 
 
-def test_without_drops_nothing_is_claimed(aspects):
+def test_table_without_drops_has_no_probabilities(aspects):
     found = [(row['probability'], row['lower'], row['upper']) for row in rows(no_drops(aspects))]
     assert found == [('-', '0', '100')] * 5
 
 
-def test_it_fits_80_columns_with_20_aspects_and_2_million_drops_and_is_ascii(solid):
+def test_large_table_fits_80_columns_and_is_ascii(solid):
     aspects = find_aspects(solid(trimesh.creation.icosahedron()))
     many = Distribution(aspects, np.full(len(aspects), 99000), 19000, 500, 500)
     text = lines(many, each=True)
@@ -136,7 +136,7 @@ def test_it_fits_80_columns_with_20_aspects_and_2_million_drops_and_is_ascii(sol
     assert all(line.isascii() for line in text if ROW.match(line))
 
 
-def test_a_rolling_part_fits_80_columns(part):
+def test_table_of_a_rolling_part_fits_80_columns(part):
     cylinder = part('cylinder_d20_h20')
     drops = Distribution(find_aspects(cylinder), np.array([500, 250, 200]), 40, 0, 0)
     text = lines(drops, part=cylinder, each=True) + lines(drops, part=cylinder)
@@ -145,7 +145,7 @@ def test_a_rolling_part_fits_80_columns(part):
     assert 'axis  0.00  0.00 +1.00' in ''.join(text)
 
 
-def test_a_title_is_plain_text(aspects):
+def test_title_is_plain_text(aspects):
     assert lines(no_drops(aspects), 'nut [bold] m8')[0].strip() == 'nut [bold] m8'
 
 
@@ -163,19 +163,19 @@ def test_digits_follow_the_width_of_the_interval(lower, probability, upper, word
     assert (probability_text(interval), interval_text(interval)) == words
 
 
-def test_no_component_is_minus_zero():
+def test_direction_text_has_no_minus_zero():
     assert direction_text(np.array([-0.0, -0.004, 1.0])) == ' 0.00  0.00 +1.00'
     assert direction_text(np.array([0.5547, -0.83205, -0.005001])) == '+0.55 -0.83 -0.01'
 
 
-def test_lengths_have_four_digits_of_the_longest():
+def test_longest_length_has_four_digits():
     assert millimetre_texts(np.array([0.01, 0.0138675])) == ['10.00', '13.87']
     assert millimetre_texts(np.array([0.0008, 0.00799])) == ['0.800', '7.990']
     assert millimetre_texts(np.array([1.5, 0.25])) == ['1500', '250']
     assert millimetre_texts(np.array([])) == []
 
 
-def test_outcomes_together_have_the_interval_of_their_count(aspects):
+def test_summed_outcomes_have_the_interval_of_their_count(aspects):
     distribution = Distribution(aspects, np.array([10, 20, 30, 40, 0]), 5, 3, 2)
     same = dataclasses.replace(distribution, counts=np.array([30, 0, 30, 40, 0]))
     assert interval_of(distribution, 30) == same.intervals()[0]

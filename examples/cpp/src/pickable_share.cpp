@@ -1,4 +1,4 @@
-// Prints how probable it is that a robot can pick a part, whenever more of its drops are known.
+// Prints the probability that a robot can pick a part, each time that its distribution changes.
 // Build it from the folder of the suite, and run it:
 //   colcon build --base-paths . resting_aspects_interfaces examples/cpp
 //   ros2 run pickable_share pickable_share --ros-args -p part:=l_bracket -p pickable:='[1, 3]'
@@ -22,14 +22,14 @@ void run(const rclcpp::Node::SharedPtr & node)
 
   const auto print = [&](const AspectDistribution & distribution) {
       if (distribution.drops == 0) {
-        return;  // it says nothing yet
+        return;  // a distribution without drops
       }
       try {
         const auto share = pickable_share(distribution, pickable);
         RCLCPP_INFO(
           node->get_logger(), "%s can be picked with probability %.3f (%.3f to %.3f): %" PRIu64
           " drops%s on %s", part.c_str(), share.probability, share.lower, share.upper,
-          distribution.drops, distribution.complete ? "" : " so far",
+          distribution.drops, distribution.complete ? "" : " (the run continues)",
           distribution.run.conditions.surface.c_str());
       } catch (const std::invalid_argument & error) {
         RCLCPP_ERROR(node->get_logger(), "parameter pickable: %s", error.what());

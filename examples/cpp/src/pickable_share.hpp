@@ -1,4 +1,4 @@
-// How probable it is that a part comes to rest in an aspect in which a robot can pick it.
+// Computes the probability that a part comes to rest in an aspect in which a robot can pick it.
 #pragma once
 
 #include <algorithm>
@@ -16,20 +16,21 @@ struct Share
   double probability, lower, upper;  // 0 to 1
 };
 
-// The share of all drops that ended in one of the aspects, with its interval (Wilson, 95 %); before
-// the first drop NaN in 0 to 1. Throws std::invalid_argument for an id that no aspect has.
+// Returns the share of all drops that ended in one of the aspects, with its Wilson interval (95 %).
+// Before the first drop, the share is NaN and the interval is 0 to 1. Throws std::invalid_argument
+// for an id that no aspect has.
 inline Share pickable_share(
   const resting_aspects_interfaces::msg::AspectDistribution & distribution,
   const std::vector<std::int64_t> & ids)
 {
   const auto & aspects = distribution.aspects;
   double count = 0.0;
-  for (const auto id : std::set<std::int64_t>(ids.begin(), ids.end())) {  // each once
+  for (const auto id : std::set<std::int64_t>(ids.begin(), ids.end())) {  // without duplicates
     const auto aspect = std::find_if(
       aspects.begin(), aspects.end(), [id](const auto & each) {return each.id == id;});
     if (aspect == aspects.end()) {
       throw std::invalid_argument(
-        "aspect " + std::to_string(id) + " is not known, allowed are 1 to " +
+        "invalid aspect " + std::to_string(id) + ": expected 1 to " +
         std::to_string(aspects.size()));
     }
     count += static_cast<double>(aspect->count);

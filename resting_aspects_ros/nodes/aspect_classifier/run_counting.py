@@ -108,7 +108,7 @@ class RunCounter:
             return
         counts.finished = True
         if progress.lost:
-            counts.problem, counts.has_gap = progress.loss, not progress.broken_off
+            counts.problem, counts.has_gap = progress.loss, not progress.has_no_gap
         self._update(counts)
 
     def _update(self, counts: RunCounts) -> None:

@@ -1,4 +1,5 @@
-"""The node that writes each run to an MCAP log of its own.
+"""The node that records each run in an MCAP log of its own.
 
-`run_recorder` records one run; `log_folder` checks the folder. Read `node.py` first.
+`log_folder` checks and locks the folder of the logs; `status_publisher` publishes recorded_runs.
+Read `node.py` first.
 """

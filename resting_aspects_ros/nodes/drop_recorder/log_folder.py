@@ -1,4 +1,4 @@
-"""The folder of a recorder's logs."""
+"""Checks and locks the folder in which a recorder writes its logs."""
 
 import hashlib
 import os
@@ -11,46 +11,46 @@ from resting_aspects_ros.core.input_file import is_printable
 
 
 def absolute_folder(path: str) -> Path:
-    """The folder with its full name; InvalidValueError if that cannot be said in a message."""
+    """Return the absolute path; raises InvalidValueError if a ROS message cannot contain it."""
     try:
         folder = Path(path).absolute()
     except FileNotFoundError:
         raise InvalidValueError(
-            f'invalid log_folder {path!r}: expected a full name, as the working folder is gone'
+            f'invalid log_folder {path!r}: expected an absolute path, because the working folder '
+            'no longer exists'
         ) from None
     if not is_printable(str(folder)):
         raise InvalidValueError(
-            f'log_folder is {str(folder)!r}, allowed is a full name in UTF-8: ROS takes no other'
+            f'invalid log_folder {str(folder)!r}: expected UTF-8 text, as ROS messages require'
         )
     return folder
 
 
 def check_log_folder(path: str) -> Path:
-    """Make the folder, write into it, and return it with its full name.
+    """Make the folder, check that files can be written in it, and return its absolute path.
 
-    Raises InvalidValueError with the reason if it cannot be done.
-
-    At the start it may not be there yet, as a disk that is mounted later; it is told then.
+    Raises InvalidValueError with the reason if that fails. The folder is not checked when the
+    recorder starts, because it can be on a disk that is mounted later.
     """
     try:
         if not path:
-            raise ValueError('it has no name')
+            raise ValueError('the name is empty')
         folder = absolute_folder(path)
         folder.mkdir(parents=True, exist_ok=True)
         with TemporaryFile(dir=folder):
             return folder
-    except (OSError, ValueError) as error:  # the second: a name that has a zero byte
+    except (OSError, ValueError) as error:  # ValueError: the name has a null byte
         reason = getattr(error, 'strerror', None) or error
         raise InvalidValueError(
-            f'log_folder is {path!r}, allowed is a folder that is there or can be made: {reason}'
+            f'invalid log_folder {path!r}: expected a folder that exists or can be made: {reason}'
         ) from None
 
 
 class FolderLock:
-    """Keeps a second recorder of the same namespace out of a folder, while this process lives.
+    """Lock that prevents a second recorder of the same namespace from using the same folder.
 
-    Both would write a log of every run. Recorders of two namespaces may share a folder. The lock
-    is an abstract socket: the kernel frees it however the process ends, and it leaves no file.
+    Both would write a log of every run. Recorders of different namespaces may share a folder. The
+    lock is an abstract socket, which leaves no file and ends with the process.
     """
 
     def __init__(self, namespace: str) -> None:
@@ -59,7 +59,7 @@ class FolderLock:
         self._socket: socket.socket | None = None
 
     def take(self, folder: Path) -> None:
-        """Lock a folder in place of the one before; raises InvalidValueError if another has it."""
+        """Lock a folder and release the previous one; raises InvalidValueError if it is locked."""
         if folder == self._folder:
             return
         name = hashlib.sha256(os.fsencode(f'{self._suite} {os.path.realpath(folder)}')).hexdigest()
@@ -70,13 +70,13 @@ class FolderLock:
             lock.close()
             raise InvalidValueError(
                 f'invalid log_folder {str(folder)!r}: expected a folder in which no other '
-                'drop_recorder of this namespace writes its logs: end one of the two'
+                'drop_recorder of this namespace writes logs'
             ) from None
         self.release()
         self._folder, self._socket = folder, lock
 
     def release(self) -> None:
-        """Let another recorder have the folder."""
+        """Release the folder."""
         if self._socket is not None:
             self._socket.close()
         self._folder = self._socket = None

@@ -1,4 +1,4 @@
-"""The node that writes a log of every run: its poses, its distributions, and the part."""
+"""The node that writes a log of every run with its poses, its distributions, and the part."""
 
 import sys
 import time
@@ -42,77 +42,77 @@ PARAMETERS = (
     Parameter(
         'log_folder',
         'out/logs',
-        'folder of the logs: one folder in it for each run',
-        allowed='a folder that is there or can be made',
+        'folder of the logs, in which each run has a folder of its own',
+        allowed='a folder that exists or can be made',
         changeable=True,
     ),
 )
-# Distributions of runs without a log that are kept, for the log that may be begun yet.
+# Maximum number of kept distributions of runs whose log is not open yet.
 MAX_EARLY = 100
-# How often it is looked whether a log is whole, s.
+# Time between two checks for complete logs, which are then closed, s.
 CLOSE_PERIOD = 0.2
 
 
 class DropRecorder(Node):
-    """Subscribes to resting_poses, parts/* and aspect_distributions/*; writes one MCAP a run."""
+    """Records resting_poses, parts/* and aspect_distributions/* in one MCAP log for each run."""
 
     def __init__(self) -> None:
         super().__init__(DROP_RECORDER)
         values = declare(self, PARAMETERS)
         self._lock = FolderLock(self.get_namespace())
-        self._take_folder(values['log_folder'])
-        on_change(self, 'log_folder', self._check_folder, self._take_folder)
+        self._set_folder(values['log_folder'])
+        on_change(self, 'log_folder', self._check_folder, self._set_folder)
         self._logs: dict[str, RunRecorder] = {}
         self._parts: dict[str, tuple[PartDescription, bytes]] = {}
-        # Distributions can come before the poses that they count.
+        # A distribution can arrive before the poses that it counts.
         self._early: deque[tuple[AspectDistribution, bytes]] = deque(maxlen=MAX_EARLY)
         self._drops = RateCounter()
         self._reports = RecordedRunsPublisher(self)
-        self._tracker = RunTracker(self, self._run_over, self._is_recorded)
+        self._tracker = RunTracker(self, self._end_run, self._is_recorded)
         self._health = RunHealth(self, self._tracker)
         self._part_watch = TopicDiscovery(
-            self, PARTS, PartDescription, self._part_described, raw=True
+            self, PARTS, PartDescription, self._record_part, raw=True
         )
         self._distribution_watch = TopicDiscovery(
             self,
             ASPECT_DISTRIBUTIONS,
             AspectDistribution,
-            self._distribution,
+            self._record_distribution,
             raw=True,
             qos=ALL_LATCHED,
         )
         self._poses = Topic(self.resolve_topic_name(RESTING_POSES), POSES_TYPE, offered_qos(POSES))
-        subscribe(self, RestingPoses, RESTING_POSES, self._batch, POSES, raw=True)
-        close = guarded(self, 'logs are not closed', self._close_whole)
+        subscribe(self, RestingPoses, RESTING_POSES, self._record_batch, POSES, raw=True)
+        close = guarded(self, 'logs are not closed', self._close_finished)
         steady_timer(self, CLOSE_PERIOD, close)
-        alone = DuplicateNodeDetector(
+        duplicates = DuplicateNodeDetector(
             self, DROP_RECORDER, harmless_reason='each writes a log of every run'
         )
-        publish_diagnostics(self, self._diagnose, alone)
-        self.get_logger().info(f'ready: logs go to {self._folder}')
+        publish_diagnostics(self, self._diagnose, duplicates)
+        self.get_logger().info(f'ready: logs are written to {self._folder}')
 
     def destroy_node(self) -> None:
-        """Also closes the logs of runs that are not over, so that they can be read."""
+        """Close the logs of unfinished runs, so that they are readable, and destroy the node."""
         self._tracker.destroy()
         for run_id in list(self._logs):
             self._close(run_id)
         self._lock.release()
         super().destroy_node()
 
-    def _take_folder(self, path: str) -> None:
-        """Runs that begin from now on have their logs there."""
+    def _set_folder(self, path: str) -> None:
+        """Set the folder of the logs of runs that start from now on."""
         self._folder = absolute_folder(path)
         self._lock.take(self._folder)
 
     def _check_folder(self, path: str) -> None:
         self._lock.take(check_log_folder(path))
 
-    def _batch(self, data: bytes) -> None:
+    def _record_batch(self, data: bytes) -> None:
         message = deserialize_message(data, RestingPoses)
-        poses_from(message)  # what cannot be counted is asked for again, as what is lost
-        if (arrived := self._tracker.accept(message)) is None:
+        poses_from(message)  # an invalid batch is rejected, and requested again like a lost one
+        if (accepted := self._tracker.accept(message)) is None:
             return
-        progress, new = arrived
+        progress, new = accepted
         log = self._log(progress)
         if new or not message.poses:
             drops = sum(end - first for first, end in new)
@@ -122,18 +122,18 @@ class DropRecorder(Node):
         self._tracker.settle(progress)
 
     def _log(self, progress: RunProgress) -> RunRecorder:
-        """The log of a run; begun if this is the first batch of it."""
+        """Return the log of a run; open it for the first batch."""
         run = progress.run
         if run.run_id not in self._logs:
             log = self._logs[run.run_id] = RunRecorder(self._folder, run)
-            self._reports.begun(log)
+            self._reports.started(log)
             if run.part in self._parts:
                 self._write_part(log, *self._parts[run.part])
             for message, data in self._early:
                 self._write_distribution(log, message, data)
         return self._logs[run.run_id]
 
-    def _part_described(self, name: str, data: bytes) -> None:
+    def _record_part(self, name: str, data: bytes) -> None:
         message = deserialize_message(data, PartDescription)
         check_description(message, name)
         self._parts[name] = (message, data)
@@ -150,14 +150,14 @@ class DropRecorder(Node):
         log.write_part(topic, data, part, self._now())
         self._reports.written(log)
 
-    def _distribution(self, _: str, data: bytes) -> None:
+    def _record_distribution(self, _: str, data: bytes) -> None:
         message = deserialize_message(data, AspectDistribution)
         log = self._logs.get(message.run.run_id)
         if log is None:
             self._early.append((message, data))
         else:
             self._write_distribution(log, message, data)
-            if log.done:  # a result waits for it
+            if log.done:  # closed at once, because a request waits for the log
                 self._close(log.run.run_id)
 
     def _write_distribution(
@@ -174,10 +174,10 @@ class DropRecorder(Node):
     def _is_recorded(self, run: RunDescription) -> bool:
         return self._logs[run.run_id].earlier is not None
 
-    def _run_over(self, progress: RunProgress) -> None:
+    def _end_run(self, progress: RunProgress) -> None:
         self._logs[progress.run.run_id].run_is_over(whole=progress.complete)
 
-    def _close_whole(self) -> None:
+    def _close_finished(self) -> None:
         for run_id in [run_id for run_id, log in self._logs.items() if log.done]:
             self._close(run_id)
 
@@ -202,7 +202,7 @@ class DropRecorder(Node):
         return Diagnosis(state, values, self._health.warnings(), errors)
 
     def _now(self) -> int:
-        return time.time_ns()  # not ROS time, which may stand still
+        return time.time_ns()  # not ROS time, which can be paused
 
 
 def main() -> int:

@@ -1,4 +1,4 @@
-"""What a recorder reports of its logs: recorded_runs, and lines in its own log."""
+"""Reports the state of a recorder's logs on recorded_runs and in the log of the node."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from resting_aspects_ros.run_logs.run_recorder import RunRecorder
 class RecordedRunsPublisher:
     """Publishes recorded_runs.
 
-    error : what went wrong last, in words, until a log is whole again; else empty
+    error : text of the last error; empty again after the next complete log
     """
 
     def __init__(self, node: Node) -> None:
@@ -22,15 +22,15 @@ class RecordedRunsPublisher:
         self._recorded = advertise(node, RecordedRun, RECORDED_RUNS, ALL_LATCHED)
         self.error = ''
 
-    def begun(self, log: RunRecorder) -> None:
-        """A log is begun, or found to be there already."""
+    def started(self, log: RunRecorder) -> None:
+        """Report that a log was opened, or that an earlier log contains the run."""
         self.written(log, always=True)
         if log.earlier is not None:
             run = log.run
-            self._logger.info(f'run {run.run_id} of {run.part} is in {log.earlier} already')
+            self._logger.info(f'run {run.run_id} of {run.part} is already in {log.earlier}')
 
     def written(self, log: RunRecorder, *, always: bool = False) -> None:
-        """Tell how far the log is, at its turning points; and once what went wrong."""
+        """Report the progress of a log if ``always``, and each error once."""
         self._logger.debug(f'{log.drops} drops are in {log.folder}')
         new_error = bool(log.error) and not log.reported
         if new_error:
@@ -38,20 +38,20 @@ class RecordedRunsPublisher:
             self.error = log.problem()
             self._logger.error(self.error)
         elif log.closed_whole:
-            self.error = ''  # it works again
+            self.error = ''  # writing works again
         if new_error or always:
             self._recorded.publish(_message(log))
 
     def closed(self, log: RunRecorder, folder: Path | None) -> None:
-        """A log is closed; folder : None if that went wrong, or there was none to close."""
+        """Report that a log was closed; folder : None if that failed, or no log was open."""
         self.written(log, always=True)
         if folder is None:
             return
-        words = f'is in {folder}'
+        text = f'is in {folder}'
         if not log.closed_whole:
-            what = 'is not whole' if log.run_over else 'was broken off'
-            words = f'{what}: {progress_text(log.run, log.drops)} are in {folder}, which is closed'
-        self._logger.info(f'run {log.run.run_id} of {log.run.part} {words}')
+            state = 'is incomplete' if log.run_over else 'was interrupted'
+            text = f'{state}: the closed log {folder} has {progress_text(log.run, log.drops)}'
+        self._logger.info(f'run {log.run.run_id} of {log.run.part} {text}')
 
 
 def _message(log: RunRecorder) -> RecordedRun:

@@ -1,5 +1,5 @@
-"""The node that publishes a log again.
+"""The node that replays a log.
 
-`player` decides when which message is published, `topics` creates the publishers.
+`player` decides when each message is published, `topics` selects the topics and their QoS.
 Read `node.py` first.
 """

@@ -1,4 +1,4 @@
-"""The node that publishes a log again, on the suite's topics, as if it happened now."""
+"""The node that replays a log on the topics of the suite."""
 
 import sys
 import time
@@ -26,24 +26,24 @@ from resting_aspects_ros.ros.spin import run_node
 
 MIN_RATE, MAX_RATE = 0.001, 1000.0
 PARAMETERS = (
-    Parameter('log', '', 'what is replayed: the folder of a run, or an .mcap file'),
-    Parameter('rate', 1.0, 'how many times as fast as recorded', (MIN_RATE, MAX_RATE)),
-    Parameter('as_fast_as_possible', False, 'do not wait as recorded; leave the rate at 1.0'),
-    Parameter('loop', False, 'begin again a second after the end'),
+    Parameter('log', '', 'log to replay: the folder of a run, or an .mcap file'),
+    Parameter('rate', 1.0, 'speed of the replay, relative to the recording', (MIN_RATE, MAX_RATE)),
+    Parameter('as_fast_as_possible', False, 'ignore the recorded times; requires rate 1.0'),
+    Parameter('loop', False, 'start again one second after the end'),
 )
-# It is told how far it is at least this often, ns.
+# Maximum time between two calls of ``watch``, ns.
 WATCH_PERIOD = 100_000_000
 
 
 class LogReplayer(Node):
     """Publishes the topics of a log; serves ~/pause and ~/resume.
 
-    It stays when the log is over: with it would go what is latched.
+    It keeps running after the last message so that late subscribers receive latched topics.
 
     Parameters
     ----------
-    given : values of parameters that go before those of --ros-args
-    watch : called with the position, often
+    given : values of parameters, which override those of --ros-args
+    watch : called regularly with the position
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class LogReplayer(Node):
             for topic in topics
         }
         self._watch = watch
-        self._begun = time.monotonic()
+        self._started = time.monotonic()
         self._replay = LogPlayer(
             recording,
             topics,
@@ -80,8 +80,8 @@ class LogReplayer(Node):
         publish_diagnostics(self, self._diagnose)
         if warning := not_closed_warning(recording.path):
             self.get_logger().warning(warning)
-        for words in skipped:
-            self.get_logger().warning(f'not replayed: {words}')
+        for topic_and_reason in skipped:
+            self.get_logger().warning(f'not replayed: {topic_and_reason}')
         self.get_logger().info(
             f'ready: {recording.path}, {count_text(len(topics), "topic", "topics")}, '
             f'{self._replay.position.length:.3f} s'
@@ -92,7 +92,7 @@ class LogReplayer(Node):
         self._outputs[message.topic].publish(message.data)
 
     def _step(self) -> None:
-        """Publish what is due, and come back when there is more."""
+        """Publish the messages that are due, and schedule the next step."""
         wait = self._replay.play()
         position = self._replay.position
         self._watch(position)
@@ -102,7 +102,7 @@ class LogReplayer(Node):
             self._step_after(min(wait, WATCH_PERIOD))
         if position.over:
             self.get_logger().info(
-                f'replayed in {time.monotonic() - self._begun:.3f} s: '
+                f'replayed in {time.monotonic() - self._started:.3f} s: '
                 f'{count_text(position.messages, "message", "messages")}; '
                 'latched topics stay available until Ctrl-C'
             )
@@ -122,44 +122,44 @@ class LogReplayer(Node):
         state = 'over' if position.over else 'paused' if position.paused else 'replaying'
         if not self._simulators.count:
             return Diagnosis(state, values)
-        words = f'a {DROP_SIMULATOR} in this namespace publishes on the same topics'
-        self.get_logger().warning(words, once=True)
-        return Diagnosis(state, values, [words])
+        warning = f'a {DROP_SIMULATOR} in this namespace publishes on the same topics'
+        self.get_logger().warning(warning, once=True)
+        return Diagnosis(state, values, [warning])
 
     def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._replay.paused:
-            return self._answer(response, 'paused already')
+            return self._answer(response, 'already paused')
         self._replay.pause()
-        return self._answer(response, 'paused', new=True)
+        return self._answer(response, 'paused', changed=True)
 
     def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self._replay.paused:
             return self._answer(response, 'not paused')
         self._replay.resume()
         self._step_after(0)
-        return self._answer(response, 'resumed', new=True)
+        return self._answer(response, 'resumed', changed=True)
 
     def _answer(
-        self, response: Trigger.Response, word: str, *, new: bool = False
+        self, response: Trigger.Response, state: str, *, changed: bool = False
     ) -> Trigger.Response:
         position = self._replay.position
         self._watch(position)
         response.success = not position.over
-        response.message = f'{"over" if position.over else word}, at {position}'
-        if new and not position.over:
+        response.message = f'{"over" if position.over else state}, at {position}'
+        if changed and not position.over:
             self.get_logger().info(response.message)
         return response
 
 
 def _log(path: str) -> Path:
     if not path:
-        raise InvalidValueError("log is '', allowed is the folder of a run, or an .mcap file")
+        raise InvalidValueError("invalid log '': expected the folder of a run, or an .mcap file")
     return Path(path)
 
 
 def _check_rate(rate: float, as_fast_as_possible: bool) -> None:
     if as_fast_as_possible and rate != 1.0:
-        raise InvalidValueError(f'rate is {rate}, allowed is 1.0 with as_fast_as_possible')
+        raise InvalidValueError(f'invalid rate {rate}: expected 1.0 with as_fast_as_possible')
 
 
 def main() -> int:

@@ -1,4 +1,4 @@
-"""Playback of a log, message by message: what is published when."""
+"""Playback of a log: decides when each message is published."""
 
 import time
 from collections import Counter
@@ -9,25 +9,25 @@ from resting_aspects_ros.logs.playback_reader import RecordedMessage, Recording
 from resting_aspects_ros.nodes.log_replayer.topics import ReplayedTopic
 from resting_aspects_ros.ros.conversions import NANOSECONDS
 
-# Before the first message, for subscribers to find the topics, and between two rounds, ns.
+# Pause before each round, in which subscribers can discover the topics, ns.
 PAUSE_BEFORE = NANOSECONDS
-# Messages that are due are published for so long at a time, ns: services are answered meanwhile.
+# Maximum time for which messages are published without a break, so that services respond, ns.
 SLICE = NANOSECONDS // 20
 # Time between two checks for acknowledgements, ns.
 ACK_PERIOD = 2_000_000
-# A subscriber that does not acknowledge for so long is not waited for any more, ns. DDS itself
-# removes one whose process is gone after 20 s.
+# The player stops waiting for a subscriber that has not acknowledged within this time, ns. DDS
+# itself removes a subscriber whose process died after 20 s.
 ACK_TIMEOUT = 60 * NANOSECONDS
 
 
 @dataclass(frozen=True)
 class ReplayPosition:
-    """Where a replay is.
+    """The position of a replay.
 
-    seconds : time in the log, s
-    length : of the log, s
-    messages : published in this round
-    round : 1 for the first, one more each time that a loop begins again
+    seconds : time since the start of the log, s
+    length : length of the log, s
+    messages : number of messages published in this round
+    round : number of the round, from 1; increases with each repetition of a loop
     """
 
     seconds: float
@@ -42,15 +42,16 @@ class ReplayPosition:
 
 
 class LogPlayer:
-    """Publishes a log, once or in a loop. Parts come first.
+    """Publishes a log, once or in a loop. Part descriptions are published first.
 
     publish : called with each message
     acknowledged : returns whether all subscribers have received all messages of a recorded topic
     rate : divides the recorded times; None publishes as fast as subscribers acknowledge.
-        Then, after as many messages of a topic as its depth, the next one waits until they are
-        acknowledged, so that DDS replaces none that a reliable subscriber has not received.
-    warn : called with a text if a subscriber stops to acknowledge
-    clock : monotonic, ns
+        Then, when the number of messages of a topic reaches its depth, the next message waits
+        until they are acknowledged, so that DDS does not replace a message that a reliable
+        subscriber has not received.
+    warn : called with a text if a subscriber stops acknowledging
+    clock : returns monotonic time, ns
     """
 
     def __init__(
@@ -89,7 +90,7 @@ class LogPlayer:
 
     @property
     def paused(self) -> bool:
-        """Whether it waits for ``resume``."""
+        """Whether the player waits for ``resume``."""
         return self._paused_at is not None
 
     @property
@@ -114,11 +115,11 @@ class LogPlayer:
     def resume(self) -> None:
         """Continue where it was paused."""
         if self._paused_at is not None:
-            self._begun += self._clock() - self._paused_at
+            self._started += self._clock() - self._paused_at
             self._paused_at = self._waiting_since = None
 
     def play(self) -> int | None:
-        """Publish what is due; returns the ns until the next call, None if none is needed."""
+        """Publish messages that are due; return the time until the next call, ns, or None."""
         end = self._clock() + SLICE
         while self._next is not None and not self.paused:
             now = self._clock()
@@ -136,23 +137,23 @@ class LogPlayer:
         self._last = self._span.start
         self._sent = 0
         self._round += 1
-        self._begun = self._clock() + PAUSE_BEFORE
+        self._started = self._clock() + PAUSE_BEFORE
 
     def _elapsed(self) -> int:
-        """The time in the log, ns since its start."""
+        """Return the current time in the log, ns since its start."""
         if self._rate is None:
             return self._last - self._span.start
         now = self._clock() if self._paused_at is None else self._paused_at
-        return max(0, int((now - self._begun) * self._rate))
+        return max(0, int((now - self._started) * self._rate))
 
     def _due(self, message: RecordedMessage) -> int:
-        """When it is published, by the clock: always from the start, so that no delay adds up."""
+        """Return the clock time of publication; relative to the start, so delays do not add up."""
         if self._rate is None:
-            return self._begun
-        return self._begun + int((message.time - self._span.start) / self._rate)
+            return self._started
+        return self._started + int((message.time - self._span.start) / self._rate)
 
     def _has_room(self, message: RecordedMessage, now: int) -> bool:
-        """Return whether publishing the message replaces no unacknowledged one."""
+        """Return whether publishing the message would not replace an unacknowledged one."""
         topic = message.topic
         if self._unacknowledged[topic] < self._topics[topic].qos.depth:
             return True

@@ -1,4 +1,4 @@
-"""Under which names, types and QoS the topics of a log are published again."""
+"""Names, types and QoS with which the topics of a log are replayed."""
 
 import importlib
 import posixpath
@@ -21,32 +21,32 @@ from resting_aspects_ros.ros.interface import (
 )
 
 _MESSAGES = 'resting_aspects_interfaces/msg'
-# The suite's topics by how their names begin: type, and QoS as far as the log does not say it.
+# Type of the suite's topics, by the beginning of their names, and their QoS if the log has none.
 _SUITE = {
     RESTING_POSES: (f'{_MESSAGES}/RestingPoses', POSES),
     PARTS: (f'{_MESSAGES}/PartDescription', LATCHED),
     ASPECT_DISTRIBUTIONS: (f'{_MESSAGES}/AspectDistribution', LATCHED),
 }
-_PLACE = re.compile(
+_SUITE_TOPIC = re.compile(
     rf'(?P<namespace>(?:/\w+)*)/(?:{RESTING_POSES}|(?:{PARTS}|{ASPECT_DISTRIBUTIONS})/\w+)',
     re.ASCII,
 )
-# For a topic of others of which the log does not say it, as rosbag2 has it.
+# QoS of other topics if the log has none, as in rosbag2.
 _OTHERS = QoSProfile(depth=10)
 
-# A name that ROS allows and that is not hidden, as those that an action is made of are.
+# A topic name that is valid in ROS and not hidden; the topics of an action are hidden.
 _NAME = re.compile(r'(/[A-Za-z]\w*)+', re.ASCII)
-_LONGEST_NAME = 247  # DDS ends a program that takes a longer one
+_MAX_NAME_LENGTH = 247  # DDS terminates a program that uses a longer name
 _TYPE = re.compile(r'[A-Za-z]\w*/msg/[A-Za-z]\w*', re.ASCII)
 
 
 @dataclass(frozen=True)
 class ReplayedTopic:
-    """How a topic of the log is published.
+    """A topic of the log, with the name and QoS with which it is published.
 
-    recorded : its name in the log
-    name : relative to the replayer's namespace
-    message : class of its messages
+    recorded : name in the log
+    name : name relative to the replayer's namespace
+    message : class of the messages
     """
 
     recorded: str
@@ -57,28 +57,28 @@ class ReplayedTopic:
 
     @property
     def describes_part(self) -> bool:
-        """Whether it is parts/<part>."""
+        """Whether the topic is parts/<part>."""
         return self.type == _SUITE[PARTS][0]
 
     @property
     def holds_poses(self) -> bool:
-        """Whether it is resting_poses."""
+        """Whether the topic is resting_poses."""
         return self.type == _SUITE[RESTING_POSES][0]
 
 
 def replayed_topics(recording: Recording) -> tuple[list[ReplayedTopic], list[str]]:
-    """The topics that can be published, and for each of the others what it is and why it cannot.
+    """Return the topics that can be replayed, and for each other topic its name and the reason.
 
-    A topic's new name is the recorded one without the namespace in which the suite was recorded.
-    Of several suites it is the namespace that is common to them.
+    The namespace in which the suite was recorded is removed from the names. If several suites were
+    recorded, it is their common namespace.
 
-    Raises LogError if there is none, or if a type is not installed, or is by now another than that
-    of the log.
+    Raises LogError if no topic can be replayed, or if the type of a topic is not installed or its
+    definition differs from that in the log.
     """
     namespace = _namespace(recording.topics.values())
     replayed, skipped = [], []
     for topic in recording.topics.values():
-        reason = _reason_against(topic, namespace)
+        reason = _skip_reason(topic, namespace)
         if reason:
             skipped.append(one_line(f'{topic.name}: {reason}'))
             continue
@@ -87,31 +87,33 @@ def replayed_topics(recording: Recording) -> tuple[list[ReplayedTopic], list[str
         message = _message_class(recording, topic)
         replayed.append(ReplayedTopic(topic.name, name, topic.type, message, _qos(topic)))
     if not replayed:
-        raise LogError(f'log {str(recording.path)!r} has nothing to replay: {"; ".join(skipped)}')
+        raise LogError(
+            f'log {str(recording.path)!r} has no topic that can be replayed: {"; ".join(skipped)}'
+        )
     return replayed, skipped
 
 
 def _namespace(topics: Iterable[RecordedTopic]) -> str:
-    """The namespace of the recorded suite, such as '/cell_1' or '/'."""
-    found = {
-        place['namespace'] or '/'
+    """Return the namespace of the recorded suite, such as '/cell_1' or '/'."""
+    namespaces = {
+        match['namespace'] or '/'
         for topic in topics
-        if (place := _PLACE.fullmatch(topic.name)) and topic.type in _types()
+        if (match := _SUITE_TOPIC.fullmatch(topic.name)) and topic.type in _types()
     }
-    return posixpath.commonpath(found) if found else '/'
+    return posixpath.commonpath(namespaces) if namespaces else '/'
 
 
 def _types() -> set[str]:
     return {type_name for type_name, _ in _SUITE.values()}
 
 
-def _reason_against(topic: RecordedTopic, namespace: str) -> str:
+def _skip_reason(topic: RecordedTopic, namespace: str) -> str:
     if not topic.name.startswith(f'{namespace.rstrip("/")}/'):
         return f'not in {namespace}, the namespace of the suite in the log'
-    if not _NAME.fullmatch(topic.name) or len(topic.name) > _LONGEST_NAME:
-        return 'hidden, or no name of a topic of ROS'
+    if not _NAME.fullmatch(topic.name) or len(topic.name) > _MAX_NAME_LENGTH:
+        return 'hidden, or not a valid ROS topic name'
     if topic.encoding != 'cdr' or not _TYPE.fullmatch(topic.type):
-        return f'no messages of ROS 2 ({topic.type or "of no type"}, in {topic.encoding})'
+        return f'not ROS 2 messages (type {topic.type or "missing"}, encoding {topic.encoding})'
     return ''
 
 
@@ -121,18 +123,18 @@ def _message_class(recording: Recording, topic: RecordedTopic) -> Any:
         return getattr(importlib.import_module(f'{package}.msg'), short)
     except (ImportError, AttributeError) as error:
         raise LogError(
-            f'log {str(recording.path)!r} has topic {topic.name} of type {topic.type}, of which '
-            f'no Python class is installed: {error}'
+            f'log {str(recording.path)!r} has topic {topic.name} of type {topic.type}, but the '
+            f'Python class of this type is not installed: {error}'
         ) from None
 
 
 def _qos(topic: RecordedTopic) -> QoSProfile:
-    usual = dict(_SUITE.values()).get(topic.type, _OTHERS)
+    default = dict(_SUITE.values()).get(topic.type, _OTHERS)
     recorded = topic.qos
     if recorded is None:
-        return usual
+        return default
     return QoSProfile(
-        depth=recorded.depth or usual.depth,
+        depth=recorded.depth or default.depth,
         history=HistoryPolicy.get_from_short_key(recorded.history),
         reliability=ReliabilityPolicy.get_from_short_key(recorded.reliability),
         durability=DurabilityPolicy.get_from_short_key(recorded.durability),

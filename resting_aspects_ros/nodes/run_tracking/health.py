@@ -1,4 +1,4 @@
-"""How the runs are that a consumer of resting_poses follows, for its diagnostics."""
+"""Diagnostics of the runs that a consumer of resting_poses tracks."""
 
 from rclpy.node import Node
 
@@ -8,47 +8,50 @@ from resting_aspects_ros.ros.interface import DROP_SIMULATOR
 
 
 class RunHealth:
-    """What is wrong with the runs of a tracker, and how far they are."""
+    """Progress and problems of the runs of a tracker, for diagnostics."""
 
     def __init__(self, node: Node, tracker: RunTracker) -> None:
         self._node = node
         self._tracker = tracker
-        self._told = False
+        self._logged = False
 
     @property
     def state(self) -> str:
-        """What is dropped, in words; empty if nothing is."""
-        return active_runs_text(self._tracker.under_way())
+        """The progress of the active runs as text; empty if there are none."""
+        return active_runs_text(self._tracker.active_runs())
 
     def values(self) -> dict[str, object]:
-        """For the diagnostics."""
+        """Return the values for the diagnostics."""
         return {
             'drop_simulators': self._tracker.simulators.count,
             'missing drops': self._tracker.missing(),
             'runs with lost drops': self._tracker.lost,
-            **run_values(self._tracker.under_way()),
+            **run_values(self._tracker.active_runs()),
         }
 
     def warnings(self) -> list[str]:
-        """What is not well; to be asked often. A simulator that leaves a run is logged once."""
-        found = []
+        """Return the current problems; must be called regularly.
+
+        It also logs once if the simulator disappears during a run.
+        """
+        problems = []
         gone = self._simulator_is_gone()
         if gone:
-            found.append(f'no {DROP_SIMULATOR}')
+            problems.append(f'no {DROP_SIMULATOR}')
         if missing := self._tracker.missing():
-            words = count_text(missing, 'drop is missing', 'drops are missing')
-            found.append(words if gone else f'{words} and asked for again')
+            text = count_text(missing, 'drop is missing', 'drops are missing')
+            problems.append(text if gone else f'{text}, requested again')
         if self._tracker.problem:
-            found.append(self._tracker.problem)
-        if gone and self.state and not self._told:
-            self._node.get_logger().warning(f'no {DROP_SIMULATOR} any more: {self.state}')
-        self._told = gone and (self._told or bool(self.state))
-        return found
+            problems.append(self._tracker.problem)
+        if gone and self.state and not self._logged:
+            self._node.get_logger().warning(f'{DROP_SIMULATOR} disappeared: {self.state}')
+        self._logged = gone and (self._logged or bool(self.state))
+        return problems
 
     def _simulator_is_gone(self) -> bool:
-        """Whether there has been one, and there is nobody now who publishes poses.
+        """Return whether there was a simulator before, and now nothing publishes poses.
 
-        Where there never was one they come from elsewhere, such as a log that is replayed.
+        If there never was one, the poses have another source, such as a log that is replayed.
         """
         alive = self._tracker.simulators.count or self._tracker.replayers.count
         return self._tracker.simulators.was_seen and not alive

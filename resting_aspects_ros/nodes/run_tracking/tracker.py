@@ -1,4 +1,4 @@
-"""What a consumer of resting_poses has seen of each run, and how it gets what it missed."""
+"""Tracks the drops that a consumer of resting_poses received, and requests lost ones again."""
 
 import time
 from collections import OrderedDict
@@ -26,22 +26,22 @@ from resting_aspects_ros.ros.liveliness import LivelinessMonitor
 from resting_aspects_ros.simulation.index_ranges import IndexRanges
 from resting_aspects_ros.simulation.run_description import RunDescription
 
-# Missing drops are asked for so many times in a row without getting any, then they are lost.
+# Missing drops are lost after this number of consecutive requests that recovered none of them.
 MAX_REPAIRS = 3
-# Batches of a simulator that is gone may still be read for this long after it is noticed, s.
+# Time for which batches can still arrive after their simulator disappeared, s.
 GRACE = 2.0
-# How often gaps, and runs whose simulator is gone, are looked for, s.
+# Time between two checks for missing drops and for runs whose simulator disappeared, s.
 CHECK_PERIOD = 1.0
-# Runs that are remembered, so that drops published again for others are not taken for new.
+# Number of runs that are remembered, so that drops that are published again do not look new.
 RUNS_KEPT = 10_000
 
 
 @dataclass
 class RunProgress:
-    """The drops of one run that have been seen.
+    """The drops of one run that have been received.
 
-    end : index after its last drop; until ``ended`` the one that was asked for
-    abandoned : its simulator was gone before the last batch
+    end : index after its last drop; until ``ended``, as requested
+    abandoned : whether its simulator disappeared before the last batch
     """
 
     run: RunDescription
@@ -55,57 +55,57 @@ class RunProgress:
     heard: float = 0.0
 
     def take(self, first: int, end: int) -> list[tuple[int, int]]:
-        """Note drops as seen; the ranges of them that are new."""
+        """Mark drops as received and return the ranges of new ones."""
         new = self.seen.add(first, end) if first < end else []
         if new:
             self.repairs = 0
         return new
 
     def missing(self) -> list[tuple[int, int]]:
-        """Ranges that have been published and were not seen."""
+        """Return the ranges of drops that were published and not received."""
         return self.seen.missing(self.run.first_drop, self.end if self.ended else self.seen.end)
 
     @property
     def complete(self) -> bool:
-        """Nothing is missing and no more is to come."""
+        """Whether all drops were received and no more will follow."""
         return self.ended and not self.missing()
 
     @property
     def lost(self) -> bool:
-        """Something is missing and cannot be had."""
+        """Whether drops are missing and cannot be recovered."""
         given_up = self.repairs >= MAX_REPAIRS and not self.repairing
         return (self.abandoned or given_up) and bool(self.missing())
 
     @property
-    def broken_off(self) -> bool:
-        """What has been seen of it are its first drops, to the last one without a gap."""
+    def has_no_gap(self) -> bool:
+        """Whether the received drops are the first drops of the run, without a gap."""
         return bool(self.seen.ranges) and not self.seen.missing(self.run.first_drop, self.seen.end)
 
     @property
     def loss(self) -> str:
-        """What of it is lost, in words."""
+        """A sentence that states which drops are lost."""
         name = f'run {self.run.run_id} of {self.run.part}'
         if self.abandoned:
-            return f'{name} was broken off: {progress_text(self.run, len(self.seen))}'
+            return f'{name} was interrupted: {progress_text(self.run, len(self.seen))}'
         lost = sum(end - first for first, end in self.missing())
         total = count_text(self.end - self.run.first_drop, 'drop', 'drops')
-        return f'{name} has lost {lost} of {total}, which could not be recovered'
+        return f'{name} is missing {lost} of {total}, which could not be recovered'
 
 
 class RunTracker:
-    """Follows runs through their batches; asks the simulator again for drops that were lost.
+    """Tracks runs by their batches, and requests lost drops again from the simulator.
 
-    A run that is not over when its simulator ends is broken off.
+    A run that has not ended when its simulator disappears is interrupted.
 
     Parameters
     ----------
-    over : called once for each run when it is complete, lost or known, and then marked closed
-    known : whether all drops of a run are known already, so that those that are missing here are
-        not asked for; None while that is not clear
+    over : called once for each run when it is complete, lost or known; the run is then closed
+    known : returns whether all drops of a run are known already, so that missing drops are not
+        requested; None if that is not decided yet
 
-    problem : what the newest run lost that is lost, in words, until a run is complete; else empty
-    lost : runs that are lost
-    simulators, replayers : those that are alive in the namespace
+    problem : which drops of the last lost run are lost; empty after the next complete run
+    lost : number of lost runs
+    simulators, replayers : nodes that are alive in the namespace
     """
 
     def __init__(
@@ -124,25 +124,25 @@ class RunTracker:
         self._client = ActionClient(node, DropPart, DROP_PART, **ACTION_SERVICES)
         self._runs: OrderedDict[str, RunProgress] = OrderedDict()
         steady_timer(
-            node, CHECK_PERIOD, guarded(node, 'lost drops are not looked for', self._check)
+            node, CHECK_PERIOD, guarded(node, 'the check for lost drops failed', self._check)
         )
 
     def destroy(self) -> None:
-        """End the action client."""
+        """Destroy the action client."""
         self._client.destroy()
 
     def missing(self) -> int:
-        """Drops that were published and have not been seen, of all runs that are not over."""
-        return sum(end - first for each in self._open() for first, end in each.missing())
+        """Return the number of drops of active runs that were published and not received."""
+        return sum(end - first for each in self._active() for first, end in each.missing())
 
-    def under_way(self) -> list[tuple[RunDescription, int]]:
-        """The runs that are not over, and how many drops of each have been seen."""
-        return [(progress.run, len(progress.seen)) for progress in self._open()]
+    def active_runs(self) -> list[tuple[RunDescription, int]]:
+        """Return the active runs and the number of received drops of each."""
+        return [(progress.run, len(progress.seen)) for progress in self._active()]
 
     def accept(self, batch: RestingPosesMsg) -> tuple[RunProgress, list[tuple[int, int]]] | None:
-        """Return the run of a batch, and the ranges of its drops that are new; None if it is over.
+        """Return the run of a batch and the ranges of its new drops; None if the run is closed.
 
-        Raises InvalidValueError if the batch contradicts an earlier one of its run.
+        Raises InvalidValueError if the batch contradicts an earlier batch of its run.
         """
         first, end = batch.first_drop, batch.first_drop + len(batch.poses)
         progress = self._find(run_from(batch.run))
@@ -155,7 +155,7 @@ class RunTracker:
         return progress, new
 
     def settle(self, progress: RunProgress) -> None:
-        """After a batch was dealt with: end the run, or ask for what is missing."""
+        """Close the run if it is finished, or request missing drops; called after each batch."""
         if progress.closed:
             return
         known = self._known(progress.run) if progress.missing() else False
@@ -169,30 +169,32 @@ class RunTracker:
         elif progress.missing() and known is False:
             self._repair(progress)
 
-    def _open(self) -> list[RunProgress]:
+    def _active(self) -> list[RunProgress]:
         return [progress for progress in self._runs.values() if not progress.closed]
 
     def _find(self, run: RunDescription) -> RunProgress:
-        known = self._runs.get(run.run_id)
-        if known is None:
-            known = self._runs[run.run_id] = RunProgress(run, run.end)
+        progress = self._runs.get(run.run_id)
+        if progress is None:
+            progress = self._runs[run.run_id] = RunProgress(run, run.end)
             while len(self._runs) > RUNS_KEPT:
                 self._runs.popitem(last=False)
-        elif known.run.sequence() != run.sequence():
-            raise InvalidValueError(f'run {run.run_id} is not the run that it began as')
-        return known
+        elif progress.run.sequence() != run.sequence():
+            raise InvalidValueError(
+                f'a batch of run {run.run_id} describes another run than its earlier batches'
+            )
+        return progress
 
     def _check(self) -> None:
-        for progress in self._open():
+        for progress in self._active():
             if self._is_abandoned(progress.heard):
                 progress.ended = progress.abandoned = True
             if progress.abandoned or not progress.repairing:
                 self.settle(progress)
 
     def _is_abandoned(self, heard: float) -> bool:
-        """Whether the simulator of a run that was heard of then is gone, or another one by now.
+        """Return whether the simulator of a run, last received at ``heard``, is gone or replaced.
 
-        Where there never was one, nor a replayer, the batches come from elsewhere.
+        If there never was a simulator or a replayer, the batches have another source.
         """
         alive = self.simulators.count
         was_seen = self.simulators.was_seen or self.replayers.was_seen
@@ -204,7 +206,7 @@ class RunTracker:
 
     def _repair(self, progress: RunProgress) -> None:
         if progress.repairing or not self._client.server_is_ready():
-            return  # _check comes back to it
+            return  # _check tries again
         run, (first, end) = progress.run, progress.missing()[0]
         progress.repairing = True
         progress.repairs += 1
@@ -217,23 +219,23 @@ class RunTracker:
             seed=run.seed,
             run_id=run.run_id,
         )
-        self._node.get_logger().warning(f'{_drops(goal)} were lost, asking again')
+        self._node.get_logger().warning(f'{_drops(goal)} were lost and are requested again')
         executor = self._node.executor
-        assert executor is not None  # this is called by it
-        executor.create_task(self._ask_again, progress, goal)
+        assert executor is not None  # the executor calls this method
+        executor.create_task(self._request_again, progress, goal)
 
-    async def _ask_again(self, progress: RunProgress, goal: DropPart.Goal) -> None:
-        """The last batch may still be on its way after it: _check looks what is missing."""
+    async def _request_again(self, progress: RunProgress, goal: DropPart.Goal) -> None:
+        """Request drops again. The last batch can arrive later; _check then finds what is left."""
         try:
             answer = (await drop_result(self._node, self._client, goal)).status
-            code, complaint = answer.code, answer.message
+            code, reason = answer.code, answer.message
         except RestingAspectsError as error:
-            code, complaint = Status.NOT_AVAILABLE, str(error)
+            code, reason = Status.NOT_AVAILABLE, str(error)
         progress.repairing = False
         if code == Status.BUSY:
             progress.repairs = 0
         elif code not in (Status.OK, Status.CANCELED):
-            self._node.get_logger().error(f'{_drops(goal)} are not available: {complaint}')
+            self._node.get_logger().error(f'{_drops(goal)} are not available: {reason}')
 
 
 def _drops(goal: DropPart.Goal) -> str:
