@@ -1,4 +1,4 @@
-// Asks for the distribution of a part, with a second request if no answer arrives in time.
+// Requests the distribution of a part, with a second request if no answer arrives in time.
 //   ros2 run pickable_share ask_distribution --ros-args -p part:=l_bracket -p drops:=1000
 #include <chrono>
 #include <cinttypes>
