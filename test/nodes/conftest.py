@@ -1,4 +1,4 @@
-"""Fixtures that run nodes in processes of their own, with a client node in this process."""
+"""Fixtures that run each node in a separate process, with a client node in this process."""
 
 import copy
 import functools
@@ -137,14 +137,14 @@ def start_command(command, output):
 
 
 class Process:
-    """A program of the suite in a process group of its own; its output goes to a file."""
+    """A program of the suite in a separate process group; its output goes to a file."""
 
     def __init__(self, popen, output):
-        self._popen, self.output, self.pid = popen, output, popen.pid
+        self._popen, self.output_file, self.pid = popen, output, popen.pid
 
     @property
-    def said(self):
-        return self.output.read_text()
+    def output(self):
+        return self.output_file.read_text()
 
     @property
     def running(self):
@@ -166,7 +166,7 @@ class Process:
     def destroy(self):
         """Kill the process and its group, also after a failure."""
         if self.running:  # otherwise its pid may have been reused
-            with suppress(ProcessLookupError):  # it may have no group of its own yet
+            with suppress(ProcessLookupError):  # its process group may not exist yet
                 os.killpg(self.pid, signal.SIGKILL)
             self.send(signal.SIGKILL)
             self._popen.wait()
@@ -217,19 +217,22 @@ class Processes:
         """Start a command and return its process."""
         return self._begin(start_command, [str(word) for word in command])
 
-    def script(self, code, *words):
+    def script(self, code, *arguments):
         """Run a Python script in an interpreter that has imported the nodes."""
-        return self._begin(ForkedNode, f'sys.argv = {["-c", *map(str, words)]!r}\n{code}')
+        return self._begin(ForkedNode, f'sys.argv = {["-c", *map(str, arguments)]!r}\n{code}')
 
-    def node(self, node, namespace, parameters=(), constants=(), ready='ready', words=()):
+    def node(self, node, namespace, parameters=(), constants=(), ready='ready', arguments=()):
         """Start a node, wait until it is ready, and return its process.
 
         ``constants`` are set before: {'nodes.run_tracking.tracker.GRACE': 1.0}.
         """
-        words = [node, '--ros-args', '-r', f'__ns:={namespace}', *map(str, words)]
+        arguments = [node, '--ros-args', '-r', f'__ns:={namespace}', *map(str, arguments)]
         for name, value in dict(parameters).items():
-            words += ['-p', f'{name}:={value}']
-        lines = [f'sys.argv = {words!r}', f'import resting_aspects_ros.{program_of(node)} as node']
+            arguments += ['-p', f'{name}:={value}']
+        lines = [
+            f'sys.argv = {arguments!r}',
+            f'import resting_aspects_ros.{program_of(node)} as node',
+        ]
         for name, value in dict(constants).items():
             module, _, constant = name.rpartition('.')
             lines += [
@@ -244,11 +247,11 @@ class Processes:
 
     def ready(self, process, what, word='ready'):
         """Wait until the output of a process contains a word."""
-        self._wait(lambda: word in process.said or not process.running, f'{what} ready')
-        assert process.running, process.said
+        self._wait(lambda: word in process.output or not process.running, f'{what} ready')
+        assert process.running, process.output
 
     def _begin(self, start, what):
-        output = self._folder.mktemp('output') / 'said.txt'
+        output = self._folder.mktemp('output') / 'output.txt'
         self._started.append(Process(start(what, output), output))
         return self._started[-1]
 
@@ -372,9 +375,9 @@ class Client:
 
     def listen(self, kind, topic, qos):
         """Return a list that receives the messages of a topic while this client waits."""
-        heard = []
-        self.node.create_subscription(kind, topic, heard.append, qos)
-        return heard
+        received = []
+        self.node.create_subscription(kind, topic, received.append, qos)
+        return received
 
     def meet(self, name, ready, send):
         """Wait until a server responds: it may be discovered before it discovers this client."""
@@ -513,7 +516,7 @@ def shared_nodes(tmp_path_factory, wait):
 @pytest.fixture(scope='module')
 def suite(shared_nodes, connect):
     """Return the nodes that all modules share, with a client of the module."""
-    assert shared_nodes.alive, [each.said for each in shared_nodes.processes.values()]
+    assert shared_nodes.alive, [each.output for each in shared_nodes.processes.values()]
     return shared_nodes.seen_by(connect(shared_nodes.namespace))
 
 
@@ -555,8 +558,8 @@ class Diagnostics:
                 return None
             assert status.hardware_id == 'none'
             values = {each.key: each.value for each in status.values}
-            told = (status.level, status.message, values)
-            return told if holds(*told) else None
+            reported = (status.level, status.message, values)
+            return reported if holds(*reported) else None
 
         try:
             return self._client.wait(found, what)
@@ -711,12 +714,12 @@ def listen_raw():
     """Return a list that receives the bytes and send times, ns, of the messages of a topic."""
 
     def listen_raw(client, kind, topic, qos):
-        heard = []
+        received = []
 
-        def hear(data, info):
-            heard.append((bytes(data), info['source_timestamp']))
+        def receive(data, info):
+            received.append((bytes(data), info['source_timestamp']))
 
-        client.node.create_subscription(kind, topic, hear, qos, raw=True)
-        return heard
+        client.node.create_subscription(kind, topic, receive, qos, raw=True)
+        return received
 
     return listen_raw

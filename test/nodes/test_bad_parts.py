@@ -52,7 +52,7 @@ def suite(fresh_suite, folder):
 def test_bad_files_do_not_affect_other_parts(suite, folder, diagnostics_of):
     assert suite.client.ask(drops=5, seed=[1]).status.code == Status.OK
     _, _, values = diagnostics_of(suite.client).wait(
-        'drop_simulator', lambda *told: 'not offered: slow' in told[2], 'reasons'
+        'drop_simulator', lambda *status: 'not offered: slow' in status[2], 'reasons'
     )
     not_offered = {key.removeprefix('not offered: ') for key in values if 'not offered: ' in key}
     assert not_offered >= {*SHEETS, 'piped', 'slow', 'huge'}
@@ -75,7 +75,7 @@ def test_rejected_part_gets_an_error_response(start, connect, namespace, part):
     description = client.node.create_publisher(PartDescription, 'parts/tetrahedron', LATCHED)
     description.publish(message)
     classifier = start('aspect_classifier', namespace, {'log_folder': "''"})
-    client.wait(lambda: 'cannot be used' in classifier.said, 'warning')
+    client.wait(lambda: 'cannot be used' in classifier.output, 'warning')
     for only_known in (True, False):
         status = client.ask(surface='steel', only_known=only_known).status
         assert status.code == Status.INVALID

@@ -189,10 +189,10 @@ def test_distributions_of_other_aspects_are_removed(box, run):
 def test_part_version_is_mentioned_only_if_it_differs(box, run):
     known = DistributionStore(lambda _: None)
     known.add(run(1), counted(box, 1, 0, 0, 0, 0, 0))
-    words = '1 drops on rubber_mat'
-    assert known.describe(BOX, box.part_sha256, None) == [words]
-    assert known.describe(BOX, '', None) == [words]
-    assert known.describe(BOX, 'another', None) == [f'{words} of another version of the part']
+    message = '1 drops on rubber_mat'
+    assert known.describe(BOX, box.part_sha256, None) == [message]
+    assert known.describe(BOX, '', None) == [message]
+    assert known.describe(BOX, 'another', None) == [f'{message} of another version of the part']
 
 
 # Over DDS
@@ -222,12 +222,12 @@ def classify(asker, suite):
 
 @pytest.mark.parametrize('name', ['l_bracket', 'cylinder_d20_h20'])
 def test_classification_agrees_with_the_distribution(suite, classify, part, counts, name):
-    heard = suite.client.poses()
+    received = suite.client.poses()
     distribution = suite.client.ask(name, 150, seed=[3]).distribution
     suite.client.wait(
-        lambda: any(b.last and b.run.run_id == distribution.run.run_id for b in heard), 'poses'
+        lambda: any(b.last and b.run.run_id == distribution.run.run_id for b in received), 'poses'
     )
-    batches = [poses_from(b) for b in heard if b.run.run_id == distribution.run.run_id]
+    batches = [poses_from(b) for b in received if b.run.run_id == distribution.run.run_id]
     tally = np.zeros(len(distribution.aspects) + 1, dtype=int)
     for poses in batches:
         for orientation in poses.orientation[poses.status == RestStatus.SETTLED]:

@@ -57,7 +57,7 @@ def spun(suite):
 
 
 @pytest.fixture
-def nobody(namespace, in_namespace):
+def unanswered_client(namespace, in_namespace):
     """A client without a suite."""
     with RestingAspectsClient(**in_namespace(namespace)) as client:
         yield client
@@ -160,13 +160,13 @@ def test_probability_of_several_aspects(client):
 
 def test_clients_in_threads_receive_their_own_progress(suite, in_namespace):
     asked = [{'drops': 300, 'surface': 'rubber_mat'}, {'drops': 350, 'surface': 'steel'}]
-    heard, found = ([], []), [None, None]
+    received, found = ([], []), [None, None]
 
     def ask(k):
         with RestingAspectsClient(**in_namespace(suite.namespace)) as client:
             client.list_parts()
             found[k] = client.get_distribution(
-                'l_bracket', seed=61, progress=heard[k].append, **asked[k]
+                'l_bracket', seed=61, progress=received[k].append, **asked[k]
             )
 
     threads = [threading.Thread(target=ask, args=[k]) for k in (0, 1)]
@@ -177,8 +177,8 @@ def test_clients_in_threads_receive_their_own_progress(suite, in_namespace):
     for k in (0, 1):
         assert found[k].drops == asked[k]['drops']
         assert found[k].run.conditions.surface == asked[k]['surface']
-        assert heard[k] == sorted(heard[k])
-        assert heard[k][-1] == asked[k]['drops']
+        assert received[k] == sorted(received[k])
+        assert received[k][-1] == asked[k]['drops']
 
 
 def test_poses_are_classified(client, part):
@@ -199,20 +199,20 @@ def test_list_parts_and_get_part(client, suite, part):
     assert client.get_part('hex_nut').part_sha256 == part('hex_nut').part_sha256
 
 
-def test_get_part_that_is_not_offered(client, nobody, monkeypatch):
+def test_get_part_that_is_not_offered(client, unanswered_client, monkeypatch):
     client.get_part('washer')  # the parts of the suite are discovered after this
     monkeypatch.setattr(nodes_client, 'PART_TIMEOUT', 0.5)
     with pytest.raises(UnknownPartError, match=r"'gizmo' is not known; known parts: .*washer$"):
         client.get_part('gizmo')
     with pytest.raises(AnswerTimeoutError, match=r'^no drop_simulator offers gizmo: no message'):
-        nobody.get_part('gizmo')
+        unanswered_client.get_part('gizmo')
 
 
 # Rejected requests
 
 
 @pytest.mark.parametrize(
-    ('ask', 'kind', 'words'),
+    ('ask', 'kind', 'expected'),
     [
         (lambda c: c.get_distribution('Nut'), UnknownPartError, "part 'Nut' is not known"),
         (lambda c: c.get_distribution(None), InvalidValueError, 'invalid part None: expected the'),
@@ -240,11 +240,11 @@ def test_get_part_that_is_not_offered(client, nobody, monkeypatch):
         (lambda c: c.get_part('a/b'), UnknownPartError, "part 'a/b' is not known"),
     ],
 )
-def test_invalid_values_are_rejected_before_sending(nobody, ask, kind, words):
+def test_invalid_values_are_rejected_before_sending(unanswered_client, ask, kind, expected):
     """Without a suite, a request that was sent would fail later, with another error."""
     with pytest.raises(kind) as error:
-        ask(nobody)
-    assert words in str(error.value)
+        ask(unanswered_client)
+    assert expected in str(error.value)
 
 
 # Values that rclpy does not reject; it would end the process, so the script has its own.
@@ -307,7 +307,7 @@ print('all')
 def test_values_of_wrong_types_are_rejected(run_script, wait):
     done = run_script(ODD_TYPES)
     wait(lambda: not done.running, 'end of the script')
-    assert (done.end(), done.said) == (0, 'all\n')
+    assert (done.end(), done.output) == (0, 'all\n')
 
 
 @pytest.mark.parametrize('asked', [{'part': 'tetrahedron\0x'}, {'surface': 'steel\0x'}])
@@ -317,13 +317,13 @@ def test_name_with_a_nul_is_rejected(client, asked):
         client.get_distribution(**{'part': 'tetrahedron', 'drops': 5} | asked)
 
 
-def test_surface_together_with_conditions_is_rejected(nobody, surfaces):
+def test_surface_together_with_conditions_is_rejected(unanswered_client, surfaces):
     with pytest.raises(InvalidValueError, match="invalid surface 'steel': expected no surface"):
-        nobody.get_distribution('x', surface='steel', conditions=surfaces.get('steel'))
+        unanswered_client.get_distribution('x', surface='steel', conditions=surfaces.get('steel'))
 
 
 @pytest.mark.parametrize(
-    ('asked', 'kind', 'words'),
+    ('asked', 'kind', 'expected'),
     [
         ({'part': 'gizmo'}, UnknownPartError, "part 'gizmo' is not known; known parts: angle"),
         ({'surface': 'ice'}, InvalidValueError, "invalid surface 'ice': expected"),
@@ -331,11 +331,11 @@ def test_surface_together_with_conditions_is_rejected(nobody, surfaces):
         ({'part': 'cylinder_d20_h20', 'method': 'crsa'}, InvalidValueError, 'crsa is not def'),
     ],
 )
-def test_statuses_of_the_suite_become_exceptions(client, asked, kind, words):
+def test_statuses_of_the_suite_become_exceptions(client, asked, kind, expected):
     with pytest.raises(kind) as error:
         client.get_distribution(**{'part': 'tetrahedron'} | asked)
     assert isinstance(error.value, RestingAspectsError)
-    assert words in str(error.value)
+    assert expected in str(error.value)
 
 
 def test_invalid_ros_args_are_rejected():
@@ -394,45 +394,45 @@ def cell(request, suite):
 def test_async_callback_awaits_several_responses(cell, wait):
     """It runs in the default callback group of the node, which is blocked meanwhile."""
     client = RestingAspectsClient(cell)
-    said = []
+    results = []
 
     async def work():
         timer.cancel()
         try:
             found = await client.get_distribution_async('tetrahedron', drops=600, seed=71)
-            said.append(found.drops)
+            results.append(found.drops)
             pose = found.aspects[1].orientation
-            said.append((await client.classify_pose_async('tetrahedron', pose)).aspect)
-            said.append(len(await client.list_parts_async()))
+            results.append((await client.classify_pose_async('tetrahedron', pose)).aspect)
+            results.append(len(await client.list_parts_async()))
             await client.get_distribution_async('gizmo')
         except RestingAspectsError as error:
-            said.append(error)
+            results.append(error)
 
     timer = cell.create_timer(0.01, work)
-    *answers, refused = wait(lambda: len(said) == 4 and said, 'answers')
+    *answers, refused = wait(lambda: len(results) == 4 and results, 'answers')
     assert answers == [600, 2, 9]
     assert isinstance(refused, UnknownPartError)
 
 
 def test_awaiting_a_closed_client_raises(cell, wait):
     client = RestingAspectsClient(cell)
-    said = []
+    results = []
 
     async def work():
         timer.cancel()
         answer = client.get_distribution_async('tetrahedron', drops=500_000, seed=79)
-        said.append('asked')
+        results.append('asked')
         try:
-            said.append(await answer)
+            results.append(await answer)
         except RestingAspectsError as error:
-            said.append(error)
+            results.append(error)
 
     timer = cell.create_timer(0.01, work)
-    wait(lambda: said, 'request')
+    wait(lambda: results, 'request')
     client.close()
-    wait(lambda: len(said) == 2, 'error')
-    assert isinstance(said[1], ClientUseError)
-    assert str(said[1]) == 'this client is closed'
+    wait(lambda: len(results) == 2, 'error')
+    assert isinstance(results[1], ClientUseError)
+    assert str(results[1]) == 'this client is closed'
 
 
 def test_many_concurrent_requests(cell, wait):
@@ -472,9 +472,9 @@ def test_finished_and_canceled_requests_leave_nothing(suite, spun):
     def nothing_is_left():
         return not spun._open and set(entities(node)) == before
 
-    heard = []
-    canceled = spun.get_distribution_async('washer', drops=500_000, progress=heard.append)
-    suite.client.wait(lambda: heard, 'progress')
+    received = []
+    canceled = spun.get_distribution_async('washer', drops=500_000, progress=received.append)
+    suite.client.wait(lambda: received, 'progress')
     canceled.cancel()
     suite.client.wait(nothing_is_left, 'end of the canceled request')
     over = spun.list_parts_async()
@@ -493,11 +493,11 @@ def test_abandoned_request_stops_its_run(suite, spun, ahead, timeout):
     """Its drops are kept, after a cancel and after a timeout."""
     poses = suite.client.poses()
     seed = 84 if timeout is None else 85
-    heard = []
+    received = []
     answer = spun.get_distribution_async(
-        'tetrahedron', drops=2_000_000, seed=seed, timeout=timeout, progress=heard.append
+        'tetrahedron', drops=2_000_000, seed=seed, timeout=timeout, progress=received.append
     )
-    suite.client.wait(lambda: heard, 'progress')
+    suite.client.wait(lambda: received, 'progress')
     if timeout is None:
         answer.cancel()
     else:
@@ -514,11 +514,11 @@ def test_abandoned_request_stops_its_run(suite, spun, ahead, timeout):
 
 def test_shared_run_continues_after_one_cancel(suite, spun):
     with RestingAspectsClient(suite.client.node) as other:
-        heard = []
+        received = []
         mine = spun.get_distribution_async(
-            'tetrahedron', drops=3000, seed=86, progress=heard.append
+            'tetrahedron', drops=3000, seed=86, progress=received.append
         )
-        suite.client.wait(lambda: heard, 'progress')
+        suite.client.wait(lambda: received, 'progress')
         joined = []
         same = other.get_distribution_async(
             'tetrahedron', drops=3000, seed=86, progress=joined.append
@@ -532,35 +532,35 @@ def test_shared_run_continues_after_one_cancel(suite, spun):
 # Without a suite, or with one that dies
 
 
-def test_timeout_without_a_suite(nobody, namespace):
-    begun = time.monotonic()
+def test_timeout_without_a_suite(unanswered_client, namespace):
+    started = time.monotonic()
     with pytest.raises(AnswerTimeoutError) as error:
-        nobody.get_distribution('washer', timeout=0.4)
-    assert 0.4 <= time.monotonic() - begun < DEADLINE
+        unanswered_client.get_distribution('washer', timeout=0.4)
+    assert 0.4 <= time.monotonic() - started < DEADLINE
     assert str(error.value) == (
         f'no aspect_classifier answers on {namespace}/get_distribution, waited 0.4 s: start the '
         'suite with "resting_aspects nodes"'
     )
 
 
-def test_default_timeout_without_a_suite(nobody, monkeypatch):
+def test_default_timeout_without_a_suite(unanswered_client, monkeypatch):
     monkeypatch.setattr(pending_request, 'SERVICE_TIMEOUT', 0.3)
     with pytest.raises(AnswerTimeoutError, match=r'waited 0.3 s: start'):
-        nobody.list_parts()
+        unanswered_client.list_parts()
     with pytest.raises(AnswerTimeoutError, match=r'waited 0.3 s: start'):
-        nobody.list_parts(timeout=100)
+        unanswered_client.list_parts(timeout=100)
 
 
 def test_missing_suite_is_reported_once(namespace, in_namespace, monkeypatch):
     monkeypatch.setattr(pending_request, 'WARN_DELAY', 0.2)
-    said = []
+    results = []
     with (
-        RestingAspectsClient(**in_namespace(namespace), warn=said.append) as nobody,
+        RestingAspectsClient(**in_namespace(namespace), warn=results.append) as unanswered_client,
         pytest.raises(AnswerTimeoutError),
     ):
-        nobody.list_parts(timeout=1)
+        unanswered_client.list_parts(timeout=1)
     topic = f'{namespace}/list_parts'
-    assert said == [f'no aspect_classifier answers on {topic} yet, waiting up to 1 s']
+    assert results == [f'no aspect_classifier answers on {topic} yet, waiting up to 1 s']
 
 
 def test_timeout_works_while_simulated_time_stops(namespace, suite):

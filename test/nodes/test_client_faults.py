@@ -48,9 +48,11 @@ def test_timeout_error_contains_the_progress(suite, spun, ahead):
 
 def test_stopped_classifier_leads_to_a_timeout(suite, spun, monkeypatch):
     monkeypatch.setattr(pending_request, 'SERVICE_TIMEOUT', 2.0)
-    heard = []
-    answer = spun.get_distribution_async('tetrahedron', drops=1500, seed=83, progress=heard.append)
-    suite.client.wait(lambda: heard, 'progress')
+    received = []
+    answer = spun.get_distribution_async(
+        'tetrahedron', drops=1500, seed=83, progress=received.append
+    )
+    suite.client.wait(lambda: received, 'progress')
     assert suite.processes['aspect_classifier'].end(signal.SIGTERM) == 0
     suite.client.wait(answer.done, 'error')
     with pytest.raises(
@@ -64,11 +66,11 @@ def test_stopped_classifier_leads_to_a_timeout(suite, spun, monkeypatch):
     'number', [signal.SIGTERM, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)]
 )
 def test_stopped_simulator_leads_to_an_error(suite, spun, number):
-    heard = []
+    received = []
     answer = spun.get_distribution_async(
-        'tetrahedron', drops=500_000, seed=84 + number, progress=heard.append
+        'tetrahedron', drops=500_000, seed=84 + number, progress=received.append
     )
-    suite.client.wait(lambda: heard, 'progress')
+    suite.client.wait(lambda: received, 'progress')
     suite.processes['drop_simulator'].end(number)
     suite.client.wait(answer.done, 'error')
     with pytest.raises(NotAvailableError, match='the simulator stopped'):
@@ -82,9 +84,11 @@ def test_stopped_simulator_leads_to_an_error(suite, spun, number):
 # Last test: ROS lists a killed node for another 20 s.
 def test_restarted_classifier_responds(suite, spun, monkeypatch):
     monkeypatch.setattr(pending_request, 'RETRY_PERIOD', 1.0)
-    heard = []
-    answer = spun.get_distribution_async('tetrahedron', drops=1500, seed=82, progress=heard.append)
-    suite.client.wait(lambda: heard, 'progress')
+    received = []
+    answer = spun.get_distribution_async(
+        'tetrahedron', drops=1500, seed=82, progress=received.append
+    )
+    suite.client.wait(lambda: received, 'progress')
     suite.processes['aspect_classifier'].end(signal.SIGKILL)
     assert not answer.done()
     suite.start_again('aspect_classifier')

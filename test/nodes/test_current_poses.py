@@ -72,7 +72,7 @@ def test_late_subscriber_receives_the_newest_poses_once(suite, connect):
 
 @pytest.fixture
 def current(connect, namespace):
-    """Create the publisher on a node of its own, and receive its messages."""
+    """Create the publisher on a separate node, and receive its messages."""
     client, listener = connect(namespace), connect(namespace)
     poses = CurrentPosesPublisher(client.node)
 
@@ -83,22 +83,22 @@ def current(connect, namespace):
 
         @staticmethod
         def listen():
-            heard = listener.listen(PoseArray, CURRENT_POSES, LATCHED)
+            received = listener.listen(PoseArray, CURRENT_POSES, LATCHED)
             topic = f'{namespace}/{CURRENT_POSES}'
             listener.wait(lambda: listener.node.count_publishers(topic), 'publisher')
             client.wait(lambda: client.node.count_subscribers(topic), 'subscription')
-            return heard
+            return received
 
         @staticmethod
-        def heard(heard, count):
+        def newest_coordinates(received, count):
             """Return the first coordinates of the newest message."""
 
             def whole():
                 poses.publish()
-                return len(heard) == count
+                return len(received) == count
 
             listener.wait(whole, f'{count} messages')
-            return [pose.position.x for pose in heard[-1].poses]
+            return [pose.position.x for pose in received[-1].poses]
 
     return Current
 
@@ -118,29 +118,29 @@ def batch(first, status):
 
 
 def test_only_settled_drops_up_to_the_maximum_are_shown(current):
-    heard = current.listen()
+    received = current.listen()
     S, U, F = RestStatus.SETTLED, RestStatus.UNSETTLED, RestStatus.FAILED  # noqa: N806
     current.take('a', batch(0, [S, U, S, F]), Time(sec=1))
-    assert current.heard(heard, 1) == [0, 2]
+    assert current.newest_coordinates(received, 1) == [0, 2]
     current.take('a', batch(4, [F, S]), Time(sec=2))
-    assert current.heard(heard, 2) == [0, 2, 5]
+    assert current.newest_coordinates(received, 2) == [0, 2, 5]
     current.take('a', batch(6, [S] * (MAX_SHOWN - 2)), Time(sec=3))
-    assert current.heard(heard, 3) == [2, 5, *range(6, 6 + MAX_SHOWN - 2)]
+    assert current.newest_coordinates(received, 3) == [2, 5, *range(6, 6 + MAX_SHOWN - 2)]
     current.take('a', batch(500, [S] * (MAX_SHOWN + 7)), Time(sec=4))
-    assert current.heard(heard, 4) == list(range(507, 507 + MAX_SHOWN))
+    assert current.newest_coordinates(received, 4) == list(range(507, 507 + MAX_SHOWN))
     current.take('b', batch(0, [U, S]), Time(sec=5))
-    assert current.heard(heard, 5) == [1]
+    assert current.newest_coordinates(received, 5) == [1]
     current.take('c', batch(0, [F]), Time(sec=6))
-    assert current.heard(heard, 6) == []
-    assert [message.header.stamp.sec for message in heard] == [1, 2, 3, 4, 5, 6]
+    assert current.newest_coordinates(received, 6) == []
+    assert [message.header.stamp.sec for message in received] == [1, 2, 3, 4, 5, 6]
 
 
 def test_no_message_is_created_without_a_subscriber(current):
     for sec in range(5):
         current.take('a', batch(sec, [RestStatus.SETTLED]), Time(sec=sec))
         current.publish()
-    heard = current.listen()
+    received = current.listen()
     current.spin(0.5)
-    assert heard == []
-    assert current.heard(heard, 1) == [0, 1, 2, 3, 4]
-    assert heard[0].header.stamp.sec == 4
+    assert received == []
+    assert current.newest_coordinates(received, 1) == [0, 1, 2, 3, 4]
+    assert received[0].header.stamp.sec == 4

@@ -20,10 +20,10 @@ def surfaces_meant(suite):
     """Return the surfaces that drop_part and get_distribution use by default."""
 
     def surfaces_meant(seed):
-        heard = suite.client.poses()
+        received = suite.client.poses()
         run_id = suite.client.drop(drops=3, seed=seed).result.run_id
-        suite.client.wait(lambda: any(b.run.run_id == run_id for b in heard), 'poses')
-        (dropped,) = {b.run.conditions.surface for b in heard if b.run.run_id == run_id}
+        suite.client.wait(lambda: any(b.run.run_id == run_id for b in received), 'poses')
+        (dropped,) = {b.run.conditions.surface for b in received if b.run.run_id == run_id}
         answer = suite.client.ask(drops=3, seed=[seed])
         assert answer.distribution.run.run_id == run_id, 'the same conditions: it is known'
         return dropped, answer.distribution.run.conditions.surface
@@ -50,12 +50,12 @@ def test_given_conditions_are_not_changed(suite, simulator):
 
 
 def test_default_conditions_are_published_completely(suite, simulator, surfaces):
-    heard = suite.client.listen(DropConditions, DEFAULT_CONDITIONS, LATCHED)
-    suite.client.wait(lambda: heard, 'default conditions')
+    received = suite.client.listen(DropConditions, DEFAULT_CONDITIONS, LATCHED)
+    suite.client.wait(lambda: received, 'default conditions')
     simulator.set(surface='thrown')
-    suite.client.wait(lambda: heard[-1].surface == 'thrown', 'new default conditions')
-    assert heard[-1].spin == surfaces.get('thrown').spin
-    assert heard[-1].friction == surfaces.get('thrown').friction
+    suite.client.wait(lambda: received[-1].surface == 'thrown', 'new default conditions')
+    assert received[-1].spin == surfaces.get('thrown').spin
+    assert received[-1].friction == surfaces.get('thrown').friction
 
 
 @pytest.mark.slow
@@ -79,7 +79,7 @@ def test_default_stays_known_after_the_simulator_stopped(fresh_suite):
     suite.processes['drop_simulator'].end()
     known = suite.client.ask(drops=2, only_known=True, surface='steel').distribution
     assert known.run.conditions == first.run.conditions
-    # A classifier that has received none has no default of its own.
+    # A classifier that has received no default conditions has no default.
     suite.processes['aspect_classifier'].end()
     suite.start_again('aspect_classifier')
     unnamed = suite.client.ask(drops=2, only_known=True).status

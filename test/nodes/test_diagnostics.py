@@ -24,14 +24,14 @@ def suite(fresh_suite):
 
 
 @pytest.fixture(scope='module')
-def told(suite, diagnostics_of):
+def diagnostics(suite, diagnostics_of):
     return diagnostics_of(suite.client)
 
 
-def test_nodes_publish_diagnostics_once_a_second(suite, told):
+def test_nodes_publish_diagnostics_once_a_second(suite, diagnostics):
     drop = suite.client.dropping('tetrahedron', 500_000, seed=1)  # until it is canceled
     for node in ('drop_simulator', 'aspect_classifier', 'drop_recorder'):
-        level, message, values = told.wait(
+        level, message, values = diagnostics.wait(
             node, lambda _, __, values: int(values['drops per second']) > 0, node
         )
         assert level == DiagnosticStatus.OK
@@ -40,7 +40,9 @@ def test_nodes_publish_diagnostics_once_a_second(suite, told):
         assert re.fullmatch(rf'{message}, run \w+', values['run 1'])
     file = values['log files']
     key = 'drops per second of run 1'
-    _, _, values = told.wait('drop_simulator', lambda *told: float(told[2][key]) > 0, 'its rate')
+    _, _, values = diagnostics.wait(
+        'drop_simulator', lambda *status: float(status[2][key]) > 0, 'its rate'
+    )
     suite.client.wait(
         lambda: values[key] in {f'{each.drops_per_second:.1f}' for each in drop.feedback},
         'the same in the feedback',
@@ -53,15 +55,17 @@ def test_nodes_publish_diagnostics_once_a_second(suite, told):
         ('aspect_classifier', 'drops received'),
         ('drop_recorder', 'drops recorded'),
     ):
-        _, _, values = told.wait(node, lambda _, message, __: message == 'idle', f'{node} idle')
+        _, _, values = diagnostics.wait(
+            node, lambda _, message, __: message == 'idle', f'{node} idle'
+        )
         assert int(values[key]) == drop.result.drops
 
 
-def test_active_runs_are_listed(suite, told):
+def test_active_runs_are_listed(suite, diagnostics):
     drops = [suite.client.dropping('tetrahedron', 400_000, seed=seed) for seed in (11, 12)]
     suite.client.wait(lambda: all(drop.accepted for drop in drops), 'goals taken')
     for node in ('drop_simulator', 'aspect_classifier', 'drop_recorder'):
-        _, message, values = told.wait(
+        _, message, values = diagnostics.wait(
             node, lambda _, __, values: values['active runs'] == '2', node
         )
         assert re.fullmatch(r'tetrahedron: \d+ of 400000 drops, and 1 more run', message)
@@ -78,7 +82,7 @@ def test_missing_and_uncounted_drops_are_reported(
     start, connect, diagnostics_of, namespace, batches, part, tmp_path
 ):
     client = connect(namespace)
-    told = diagnostics_of(client)
+    diagnostics = diagnostics_of(client)
     for node in ('aspect_classifier', 'drop_recorder'):
         start(node, namespace, {'log_folder': tmp_path})
     out = client.node.create_publisher(RestingPoses, 'resting_poses', POSES)
@@ -86,29 +90,33 @@ def test_missing_and_uncounted_drops_are_reported(
     out.publish(first)
     out.publish(third)
     for node in ('aspect_classifier', 'drop_recorder'):
-        level, message, _ = told.wait(
+        level, message, _ = diagnostics.wait(
             node, lambda _, __, values: values['missing drops'] == str(MIN_BATCH), node
         )
         assert level == DiagnosticStatus.WARN
         assert message.startswith(f'{MIN_BATCH} drops are missing')
     # The aspects are unknown, since the part has not been described.
     waiting = str(2 * MIN_BATCH)
-    told.wait('aspect_classifier', lambda *told: told[2]['drops not counted yet'] == waiting, '')
+    diagnostics.wait(
+        'aspect_classifier', lambda *status: status[2]['drops not counted yet'] == waiting, ''
+    )
     described = client.node.create_publisher(PartDescription, 'parts/tetrahedron', LATCHED)
     described.publish(part_msg(part('tetrahedron')))
-    told.wait('aspect_classifier', lambda *told: told[2]['drops not counted yet'] == '0', '')
+    diagnostics.wait(
+        'aspect_classifier', lambda *status: status[2]['drops not counted yet'] == '0', ''
+    )
 
 
-def test_dead_workers_are_counted(suite, told):
+def test_dead_workers_are_counted(suite, diagnostics):
     assert suite.processes['drop_simulator'].send_to_workers(signal.SIGKILL) >= 1
     assert suite.client.drop('tetrahedron', 5, seed=13).outcome == 'succeeded'
-    level, _, _ = told.wait(
+    level, _, _ = diagnostics.wait(
         'drop_simulator', lambda _, __, values: int(values['workers that died']) > 0, 'deaths'
     )
     assert level == DiagnosticStatus.OK
 
 
-def test_full_disk_stops_the_log_but_not_the_request(suite, told):
+def test_full_disk_stops_the_log_but_not_the_request(suite, diagnostics):
     recorder = suite.processes['drop_recorder']
     # Acts as a quota: no file of the recorder can grow beyond this.
     _, hard = resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE)
@@ -117,7 +125,7 @@ def test_full_disk_stops_the_log_but_not_the_request(suite, told):
     drop = suite.client.dropping('tetrahedron', 500_000, seed=2)  # until it is canceled
     suite.client.wait(lambda: any(run.error for run in recorded), 'error')
     written = next(run.drops for run in recorded if run.error)
-    _, message, values = told.wait(
+    _, message, values = diagnostics.wait(
         'drop_recorder', lambda level, *_: level == DiagnosticStatus.ERROR, 'error'
     )
     assert not drop.done
@@ -139,11 +147,11 @@ def test_full_disk_stops_the_log_but_not_the_request(suite, told):
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (hard, hard))
     again = suite.client.drop('tetrahedron', 300, seed=4)
     suite.log_of(again.result.run_id)
-    told.wait('drop_recorder', lambda level, *_: level == DiagnosticStatus.OK, 'well')
+    diagnostics.wait('drop_recorder', lambda level, *_: level == DiagnosticStatus.OK, 'well')
     assert recorder.running
 
 
-def test_unrecorded_drops_are_not_counted_as_recorded(suite, told, tmp_path, parameters_of):
+def test_unrecorded_drops_are_not_counted_as_recorded(suite, diagnostics, tmp_path, parameters_of):
     recorded = suite.client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
     recorder = parameters_of(suite.client, 'drop_recorder')
     assert recorder.set(log_folder=str(tmp_path / 'disk')) == []
@@ -156,7 +164,7 @@ def test_unrecorded_drops_are_not_counted_as_recorded(suite, told, tmp_path, par
 
     suite.client.wait(reported, 'message about the run')
     error = f'run {run_id} of tetrahedron is not recorded: {reported().error}'
-    _, _, values = told.wait(
+    _, _, values = diagnostics.wait(
         'drop_recorder',
         lambda level, message, _: level == DiagnosticStatus.ERROR and message == error,
         error,
@@ -168,7 +176,7 @@ def test_unrecorded_drops_are_not_counted_as_recorded(suite, told, tmp_path, par
     assert recorder.set(log_folder=str(suite.logs)) == []
 
 
-def test_disk_is_full_at_the_end_of_a_run(suite, told):
+def test_disk_is_full_at_the_end_of_a_run(suite, diagnostics):
     """All drops are in the log, but its end is missing."""
     recorded = suite.client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
     first = suite.client.drop('tetrahedron', 5, seed=10).result
@@ -188,5 +196,7 @@ def test_disk_is_full_at_the_end_of_a_run(suite, told):
     finally:
         resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (hard, hard))
     assert error().endswith('cannot be written: File too large')
-    words = f'all 5 drops of run {run_id} of tetrahedron are recorded, but the log has no end: '
-    told.wait('drop_recorder', lambda _, message, __: message.startswith(words), words)
+    expected = f'all 5 drops of run {run_id} of tetrahedron are recorded, but the log has no end: '
+    diagnostics.wait(
+        'drop_recorder', lambda _, message, __: message.startswith(expected), expected
+    )

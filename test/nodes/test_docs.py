@@ -92,33 +92,33 @@ def test_all_snippets_are_tested():
 
 def test_subscription_receives_the_latched_distribution(suite, dropped, run_snippet):
     process = run_snippet(snippet('create_subscription'))
-    suite.client.wait(lambda: '\n' in process.said or not process.running, 'a line')
+    suite.client.wait(lambda: '\n' in process.output or not process.running, 'a line')
     first = dropped.aspects[0]
     row = (first.id, first.probability, first.lower, first.upper)
-    assert process.said.startswith(f'50 drops on rubber_mat [{row}, ')
+    assert process.output.startswith(f'50 drops on rubber_mat [{row}, ')
 
 
 def test_node_requests_a_distribution(suite, run_snippet):
     code = snippet('ReentrantCallbackGroup').replace('drops=1000', 'drops=60')
     process = run_snippet(code)
-    suite.client.wait(lambda: 'mostly' in process.said or not process.running, 'its words')
-    assert process.running, process.said
-    assert re.search(r'cell\]: \d+ drops, mostly in aspect \d', process.said)
+    suite.client.wait(lambda: 'mostly' in process.output or not process.running, 'its words')
+    assert process.running, process.output
+    assert re.search(r'cell\]: \d+ drops, mostly in aspect \d', process.output)
     assert process.end() == 0
-    assert 'Traceback' not in process.said
+    assert 'Traceback' not in process.output
 
 
 def test_the_controller_of_the_tutorial_follows_a_distribution(suite, run_snippet):
     code = snippet('probability_of').replace('drops=1000', 'drops=60')
     process = run_snippet(code)
-    suite.client.wait(lambda: 'answered' in process.said or not process.running, 'its answer')
-    assert process.running, process.said
-    assert re.search(r'controller\]: the request is answered: \d+ drops', process.said)
+    suite.client.wait(lambda: 'answered' in process.output or not process.running, 'its answer')
+    assert process.running, process.output
+    assert re.search(r'controller\]: the request is answered: \d+ drops', process.output)
     # Its topic brings the same distribution, sooner or later.
-    suite.client.wait(lambda: 'can be picked' in process.said, 'a share')
-    assert re.search(r'\]: \d+\.\d% can be picked \(.*% to .*%\), \d+ drops', process.said)
+    suite.client.wait(lambda: 'can be picked' in process.output, 'a share')
+    assert re.search(r'\]: \d+\.\d% can be picked \(.*% to .*%\), \d+ drops', process.output)
     assert process.end() == 0
-    assert 'Traceback' not in process.said
+    assert 'Traceback' not in process.output
 
 
 def test_client_without_a_node_uses_the_given_namespace(suite, run_command):
@@ -126,7 +126,7 @@ def test_client_without_a_node_uses_the_given_namespace(suite, run_command):
     assert '/cell_1' in code
     process = run_command(sys.executable, '-c', code.replace('/cell_1', suite.namespace))
     suite.client.wait(lambda: not process.running, 'the end')
-    assert process.said == f'{list(suite.client.parts())}\n'
+    assert process.output == f'{list(suite.client.parts())}\n'
 
 
 def test_client_without_a_node_uses_the_ros_arguments(suite, run_snippet):
@@ -135,14 +135,14 @@ def test_client_without_a_node_uses_the_ros_arguments(suite, run_snippet):
     assert given in code
     process = run_snippet(code.replace(given, ''))
     suite.client.wait(lambda: not process.running, 'the end')
-    assert process.said == f'{list(suite.client.parts())}\n'
+    assert process.output == f'{list(suite.client.parts())}\n'
 
 
 def test_plain_service_client_receives_an_answer(suite, dropped, run_snippet):
     code = snippet('remove_pending_request').replace('drops=1000', 'drops=50')
     process = run_snippet(code)
     suite.client.wait(lambda: not process.running, 'the end')
-    rows = ast.literal_eval(process.said)  # of this run, or of one with more drops
+    rows = ast.literal_eval(process.output)  # of this run, or of one with more drops
     assert [k for k, _ in rows] == [a.id for a in dropped.aspects]
     assert 0.9 < sum(probability for _, probability in rows) < 1 + 1e-9
 
@@ -176,7 +176,7 @@ def test_empty_request_cancels_the_run_and_keeps_its_drops(suite, run_snippet):
     def kept():
         return suite.client.ask('tetrahedron', 1, seed=[9], only_known=True).distribution.drops
 
-    assert 0 < suite.client.wait(kept, 'the drops so far') < 500_000
+    assert 0 < suite.client.wait(kept, 'drops before the cancel') < 500_000
 
 
 @pytest.mark.parametrize('word', ['AnyReader', 'mcap_ros2'])
@@ -185,8 +185,8 @@ def test_log_snippets_run(suite, dropped, run_snippet, word):
     assert LOG in code
     process = run_snippet(code.replace(LOG, str(suite.log_of(dropped.run.run_id))))
     suite.client.wait(lambda: not process.running, 'the end')
-    assert process.said.startswith('0 50 ')
-    assert word == 'mcap_ros2' or process.said.endswith('rubber_mat true\n')
+    assert process.output.startswith('0 50 ')
+    assert word == 'mcap_ros2' or process.output.endswith('rubber_mat true\n')
 
 
 def test_documented_metadata_keys_exist(suite, dropped):
@@ -202,8 +202,8 @@ def test_documented_commands_start_a_node(line, run_command, wait, namespace):
     program, *words = shlex.split(line)
     program = Path(sys.executable).parent / program.removeprefix('.venv/bin/')
     process = run_command(program, *words, '-r', f'__ns:={namespace}')
-    wait(lambda: re.search('ready|waiting for', process.said) or not process.running, 'ready')
-    assert process.running, process.said
+    wait(lambda: re.search('ready|waiting for', process.output) or not process.running, 'ready')
+    assert process.running, process.output
     assert process.end() == 0
 
 

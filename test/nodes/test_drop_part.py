@@ -18,18 +18,18 @@ DROPS = 2 * MIN_BATCH + 30
 
 
 @pytest.fixture(scope='module')
-def heard(suite):
+def received(suite):
     """Return a list of all batches of the module."""
     return suite.client.poses()
 
 
 @pytest.fixture(scope='module')
-def batches_of(suite, heard):
+def batches_of(suite, received):
     """Wait for the last batch of a run, and return all of them."""
 
     def batches_of(run_id):
         def batches():
-            return [batch for batch in heard if batch.run.run_id == run_id]
+            return [batch for batch in received if batch.run.run_id == run_id]
 
         suite.client.wait(lambda: any(b.last for b in batches()), f'end of run {run_id}')
         return batches()
@@ -38,7 +38,7 @@ def batches_of(suite, heard):
 
 
 @pytest.fixture(scope='module')
-def drop(suite, heard):
+def drop(suite, received):
     """Return a finished goal."""
     return suite.client.drop('tetrahedron', DROPS, seed=11)
 

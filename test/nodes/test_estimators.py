@@ -13,10 +13,10 @@ from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 
 @pytest.mark.parametrize('method', METHODS)
 def test_estimator_responds_without_a_drop(suite, part, method):
-    heard = suite.client.poses()
+    received = suite.client.poses()
     suite.client.drop('tetrahedron', 1, seed=98)  # a fence: latched messages arrive before it
-    suite.client.wait(lambda: any(b.run.seed == 98 for b in heard), 'the fence')
-    before = len(heard)
+    suite.client.wait(lambda: any(b.run.seed == 98 for b in received), 'the fence')
+    before = len(received)
     answer = suite.client.ask('u_bracket', method=method)
     assert (answer.status.code, answer.status.message) == (Status.OK, '')
     found = answer.distribution
@@ -33,8 +33,8 @@ def test_estimator_responds_without_a_drop(suite, part, method):
         assert each.probability == pytest.approx(together, abs=1e-12)
     # A drop made now arrives after everything that the request could have caused.
     new = suite.client.drop('tetrahedron', 1, seed=99).result.run_id
-    suite.client.wait(lambda: any(b.run.run_id == new for b in heard), 'the new run')
-    assert 'u_bracket' not in {batch.run.part for batch in heard[before:]}
+    suite.client.wait(lambda: any(b.run.run_id == new for b in received), 'the new run')
+    assert 'u_bracket' not in {batch.run.part for batch in received[before:]}
 
 
 def test_estimate_is_not_returned_for_drops(suite):

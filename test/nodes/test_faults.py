@@ -49,9 +49,9 @@ def recorded():
 def test_late_node_receives_the_whole_run(suite, start, recorded, tmp_path, counts):
     """A recorder and a classifier start in the middle of a run, and others after it."""
     drops = 20 * MIN_BATCH + 50
-    heard = suite.client.poses()
+    received = suite.client.poses()
     asked = suite.client.asking('tetrahedron', drops, seed=[41])
-    suite.client.wait(lambda: any(batch.run.seed == 41 for batch in heard), 'first batch')
+    suite.client.wait(lambda: any(batch.run.seed == 41 for batch in received), 'first batch')
     simulator = suite.processes['drop_simulator']
     assert simulator.send_to_workers(signal.SIGSTOP)
     middle = start('drop_recorder', suite.namespace, {'log_folder': tmp_path / 'middle'})
@@ -100,9 +100,9 @@ def test_suspended_node_loses_no_drops(suite, recorded):
 
 def test_missing_simulator_is_reported(suite):
     known = suite.client.ask(drops=5, seed=[44])
-    heard = suite.client.poses()
+    received = suite.client.poses()
     asked = suite.client.asking('tetrahedron', 100_000, seed=[45])
-    suite.client.wait(lambda: any(batch.run.seed == 45 for batch in heard), 'first batch')
+    suite.client.wait(lambda: any(batch.run.seed == 45 for batch in received), 'first batch')
     assert suite.processes['drop_simulator'].end(signal.SIGTERM) == 0
     suite.client.wait(asked.done, 'answer of the interrupted request')
     assert asked.result().status.code == Status.NOT_AVAILABLE
@@ -119,7 +119,7 @@ def test_missing_simulator_is_reported(suite):
     # Known distributions do not need the simulator.
     assert suite.client.ask(drops=5, seed=[44]).distribution.run == known.distribution.run
     # The log of the abandoned run is closed.
-    run_id = next(batch.run.run_id for batch in heard if batch.run.seed == 45)
+    run_id = next(batch.run.run_id for batch in received if batch.run.seed == 45)
     suite.log_of(run_id)
     suite.start_again('drop_simulator')
     # Discovery by the classifier may take longer than its timeout in this test.
@@ -130,10 +130,10 @@ def test_missing_simulator_is_reported(suite):
 
 # Last test: ROS lists a killed node for another 20 s.
 def test_restarted_simulator_does_not_end_other_nodes(suite, counts):
-    heard = suite.client.poses()
+    received = suite.client.poses()
     asked = suite.client.asking('tetrahedron', 3000, seed=[43])
-    suite.client.wait(lambda: any(batch.run.seed == 43 for batch in heard), 'first batch')
-    run_id = next(batch.run.run_id for batch in heard if batch.run.seed == 43)
+    suite.client.wait(lambda: any(batch.run.seed == 43 for batch in received), 'first batch')
+    run_id = next(batch.run.run_id for batch in received if batch.run.seed == 43)
     suite.client.wait(lambda: list(suite.logs.glob(f'*_{run_id}')), 'recorded batch')
     suite.processes['drop_simulator'].end(signal.SIGKILL)
     suite.start_again('drop_simulator')

@@ -38,17 +38,17 @@ def suite(fresh_suite, folder):
 @pytest.fixture
 def feed(start):
     """Start the feeder of a part; it ends with the test, in order."""
-    begun = []
+    started = []
 
     def feed(namespace, part, pickable, constants=()):
         parameters = {'part': part, 'pickable': pickable}
-        begun.append(start('feeder_example', namespace, parameters, constants, 'waiting for'))
-        return begun[-1]
+        started.append(start('feeder_example', namespace, parameters, constants, 'waiting for'))
+        return started[-1]
 
     yield feed
-    for process in begun:
+    for process in started:
         assert process.end(signal.SIGINT) == 0
-        assert 'Traceback' not in process.said
+        assert 'Traceback' not in process.output
 
 
 @pytest.fixture
@@ -71,11 +71,11 @@ def wait_for_rate(client, rates, values):
 
 
 def errors(process):
-    return [line for line in process.said.splitlines() if '[ERROR]' in line]
+    return [line for line in process.output.splitlines() if '[ERROR]' in line]
 
 
 def warnings(process):
-    return [line for line in process.said.splitlines() if '[WARN]' in line]
+    return [line for line in process.output.splitlines() if '[WARN]' in line]
 
 
 def test_late_feeder_receives_changes(suite, feed, rates):
@@ -87,16 +87,16 @@ def test_late_feeder_receives_changes(suite, feed, rates):
         f'{rates[-1].data[0]:.1%} of tetrahedron can be picked ({rates[-1].data[1]:.1%} to '
         f'{rates[-1].data[2]:.1%}): 300 of 300 drops on rubber_mat\n'
     )
-    suite.client.wait(lambda: line in feeder.said, 'line of the answer')
+    suite.client.wait(lambda: line in feeder.output, 'line of the answer')
 
     more = suite.client.ask('tetrahedron', 1500, seed=[2]).distribution
     last = expected(more, 2, 4)
     wait_for_rate(suite.client, rates, last)
     assert len(rates) > 3  # also from the middle of the run
-    suite.client.wait(lambda: '1500 of 1500 drops on rubber_mat\n' in feeder.said, 'its line')
+    suite.client.wait(lambda: '1500 of 1500 drops on rubber_mat\n' in feeder.output, 'its line')
     # One when it began, one when it was over.
-    assert feeder.said.count('of 1500 drops') == 2
-    assert ' of 1500 drops on rubber_mat (the run continues)\n' in feeder.said
+    assert feeder.output.count('of 1500 drops') == 2
+    assert ' of 1500 drops on rubber_mat (the run continues)\n' in feeder.output
     assert warnings(feeder) == []
 
     late = suite.client.listen(Float64MultiArray, 'expected_pick_rate', LATCHED)
@@ -107,9 +107,9 @@ def test_late_feeder_receives_changes(suite, feed, rates):
 def test_other_conditions_are_warned_of_once(suite, feed, rates):
     feeder = feed(suite.namespace, 'washer', [1])
     suite.client.ask('washer', 40)
-    suite.client.wait(lambda: '40 of 40 drops on rubber_mat' in feeder.said, 'first')
+    suite.client.wait(lambda: '40 of 40 drops on rubber_mat' in feeder.output, 'first')
     steel = suite.client.ask('washer', 600, surface='steel').distribution
-    suite.client.wait(lambda: '600 of 600 drops on steel' in feeder.said, 'second')
+    suite.client.wait(lambda: '600 of 600 drops on steel' in feeder.output, 'second')
     wait_for_rate(suite.client, rates, expected(steel, 1))
     (line,) = warnings(feeder)
     assert line.endswith(
@@ -141,7 +141,7 @@ def test_replaced_mesh_is_warned_of_once(suite, feed, rates, folder):
         f'{BOX} has changed (part_sha256 {new}): its ids may refer to other aspects'
     )
     assert len(errors(feeder)) == 1
-    assert '600 of 600 drops' not in feeder.said
+    assert '600 of 600 drops' not in feeder.output
 
 
 @pytest.mark.parametrize('pickable', [[99], [1, 5]])
@@ -155,7 +155,7 @@ def test_unknown_aspect_is_an_error_and_the_rate_is_nan(suite, feed, rates, pick
     assert f'invalid pickable {pickable}: expected ids from 1 to 4' in line
     assert len(rates[-1].data) == 3
     assert all(math.isnan(number) for rate in rates for number in rate.data)
-    assert 'can be picked' not in feeder.said
+    assert 'can be picked' not in feeder.output
 
 
 def test_part_without_drops_is_reported(suite, feed, wait, rates):
@@ -187,22 +187,22 @@ def test_distribution_with_fewer_drops_is_ignored(suite, feed, connect, namespac
     }
     steel = suite.client.ask('tetrahedron', 40, surface='steel').distribution
     client = connect(namespace)
-    heard = client.listen(Float64MultiArray, 'expected_pick_rate', LATCHED)
+    received = client.listen(Float64MultiArray, 'expected_pick_rate', LATCHED)
     topic = f'{ASPECT_DISTRIBUTIONS}/tetrahedron'
     classifier = client.node.create_publisher(AspectDistribution, topic, LATCHED)
     feeder = feed(namespace, 'tetrahedron', [2])
     classifier.publish(found[90])
-    wait_for_rate(client, heard, expected(found[90], 2))
+    wait_for_rate(client, received, expected(found[90], 2))
     classifier.publish(found[70])
     client.spin(1.0)
     classifier.publish(found[90])
-    client.wait(lambda: len(heard) == 2, 'the same again')
-    assert heard[1] == heard[0]
+    client.wait(lambda: len(received) == 2, 'the same again')
+    assert received[1] == received[0]
     # Of other conditions what is newest counts.
     classifier.publish(steel)
-    wait_for_rate(client, heard, expected(steel, 2))
-    assert '70 of 70 drops' not in feeder.said
-    assert feeder.said.count('90 of 90 drops') == 1
+    wait_for_rate(client, received, expected(steel, 2))
+    assert '70 of 70 drops' not in feeder.output
+    assert feeder.output.count('90 of 90 drops') == 1
 
 
 def test_example_uses_only_public_names():
@@ -238,7 +238,7 @@ def test_run_canceled_before_its_first_drop_is_ignored(suite, feed, connect, nam
     feeder = feed(namespace, 'tetrahedron', [3])
     # It comes when the feeder has found the topic, with what is latched there.
     client.wait(lambda: warnings(feeder), 'warning')
-    assert 'there are no drops of tetrahedron yet' in feeder.said
+    assert 'there are no drops of tetrahedron yet' in feeder.output
     assert rates == []
     classifier.publish(found)
     wait_for_rate(client, rates, expected(found, 3))
@@ -246,7 +246,7 @@ def test_run_canceled_before_its_first_drop_is_ignored(suite, feed, connect, nam
 
 
 @pytest.mark.parametrize(
-    ('name', 'value', 'words'),
+    ('name', 'value', 'message'),
     [
         ('part', 'a nut', 'Invalid topic name: '),
         ('pickable', [0, 2], 'invalid pickable [0, 2]: expected ids from 1'),
@@ -255,11 +255,11 @@ def test_run_canceled_before_its_first_drop_is_ignored(suite, feed, connect, nam
     ],
 )
 def test_invalid_parameter_is_reported_in_one_line(
-    start, namespace, traceback, name, value, words
+    start, namespace, traceback, name, value, message
 ):
     process = start('feeder_example', namespace, {name: value}, ready='')
     assert process.end(number=0) == 2
-    (line,) = process.said.splitlines()
+    (line,) = process.output.splitlines()
     assert line.startswith('error: ')
-    assert words in line
-    assert not traceback(process.said)
+    assert message in line
+    assert not traceback(process.output)

@@ -42,9 +42,9 @@ def test_run_is_described_completely(first, part, surfaces):
 
 
 def test_known_distribution_needs_no_drop(suite, first, counts):
-    heard = suite.client.poses()
-    suite.client.wait(lambda: heard and heard[-1].last, 'the run so far')
-    before = len(heard)
+    received = suite.client.poses()
+    suite.client.wait(lambda: received and received[-1].last, 'the first run')
+    before = len(received)
     again = suite.client.ask('tetrahedron', 260, seed=[7])
     fewer = suite.client.ask('tetrahedron', 100, seed=[7])
     any_seed = suite.client.ask('tetrahedron', 260)
@@ -55,12 +55,12 @@ def test_known_distribution_needs_no_drop(suite, first, counts):
         assert counts(answer.distribution) == counts(first.distribution)
     # A drop made now arrives after everything that these requests could have caused.
     new = suite.client.drop('tetrahedron', 1, seed=99).result.run_id
-    suite.client.wait(lambda: heard[-1].last and heard[-1].run.run_id == new, 'the new run')
-    assert len(heard) == before + 1
+    suite.client.wait(lambda: received[-1].last and received[-1].run.run_id == new, 'the new run')
+    assert len(received) == before + 1
 
 
 @pytest.mark.parametrize(
-    ('fields', 'words'),
+    ('fields', 'expected'),
     [
         ({'drops': 261}, ['has at least 261 drops', ' 260 drops on rubber_mat']),
         ({'seed': [8]}, ['with seed 8 has', ' 260 drops on rubber_mat with seed 7']),
@@ -68,10 +68,10 @@ def test_known_distribution_needs_no_drop(suite, first, counts):
     ],
     ids=['more drops', 'another seed', 'another part'],
 )
-def test_only_known_drops_nothing(suite, first, fields, words):
+def test_only_known_drops_nothing(suite, first, fields, expected):
     answer = suite.client.ask(**{'drops': 260, 'only_known': True, **fields})
     assert answer.status.code == Status.NOT_AVAILABLE
-    for each in (*words, 'no known distribution'):
+    for each in (*expected, 'no known distribution'):
         assert each in answer.status.message
 
 

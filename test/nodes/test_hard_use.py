@@ -53,10 +53,10 @@ def test_ten_concurrent_clients_request_five_parts(suite, connect, counts):
 @pytest.mark.parametrize('drops', [1500, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_slow_subscriber_receives_a_long_run(suite, connect, quick, drops):
     slow = connect(suite.namespace)
-    heard = slow.poses()
+    received = slow.poses()
     # The topic is discovered before the run starts.
     suite.client.drop('tetrahedron', 1, seed=100)
-    slow.wait(lambda: heard, 'first batch')
+    slow.wait(lambda: received, 'first batch')
     drop = suite.client.dropping('tetrahedron', drops, seed=drops, conditions=quick)
 
     def done():
@@ -66,8 +66,8 @@ def test_slow_subscriber_receives_a_long_run(suite, connect, quick, drops):
 
     suite.client.wait(done, 'run', seconds=500)
     assert drop.result.drops == drops
-    slow.wait(lambda: heard[-1].last and heard[-1].run.seed == drops, 'last batch')
-    batches = [batch for batch in heard if batch.run.seed == drops]
+    slow.wait(lambda: received[-1].last and received[-1].run.seed == drops, 'last batch')
+    batches = [batch for batch in received if batch.run.seed == drops]
     assert [batch.first_drop for batch in batches] == list(range(0, drops, 250))
     answer = suite.client.ask(drops=drops, seed=[drops], conditions=quick, only_known=True)
     assert answer.distribution.drops == drops
@@ -76,7 +76,7 @@ def test_slow_subscriber_receives_a_long_run(suite, connect, quick, drops):
 @pytest.mark.parametrize('times', [5, pytest.param(50, marks=pytest.mark.slow)])
 def test_goal_is_canceled_at_random_times(suite, quick, times):
     rng = random.Random(3)
-    heard = suite.client.poses()
+    received = suite.client.poses()
     for k in range(times):
         seed = 10_000 * times + k
         drop = suite.client.dropping('box_10x20x30', 50_000, seed=seed, conditions=quick)
@@ -88,7 +88,7 @@ def test_goal_is_canceled_at_random_times(suite, quick, times):
         assert drop.result.status.code == Status.CANCELED
 
         def batches(seed=seed):
-            return [batch for batch in heard if batch.run.seed == seed]
+            return [batch for batch in received if batch.run.seed == seed]
 
         if drop.result.run_id:  # otherwise it was canceled before its run started
             suite.client.wait(lambda b=batches: b() and b()[-1].last, 'last batch')
@@ -117,7 +117,7 @@ def test_part_file_is_damaged_during_its_run(suite, folder, quick):
 def test_sigterm_during_runs_stops_all_nodes(run_command, connect, namespace, wait, tmp_path):
     ros = ('--ros-args', '-r', f'__ns:={namespace}', '-p', f'log_folder:={tmp_path}')
     nodes = run_command(sys.executable, '-m', 'resting_aspects_ros.cli', 'nodes', *ros)
-    wait(lambda: nodes.said.count('ready') == 3 or not nodes.running, 'nodes')
+    wait(lambda: nodes.output.count('ready') == 3 or not nodes.running, 'nodes')
     client = connect(namespace)
     drops = [client.dropping(name, 100_000, seed=6) for name in PARTS]
     asked = [client.asking(name, 50_000, seed=[7]) for name in PARTS]
@@ -126,7 +126,7 @@ def test_sigterm_during_runs_stops_all_nodes(run_command, connect, namespace, wa
     drops[0].cancel()
     assert nodes.end(signal.SIGTERM) == 0
     wait(lambda: nodes.group() == [], 'end of all its processes')
-    assert not [line for line in nodes.said.splitlines() if 'Traceback' in line]
+    assert not [line for line in nodes.output.splitlines() if 'Traceback' in line]
     for log in tmp_path.iterdir():
         assert (log / 'metadata.yaml').is_file(), log
     assert not any(answer.done() for answer in asked)

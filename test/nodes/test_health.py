@@ -17,77 +17,83 @@ def suite(fresh_suite):
 
 
 @pytest.fixture(scope='module')
-def told(suite, diagnostics_of):
+def diagnostics(suite, diagnostics_of):
     return diagnostics_of(suite.client)
 
 
 @pytest.fixture
-def begin(suite, told, seeds=itertools.count(1)):  # noqa: B008 - one for all tests is meant
+def begin(suite, diagnostics, seeds=itertools.count(1)):  # noqa: B008 - one for all tests is meant
     """Begin a run that does not end by itself, seen by all; its id."""
 
     def begin():
         seed = next(seeds)
-        heard = suite.client.poses()
+        received = suite.client.poses()
         suite.client.dropping('tetrahedron', 500_000, seed=seed)
 
         def run_ids():
-            return [batch.run.run_id for batch in heard if batch.run.seed == seed]
+            return [batch.run.run_id for batch in received if batch.run.seed == seed]
 
         run_id = suite.client.wait(run_ids, 'first batch')[0]
         for node in CONSUMERS:
-            told.wait(node, lambda _, __, v: run_id in v.get('run 1', ''), f'{node} has it')
-            told.wait(node, lambda _, __, v: v['drop_simulators'] == '1', f'{node} sees it')
+            diagnostics.wait(node, lambda _, __, v: run_id in v.get('run 1', ''), f'{node} has it')
+            diagnostics.wait(node, lambda _, __, v: v['drop_simulators'] == '1', f'{node} sees it')
         return run_id
 
     return begin
 
 
 @pytest.mark.slow
-def test_interrupted_run_is_reported_until_the_next_complete(suite, told, begin):
+def test_interrupted_run_is_reported_until_the_next_complete(suite, diagnostics, begin):
     run_id = begin()
     assert suite.processes['drop_simulator'].end(signal.SIGTERM) == 0
-    words = rf'run {run_id} of tetrahedron was interrupted: \d+ of 500000 drops'
+    expected = rf'run {run_id} of tetrahedron was interrupted: \d+ of 500000 drops'
     for node in CONSUMERS:
-        level, message, values = told.wait(
-            node, lambda _, message, __: 'was interrupted' in message, f'{node} tells'
+        level, message, values = diagnostics.wait(
+            node, lambda _, message, __: 'was interrupted' in message, f'{node} reports it'
         )
         assert level == DiagnosticStatus.WARN
-        assert re.fullmatch(rf'no drop_simulator; {words}(; 1 log open)?', message)
+        assert re.fullmatch(rf'no drop_simulator; {expected}(; 1 log open)?', message)
         assert (values['active runs'], values['runs with lost drops']) == ('0', '1')
-        said = suite.processes[node]
-        suite.client.wait(lambda said=said: re.search(words, said.said), f'log of {node}')
-        assert len(re.findall(words, said.said)) == 1
-        assert len(re.findall('drop_simulator disappeared: tetrahedron: ', said.said)) == 1
+        process = suite.processes[node]
+        suite.client.wait(
+            lambda process=process: re.search(expected, process.output), f'log of {node}'
+        )
+        assert len(re.findall(expected, process.output)) == 1
+        assert len(re.findall('drop_simulator disappeared: tetrahedron: ', process.output)) == 1
     suite.start_again('drop_simulator')
     for node in CONSUMERS:
-        told.wait(node, lambda _, message, __: re.match(words, message), f'{node} sees another')
+        diagnostics.wait(
+            node, lambda _, message, __: re.match(expected, message), f'{node} sees another'
+        )
     suite.client.drop('tetrahedron', 5, seed=100)
     for node in CONSUMERS:
-        told.wait(node, lambda level, *_: level == DiagnosticStatus.OK, f'{node} is well')
+        diagnostics.wait(node, lambda level, *_: level == DiagnosticStatus.OK, f'{node} is well')
 
 
 @pytest.mark.slow
 def test_replayer_counts_as_a_source_of_poses(
-    suite, told, start, batches, write_log, tmp_path_factory, wait
+    suite, diagnostics, start, batches, write_log, tmp_path_factory, wait
 ):
     assert suite.processes['drop_simulator'].end(signal.SIGTERM) == 0
     for node in CONSUMERS:
-        told.wait(node, lambda *told: told[:2] == (DiagnosticStatus.WARN, 'no drop_simulator'), '')
+        diagnostics.wait(
+            node, lambda *status: status[:2] == (DiagnosticStatus.WARN, 'no drop_simulator'), ''
+        )
     log = write_log(tmp_path_factory.mktemp('replayed'), batches(2))
     replayer = start('log_replayer', suite.namespace, {'log': log})
     for node in CONSUMERS:
-        told.wait(node, lambda level, *_: level == DiagnosticStatus.OK, f'{node} is well')
+        diagnostics.wait(node, lambda level, *_: level == DiagnosticStatus.OK, f'{node} is well')
     assert replayer.end() == 0
     suite.start_again('drop_simulator')
 
 
 # Last: for 20 s a node that was killed is taken for present by ROS.
 @pytest.mark.slow
-def test_killed_simulator_is_reported(suite, told, begin):
+def test_killed_simulator_is_reported(suite, diagnostics, begin):
     begin()
     suite.processes['drop_simulator'].end(signal.SIGKILL)
     for node in CONSUMERS:
-        level, message, _ = told.wait(
+        level, message, _ = diagnostics.wait(
             node, lambda _, __, values: values['drop_simulators'] == '0', f'{node} misses it'
         )
         assert level == DiagnosticStatus.WARN
@@ -96,7 +102,7 @@ def test_killed_simulator_is_reported(suite, told, begin):
 
 
 @pytest.mark.parametrize(
-    ('node', 'level', 'words'),
+    ('node', 'level', 'expected'),
     [
         pytest.param(
             'drop_simulator',
@@ -108,23 +114,28 @@ def test_killed_simulator_is_reported(suite, told, begin):
     ],
 )
 def test_duplicate_nodes_report_each_other(
-    start, connect, diagnostics_of, namespace, tmp_path, node, level, words
+    start, connect, diagnostics_of, namespace, tmp_path, node, level, expected
 ):
     client = connect(namespace)
-    told = diagnostics_of(client)
+    diagnostics = diagnostics_of(client)
     folders = map(str, (tmp_path / 'a', tmp_path / 'b', tmp_path / 'c'))
 
     def begin():
         parameters = {} if node == 'drop_simulator' else {'log_folder': next(folders)}
         return start(node, namespace, parameters, {'ros.liveliness.DUPLICATE_DELAY': 0.5})
 
-    words = f'2 {node}s in namespace {namespace}: {words}'
+    expected = f'2 {node}s in namespace {namespace}: {expected}'
     first, second = begin(), begin()
     for each in (first, second):
-        client.wait(lambda each=each: words in each.said, 'words in the log')
-    assert told.wait(node, lambda _, m, __: m != 'idle', 'diagnosis')[:2] == (level, words)
+        client.wait(lambda each=each: expected in each.output, 'message in the output')
+    assert diagnostics.wait(node, lambda _, m, __: m != 'idle', 'diagnosis')[:2] == (
+        level,
+        expected,
+    )
     assert second.end() == 0
-    told.wait(node, lambda *told: told[:2] == (DiagnosticStatus.OK, 'idle'), 'alone again')
-    assert first.said.count(words) == 1
+    diagnostics.wait(
+        node, lambda *status: status[:2] == (DiagnosticStatus.OK, 'idle'), 'alone again'
+    )
+    assert first.output.count(expected) == 1
     begin()
-    client.wait(lambda: first.said.count(words) == 2, 'words again')
+    client.wait(lambda: first.output.count(expected) == 2, 'message again')

@@ -108,15 +108,15 @@ def test_first_drops_of_a_log_with_gaps_are_counted(write, run_of, aspects):
 
 
 @pytest.mark.parametrize(
-    ('given', 'words'),
+    ('given', 'expected'),
     [
         ({'pieces': [(10, 20)]}, 'it does not contain the first drops'),
         ({'pieces': []}, 'it contains no drops'),
         ({'described': 'washer'}, 'it does not describe its part'),
     ],
 )
-def test_log_without_the_first_drops_is_rejected(write, given, words):
-    with pytest.raises(LogError, match=words):
+def test_log_without_the_first_drops_is_rejected(write, given, expected):
+    with pytest.raises(LogError, match=expected):
         read_log(write(whole=False, **given))
 
 
@@ -190,7 +190,7 @@ def test_bad_log_is_reported_and_others_are_read(write, start, connect, namespac
     classifier = start('aspect_classifier', namespace, {'log_folder': tmp_path})
     answer = connect(namespace).ask(drops=CHUNK, surface='rubber_mat', only_known=True)
     assert answer.distribution.drops == CHUNK
-    (warning,) = [line for line in classifier.said.splitlines() if 'cannot be used' in line]
+    (warning,) = [line for line in classifier.output.splitlines() if 'cannot be used' in line]
     assert f'2 logs in {tmp_path} cannot be used: {pipe.name}: ' in warning
     assert f'{cut.parent.name}: it is not closed: ' in warning
 
@@ -201,8 +201,8 @@ def test_newest_logs_are_read_if_there_are_too_many(write, start, connect, names
         shutil.copytree(log, tmp_path / f'tetrahedron_20300101T{k:06}Z_{k}')
     limit = {'nodes.aspect_classifier.log_loader.MAX_LOGS': 2}
     classifier = start('aspect_classifier', namespace, {'log_folder': tmp_path}, limit)
-    assert f'3 logs in {tmp_path} not read: ' in classifier.said
-    assert '2 of 5 logs of earlier runs' in classifier.said
+    assert f'3 logs in {tmp_path} not read: ' in classifier.output
+    assert '2 of 5 logs of earlier runs' in classifier.output
 
 
 class Code(str):
@@ -221,7 +221,7 @@ def test_requests_are_rejected_until_logs_are_read(start, connect, namespace, tm
     logs = {'log_folder': tmp_path / 'pipe'}
     classifier = start('aspect_classifier', namespace, logs, hang, ready='')
     client = connect(namespace)
-    words = 'the logs of earlier runs are still being read'
+    expected = 'the logs of earlier runs are still being read'
     for status in (
         client.ask(only_known=True).status,
         client.ask(method='rolling').status,
@@ -232,12 +232,12 @@ def test_requests_are_rejected_until_logs_are_read(start, connect, namespace, tm
             client.node.create_client(ListParts, 'list_parts'), ListParts.Request()
         ).status,
     ):
-        assert (status.code, status.message) == (Status.NOT_AVAILABLE, words)
+        assert (status.code, status.message) == (Status.NOT_AVAILABLE, expected)
     # The Python client waits for a classifier that is ready.
     with RestingAspectsClient(client.node) as other:
         answer = other.list_parts_async(timeout=1)
         client.wait(answer.done, 'timeout')
     assert isinstance(answer.exception(), AnswerTimeoutError)
-    assert 'ready' not in classifier.said
+    assert 'ready' not in classifier.output
     assert classifier.end() == 0
-    assert 'ERROR' not in classifier.said
+    assert 'ERROR' not in classifier.output

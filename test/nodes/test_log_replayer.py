@@ -67,8 +67,8 @@ def last_distribution(recorded):
 
 
 @pytest.fixture
-def heard(connect, namespace, listen_raw):
-    """What a client hears that is there before the replay."""
+def received(connect, namespace, listen_raw):
+    """Return a client that subscribes before the replay, and its received messages."""
     client = connect(namespace)
     topics = {name: listen_raw(client, kind, name, qos) for name, (kind, qos) in TOPICS.items()}
     return client, topics
@@ -92,7 +92,7 @@ def replayer_services(client):
 
 
 def assert_same(distribution, recorded):
-    """But for the stamp, which says when it was published."""
+    """Assert that two distributions are equal except for the publication stamp."""
     assert distribution.header.stamp != recorded.header.stamp
     distribution.header.stamp = recorded.header.stamp
     assert distribution == recorded
@@ -106,7 +106,7 @@ def test_new_classifier_counts_the_replayed_drops(
 ):
     classifier = start('aspect_classifier', namespace)
     client = connect(namespace)
-    heard = client.listen(AspectDistribution, DISTRIBUTION, ALL_LATCHED)
+    received = client.listen(AspectDistribution, DISTRIBUTION, ALL_LATCHED)
     stamps = {
         str(deserialize_message(data, AspectDistribution).header.stamp)
         for data in recorded[DISTRIBUTION]
@@ -114,7 +114,7 @@ def test_new_classifier_counts_the_replayed_drops(
     replayer = replay(log, **way)
 
     def counted():
-        new = [one for one in heard if str(one.header.stamp) not in stamps]
+        new = [one for one in received if str(one.header.stamp) not in stamps]
         return new and new[-1].complete and new[-1]
 
     assert_same(client.wait(counted, 'complete distribution'), last_distribution)
@@ -123,13 +123,13 @@ def test_new_classifier_counts_the_replayed_drops(
     assert_same(answer.distribution, last_distribution)
     assert client.parts()['tetrahedron'].known
     # The recorded ones are published, too.
-    client.wait(lambda: last_distribution in heard, 'recorded distribution')
-    assert 'publishers' not in replayer.said
+    client.wait(lambda: last_distribution in received, 'recorded distribution')
+    assert 'publishers' not in replayer.output
     assert (replayer.end(), classifier.end()) == (0, 0)
 
 
-def test_replayed_messages_are_identical(heard, replay, log, recorded):
-    client, topics = heard
+def test_replayed_messages_are_identical(received, replay, log, recorded):
+    client, topics = received
     replay(log, rate=2.0)
     client.wait(
         lambda: topics[DISTRIBUTION] and topics[DISTRIBUTION][-1][0] == recorded[DISTRIBUTION][-1],
@@ -144,8 +144,8 @@ def test_replayed_messages_are_identical(heard, replay, log, recorded):
     assert found == recorded[DISTRIBUTION][-len(found) :]
 
 
-def test_topics_have_the_replayer_namespace_and_recorded_qos(heard, replay, log, namespace):
-    client, _ = heard
+def test_topics_have_the_replayer_namespace_and_recorded_qos(received, replay, log, namespace):
+    client, _ = received
     replay(log)
     for name, qos in (('resting_poses', POSES), (DISTRIBUTION, LATCHED), (PART, LATCHED)):
         topic = f'{namespace}/{name}'
@@ -153,16 +153,16 @@ def test_topics_have_the_replayer_namespace_and_recorded_qos(heard, replay, log,
         (offer,) = client.node.get_publishers_info_by_topic(topic)
         assert offer.qos_profile.reliability == qos.reliability
         assert offer.qos_profile.durability == qos.durability
-        # Its depth is not told by DDS: see the test of who comes late.
+        # DDS does not report the depth: the test of late subscribers checks it.
 
 
 def test_late_subscriber_receives_latched_topics_after_the_end(
     connect, namespace, replay, wait, listen_raw, log, recorded, diagnostics_of, traceback
 ):
     replayer = replay(log, as_fast_as_possible=True)
-    wait(lambda: 'replayed in ' in replayer.said, 'end of the log')
+    wait(lambda: 'replayed in ' in replayer.output, 'end of the log')
     count = sum(map(len, recorded.values()))
-    assert f': {count} messages; latched topics stay available' in replayer.said
+    assert f': {count} messages; latched topics stay available' in replayer.output
     client = connect(namespace)
     topics = {name: listen_raw(client, kind, name, qos) for name, (kind, qos) in TOPICS.items()}
     client.wait(lambda: all(topics.values()) and len(topics['resting_poses']) == 3, 'all latched')
@@ -178,7 +178,7 @@ def test_late_subscriber_receives_latched_topics_after_the_end(
     _, _, values = diagnostics_of(client).wait('log_replayer', lambda _, m, __: m == 'over', 'end')
     assert (values['log'], values['messages published']) == (str(log), str(count))
     assert replayer.end(signal.SIGTERM) == 0
-    assert not traceback(replayer.said)
+    assert not traceback(replayer.output)
 
 
 def test_late_subscriber_receives_the_recorded_depth(
@@ -186,11 +186,11 @@ def test_late_subscriber_receives_the_recorded_depth(
 ):
     written = list(batches(30))
     replayer = replay(write_log(tmp_path, written, depth=20), as_fast_as_possible=True)
-    wait(lambda: 'replayed in ' in replayer.said, 'end of the log')
+    wait(lambda: 'replayed in ' in replayer.output, 'end of the log')
     client = connect(namespace)
-    heard = listen_raw(client, RestingPoses, 'resting_poses', POSES)
-    client.wait(lambda: heard and heard[-1][0] == written[-1], 'last batch')
-    assert [data for data, _ in heard] == written[-20:]
+    received = listen_raw(client, RestingPoses, 'resting_poses', POSES)
+    client.wait(lambda: received and received[-1][0] == written[-1], 'last batch')
+    assert [data for data, _ in received] == written[-20:]
 
 
 def whole_batches(content):
@@ -215,7 +215,7 @@ def test_truncated_log_is_replayed_up_to_the_damage(
     assert whole_batches(cut.read_bytes()) == recorded['resting_poses'][:2]
     start('aspect_classifier', namespace)
     client = connect(namespace)
-    heard = client.listen(AspectDistribution, DISTRIBUTION, ALL_LATCHED)
+    received = client.listen(AspectDistribution, DISTRIBUTION, ALL_LATCHED)
     replayer = replay(cut, rate=4.0)
     known = {
         deserialize_message(d, AspectDistribution).header.stamp.nanosec
@@ -223,11 +223,11 @@ def test_truncated_log_is_replayed_up_to_the_damage(
     }
 
     def counted():
-        return [m for m in heard if m.header.stamp.nanosec not in known and m.drops == 500]
+        return [m for m in received if m.header.stamp.nanosec not in known and m.drops == 500]
 
     found = client.wait(counted, 'two batches')[0]
     assert not found.complete
-    assert f"log '{cut}' was not closed: the messages in it are used" in replayer.said
+    assert f"log '{cut}' was not closed: the messages in it are used" in replayer.output
 
 
 def test_other_topics_are_replayed_in_the_suite_namespace(
@@ -241,12 +241,12 @@ def test_other_topics_are_replayed_in_the_suite_namespace(
             written.write(topic, serialize_message(String(data=topic.name)), k)
         written.write(poses, recorded['resting_poses'][0], 10**18)
     client = connect(namespace)
-    heard = client.listen(String, 'camera/note', LATCHED)
+    received = client.listen(String, 'camera/note', LATCHED)
     replayer = replay(written.path, as_fast_as_possible=True)
-    client.wait(lambda: heard, 'note')
-    assert heard[0].data == note.name
-    told = 'not replayed: /far/note: not in /cell, the namespace of the suite in the log'
-    assert replayer.said.count(told) == 1
+    client.wait(lambda: received, 'note')
+    assert received[0].data == note.name
+    expected = 'not replayed: /far/note: not in /cell, the namespace of the suite in the log'
+    assert replayer.output.count(expected) == 1
     assert not client.node.count_publishers('/far/note')
 
 
@@ -257,12 +257,12 @@ def test_simulator_in_the_same_namespace_is_warned_of_once(
     simulator = start('drop_simulator', namespace)
     replayer = replay(log, as_fast_as_possible=True)
     client = connect(namespace)
-    told = 'a drop_simulator in this namespace publishes on the same topics'
+    expected = 'a drop_simulator in this namespace publishes on the same topics'
     diagnostics = diagnostics_of(client)
     for _ in range(2):  # two looks
-        diagnostics.wait('log_replayer', lambda _, message, __: told in message, 'warning')
+        diagnostics.wait('log_replayer', lambda _, message, __: expected in message, 'warning')
         diagnostics.forget()
-    assert replayer.said.count(told) == 1
+    assert replayer.output.count(expected) == 1
     assert simulator.running
 
 
@@ -270,8 +270,8 @@ def test_simulator_in_the_same_namespace_is_warned_of_once(
 def test_replayer_stops_cleanly_during_a_replay(replay, log, traceback, number):
     replayer = replay(log, rate=0.01)
     assert replayer.end(number) == 0
-    assert not traceback(replayer.said)
-    assert 'replayed in' not in replayer.said
+    assert not traceback(replayer.output)
+    assert 'replayed in' not in replayer.output
 
 
 def test_damage_during_the_replay_is_an_error(
@@ -279,41 +279,41 @@ def test_damage_during_the_replay_is_an_error(
 ):
     path = shutil.copy(next(log.glob('*.mcap')), tmp_path)
     client = connect(namespace)
-    heard = client.poses()
+    received = client.poses()
     replayer = replay(path, rate=0.5, loop=True)
-    client.wait(lambda: heard, 'first batch')
+    client.wait(lambda: received, 'first batch')
     with open(path, 'r+b') as file:  # noqa: PTH123
         file.write(b'no log any more')
     client.wait(lambda: not replayer.running, 'its end')
     assert replayer.end(number=0) == 1
-    (line,) = [line for line in replayer.said.splitlines() if line.startswith('error: ')]
+    (line,) = [line for line in replayer.output.splitlines() if line.startswith('error: ')]
     assert line.startswith(f"error: log '{path}' is damaged")
-    assert not traceback(replayer.said)
+    assert not traceback(replayer.output)
 
 
-def test_services_pause_and_resume(heard, replay, log):
-    client, topics = heard
+def test_services_pause_and_resume(received, replay, log):
+    client, topics = received
     replayer = replay(log, rate=0.05)
     call = replayer_services(client)
     assert call('resume')[:2] == (True, 'not paused')
     client.wait(lambda: topics[PART], 'part')
-    success, words, position = call('pause')
-    assert (success, words) == (True, 'paused')
+    success, message, position = call('pause')
+    assert (success, message) == (True, 'paused')
     assert re.fullmatch(r'\d+\.\d{3} s of \d+\.\d{3} s, message \d+', position)
     assert call('pause') == (True, 'already paused', position)
     assert call('resume') == (True, 'resumed', position)
     for word in ('paused', 'resumed'):
-        told = f']: {word}, at {position}'
-        client.wait(lambda told=told: told in replayer.said, told)
-    assert not re.search(r'\]: (already paused|not paused)', replayer.said)
+        expected = f']: {word}, at {position}'
+        client.wait(lambda expected=expected: expected in replayer.output, expected)
+    assert not re.search(r'\]: (already paused|not paused)', replayer.output)
 
 
-def test_drops_of_a_loop_are_counted_once(start, heard, replay, log, recorded, diagnostics_of):
-    client, topics = heard
-    told = diagnostics_of(client)
+def test_drops_of_a_loop_are_counted_once(start, received, replay, log, recorded, diagnostics_of):
+    client, topics = received
+    expected = diagnostics_of(client)
     start('aspect_classifier', client.node.get_namespace())
     replay(log, rate=1000.0, loop=True)
-    told.wait('log_replayer', lambda _, __, values: int(values['round']) > 3, 'third round')
+    expected.wait('log_replayer', lambda _, __, values: int(values['round']) > 3, 'third round')
     client.wait(lambda: len(topics['resting_poses']) >= 6, 'two rounds')
     poses = [data for data, _ in topics['resting_poses']]
     assert poses[:6] == 2 * recorded['resting_poses']
@@ -326,7 +326,7 @@ def test_drops_of_a_loop_are_counted_once(start, heard, replay, log, recorded, d
 
 
 @pytest.mark.parametrize(
-    ('parameters', 'words'),
+    ('parameters', 'message'),
     [
         ({}, "log is '', allowed is the folder of a run, or an .mcap file"),
         ({'log': '/no/such.mcap'}, "log '/no/such.mcap' cannot be read: No such file"),
@@ -346,7 +346,7 @@ def test_drops_of_a_loop_are_counted_once(start, heard, replay, log, recorded, d
     ids=str,
 )
 def test_invalid_log_is_reported_in_one_line(
-    start, namespace, log, tmp_path, traceback, parameters, words
+    start, namespace, log, tmp_path, traceback, parameters, message
 ):
     (tmp_path / 'text').mkdir()
     (tmp_path / 'text' / 'a.mcap').write_text('aspect,count\n1,2\n')
@@ -355,6 +355,6 @@ def test_invalid_log_is_reported_in_one_line(
     given = {name: value.format(**places) for name, value in parameters.items()}
     process = start('log_replayer', namespace, given, ready='')
     assert process.end(number=0) == 2
-    (line,) = [line for line in process.said.splitlines() if line.startswith('error: ')]
-    assert words.format(**places) in line
-    assert not traceback(process.said)
+    (line,) = [line for line in process.output.splitlines() if line.startswith('error: ')]
+    assert message.format(**places) in line
+    assert not traceback(process.output)

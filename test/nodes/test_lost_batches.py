@@ -1,4 +1,4 @@
-"""Batches that are lost: noticed, asked for again, and if that fails, said in words.
+"""Lost batches are detected, requested again and, if that fails, reported in a message.
 
 The simulator here is a fake that loses batches on purpose; the poses are the engine's.
 """
@@ -34,7 +34,7 @@ QUIET = {'nodes.aspect_classifier.part_registry.QUIET_PERIOD': 1.0}
 
 
 class FakeSimulator:
-    """Offers the tetrahedron and answers each goal as ``answer`` says.
+    """Offers the tetrahedron and answers each goal with the result of ``answer``.
 
     ``answer`` gets the run's name, the first drop and the end that are asked for, and gives a
     status and the batches to publish before it, each (run's name, first drop, end, last).
@@ -201,7 +201,7 @@ def test_unrecoverable_drops_fail_the_request(simulator, client, classifier):
         'not be recovered'
     )
     assert simulator.asked == [('', 0, DROPS)] + [('made', 10, 20)] * 3
-    assert 'the engine is broken' in classifier.said
+    assert 'the engine is broken' in classifier.output
     # What is not whole does not pass for known.
     assert (
         client.ask(
@@ -267,8 +267,8 @@ def test_recorder_closes_the_log_after_unrecoverable_loss(
     run_id = simulator.run_id('gapped')
     client.wait(lambda: list(tmp_path.glob(f'*_{run_id}/metadata.yaml')), 'closed log')
     drops = f'drops 10 to 19 of run {run_id} (tetrahedron)'
-    for words in ('were lost and are requested again', 'are not available: no'):
-        client.wait(lambda words=words: f'{drops} {words}' in recorder.said, words)
+    for expected in ('were lost and are requested again', 'are not available: no'):
+        client.wait(lambda expected=expected: f'{drops} {expected}' in recorder.output, expected)
     assert recorder.running
 
 
@@ -277,7 +277,9 @@ def test_batch_that_contradicts_its_run_is_rejected(simulator, known, classifier
     simulator.publish('twofold', 20, 40, seed=10**6)
     simulator.publish('twofold', 20, 40, last=True)
     assert_whole(known(), simulator)
-    assert f'a batch of run {simulator.run_id("twofold")} describes another run' in classifier.said
+    assert (
+        f'a batch of run {simulator.run_id("twofold")} describes another run' in classifier.output
+    )
 
 
 def test_batch_with_invalid_conditions_is_not_counted(simulator, known, classifier):

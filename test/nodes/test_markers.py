@@ -130,15 +130,15 @@ def test_new_distribution_changes_only_texts_and_stamps(part):
 @pytest.fixture(scope='module')
 def newest(suite):
     """Wait until the newest markers are those of a distribution."""
-    heard = suite.client.listen(MarkerArray, 'markers', LATCHED)
+    received = suite.client.listen(MarkerArray, 'markers', LATCHED)
 
     def newest(distribution):
         expected = [f'{aspect.id}: ' for aspect in distribution.aspects]
 
         def are_its():
-            if not heard:
+            if not received:
                 return False
-            _, texts = split(heard[-1])
+            _, texts = split(received[-1])
             shown = [text.text for text in texts.values()]
             return len(shown) == len(expected) and all(
                 abs(percent(text) / 100 - aspect.probability) < 0.0051
@@ -147,7 +147,7 @@ def newest(suite):
             )
 
         suite.client.wait(are_its, 'markers')
-        return heard[-1]
+        return received[-1]
 
     return newest
 
@@ -164,15 +164,15 @@ def test_only_the_part_that_changed_last_is_shown(suite, newest, part, name):
 
 
 def test_request_for_a_known_distribution_changes_nothing(suite, newest):
-    heard = suite.client.listen(MarkerArray, 'markers', ALL_LATCHED)
+    received = suite.client.listen(MarkerArray, 'markers', ALL_LATCHED)
     first = suite.client.ask('angle_45x30x8', 40, seed=[9002]).distribution
     second = suite.client.ask('box_10x20x30', 40, seed=[9003]).distribution
     shown = newest(second)
-    suite.client.wait(lambda: heard and heard[-1] == shown, 'the same markers')
+    suite.client.wait(lambda: received and received[-1] == shown, 'the same markers')
     assert suite.client.ask('angle_45x30x8', 40, seed=[9002]).distribution.run == first.run
     third = newest(suite.client.ask('washer', 40, seed=[9004]).distribution)
-    suite.client.wait(lambda: heard[-1] == third, 'the next markers')
-    after = [len(split(message)[0]) for message in heard[heard.index(shown) + 1 :]]
+    suite.client.wait(lambda: received[-1] == third, 'the next markers')
+    after = [len(split(message)[0]) for message in received[received.index(shown) + 1 :]]
     assert set(after) == {len(split(third)[0])}
 
 
@@ -180,10 +180,10 @@ def test_late_subscriber_receives_the_newest_once(suite, newest, connect):
     distribution = suite.client.ask('t_prism', 60, seed=[9005]).distribution
     message = newest(distribution)
     late = connect(suite.namespace)
-    heard = late.listen(MarkerArray, 'markers', LATCHED)
-    late.wait(lambda: heard, 'markers')
+    received = late.listen(MarkerArray, 'markers', LATCHED)
+    late.wait(lambda: received, 'markers')
     late.spin(0.5)
-    assert heard == [message]
+    assert received == [message]
 
 
 def test_markers_are_published_with_distributions(suite):

@@ -20,8 +20,8 @@ def nodes(run_command, wait, namespace, tmp_path):
     """The suite in one process."""
     ros = ('--ros-args', '-r', f'__ns:={namespace}', '-p', f'log_folder:={tmp_path / "logs"}')
     process = run_command(*COMMAND, 'nodes', *ros)
-    wait(lambda: process.said.count('ready') == 3 or not process.running, 'three nodes')
-    assert process.running, process.said
+    wait(lambda: process.output.count('ready') == 3 or not process.running, 'three nodes')
+    assert process.running, process.output
     return process
 
 
@@ -29,8 +29,10 @@ def nodes(run_command, wait, namespace, tmp_path):
 def request_json(namespace, capfd):
     """Run `resting_aspects request ... --json` and give the document."""
 
-    def request_json(*words):
-        assert main(['request', *words, '--json', '--ros-args', '-r', f'__ns:={namespace}']) == 0
+    def request_json(*expected):
+        assert (
+            main(['request', *expected, '--json', '--ros-args', '-r', f'__ns:={namespace}']) == 0
+        )
         return json.loads(capfd.readouterr().out)
 
     return request_json
@@ -38,37 +40,37 @@ def request_json(namespace, capfd):
 
 def assert_ended_in_order(process, code, wait, traceback):
     assert code == 0
-    assert not traceback(process.said), process.said
-    assert 'rror' not in process.said
+    assert not traceback(process.output), process.output
+    assert 'rror' not in process.output
     wait(lambda: process.group() == [], 'end of all its processes')
 
 
 @pytest.fixture
 def end_during_a_run(nodes, connect, namespace, wait, traceback):
-    """End the nodes while they drop, and hold what they say and leave to what it should be."""
+    """End the nodes during a run, and check their output and the files they leave."""
 
     def end_during_a_run(end):
         client = connect(namespace)
-        begun = client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
+        started = client.listen(RecordedRun, RECORDED_RUNS, ALL_LATCHED)
         # From the last drop of a chunk on: feedback comes after one drop.
         drop = client.dropping('tetrahedron', 100_000, first_drop=CHUNK - 1)
 
         def log():
-            logged = {each.run_id: each.log for each in begun}
-            runs = [batch.run.run_id for batch in heard if batch.run.drops == 100_000]
+            logged = {each.run_id: each.log for each in started}
+            runs = [batch.run.run_id for batch in received if batch.run.drops == 100_000]
             return next(((run_id, logged[run_id]) for run_id in runs if run_id in logged), None)
 
-        heard = client.poses()
+        received = client.poses()
         client.wait(lambda: drop.feedback and log(), 'first feedback, and a log')
         assert not drop.done
         assert len(nodes.group()) > 1  # it has workers
         assert_ended_in_order(nodes, end(), wait, traceback)
         run_id, folder = log()
-        words = (
+        expected = (
             rf'run {run_id} of tetrahedron was interrupted: the closed log '
             rf'{folder} has \d+ of 100000 drops'
         )
-        assert re.search(words, nodes.said)
+        assert re.search(expected, nodes.output)
 
     return end_during_a_run
 

@@ -93,8 +93,8 @@ def test_invalid_batch_is_ignored_and_the_next_is_counted(
         for node in ('aspect_classifier', 'drop_recorder')
     ]
     # A topic whose name is not a valid part name.
-    nobody = client.node.create_publisher(PartDescription, 'parts/Zz', LATCHED)
-    nobody.publish(part_msg(part('tetrahedron')))
+    publisher = client.node.create_publisher(PartDescription, 'parts/Zz', LATCHED)
+    publisher.publish(part_msg(part('tetrahedron')))
     out = client.node.create_publisher(RestingPoses, 'resting_poses', POSES)
     for turn in ('first', 'second'):
         for k, (path, value) in enumerate(ODD_BATCHES):
@@ -116,7 +116,7 @@ def test_invalid_batch_is_ignored_and_the_next_is_counted(
         assert node.running
         # Each kind of error is logged once for any number of messages.
         error = f'ignored a message on {namespace}/resting_poses: invalid orientation'
-        assert node.said.count(error) == 1, node.said
+        assert node.output.count(error) == 1, node.output
 
 
 def test_recorder_ignores_invalid_messages(
@@ -127,7 +127,7 @@ def test_recorder_ignores_invalid_messages(
     message = part_msg(part('tetrahedron'))
     message.name = '../z'
     strange.publish(message)
-    client.wait(lambda: "invalid description of part 'zz'" in recorder.said, 'word of it')
+    client.wait(lambda: "invalid description of part 'zz'" in recorder.output, 'word of it')
     out = client.node.create_publisher(RestingPoses, 'resting_poses', POSES)
     topic = 'aspect_distributions/tetrahedron'
     counts = client.node.create_publisher(AspectDistribution, topic, ALL_LATCHED)
@@ -151,7 +151,7 @@ def test_feeder_example_ignores_an_invalid_distribution(start, client, namespace
     odd.interval = ''
     counts.publish(odd)
     client.wait(
-        lambda: f'a message on {namespace}/{topic} is not used: ' in feeder.said, 'word of it'
+        lambda: f'a message on {namespace}/{topic} is not used: ' in feeder.output, 'word of it'
     )
     good = distribution(part, batch('good'))
     counts.publish(good)
@@ -163,7 +163,7 @@ def test_feeder_example_ignores_an_invalid_distribution(start, client, namespace
 def test_unreadable_log_folder_prevents_only_the_log(
     start, client, namespace, batch, described, tmp_path
 ):
-    """With the name of a log in it, the path is too long; a removed disk fails likewise."""
+    """The path with the name of a log is too long; a removed disk fails in the same way."""
     longest = os.pathconf(tmp_path, 'PC_PATH_MAX') - 20
     deep = tmp_path
     while (left := longest - len(str(deep))) > 1:
@@ -172,6 +172,6 @@ def test_unreadable_log_folder_prevents_only_the_log(
     recorder = start('drop_recorder', namespace, {'log_folder': deep})
     out = client.node.create_publisher(RestingPoses, 'resting_poses', POSES)
     out.publish(batch('good'))
-    client.wait(lambda: f'is not recorded: log {deep}' in recorder.said, 'word of it')
-    assert 'cannot be written: File name too long' in recorder.said
+    client.wait(lambda: f'is not recorded: log {deep}' in recorder.output, 'word of it')
+    assert 'cannot be written: File name too long' in recorder.output
     assert recorder.running

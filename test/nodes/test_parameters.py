@@ -1,4 +1,4 @@
-"""Parameters over their ROS services: what they say of themselves, and what may change when."""
+"""Parameters over their ROS services: their descriptions, and which may change when."""
 
 import importlib
 import math
@@ -88,14 +88,14 @@ def test_default_is_within_its_bounds():
 
 @pytest.mark.parametrize(('node', 'parameter'), DECLARED_IN_SUITE, ids=by_name)
 def test_node_describes_its_parameters_as_declared(suite, parameters_of, node, parameter):
-    told = parameters_of(suite.client, node).describe(parameter.name)
-    assert told.description == parameter.description != ''
-    assert told.additional_constraints == parameter.allowed
-    assert told.read_only == (not parameter.changeable)
-    assert told.type == TYPES[type(parameter.default)]
-    assert not told.dynamic_typing
-    ranges = [*told.integer_range, *told.floating_point_range]
-    bounds = [(told.from_value, told.to_value) for told in ranges]
+    reported = parameters_of(suite.client, node).describe(parameter.name)
+    assert reported.description == parameter.description != ''
+    assert reported.additional_constraints == parameter.allowed
+    assert reported.read_only == (not parameter.changeable)
+    assert reported.type == TYPES[type(parameter.default)]
+    assert not reported.dynamic_typing
+    ranges = [*reported.integer_range, *reported.floating_point_range]
+    bounds = [(reported.from_value, reported.to_value) for reported in ranges]
     assert bounds == ([] if parameter.bounds is None else [parameter.bounds])
     if not isinstance(parameter.default, str):
         assert bounds, 'a number has bounds'
@@ -110,7 +110,7 @@ def test_node_has_exactly_the_declared_parameters(suite, parameters_of, node):
 
 
 def entries():
-    """What config/resting_aspects.yaml says, by node."""
+    """Return the parameters in config/resting_aspects.yaml by node."""
     document = yaml.safe_load(FILE.read_text(encoding='utf-8'))
     assert all(name.startswith('/**/') and list(entry) == ['ros__parameters']
                for name, entry in document.items())  # fmt: skip
@@ -131,18 +131,18 @@ def test_file_has_every_parameter_at_its_default():
 
 
 def test_every_entry_is_commented_with_bounds_and_changeability():
-    comments, node, said = {}, '', ''
+    comments, node, collected = {}, '', ''
     for line in FILE.read_text(encoding='utf-8').splitlines():
-        words = line.strip()
+        text = line.strip()
         if line.startswith('/**/'):
-            node = words.removeprefix('/**/').rstrip(':')
-        elif words.startswith('#'):
-            said += words.removeprefix('#')
-        elif ':' in words and 'ros__parameters' not in words:
-            comments[node, words.split(':')[0]] = said
-            said = ''
+            node = text.removeprefix('/**/').rstrip(':')
+        elif text.startswith('#'):
+            collected += text.removeprefix('#')
+        elif ':' in text and 'ros__parameters' not in text:
+            comments[node, text.split(':')[0]] = collected
+            collected = ''
         else:
-            said = ''
+            collected = ''
     assert set(comments) == {(node, name) for node, names in DECLARED.items() for name in names}
     for (node, name), comment in comments.items():
         parameter = DECLARED[node][name]
@@ -156,8 +156,8 @@ def start_with_file(start, wait):
     """Start a node with a parameter file, in some namespace."""
 
     def start_with_file(node, namespace, file):
-        process = start(node, namespace, words=('--params-file', file), ready='')
-        wait(lambda: 'ready' in process.said or not process.running, f'{node} ready')
+        process = start(node, namespace, arguments=('--params-file', file), ready='')
+        wait(lambda: 'ready' in process.output or not process.running, f'{node} ready')
         return process
 
     return start_with_file
@@ -197,35 +197,35 @@ def test_nodes_read_their_parameters_from_the_file(
     processes = [start_with_file(node, namespace, tmp_path / 'changed.yaml') for node in SUITE]
     client = connect(namespace)
     for node, values in changed.items():
-        told = parameters_of(client, node)
-        assert {name: told.get(name) for name in values} == values
-    assert 'ready: 1 part, 1 worker' in processes[0].said
+        reported = parameters_of(client, node)
+        assert {name: reported.get(name) for name in values} == values
+    assert 'ready: 1 part, 1 worker' in processes[0].output
     found = client.ask(drops=3).distribution
     assert (found.run.conditions.surface, found.header.frame_id) == ('granite', 'cell_tray')
-    heard = client.poses()
-    client.wait(lambda: heard, 'poses')
-    assert heard[0].header.frame_id == 'cell_tray'
-    assert all('not known' not in process.said for process in processes)
+    received = client.poses()
+    client.wait(lambda: received, 'poses')
+    assert received[0].header.frame_id == 'cell_tray'
+    assert all('not known' not in process.output for process in processes)
 
 
 @pytest.mark.parametrize('node', SUITE)
 def test_unmodified_file_changes_nothing(start_with_file, connect, parameters_of, namespace, node):
     process = start_with_file(node, namespace, FILE)
-    assert process.running, process.said
-    told = parameters_of(connect(namespace), node)
+    assert process.running, process.output
+    reported = parameters_of(connect(namespace), node)
     for name, parameter in DECLARED[node].items():
-        assert told.get(name) == parameter.default
+        assert reported.get(name) == parameter.default
     assert process.end() == 0
-    assert 'not known' not in process.said
+    assert 'not known' not in process.output
 
 
 def test_parameter_file_and_surface_file_are_distinguished(start_with_file, start, namespace):
     process = start_with_file('aspect_classifier', namespace, surfaces_file())
     assert process.end(0) == 2
-    assert 'Cannot have a value before ros__parameters' in process.said
+    assert 'Cannot have a value before ros__parameters' in process.output
     process = start('aspect_classifier', namespace, {'surfaces_file': FILE}, ready='')
     assert process.end(0) == 2
-    assert "'/**/drop_simulator': invalid keys: expected exactly " in process.said
+    assert "'/**/drop_simulator': invalid keys: expected exactly " in process.output
     assert 'Not a ROS parameter file' in surfaces_file().read_text(encoding='utf-8')
 
 
@@ -239,8 +239,8 @@ def test_parameter_file_and_surface_file_are_distinguished(start_with_file, star
 )
 def test_read_only_parameter_cannot_be_set(parameters, node, parameter):
     before = parameters[node].get(parameter.name)
-    (words,) = parameters[node].set(**{parameter.name: parameter.default})
-    assert words == f'Trying to set a read-only parameter: {parameter.name}.'
+    (message,) = parameters[node].set(**{parameter.name: parameter.default})
+    assert message == f'Trying to set a read-only parameter: {parameter.name}.'
     assert parameters[node].get(parameter.name) == before
 
 
@@ -258,7 +258,7 @@ NO_FOLDER = "invalid log_folder '{}': expected a folder that exists or can be ma
 
 
 @pytest.mark.parametrize(
-    ('node', 'name', 'value', 'words'),
+    ('node', 'name', 'value', 'message'),
     [
         ('drop_simulator', 'surface', 'ice', NO_SURFACE.format('ice')),
         ('drop_simulator', 'surface', 'steel\n', NO_SURFACE.format('steel\\n')),
@@ -277,15 +277,15 @@ NO_FOLDER = "invalid log_folder '{}': expected a folder that exists or can be ma
         ('drop_recorder', 'log_folder', '', NO_FOLDER.format('')),
         ('drop_recorder', 'log_folder', str(FILE / 'x'), NO_FOLDER.format(FILE / 'x')),
         ('drop_recorder', 'log_folder', 'x' * 9000, NO_FOLDER.format('x' * 9000)),
-        # Its permissions say that it can be made.
+        # The permissions of /proc allow the folder, but creating it fails.
         ('drop_recorder', 'log_folder', '/proc/x/y', NO_FOLDER.format('/proc/x/y') + ': No such'),
     ],
     ids=lambda value: str(value)[:20],
 )
-def test_invalid_value_is_rejected_with_a_reason(suite, parameters, node, name, value, words):
+def test_invalid_value_is_rejected_with_a_reason(suite, parameters, node, name, value, message):
     before = parameters[node].get(name)
     (reason,) = parameters[node].set(**{name: value})
-    assert words in reason
+    assert message in reason
     assert parameters[node].get(name) == before
     assert suite.processes[node].running
 
@@ -304,16 +304,16 @@ def test_integer_at_the_start_is_accepted_for_a_float(start, connect, parameters
 def test_list_of_strings_for_a_list_of_integers_is_rejected(start, namespace):
     process = start('feeder_example', namespace, {'pickable': '[a]'}, ready='')
     assert process.end(0) == 2
-    assert 'pickable' in process.said
+    assert 'pickable' in process.output
 
 
 def test_parameters_are_set_all_or_none(suite, parameters):
     simulator = parameters['drop_simulator']
-    (words,) = simulator.set_all_or_nothing(surface='steel', workers=1)
-    assert 'read-only' in words
+    (message,) = simulator.set_all_or_nothing(surface='steel', workers=1)
+    assert 'read-only' in message
     classifier = parameters['aspect_classifier']
-    (words,) = classifier.set_all_or_nothing(publish_period=1.0, log_folder='x')
-    assert 'read-only' in words
+    (message,) = classifier.set_all_or_nothing(publish_period=1.0, log_folder='x')
+    assert 'read-only' in message
     assert simulator.get('surface') == 'rubber_mat'
     assert (
         classifier.get('publish_period') == DECLARED['aspect_classifier']['publish_period'].default
@@ -328,19 +328,21 @@ def test_parameters_are_set_all_or_none(suite, parameters):
 
 
 def test_publish_period_limits_updates_during_a_run(suite, parameters):
-    heard = suite.client.listen(AspectDistribution, 'aspect_distributions/u_bracket', ALL_LATCHED)
+    received = suite.client.listen(
+        AspectDistribution, 'aspect_distributions/u_bracket', ALL_LATCHED
+    )
 
-    def told(seed):
+    def reported(seed):
         suite.client.ask('u_bracket', 1000, seed=[seed])
         suite.client.wait(
-            lambda: any(m.run.seed == seed and m.complete for m in heard), 'last distribution'
+            lambda: any(m.run.seed == seed and m.complete for m in received), 'last distribution'
         )
-        return [m.complete for m in heard if m.run.seed == seed]
+        return [m.complete for m in received if m.run.seed == seed]
 
     assert parameters['aspect_classifier'].set(publish_period=10.0) == []
-    assert told(seed=1) == [True]  # the end is told at once
+    assert reported(seed=1) == [True]  # the last distribution is published immediately
     assert parameters['aspect_classifier'].set(publish_period=0.05) == []
-    often = told(seed=2)
+    often = reported(seed=2)
     assert len(often) > 1
     assert often[-1] is True
 

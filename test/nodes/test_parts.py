@@ -63,13 +63,13 @@ def test_file_name_that_is_not_utf8_is_reported(suite, folder, diagnostics_of):
     mesh = folder / '\udcff.stl'
     shutil.copy(parts_folder() / 'tetrahedron.stl', mesh)
     simulator = suite.processes['drop_simulator']
-    said = r'\udcff.stl in '
-    suite.client.wait(lambda: said in simulator.said or not simulator.running, 'word of it')
+    expected = r'\udcff.stl in '
+    suite.client.wait(lambda: expected in simulator.output or not simulator.running, 'word of it')
     _, message, values = diagnostics_of(suite.client).wait(
         'drop_simulator', lambda level, *_: level == DiagnosticStatus.WARN, 'warning'
     )
     assert '1 mesh is not offered' in message
-    assert said in values[r'not offered: \udcff.stl']
+    assert expected in values[r'not offered: \udcff.stl']
     assert suite.client.ask('tetrahedron', 3).status.code == Status.OK
     mesh.unlink()
 
@@ -85,20 +85,20 @@ def test_part_is_not_known_after_a_run_without_drops(suite, listed):
 
 
 def test_description_contains_the_mesh_file(suite, folder):
-    heard = suite.client.listen(PartDescription, 'parts/tetrahedron', LATCHED)
-    suite.client.wait(lambda: heard, 'description')
-    assert bytes(heard[0].mesh) == (folder / 'tetrahedron.stl').read_bytes()
-    again = part_from(heard[0])
-    assert again.part_sha256 == heard[0].part_sha256
+    received = suite.client.listen(PartDescription, 'parts/tetrahedron', LATCHED)
+    suite.client.wait(lambda: received, 'description')
+    assert bytes(received[0].mesh) == (folder / 'tetrahedron.stl').read_bytes()
+    again = part_from(received[0])
+    assert again.part_sha256 == received[0].part_sha256
     assert again.part_sha256 == PartLibrary(folder).load('tetrahedron').part_sha256
 
 
 def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
-    heard = suite.client.listen(PartDescription, 'parts/hex_nut', LATCHED)
+    received = suite.client.listen(PartDescription, 'parts/hex_nut', LATCHED)
     shutil.copy(parts_folder() / 'hex_nut.stl', folder)
     before = listed('box_10x20x30', 'hex_nut', 'tetrahedron')['hex_nut'].part_sha256
-    suite.client.wait(lambda: heard, 'description of the new part')
-    assert heard[-1].part_sha256 == before
+    suite.client.wait(lambda: received, 'description of the new part')
+    assert received[-1].part_sha256 == before
     suite.client.ask('hex_nut', 3, seed=[1])
 
     (folder / 'hex_nut.yaml').write_text('density: 2700\n', encoding='utf-8')
@@ -107,14 +107,16 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
         return suite.client.parts()['hex_nut'].part_sha256 not in ('', before)
 
     suite.client.wait(changed, 'another hash')
-    suite.client.wait(lambda: heard[-1].part_sha256 != before, 'description of the changed part')
-    assert heard[-1].mesh_sha256 == heard[0].mesh_sha256
+    suite.client.wait(
+        lambda: received[-1].part_sha256 != before, 'description of the changed part'
+    )
+    assert received[-1].mesh_sha256 == received[0].mesh_sha256
     # No distribution of the current version is known.
     assert not suite.client.parts()['hex_nut'].known
     old = suite.client.ask('hex_nut', 3, seed=[1], only_known=True)
     assert old.status.code == Status.NOT_AVAILABLE
     new = suite.client.ask('hex_nut', 3, seed=[1])
-    assert new.distribution.run.part_sha256 == heard[-1].part_sha256
+    assert new.distribution.run.part_sha256 == received[-1].part_sha256
 
     (folder / 'hex_nut.stl').unlink()
     (folder / 'hex_nut.yaml').unlink()
@@ -127,7 +129,7 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
 def test_broken_mesh_is_reported_once(suite, listed, folder):
     simulator = suite.processes['drop_simulator']
     (folder / 'broken.stl').write_bytes(b'no mesh')
-    suite.client.wait(lambda: 'broken.stl' in simulator.said, 'warning')
+    suite.client.wait(lambda: 'broken.stl' in simulator.output, 'warning')
     assert suite.client.ask('tetrahedron', 4, seed=[9]).status.code == Status.OK
     listed('box_10x20x30', 'tetrahedron')
     # Several scans have been made when the added part is offered.
@@ -135,23 +137,23 @@ def test_broken_mesh_is_reported_once(suite, listed, folder):
     listed('box_10x20x30', 'tetrahedron', 'washer')
     (folder / 'washer.stl').unlink()
     listed('box_10x20x30', 'tetrahedron')
-    assert simulator.said.count('broken.stl') == 1
+    assert simulator.output.count('broken.stl') == 1
     (folder / 'broken.stl').unlink()
 
 
 def test_diagnostics_list_meshes_that_are_not_offered(suite, folder, diagnostics_of):
-    told = diagnostics_of(suite.client)
+    diagnostics = diagnostics_of(suite.client)
     (folder / 'empty.stl').write_bytes(b'no mesh either')
     shutil.copy(parts_folder() / 'washer.stl', folder / 'My Washer.stl')
-    words = '2 meshes are not offered'
-    level, _, values = told.wait('drop_simulator', lambda _, m, __: m == words, words)
+    expected = '2 meshes are not offered'
+    level, _, values = diagnostics.wait('drop_simulator', lambda _, m, __: m == expected, expected)
     assert level == DiagnosticStatus.WARN
     assert 'empty.stl' in values['not offered: empty']
     assert 'expected a name of lower case' in values['not offered: My Washer.stl']
     (folder / 'empty.stl').unlink()
-    told.wait('drop_simulator', lambda _, m, __: m == '1 mesh is not offered', 'one')
+    diagnostics.wait('drop_simulator', lambda _, m, __: m == '1 mesh is not offered', 'one')
     (folder / 'My Washer.stl').unlink()
-    told.wait('drop_simulator', lambda level, *_: level == DiagnosticStatus.OK, 'none')
+    diagnostics.wait('drop_simulator', lambda level, *_: level == DiagnosticStatus.OK, 'none')
 
 
 @pytest.mark.slow

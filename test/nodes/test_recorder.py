@@ -1,4 +1,4 @@
-"""A log of every run, read back with an independent reader and compared with what was heard."""
+"""The log of every run, read with an independent reader, matches the received messages."""
 
 import csv
 import os
@@ -53,28 +53,28 @@ def suite(fresh_suite):
 
 
 @pytest.fixture(scope='module')
-def heard(suite):
-    """All that is published of the tetrahedron, heard beside the recorder."""
+def received(suite):
+    """Return all messages about the tetrahedron, received in parallel with the recorder."""
     name = 'aspect_distributions/tetrahedron'
     suite.client.wait(
         lambda: suite.client.node.count_publishers(f'{suite.namespace}/{name}'), 'topic'
     )
-    heard = {
+    received = {
         'resting_poses': suite.client.poses(),
         name: suite.client.listen(AspectDistribution, name, LATCHED),
         'parts/tetrahedron': suite.client.listen(PartDescription, 'parts/tetrahedron', LATCHED),
     }
-    suite.client.wait(lambda: heard['parts/tetrahedron'], 'description')
-    return heard
+    suite.client.wait(lambda: received['parts/tetrahedron'], 'description')
+    return received
 
 
 @pytest.fixture(scope='module')
-def run(suite, heard):
-    """The description of a run that was heard and recorded."""
+def run(suite, received):
+    """Return the description of a run that was received and recorded."""
     run = suite.client.ask('tetrahedron', DROPS, seed=[1]).distribution.run
-    suite.client.wait(lambda: heard['resting_poses'][-1].last, 'last batch')
+    suite.client.wait(lambda: received['resting_poses'][-1].last, 'last batch')
     suite.client.wait(
-        lambda: heard['aspect_distributions/tetrahedron'][-1].complete, 'last distribution'
+        lambda: received['aspect_distributions/tetrahedron'][-1].complete, 'last distribution'
     )
     return run
 
@@ -95,10 +95,10 @@ def test_run_folder_is_named_after_part_start_and_run_id(folder, run):
 
 
 @pytest.mark.parametrize('way', ['the bare file', 'metadata.yaml'])
-def test_log_contains_every_published_message(suite, folder, heard, way):
+def test_log_contains_every_published_message(suite, folder, received, way):
     messages = read(next(folder.glob('*.mcap')) if way == 'the bare file' else folder)
-    assert set(messages) == {f'{suite.namespace}/{topic}' for topic in heard}
-    for topic, expected in heard.items():
+    assert set(messages) == {f'{suite.namespace}/{topic}' for topic in received}
+    for topic, expected in received.items():
         recorded = messages[f'{suite.namespace}/{topic}']
         if topic.startswith('aspect_distributions'):
             # Latched with depth 1: on a busy machine each reader may miss one that was replaced.
@@ -111,7 +111,7 @@ def test_log_contains_every_published_message(suite, folder, heard, way):
             assert plain(one) == plain(other), topic
 
 
-def test_log_ends_with_all_drops_counted(suite, folder, heard, run):
+def test_log_ends_with_all_drops_counted(suite, folder, received, run):
     messages = read(folder)
     batches = messages[f'{suite.namespace}/resting_poses']
     assert sum(len(batch.poses) for batch in batches) == DROPS
@@ -120,8 +120,8 @@ def test_log_ends_with_all_drops_counted(suite, folder, heard, run):
     assert (last.complete, last.drops, last.run.run_id) == (True, DROPS, run.run_id)
 
 
-def test_distributions_grow_during_a_run(heard, run):
-    distributions = heard['aspect_distributions/tetrahedron']
+def test_distributions_grow_during_a_run(received, run):
+    distributions = received['aspect_distributions/tetrahedron']
     assert {message.run.run_id for message in distributions} == {run.run_id}
     drops = [message.drops for message in distributions]
     assert drops == sorted(set(drops))
@@ -172,7 +172,7 @@ MAIN = 'from resting_aspects_ros.cli.main import main; raise SystemExit(main())'
 
 @pytest.mark.parametrize('canceled', [pytest.param(False, marks=pytest.mark.slow), True])
 def test_drop_repeats_the_drops_of_a_log(suite, surfaces, run_script, tmp_path, canceled):
-    """Of a run to a precision under conditions of its own, which a cancel ends before it."""
+    """The run has a precision and custom conditions; a cancel may end it early."""
     conditions = surfaces.get('steel').changed(height=0.07, friction=0.31, spin=2.0)
     drop = suite.client.dropping(
         'hex_nut',
@@ -186,10 +186,10 @@ def test_drop_repeats_the_drops_of_a_log(suite, surfaces, run_script, tmp_path, 
         drop.cancel()
     suite.client.wait(lambda: drop.done, 'goal')
     folder = suite.log_of(drop.result.run_id)
-    words = ('drop', '--from-log', folder, '--poses', tmp_path / 'again.csv')
-    command = run_script(MAIN, *words)
+    arguments = ('drop', '--from-log', folder, '--poses', tmp_path / 'again.csv')
+    command = run_script(MAIN, *arguments)
     suite.client.wait(lambda: not command.running, 'end of the command')
-    assert command.end() == 0, command.said
+    assert command.end() == 0, command.output
     batches = read(folder)[f'{suite.namespace}/resting_poses']
     poses = [pose.pose for batch in batches for pose in batch.poses]
     logged = [
@@ -214,7 +214,7 @@ def test_folder_name_that_is_not_utf8_is_rejected(run_command, wait, tmp_path):
     wait(lambda: not recorder.running, 'its end')
     assert recorder.end() == 2
     reason = r"\udcff/out/logs': expected UTF-8 text, as ROS messages require"
-    assert reason in recorder.said
+    assert reason in recorder.output
     assert not list(folder.iterdir())
 
 
@@ -225,15 +225,15 @@ def test_unwritable_folder_is_reported(suite, start, tmp_path):
     assert answer.status.code == Status.OK
     run_id = answer.distribution.run.run_id
     suite.client.wait(
-        lambda: f'run {run_id} of tetrahedron is not recorded: ' in recorder.said, 'error'
+        lambda: f'run {run_id} of tetrahedron is not recorded: ' in recorder.output, 'error'
     )
-    assert str(tmp_path / 'file') in recorder.said
+    assert str(tmp_path / 'file') in recorder.output
     assert recorder.running
     suite.log_of(run_id)  # of the recorder that can write
     assert recorder.end() == 0
 
 
-def test_restarted_recorder_records_the_whole_run(suite, heard, start, tmp_path):
+def test_restarted_recorder_records_the_whole_run(suite, received, start, tmp_path):
     """What the first wrote stays; the second writes a whole log beside it, and a third none."""
 
     def recorder():
@@ -244,19 +244,19 @@ def test_restarted_recorder_records_the_whole_run(suite, heard, start, tmp_path)
 
     first = recorder()
     drop = suite.client.dropping('tetrahedron', 5000, seed=10)
-    suite.client.wait(lambda: any(b.run.seed == 10 for b in heard['resting_poses']), 'batch')
+    suite.client.wait(lambda: any(b.run.seed == 10 for b in received['resting_poses']), 'batch')
     simulator = suite.processes['drop_simulator']
     assert simulator.send_to_workers(signal.SIGSTOP)
-    run_id = next(b.run.run_id for b in heard['resting_poses'] if b.run.seed == 10)
+    run_id = next(b.run.run_id for b in received['resting_poses'] if b.run.seed == 10)
     suite.client.wait(logs, 'log')
     first.end(signal.SIGKILL)
     assert not drop.done
     second = recorder()
     simulator.send_to_workers(signal.SIGCONT)
     suite.client.wait(lambda: drop.done, 'goal')
-    suite.client.wait(lambda: f'run {run_id} of tetrahedron is in ' in second.said, 'whole log')
+    suite.client.wait(lambda: f'run {run_id} of tetrahedron is in ' in second.output, 'whole log')
     interrupted, whole = logs()
-    assert f'is in {whole}' in second.said
+    assert f'is in {whole}' in second.output
     assert whole.name == f'{interrupted.name}_2'
     assert not (interrupted / 'metadata.yaml').exists()
     batches = read(whole)[f'{suite.namespace}/resting_poses']
@@ -264,23 +264,23 @@ def test_restarted_recorder_records_the_whole_run(suite, heard, start, tmp_path)
     assert recorded_outcome(whole) == Outcome(5000, whole=True)
     assert second.end() == 0
     third = recorder()
-    suite.client.wait(lambda: f'is already in {whole}' in third.said, 'word of it')
+    suite.client.wait(lambda: f'is already in {whole}' in third.output, 'word of it')
     assert third.end() == 0
     assert logs() == [interrupted, whole]
 
 
 # Last: it ends the recorder.
-def test_recorder_closes_its_log_when_it_ends_during_a_run(suite, heard, traceback):
+def test_recorder_closes_its_log_when_it_ends_during_a_run(suite, received, traceback):
     drop = suite.client.dropping('tetrahedron', 100_000, seed=9)
 
     def of_the_run():
-        return [batch for batch in heard['resting_poses'] if batch.run.seed == 9]
+        return [batch for batch in received['resting_poses'] if batch.run.seed == 9]
 
     suite.client.wait(lambda: len(of_the_run()) >= 2, 'second batch')
     run_id = of_the_run()[0].run.run_id
     recorder = suite.processes['drop_recorder']
     assert recorder.end() == 0
-    assert not traceback(recorder.said)
+    assert not traceback(recorder.output)
     drop.cancel()
     suite.client.wait(lambda: drop.done, 'canceled goal')
     folder = suite.log_of(run_id)

@@ -18,7 +18,7 @@ from resting_aspects_ros.logs.recovery import recover_log
 from resting_aspects_ros.ros.interface import MIN_BATCH, POSES, RESTING_POSES
 
 BATCHES = 200
-# Kills come when so many batches at most are told of: long before the recorder is through.
+# The recorder is killed after it reports at most this many batches: long before it is done.
 LATEST = 100
 
 # Imports once what takes seconds; starts a recorder at each line of input, one after the other.
@@ -40,7 +40,7 @@ for line in sys.stdin:
 
 @pytest.fixture
 def start_recorder(tmp_path):
-    """Start a recorder that tells what it has written; its pid, and the file of what it says."""
+    """Start a recorder that reports what it has written; return its pid and its output file."""
     with subprocess.Popen(
         [sys.executable, '-c', RECORDERS],
         stdin=subprocess.PIPE,
@@ -50,10 +50,10 @@ def start_recorder(tmp_path):
     ) as process:
 
         def start_recorder(namespace, number):
-            output = tmp_path / f'said_{number}.txt'
+            output = tmp_path / f'output_{number}.txt'
             name = f'{namespace[1:]}.drop_recorder'
-            words = f'-r __ns:={namespace} -p log_folder:={tmp_path} --log-level {name}:=debug'
-            print(f'{output} --ros-args {words}', file=process.stdin, flush=True)
+            arguments = f'-r __ns:={namespace} -p log_folder:={tmp_path} --log-level {name}:=debug'
+            print(f'{output} --ros-args {arguments}', file=process.stdin, flush=True)
             return int(process.stdout.readline()), output
 
         yield start_recorder
@@ -62,13 +62,13 @@ def start_recorder(tmp_path):
 
 
 def reported_drops(output):
-    """How many drops a recorder says it has written."""
+    """Return how many drops a recorder reports as written."""
     found = re.findall(r' (\d+) drops are in .*\n', output.read_text())
     return max(map(int, found), default=0)
 
 
 def batches_in(log, topic):
-    """The batches of poses in a log, in CDR."""
+    """Return the batches of poses in a log, in CDR."""
     with AnyReader([log]) as reader:
         connections = [each for each in reader.connections if each.topic == topic]
         return [bytes(data) for *_, data in reader.messages(connections)] if connections else []
@@ -88,23 +88,25 @@ def test_killed_recorder_loses_no_reported_drops(
     for number in range(1, kills + 1):
         pid, output = start_recorder(namespace, number)
         end = f'killed_{number}' if number > 1 else 'killed'
-        least = MIN_BATCH * rng.randint(1, LATEST)
+        min_drops = MIN_BATCH * rng.randint(1, LATEST)
         wait(
-            lambda output=output, least=least: output.exists() and reported_drops(output) >= least,
+            lambda output=output, min_drops=min_drops: (
+                output.exists() and reported_drops(output) >= min_drops
+            ),
             'batches',
             step=lambda: time.sleep(0.001),
         )
         time.sleep(rng.uniform(0, 0.01))  # the moment itself, not something that is waited for
         os.kill(pid, signal.SIGKILL)
-        # What it said is all there once it is gone.
+        # Its output is complete once the process has ended.
         client.wait(lambda pid=pid: not Path(f'/proc/{pid}').exists(), 'its end')
-        told = reported_drops(output)
+        reported = reported_drops(output)
         (log,) = tmp_path.glob(f'*_{end}')
         recover_log(log)
         recovered = batches_in(log, f'{namespace}/{RESTING_POSES}')
         assert recovered == published[: len(recovered)]
-        # A batch may be written and not told yet.
-        assert len(recovered) - 1 <= told / MIN_BATCH <= len(recovered)
+        # A batch may be written but not reported yet.
+        assert len(recovered) - 1 <= reported / MIN_BATCH <= len(recovered)
         kept.append(len(recovered))
     # All but perhaps a few, on a busy machine, were in the middle of writing, and nowhere else.
     assert sum(0 < number < BATCHES for number in kept) >= kills - 2, kept

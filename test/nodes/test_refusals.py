@@ -46,7 +46,7 @@ def refused(request, suite):
         return KINDS[status.code], status.message
 
     yield refused
-    assert suite.alive, [process.said for process in suite.processes.values()]
+    assert suite.alive, [process.output for process in suite.processes.values()]
     assert suite.client.ask('tetrahedron', 5).status.code == Status.OK
 
 
@@ -55,22 +55,22 @@ def refused(request, suite):
     ['no_such_part', '../x', '', 'a/b', 'x' * 300, 'Würfel ⬛', '/etc/passwd', 'tetrahedron\n'],
 )
 def test_unknown_part_name(refused, name):
-    kind, words = refused(part=name)
+    kind, message = refused(part=name)
     assert kind == 'UNKNOWN_PART'
-    assert ' is not known; known parts: cut_short, tetrahedron' in words
-    assert len(words) < 300
+    assert ' is not known; known parts: cut_short, tetrahedron' in message
+    assert len(message) < 300
 
 
 def test_part_with_a_broken_mesh(refused):
-    kind, words = refused(part='cut_short')
+    kind, message = refused(part='cut_short')
     assert kind == 'INVALID'
-    assert 'cut_short.stl' in words
+    assert 'cut_short.stl' in message
 
 
 @pytest.mark.parametrize('drops', [0, 10**12, 2**64 - 1])
 def test_drops_out_of_bounds(refused, drops):
-    words = f'invalid drops {drops}: expected an integer from 1 to 2000000'
-    assert refused(drops=drops) == ('INVALID', words)
+    message = f'invalid drops {drops}: expected an integer from 1 to 2000000'
+    assert refused(drops=drops) == ('INVALID', message)
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf, -0.5])
@@ -78,16 +78,16 @@ def test_drops_out_of_bounds(refused, drops):
 def test_conditions_out_of_bounds(refused, surfaces, name, value):
     conditions = conditions_msg(surfaces.get())
     setattr(conditions, name, value)
-    kind, words = refused(conditions=[conditions])
+    kind, message = refused(conditions=[conditions])
     assert kind == 'INVALID'
-    assert words.startswith(f'invalid {name} {value!r}: expected ')
+    assert message.startswith(f'invalid {name} {value!r}: expected ')
 
 
 def test_unknown_height_of(refused, surfaces):
     conditions = conditions_msg(surfaces.get())
     conditions.height_of = 7
-    kind, words = refused(conditions=[conditions])
-    assert (kind, words) == (
+    kind, message = refused(conditions=[conditions])
+    assert (kind, message) == (
         'INVALID',
         'invalid height_of 7: expected 0 (LOWEST_POINT) or 1 (CENTRE_OF_MASS)',
     )
@@ -97,10 +97,10 @@ def test_centre_of_mass_too_low(refused, surfaces):
     conditions = conditions_msg(surfaces.get())
     conditions.height_of = conditions.CENTRE_OF_MASS
     conditions.height = 0.001
-    kind, words = refused(conditions=[conditions])
+    kind, message = refused(conditions=[conditions])
     assert kind == 'INVALID'
-    assert 'invalid height of the centre of mass 0.001 m' in words
-    assert 'more than' in words
+    assert 'invalid height of the centre of mass 0.001 m' in message
+    assert 'more than' in message
 
 
 def test_unknown_surface(refused):
@@ -112,8 +112,11 @@ def test_unknown_surface(refused):
 
 @pytest.mark.parametrize('precision', [0.9, -1.0, 1e-4, math.nan, math.inf])
 def test_precision_out_of_bounds(refused, precision):
-    kind, words = refused(precision=precision)
-    assert (kind, words) == ('INVALID', f'invalid precision {precision!r}: expected 0.001 to 0.25')
+    kind, message = refused(precision=precision)
+    assert (kind, message) == (
+        'INVALID',
+        f'invalid precision {precision!r}: expected 0.001 to 0.25',
+    )
 
 
 def test_precision_requires_first_drop_0(suite):
@@ -152,25 +155,27 @@ def test_goal_above_the_maximum_gets_busy(suite, diagnostics_of):
     assert simulator.send_to_workers(signal.SIGSTOP) >= 1
     try:
         drops = [suite.client.dropping(drops=2, seed=seed) for seed in range(MAX_GOALS)]
-        told = diagnostics_of(suite.client)
+        diagnostics = diagnostics_of(suite.client)
         many = str(MAX_GOALS)
-        told.wait('drop_simulator', lambda *told: told[2]['active runs'] == many, 'all runs')
+        diagnostics.wait(
+            'drop_simulator', lambda *status: status[2]['active runs'] == many, 'all runs'
+        )
         one_more = suite.client.drop(drops=1)
         by_service = suite.client.ask(drops=7, seed=[31])
         assert not any(drop.done for drop in drops)
     finally:
         simulator.send_to_workers(signal.SIGCONT)
-    words = f'{MAX_GOALS} drop_part goals are active, try again later'
+    message = f'{MAX_GOALS} drop_part goals are active, try again later'
     assert one_more.outcome == 'aborted'
-    assert one_more.result.status == Status(code=Status.BUSY, message=words)
-    assert by_service.status == Status(code=Status.BUSY, message=words)
+    assert one_more.result.status == Status(code=Status.BUSY, message=message)
+    assert by_service.status == Status(code=Status.BUSY, message=message)
     suite.client.wait(lambda: all(drop.done for drop in drops), 'goals')
     assert {drop.outcome for drop in drops} == {'succeeded'}
     assert suite.client.drop(drops=1).outcome == 'succeeded'
 
 
 @pytest.mark.parametrize(
-    ('node', 'parameter', 'words'),
+    ('node', 'parameter', 'message'),
     [
         ('drop_simulator', ('workers', 2000), 'workers out of range. Min: 0, Max: 1024'),
         ('drop_simulator', ('workers', -1), 'workers out of range. Min: 0, Max: 1024'),
@@ -183,23 +188,23 @@ def test_goal_above_the_maximum_gets_busy(suite, diagnostics_of):
     ids=lambda value: '-'.join(map(str, value)) if isinstance(value, tuple) else None,
 )
 def test_node_that_cannot_start_prints_one_error_line(
-    start, namespace, tmp_path, traceback, node, parameter, words
+    start, namespace, tmp_path, traceback, node, parameter, message
 ):
     broken = tmp_path / 'surfaces.yaml'
     broken.write_text('rubber_mat: [', encoding='utf-8')
     name, value = parameter
     process = start(node, namespace, {name: str(value).format(broken=broken)}, ready='')
     assert process.end(number=0) == 2
-    errors = [line for line in process.said.splitlines() if line.startswith('error: ')]
+    errors = [line for line in process.output.splitlines() if line.startswith('error: ')]
     assert len(errors) == 1
-    assert words in errors[0]
-    assert not traceback(process.said)
+    assert message in errors[0]
+    assert not traceback(process.output)
 
 
 def test_invalid_ros_arguments_print_one_error_line(run_command, traceback):
     module = 'resting_aspects_ros.nodes.drop_recorder.node'
     process = run_command(sys.executable, '-m', module, '--ros-args', '-p', 'nonsense')
     assert process.end(number=0) == 2
-    assert 'error: ' in process.said
-    assert 'nonsense' in process.said
-    assert not traceback(process.said)
+    assert 'error: ' in process.output
+    assert 'nonsense' in process.output
+    assert not traceback(process.output)

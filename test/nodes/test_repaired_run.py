@@ -17,17 +17,17 @@ def suite(fresh_suite):
 
 
 @pytest.fixture(scope='module')
-def heard(suite):
+def received(suite):
     return suite.client.poses()
 
 
 @pytest.fixture(scope='module')
-def run(suite, heard):
+def run(suite, received):
     """A run that is over."""
     drop = suite.client.drop('tetrahedron', DROPS, seed=11)
-    suite.client.wait(lambda: any(batch.last for batch in heard), 'last batch')
-    assert heard[0].run.run_id == drop.result.run_id
-    return heard[0].run
+    suite.client.wait(lambda: any(batch.last for batch in received), 'last batch')
+    assert received[0].run.run_id == drop.result.run_id
+    return received[0].run
 
 
 def test_restarted_recorder_finds_its_log(suite, run):
@@ -42,8 +42,8 @@ def test_restarted_recorder_finds_its_log(suite, run):
     suite.client.wait(of_the_run, 'message about the log')
     assert {(run.drops, run.whole, run.error) for run in of_the_run()} == {(DROPS, True, '')}
     recorder = suite.processes['drop_recorder']
-    suite.client.wait(lambda: f'is already in {log}' in recorder.said, 'log line')
-    assert 'requested again' not in recorder.said
+    suite.client.wait(lambda: f'is already in {log}' in recorder.output, 'log line')
+    assert 'requested again' not in recorder.output
 
 
 @pytest.fixture
@@ -62,16 +62,16 @@ def two_goals(suite, run):
     simulator.send_to_workers(signal.SIGCONT)
 
 
-def test_concurrent_repairs_are_simulated_once(suite, heard, run, two_goals):
-    before = len(heard)
+def test_concurrent_repairs_are_simulated_once(suite, received, run, two_goals):
+    before = len(received)
     suite.processes['drop_simulator'].send_to_workers(signal.SIGCONT)
     suite.client.wait(lambda: all(goal.done for goal in two_goals), 'both')
     one, other = (goal.result for goal in two_goals)
     assert (one.status.code, one.drops, one.settled) == (Status.OK, 300, other.settled)
     assert (other.status, other.run_id, other.drops) == (one.status, one.run_id, 300)
     last = suite.client.drop(drops=1, seed=14).result.run_id
-    suite.client.wait(lambda: heard[-1].run.run_id == last, 'last batch')
-    again = [batch for batch in heard[before:] if batch.run == run]
+    suite.client.wait(lambda: received[-1].run.run_id == last, 'last batch')
+    again = [batch for batch in received[before:] if batch.run == run]
     assert [len(batch.poses) for batch in again] == [250, 50]
 
 

@@ -33,12 +33,12 @@ def test_200_000_drops_are_all_received_and_counted(
     once = count_poses(find_aspects(part('tetrahedron')), poses)
     start('aspect_classifier', namespace)
     client = connect(namespace)
-    heard = listen_raw(client, RestingPoses, 'resting_poses', POSES)
+    received = listen_raw(client, RestingPoses, 'resting_poses', POSES)
     replayer = replay(log, as_fast_as_possible=True)
-    wait(lambda: 'replayed in ' in replayer.said, 'end of the log')  # the client does not spin
-    assert f': {len(written) + 1} messages; ' in replayer.said
-    client.wait(lambda: len(heard) == len(written), 'all batches')
-    assert [data for data, _ in heard] == written
+    wait(lambda: 'replayed in ' in replayer.output, 'end of the log')  # the client does not spin
+    assert f': {len(written) + 1} messages; ' in replayer.output
+    client.wait(lambda: len(received) == len(written), 'all batches')
+    assert [data for data, _ in received] == written
 
     def known():
         answer = client.ask('tetrahedron', DROPS, surface='rubber_mat', seed=[1], only_known=True)
@@ -88,16 +88,16 @@ def test_stopped_subscriber_of_depth_1_loses_no_message(
     reader = run_command(sys.executable, '-c', READER, namespace)
     replay(distributions, as_fast_as_possible=True, loop=True)
 
-    def heard():
-        return [int(word) for word in reader.said.split()]
+    def received():
+        return [int(word) for word in reader.output.split()]
 
-    client.wait(lambda: len(heard()) > COUNT / 10, 'some of them')
+    client.wait(lambda: len(received()) > COUNT / 10, 'some of them')
     reader.send(signal.SIGSTOP)
     client.spin(3.0)  # more than the pause between two rounds
     reader.send(signal.SIGCONT)
-    before = len(heard())
-    client.wait(lambda: len(heard()) > before + COUNT, 'a round more')
-    found = heard()
+    before = len(received())
+    client.wait(lambda: len(received()) > before + COUNT, 'a round more')
+    found = received()
     assert found == [(found[0] + k) % COUNT for k in range(len(found))]
 
 
@@ -106,8 +106,8 @@ def test_killed_subscriber_does_not_block_the_replay(
 ):
     reader = run_command(sys.executable, '-c', READER, namespace)
     replayer = replay(distributions, as_fast_as_possible=True, loop=True)
-    wait(lambda: len(reader.said.split()) > COUNT / 10, 'some of them')
+    wait(lambda: len(reader.output.split()) > COUNT / 10, 'some of them')
     reader.send(signal.SIGKILL)
     other = run_command(sys.executable, '-c', READER, namespace)
-    wait(lambda: len(other.said.split()) > 2 * COUNT, 'two rounds', 120)
+    wait(lambda: len(other.output.split()) > 2 * COUNT, 'two rounds', 120)
     assert replayer.running

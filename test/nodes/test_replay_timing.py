@@ -22,7 +22,7 @@ POSES, PART = '/cell/resting_poses', '/cell/parts/tetrahedron'
 
 
 class Player:
-    """A replay with a clock of its own, and subscribers that acknowledge when they are told to.
+    """A replay with a simulated clock, and subscribers that acknowledge on command.
 
     published : the clock and the message, of each
     """
@@ -183,8 +183,8 @@ def test_hanging_subscriber_does_not_block_the_replay(deep_log):
     first, second, *_, last = player.times('/note')
     assert ACK_TIMEOUT < second - first <= ACK_TIMEOUT + 2 * ACK_PERIOD
     assert last == second  # it is waited for once
-    (words,) = player.warnings
-    assert words.startswith('a subscriber of note has not acknowledged for 60 s: ')
+    (warning,) = player.warnings
+    assert warning.startswith('a subscriber of note has not acknowledged for 60 s: ')
 
 
 def test_pause_does_not_count_as_a_hanging_subscriber(deep_log):

@@ -27,7 +27,7 @@ KINDS = {
 
 @pytest.fixture
 def recording(tmp_path):
-    """Record a message of each topic: name and kind, or a whole type, and what else is said."""
+    """Record a message of each topic, given by name and kind or type, with optional metadata."""
 
     def recording(*topics, encoding='cdr', **metadata):
         path = tmp_path / 'log.mcap'
@@ -166,8 +166,8 @@ def test_type_with_another_definition_is_an_error(recording):
     log = recording(('/resting_poses', 'poses'), topic_type_hash='RIHS01_older')
     with pytest.raises(LogError) as caught:
         replayed_topics(log)
-    for words in (str(log.path), KINDS['poses'], "'RIHS01_older'"):
-        assert words in str(caught.value)
+    for expected in (str(log.path), KINDS['poses'], "'RIHS01_older'"):
+        assert expected in str(caught.value)
     installed = load_schema(KINDS['poses']).type_hash
     assert replayed_topics(recording(('/resting_poses', 'poses'), topic_type_hash=installed))
 
@@ -206,7 +206,7 @@ def test_recorded_qos_is_offered(recording, qos, expected):
     ('kind', 'usual'), [('poses', POSES), ('part', LATCHED), ('distribution', LATCHED)]
 )
 def test_missing_qos_of_a_suite_topic_is_the_default(recording, kind, usual):
-    """The depth is not in a bag that rosbag2 recorded; a log of another writer says nothing."""
+    """The depth is not in a bag that rosbag2 recorded; a log of another writer has no QoS."""
     bag = qos_profiles(Qos(0, durability='transient_local'))
     bag[0]['history'] = 'unknown'
     expected = (usual.depth, usual.reliability, usual.durability, usual.history)

@@ -88,11 +88,11 @@ def test_known_distribution_is_returned_at_once(restarted, first):
 
 
 def test_known_distribution_is_published(restarted, first):
-    heard = restarted.client.listen(
+    received = restarted.client.listen(
         AspectDistribution, 'aspect_distributions/tetrahedron', LATCHED
     )
-    restarted.client.wait(lambda: heard, 'distribution')
-    assert without_stamp(heard[0]) == without_stamp(first)
+    restarted.client.wait(lambda: received, 'distribution')
+    assert without_stamp(received[0]) == without_stamp(first)
 
 
 @pytest.mark.parametrize('fields', [{'drops': 301}, {'surface': 'steel'}, {'seed': [SEED + 1]}])
@@ -146,9 +146,9 @@ def request_of(restarted, capfd, monkeypatch):
     """Run the request command; return the exit code and the output of both streams."""
     monkeypatch.setattr(pending_request, 'SIMULATOR_TIMEOUT', 1.0)
 
-    def request_of(*words):
+    def request_of(*arguments):
         ros = ('--ros-args', '-r', f'__ns:={restarted.namespace}')
-        code = main(['request', 'tetrahedron', *words, *ros])
+        code = main(['request', 'tetrahedron', *arguments, *ros])
         return code, *capfd.readouterr()
 
     return request_of
@@ -159,9 +159,9 @@ def test_request_command_uses_logs_without_a_simulator(restarted, first, request
     start_again(restarted, 'aspect_classifier')
     surface = ('--surface', 'rubber_mat')
     _, table, _ = request_of('--drops', '200', *surface)
-    name, words, *_ = (line.rstrip() for line in table.splitlines())
+    name, arguments, *_ = (line.rstrip() for line in table.splitlines())
     assert name == 'tetrahedron'  # of a log; its size is known to the simulator
-    assert words == f'300 drops on rubber_mat, seed {SEED}'
+    assert arguments == f'300 drops on rubber_mat, seed {SEED}'
     code, _, printed = request_of('--drops', '200', '--json', *surface)
     assert code == 0
     # On a busy machine it may also print that it waits for the classifier.

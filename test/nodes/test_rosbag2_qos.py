@@ -51,7 +51,7 @@ def test_deep_topics_are_overridden_with_their_qos():
 def test_late_subscriber_with_overrides_gets_all_batches(wait, count):
     profile = overrides()['/resting_poses']
     default = QoSProfile(depth=ROSBAG2_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    heard, kept = [], []
+    received, kept = [], []
     context = rclpy.Context()
     rclpy.init(context=context)
     try:
@@ -65,19 +65,19 @@ def test_late_subscriber_with_overrides_gets_all_batches(wait, count):
         node.create_subscription(
             RestingPoses,
             'resting_poses',
-            lambda message: heard.append(message.first_drop),
+            lambda message: received.append(message.first_drop),
             profile,
         )
         assert publisher.wait_for_all_acked()
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         wait(
-            lambda: count - 1 in heard and count - 1 in kept,
+            lambda: count - 1 in received and count - 1 in kept,
             'the last batch',
             step=lambda: executor.spin_once(0.1),
         )
     finally:
         node.destroy_node()
         rclpy.try_shutdown(context=context)
-    assert heard == list(range(count))
+    assert received == list(range(count))
     assert len(kept) < count  # so the overrides are needed

@@ -1,4 +1,4 @@
-"""What is said of a log that cannot be written to its end."""
+"""Problems reported for a log that cannot be completed."""
 
 import resource
 from pathlib import Path
@@ -41,7 +41,7 @@ def failed(surfaces, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('recorded', 'asked', 'said'),
+    ('recorded', 'asked', 'expected'),
     [
         (
             4000,
@@ -53,8 +53,8 @@ def failed(surfaces, tmp_path):
         (0, 4000, 'run 4f1c of nut is not recorded: log '),
     ],
 )
-def test_problem_states_the_number_of_recorded_drops(failed, recorded, asked, said):
-    assert failed(recorded, asked).problem().startswith(said)
+def test_problem_states_the_number_of_recorded_drops(failed, recorded, asked, expected):
+    assert failed(recorded, asked).problem().startswith(expected)
 
 
 def test_deleted_working_folder_is_an_error(tmp_path, monkeypatch):

@@ -64,9 +64,9 @@ def test_topics_are_relative(displays):
 
 def test_frame_and_namespaces_match_the_messages(suite, manager, displays):
     assert manager['Global Options']['Fixed Frame'] == FRAME
-    heard = suite.client.listen(MarkerArray, MARKERS, LATCHED)
+    received = suite.client.listen(MarkerArray, MARKERS, LATCHED)
     suite.client.ask('tetrahedron', 20)
-    suite.client.wait(lambda: heard, 'markers')
-    assert {marker.header.frame_id for marker in heard[-1].markers} == {FRAME}
-    shown = {marker.ns for marker in heard[-1].markers if marker.ns}
+    suite.client.wait(lambda: received, 'markers')
+    assert {marker.header.frame_id for marker in received[-1].markers} == {FRAME}
+    shown = {marker.ns for marker in received[-1].markers if marker.ns}
     assert set(displays[MARKERS]['Namespaces']) == shown

@@ -15,7 +15,7 @@ def test_second_recorder_needs_another_namespace(
     second = start('drop_recorder', namespace, {'log_folder': tmp_path}, ready='')
     wait(lambda: not second.running, 'end of the second')
     assert second.end() == 2
-    assert second.said == (
+    assert second.output == (
         f"error: invalid log_folder '{tmp_path}': expected a folder in which no other "
         'drop_recorder of this namespace writes logs\n'
     )

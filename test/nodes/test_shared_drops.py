@@ -12,12 +12,12 @@ MANY = 200_000  # until it is canceled
 
 
 @pytest.fixture(scope='module')
-def heard(suite):
+def received(suite):
     return suite.client.poses()
 
 
 @pytest.fixture
-def goals(suite, heard):
+def goals(suite, received):
     """Return goals for the same drops, all accepted before the first drop is made."""
 
     def goals(count, *asked, **fields):
@@ -35,18 +35,18 @@ def goals(suite, heard):
     return goals
 
 
-def runs_of(heard, seed):
-    return {batch.run.run_id for batch in heard if batch.run.seed == seed}
+def runs_of(received, seed):
+    return {batch.run.run_id for batch in received if batch.run.seed == seed}
 
 
 @pytest.mark.parametrize(('seed', 'precision'), [(7171, 0.0), (7172, 0.02)])
-def test_concurrent_goals_share_one_run(suite, heard, goals, seed, precision):
+def test_concurrent_goals_share_one_run(suite, received, goals, seed, precision):
     drops = goals(2, DROPS, seed=seed, precision=precision)
     suite.client.wait(lambda: all(drop.done for drop in drops), 'both results')
     first, second = (drop.result for drop in drops)
     assert first.status.code == second.status.code == Status.OK
     assert first == second
-    assert runs_of(heard, seed) == {first.run_id}
+    assert runs_of(received, seed) == {first.run_id}
     # The second goal receives feedback too. The last feedback can arrive after the result.
     done = [feedback.done for feedback in drops[1].feedback]
     assert done == sorted(set(done))
@@ -56,7 +56,7 @@ def test_concurrent_goals_share_one_run(suite, heard, goals, seed, precision):
     assert all(feedback.drops_per_second > 0 for feedback in drops[1].feedback)
 
 
-def test_canceling_the_second_goal_keeps_the_first(suite, heard, goals):
+def test_canceling_the_second_goal_keeps_the_first(suite, received, goals):
     first, second = goals(2, MANY, seed=7173)
     suite.client.wait(lambda: second.feedback, 'some drops')
     second.cancel()
@@ -68,27 +68,27 @@ def test_canceling_the_second_goal_keeps_the_first(suite, heard, goals):
     suite.client.wait(lambda: len(first.feedback) > before + 2, 'more of the first')
     first.cancel()
     suite.client.wait(lambda: first.done, 'end of the first')
-    assert runs_of(heard, 7173) == {first.result.run_id} == {second.result.run_id}
+    assert runs_of(received, 7173) == {first.result.run_id} == {second.result.run_id}
 
 
-def test_canceling_the_first_goal_keeps_the_others(suite, heard, goals):
+def test_canceling_the_first_goal_keeps_the_others(suite, received, goals):
     first, *others = goals(3, 2 * DROPS, seed=7174)
     suite.client.wait(lambda: first.feedback, 'some drops')
     first.cancel()
     suite.client.wait(lambda: all(drop.done for drop in (first, *others)), 'results')
     assert [drop.outcome for drop in (first, *others)] == ['canceled', 'succeeded', 'succeeded']
     assert {drop.result.drops for drop in others} == {2 * DROPS}
-    assert runs_of(heard, 7174) == {drop.result.run_id for drop in (first, *others)}
+    assert runs_of(received, 7174) == {drop.result.run_id for drop in (first, *others)}
 
 
-def test_all_are_canceled_together(suite, heard, goals):
+def test_all_are_canceled_together(suite, received, goals):
     drops = goals(3, MANY, seed=7177)
     suite.client.wait(lambda: drops[0].feedback, 'some drops')
     for drop in drops:
         drop.cancel()
     suite.client.wait(lambda: all(drop.done for drop in drops), 'results')
     assert {drop.outcome for drop in drops} == {'canceled'}
-    assert runs_of(heard, 7177) == {drops[0].result.run_id}
+    assert runs_of(received, 7177) == {drops[0].result.run_id}
 
 
 def test_joining_goal_does_not_count_towards_the_maximum(suite, goals):

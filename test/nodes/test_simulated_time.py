@@ -1,4 +1,4 @@
-"""Nodes with use_sim_time where nobody publishes a clock: they go on."""
+"""Nodes with use_sim_time keep running without a clock publisher."""
 
 import time
 
@@ -23,22 +23,22 @@ def test_nodes_work_without_a_clock_publisher(start, connect, namespace, paramet
         )
     ]
     assert parameters_of(client, 'drop_recorder').get('use_sim_time')
-    heard = client.listen(AspectDistribution, 'aspect_distributions/tetrahedron', LATCHED)
+    received = client.listen(AspectDistribution, 'aspect_distributions/tetrahedron', LATCHED)
     diagnoses = client.listen(DiagnosticArray, DIAGNOSTICS, 10)
     answer = client.ask('tetrahedron', 20)
     assert answer.status.code == Status.OK
     run = answer.distribution.run
     assert abs(run.started.sec - time.time()) < YEAR
-    client.wait(lambda: heard and heard[-1].complete, 'distribution on its topic')
+    client.wait(lambda: received and received[-1].complete, 'distribution on its topic')
     client.wait(lambda: list(tmp_path.glob(f'*_{run.run_id}/metadata.yaml')), 'log')
     log = Recording(next(tmp_path.glob('*')))
     assert abs(log.span(log.topics).start / 1e9 - time.time()) < YEAR
     # Stamps of messages are ROS time, as everywhere.
     assert answer.distribution.header.stamp.sec == 0
 
-    def all_heard():
+    def all_received():
         names = [status.name for message in diagnoses for status in message.status]
         return all(names.count(f'{namespace[1:]}/{node}') >= 2 for node in NODES)
 
-    client.wait(all_heard, 'diagnostics')
+    client.wait(all_received, 'diagnostics')
     assert all(process.running for process in processes)

@@ -8,7 +8,7 @@ from resting_aspects_interfaces.msg import Status
 
 
 def test_identical_concurrent_requests_share_a_run(suite, counts):
-    heard = suite.client.poses()
+    received = suite.client.poses()
     asked = [suite.client.asking('tetrahedron', 130, seed=[3]) for _ in range(12)]
     suite.client.wait(lambda: all(answer.done() for answer in asked), 'answers')
     answers = [answer.result() for answer in asked]
@@ -17,7 +17,7 @@ def test_identical_concurrent_requests_share_a_run(suite, counts):
     assert len({counts(answer.distribution) for answer in answers}) == 1
 
     def of_the_seed():
-        return [batch for batch in heard if batch.run.seed == 3 and batch.run.drops == 130]
+        return [batch for batch in received if batch.run.seed == 3 and batch.run.drops == 130]
 
     suite.client.wait(lambda: of_the_seed() and of_the_seed()[-1].last, 'batches')
     assert {batch.run.run_id for batch in of_the_seed()} == {run_id}
@@ -48,13 +48,13 @@ def test_known_answer_does_not_wait_for_an_active_run(suite):
 
 
 def test_result_is_kept_after_the_client_was_killed(suite, run_command):
-    heard = suite.client.poses()
+    received = suite.client.poses()
     ros = ('--ros-args', '-r', f'__ns:={suite.namespace}')
     command = ('request', 'tetrahedron', '--drops', '400', '--seed', '77')
     client = run_command(sys.executable, '-m', 'resting_aspects_ros.cli', *command, *ros)
 
     def of_its_run():
-        return [batch for batch in heard if batch.run.seed == 77]
+        return [batch for batch in received if batch.run.seed == 77]
 
     suite.client.wait(of_its_run, 'first batch')
     assert not any(batch.last for batch in of_its_run())
@@ -82,7 +82,7 @@ def test_killed_worker_loses_no_drop(suite):
     assert done == [125, 250, 375, 500][: len(done)]
     suite.client.wait(
         lambda: re.search(
-            r'a worker died near drop \d+ of tetrahedron: its drops are repeated', simulator.said
+            r'a worker died near drop \d+ of tetrahedron: its drops are repeated', simulator.output
         ),
         'word of it',
     )
