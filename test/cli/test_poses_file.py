@@ -133,7 +133,7 @@ def test_a_decimal_comma_is_no_number(refusal):
 
 def test_a_status_that_is_none(refusal):
     assert refusal('qx,qy,qz,qw,Status\n0,0,0,1,ok\n') == (
-        "invalid Status 'ok' in p.csv line 2: expected SETTLED, UNSETTLED, FAILED"
+        "invalid Status 'ok' in p.csv line 2: expected one of SETTLED, UNSETTLED, FAILED"
     )
 
 
