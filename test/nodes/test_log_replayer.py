@@ -328,7 +328,7 @@ def test_drops_of_a_loop_are_counted_once(start, received, replay, log, recorded
 @pytest.mark.parametrize(
     ('parameters', 'message'),
     [
-        ({}, "log is '', allowed is the folder of a run, or an .mcap file"),
+        ({}, "invalid log '': expected the folder of a run, or an .mcap file"),
         ({'log': '/no/such.mcap'}, "log '/no/such.mcap' cannot be read: No such file"),
         ({'log': '{tmp}'}, "folder '{tmp}' is not a log: it has no .mcap file"),
         ({'log': '{tmp}/text/a.mcap'}, "'{tmp}/text/a.mcap' is damaged, or not an MCAP file"),
@@ -340,7 +340,7 @@ def test_drops_of_a_loop_are_counted_once(start, received, replay, log, recorded
         ),
         (
             {'log': '{log}', 'rate': '2.0', 'as_fast_as_possible': 'true'},
-            'rate is 2.0, allowed is 1.0 with as_fast_as_possible',
+            'invalid rate 2.0: expected 1.0 with as_fast_as_possible',
         ),
     ],
     ids=str,
