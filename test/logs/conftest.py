@@ -8,7 +8,7 @@ import pytest
 
 @pytest.fixture
 def no_space_after():
-    """Let files grow no further than so many bytes, as on a full disk.
+    """Limit the size of files to a number of bytes, as on a full disk.
 
     Only inside the test: it holds for the file that pytest may be writing to as well.
     """

@@ -349,7 +349,7 @@ print(status.split('VmHWM:')[1].split()[0])
 @pytest.mark.parametrize('packed', [zeros_zstd, zeros_lz4])
 @pytest.mark.parametrize('declared', [None, 1000, MAX_RECORD])
 def test_chunk_of_gigabytes_needs_little_memory(tmp_path, packed, declared):
-    """Whether it says so or not."""
+    """The declared size of the chunk does not matter."""
     size = 1 << 30
     data = packed(size)
     name = packed.__name__.removeprefix('zeros_')

@@ -57,15 +57,15 @@ def test_only_requested_chunks_are_read(log):
 
 
 def test_log_that_was_not_closed_has_no_index(log, tmp_path):
-    words = 'has no index: it was not closed, or is being written'
-    with pytest.raises(NoIndexError, match=words):
+    expected = 'has no index: it was not closed, or is being written'
+    with pytest.raises(NoIndexError, match=expected):
         IndexedLog(log.path)
     log.close()
     content = log.path.read_bytes()
     cut = tmp_path / 'cut.mcap'
     for size in [0, 3, 8, *range(9, len(content) - 1, 29)]:
         cut.write_bytes(content[:size])
-        with pytest.raises(NoIndexError, match=words):
+        with pytest.raises(NoIndexError, match=expected):
             IndexedLog(cut)
 
 

@@ -16,7 +16,7 @@ LINE = '=' * 80
 
 @pytest.fixture
 def share(tmp_path, monkeypatch):
-    """Give a share folder of its own that is searched before the installed ones."""
+    """Return a new share folder that is searched before the installed ones."""
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path / 'prefix'))
     return tmp_path / 'prefix' / 'share'
 
@@ -49,7 +49,7 @@ def test_type_hashes_match_those_of_rosbags():
     assert 'resting_aspects_interfaces/msg/AspectDistribution' in types
     assert len(types) > 100
     schemas = [load_schema(name) for name in types]
-    # rosbags takes `char` for int8; to ROS 2 it is uint8, and its hash says so.
+    # rosbags takes `char` for int8; to ROS 2 it is uint8, as its hash shows.
     schemas = [each for each in schemas if not re.search(r'^char\b', each.text, re.MULTILINE)]
     assert len(schemas) >= len(types) - 10
     differing = {}

@@ -99,28 +99,28 @@ def test_other_definition_of_a_type_is_rejected(tmp_path, monkeypatch):
             log.write(NUT, data(1), 1)
     with pytest.raises(LogError) as caught:
         last_message(log.path, TYPE)
-    says = f'log {str(log.path)!r} was recorded by another version of resting_aspects_ros'
-    assert str(caught.value).startswith(says)
+    expected = f'log {str(log.path)!r} was recorded by another version of resting_aspects_ros'
+    assert str(caught.value).startswith(expected)
     for word in (TYPE, "'RIHS01_older'", repr(installed.type_hash)):
         assert word in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ('name', 'says'),
+    ('name', 'expected'),
     [
         ('nowhere.mcap', "log '{}' cannot be read: No such file or directory"),
         ('folder', "folder '{}' is not a log: it has no .mcap file"),
         ('other.mcap', "log '{}' is damaged, or not an MCAP file: it begins with b'aspect,c'"),
     ],
 )
-def test_invalid_logs_are_rejected(tmp_path, name, says):
+def test_invalid_logs_are_rejected(tmp_path, name, expected):
     (tmp_path / 'folder').mkdir()
     (tmp_path / 'other.mcap').write_text('aspect,count\n1,2\n')
     path = tmp_path / name
     assert is_log(path)  # meant to be one
     with pytest.raises(LogError) as caught:
         last_message(path, TYPE)
-    assert str(caught.value).startswith(says.format(path))
+    assert str(caught.value).startswith(expected.format(path))
 
 
 def test_empty_file_has_no_messages(tmp_path):

@@ -35,8 +35,8 @@ def data(k):
     return bytes([k]) * 40
 
 
-def heard(recording, topics=None, first=()):
-    """Topic, time and first byte of each message."""
+def read_messages(recording, topics=None, first=()):
+    """Return topic, time and first byte of each message."""
     messages = recording.messages(recording.topics if topics is None else topics, first)
     return [(message.topic, message.time, message.data[0]) for message in messages]
 
@@ -64,8 +64,8 @@ WRITTEN.insert(3, (NUT.name, 125, 77))
 def test_messages_have_order_times_and_bytes(log):
     for place in (log.path, log.path.parent):
         recording = Recording(place)
-        assert heard(recording) == WRITTEN
-        assert heard(recording) == WRITTEN  # as often as one likes
+        assert read_messages(recording) == WRITTEN
+        assert read_messages(recording) == WRITTEN  # as often as one likes
         message = next(recording.messages({NUT.name}))
         assert message == RecordedMessage(NUT.name, 125, data(77))
 
@@ -83,8 +83,10 @@ def test_span_and_messages_of_selected_topics(log):
     recording = Recording(log.path)
     assert recording.span(recording.topics) == Span(100, 150, 7)
     assert recording.span([NUT.name]) == Span(125, 125, 1)
-    assert heard(recording, [NUT.name]) == [(NUT.name, 125, 77)]
-    assert heard(recording, [POSES.name]) == [each for each in WRITTEN if each[0] == POSES.name]
+    assert read_messages(recording, [NUT.name]) == [(NUT.name, 125, 77)]
+    assert read_messages(recording, [POSES.name]) == [
+        each for each in WRITTEN if each[0] == POSES.name
+    ]
 
 
 def test_first_topics_are_yielded_first_and_once(tmp_path):
@@ -95,7 +97,7 @@ def test_first_topics_are_yielded_first_and_once(tmp_path):
         log.write(NUT, data(3), 120)
         log.write(NUT, data(4), 130)
         log.write(CUBE, data(5), 140)
-    found = heard(Recording(log.path), first={NUT.name, CUBE.name})
+    found = read_messages(Recording(log.path), first={NUT.name, CUBE.name})
     assert found == [
         (CUBE.name, 100, 1),
         (NUT.name, 100, 3),
@@ -113,10 +115,10 @@ def test_open_log_has_the_messages_at_its_opening(tmp_path):
     recording = Recording(log.path.parent)
     log.write(NUT, data(9), 3)
     log.flush()
-    assert [k for _, _, k in heard(recording)] == [0, 1, 2]
-    assert [k for _, _, k in heard(Recording(log.path.parent))] == [0, 1, 2, 9]
+    assert [k for _, _, k in read_messages(recording)] == [0, 1, 2]
+    assert [k for _, _, k in read_messages(Recording(log.path.parent))] == [0, 1, 2, 9]
     log.close()
-    assert [k for _, _, k in heard(recording)] == [0, 1, 2]
+    assert [k for _, _, k in read_messages(recording)] == [0, 1, 2]
 
 
 def test_truncated_file_has_its_complete_messages(log, tmp_path):
@@ -129,7 +131,7 @@ def test_truncated_file_has_its_complete_messages(log, tmp_path):
         flushed = max((count for count, end in flushed_at.items() if end <= size), default=0)
         found = []
         with suppress(LogError):
-            found = heard(Recording(cut))
+            found = read_messages(Recording(cut))
         if not found:
             with pytest.raises(LogError, match='expected at least one message'):
                 Recording(cut)
@@ -142,7 +144,7 @@ def test_truncated_file_has_its_complete_messages(log, tmp_path):
 def test_zeros_after_a_power_failure_are_ignored(log, tmp_path):
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(log.path.read_bytes()[: log.ends[1]] + bytes(1000))
-    assert heard(Recording(cut)) == WRITTEN[:2]
+    assert read_messages(Recording(cut)) == WRITTEN[:2]
 
 
 def write_foreign(path, channels, messages):
@@ -163,7 +165,12 @@ def test_decreasing_times_become_constant(tmp_path):
     path = tmp_path / 'a.mcap'
     write_foreign(path, [('/a', 'cdr', POSES.type, {})], [(0, 10), (0, 30), (0, 20), (0, 40)])
     recording = Recording(path)
-    assert [(time, k) for _, time, k in heard(recording)] == [(10, 0), (30, 1), (30, 2), (40, 3)]
+    assert [(time, k) for _, time, k in read_messages(recording)] == [
+        (10, 0),
+        (30, 1),
+        (30, 2),
+        (40, 3),
+    ]
     assert recording.span(['/a']) == Span(10, 40, 4)
 
 
@@ -191,7 +198,7 @@ def test_topic_with_two_types_is_rejected(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('text', 'says'),
+    ('text', 'expected'),
     [
         ('[{', 'is not valid YAML'),
         ('[' * 1000, 'is not valid YAML: it is nested too deeply'),
@@ -205,14 +212,14 @@ def test_topic_with_two_types_is_rejected(tmp_path):
         (yaml_text(qos_profiles(Qos(1))).replace('depth: 1', 'depth: 1' + 30 * '0'), 'depth 100'),
     ],
 )
-def test_invalid_qos_is_reported_with_its_topic(tmp_path, text, says):
+def test_invalid_qos_is_reported_with_its_topic(tmp_path, text, expected):
     path = tmp_path / 'a.mcap'
     write_foreign(path, [('/a', 'cdr', NUT.type, {'offered_qos_profiles': text})], [(0, 1)])
     with pytest.raises(LogError) as caught:
         Recording(path)
     message = str(caught.value).replace('/a: invalid QoS', '/a: QoS')
     assert message.startswith(f'log {str(path)!r}, topic /a: QoS ')
-    assert says in str(caught.value)
+    assert expected in str(caught.value)
     assert len(str(caught.value)) < 1000
 
 
@@ -268,11 +275,11 @@ def test_file_removed_before_playback_is_reported(log):
     recording = Recording(log.path)
     log.path.unlink()
     with pytest.raises(LogError, match='cannot be read: No such file or directory'):
-        heard(recording)
+        read_messages(recording)
 
 
 @pytest.mark.parametrize(
-    ('name', 'says'),
+    ('name', 'expected'),
     [
         ('nowhere.mcap', "log '{}' cannot be read: No such file or directory"),
         ('folder', "folder '{}' is not a log: it has no .mcap file"),
@@ -281,7 +288,7 @@ def test_file_removed_before_playback_is_reported(log):
         ('nothing', "invalid log '{}': expected at least one message"),
     ],
 )
-def test_invalid_logs_are_rejected(tmp_path, name, says):
+def test_invalid_logs_are_rejected(tmp_path, name, expected):
     (tmp_path / 'folder').mkdir()
     (tmp_path / 'empty.mcap').touch()
     (tmp_path / 'other.mcap').write_text('aspect,count\n1,2\n')
@@ -289,7 +296,7 @@ def test_invalid_logs_are_rejected(tmp_path, name, says):
     path = tmp_path / name
     with pytest.raises(LogError) as caught:
         Recording(path)
-    assert str(caught.value).startswith(says.format(path))
+    assert str(caught.value).startswith(expected.format(path))
 
 
 def test_type_hash_is_read_from_the_log(tmp_path, monkeypatch):

@@ -142,7 +142,7 @@ def test_logs_of_any_topics_can_be_recovered(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('name', 'content', 'says'),
+    ('name', 'content', 'expected'),
     [
         (
             'no.mcap',
@@ -152,14 +152,14 @@ def test_logs_of_any_topics_can_be_recovered(tmp_path):
         ('nowhere.mcap', None, "log '{}' cannot be read: No such file or directory"),
     ],
 )
-def test_invalid_logs_are_rejected_unchanged(tmp_path, name, content, says):
+def test_invalid_logs_are_rejected_unchanged(tmp_path, name, content, expected):
     path = tmp_path / name
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(LogError) as caught:
         recover_log(path)
-    words = '; expected the folder of a run, or an .mcap file'
-    assert str(caught.value) == says.format(path) + words
+    hint = '; expected the folder of a run, or an .mcap file'
+    assert str(caught.value) == expected.format(path) + hint
     assert content is None or path.read_bytes() == content
 
 

@@ -398,8 +398,8 @@ def test_disk_full_during_close(tmp_path, no_space_after):
 
 
 def test_disk_full_from_the_start(tmp_path, no_space_after):
-    words = r'run_0\.mcap cannot be written: File too large'
-    with no_space_after(5), pytest.raises(LogError, match=words):
+    expected = r'run_0\.mcap cannot be written: File too large'
+    with no_space_after(5), pytest.raises(LogError, match=expected):
         RunLog(tmp_path, 'run')
 
 
@@ -525,7 +525,7 @@ def test_run_folder_name():
 
 
 @pytest.mark.parametrize(
-    ('make', 'words'),
+    ('make', 'expected'),
     [
         (lambda: Qos(-1), 'invalid QoS depth -1: expected an integer from 0 to'),
         (lambda: Qos(1, '1'), "invalid QoS reliability '1': expected reliable or"),
@@ -536,7 +536,7 @@ def test_run_folder_name():
         (lambda: Topic('/a', '../msg/X', LATCHED), "invalid type '../msg/X' of topic /a: "),
     ],
 )
-def test_invalid_topics_are_rejected(make, words):
+def test_invalid_topics_are_rejected(make, expected):
     with pytest.raises(LogError) as caught:
         make()
-    assert words in str(caught.value)
+    assert expected in str(caught.value)
