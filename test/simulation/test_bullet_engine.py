@@ -223,8 +223,8 @@ def test_maximum_seed_and_index_are_supported(part, mat, seed):
 )
 def test_drops_of_two_chunks_are_rejected(part, mat, first, end):
     job = make_job(part('tetrahedron'), mat, 1)
-    words = f'^invalid drops {first} to {end - 1}: expected drops of one chunk of {CHUNK}$'
-    with pytest.raises(ValueError, match=words):
+    expected = f'^invalid drops {first} to {end - 1}: expected drops of one chunk of {CHUNK}$'
+    with pytest.raises(ValueError, match=expected):
         drop_chunk(job, first, end)
 
 

@@ -32,7 +32,7 @@ class Recorder:
 
 
 class Mortal:
-    """Workers whose chunks end as they are told beforehand.
+    """Workers whose chunks end as specified beforehand.
 
     ends : list
         Of each chunk that is taken in turn: None, or what is raised; all others are dropped.
@@ -232,17 +232,17 @@ def test_one_error_can_report_several_deaths(campaign):
 
 
 @pytest.mark.parametrize(
-    ('end', 'words'),
+    ('end', 'expected'),
     [
         (KeyError('hull'), "a worker failed near drop 125 of tetrahedron: KeyError('hull')"),
         (EngineError('Bullet has no room'), 'Bullet has no room'),
         (CancelledError(), 'the workers became unavailable near drop 125 of tetrahedron'),
     ],
 )
-def test_chunks_of_failed_workers_are_not_repeated(campaign, end, words):
+def test_chunks_of_failed_workers_are_not_repeated(campaign, end, expected):
     workers = Mortal(None, end)
     chunks, _, error = campaign(workers)
-    assert error == words
+    assert error == expected
     assert len(chunks) == 1
     assert workers.asked == [10, CHUNK]
 

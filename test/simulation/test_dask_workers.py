@@ -68,15 +68,15 @@ def test_chunk_that_kills_its_workers_is_an_error(cluster, planned, workers, mon
     monkeypatch.setattr(cluster.scheduler, 'allowed_failures', 2)
     monkeypatch.setattr(drops_cluster, '_drop', lambda *_: os.kill(os.getpid(), signal.SIGKILL))
     job, asked = planned
-    words = r'^3 worker processes died in a row near drop 0 of tetrahedron$'
-    with pytest.raises(EngineError, match=words):
+    expected = r'^3 worker processes died in a row near drop 0 of tetrahedron$'
+    with pytest.raises(EngineError, match=expected):
         chunks_of(job, dataclasses.replace(asked, drops=1), workers)
 
 
 def test_worker_exception_is_reported(planned, workers, monkeypatch):
     monkeypatch.setattr(drops_cluster, '_drop', lambda *_: {}['hull'])
-    words = r"^a worker failed near drop 0 of tetrahedron: KeyError\('hull'\)$"
-    with pytest.raises(EngineError, match=words):
+    expected = r"^a worker failed near drop 0 of tetrahedron: KeyError\('hull'\)$"
+    with pytest.raises(EngineError, match=expected):
         chunks_of(*planned, workers)
 
 
@@ -163,6 +163,6 @@ def test_scheduler_without_workers_is_rejected(make_cluster, refused):
 
 def test_missing_dask_is_reported_with_the_package(monkeypatch):
     monkeypatch.setitem(sys.modules, 'distributed', None)
-    words = r"^scheduler 'there:1' needs Dask, which is not installed: pip install distributed$"
-    with pytest.raises(InvalidValueError, match=words):
+    expected = r"^scheduler 'there:1' needs Dask, which is not installed: pip install distributed$"
+    with pytest.raises(InvalidValueError, match=expected):
         ClusterWorkers('there:1')

@@ -86,7 +86,7 @@ def test_initial_orientations_are_uniform(part, mat):
     of_part = (body * Rotation.from_quat(job.axes).inv()).as_quat()
     for coordinate in down_in_part(of_part).T:
         assert kstest(coordinate, 'uniform', args=(-1, 2)).pvalue > LEVEL
-    # The first drop is turned by the first numbers of the generator, whatever the part's axes.
+    # The generator's first numbers turn the first drop, regardless of the part's axes.
     seeds = np.random.SeedSequence(3, spawn_key=(0,))
     first = random_orientations(np.random.default_rng(seeds), CHUNK)
     same = np.abs((of_part[:CHUNK] * first).sum(axis=1))
@@ -116,13 +116,13 @@ def test_height_below_hull_radius_is_rejected(part, mat):
     shape = part('l_bracket')
     radius = shape.hull_radius
     low = mat.changed(height=radius, height_of=HeightOf.CENTRE_OF_MASS)
-    words = (
+    expected = (
         f'invalid height of the centre of mass {radius:g} m: expected more than {radius:.4g} m '
         'for l_bracket, which could otherwise touch the surface at release'
     )
     with pytest.raises(InvalidValueError) as caught:
         make_job(shape, low, 1)
-    assert str(caught.value) == words
+    assert str(caught.value) == expected
     above = low.changed(height=radius * (1 + 1e-9))
     assert (drop_chunk(make_job(shape, above, 1), 0, 5).status == RestStatus.SETTLED).all()
 

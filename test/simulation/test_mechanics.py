@@ -160,7 +160,7 @@ def test_zero_restitution_does_not_bounce(octahedron, mat):
 
 
 def test_friction_is_the_value_of_the_pair(part, mat):
-    # A box that slides flat is slowed by friction times gravity, whatever it weighs.
+    # A box that slides flat is slowed by friction times gravity, regardless of its weight.
     shape = part('box_10x20x30')
     job = make_job(shape, mat.changed(friction=0.3, restitution=0.0, rolling_friction=0.0), 1)
     lying = np.ptp(job.hull, axis=0) / 2

@@ -148,18 +148,18 @@ def test_other_height_of_is_rejected():
 
 
 @pytest.mark.parametrize(
-    ('changes', 'words'),
+    ('changes', 'engine'),
     [
         ({'engine_version': '3.2.8'}, 'bullet 3.2.8 in steps of 0.001 s'),
         ({'engine': 'drake'}, 'drake 3.2.7 in steps of 0.001 s'),
         ({'time_step': 0.0005}, 'bullet 3.2.7 in steps of 0.0005 s'),
     ],
 )
-def test_other_engine_is_rejected_unless_allowed(changes, words):
+def test_other_engine_is_rejected_unless_allowed(changes, engine):
     other = run(run_id='b', seed=2, **changes)
     pieces = [(RUN, poses(0, 5)), (other, poses(2, 9, seed=2))]
     assert refusal(pieces) == (
-        f'invalid engine {words} of run b: expected bullet 3.2.7 in steps of 0.001 s, as in run a'
+        f'invalid engine {engine} of run b: expected bullet 3.2.7 in steps of 0.001 s, as in run a'
     )
     merged = merge_drops(pieces, any_engine=True)
     assert [(each.run.run_id, ranges(each)) for each in merged] == [
@@ -210,8 +210,8 @@ def test_different_results_of_a_drop_are_rejected(name, change, span):
     wrong = changed(poses(*span), 7, name, change)
     pieces = [(RUN, poses(0, 6)), (RUN, poses(6, 20)), (run(run_id='b'), wrong)]
     for order in (pieces, pieces[::-1]):
-        words = refusal(order)
-        assert words in {
+        message = refusal(order)
+        assert message in {
             f'drop 7 of seed 1 has different results in run {one} and in run {other}: expected '
             'identical bits; one of the runs was simulated on another platform, or its log is '
             'damaged'

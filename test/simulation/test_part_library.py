@@ -84,7 +84,7 @@ def test_unregistered_files_are_reported(folder):
     problems = library.problems()
     assert library.names() == ['bush', 'cover']
     assert len(problems) == 4
-    for problem, words in zip(
+    for problem, expected in zip(
         problems,
         (
             ['clip.yaml', 'not used'],
@@ -95,7 +95,7 @@ def test_unregistered_files_are_reported(folder):
         strict=True,
     ):
         assert str(folder) in problem
-        for word in words:
+        for word in expected:
             assert word in problem
 
 
@@ -123,7 +123,7 @@ def test_yaml_may_be_empty(folder, text):
 
 
 @pytest.mark.parametrize(
-    ('text', 'words'),
+    ('text', 'expected'),
     [
         ('desity: 7850', ["invalid key 'desity'", f'expected one of {KEYS}']),
         ('1: 2', ['invalid key 1', f'expected one of {KEYS}']),
@@ -156,11 +156,11 @@ def test_yaml_may_be_empty(folder, text):
         ('density: 1\n' + '#' * 70000, ['too large', 'at most 64 KiB']),
     ],
 )
-def test_invalid_yaml_is_reported_with_the_expected_value(folder, text, words):
+def test_invalid_yaml_is_reported_with_the_expected_value(folder, text, expected):
     (folder / 'pin.yaml').write_text(text)
     with pytest.raises(PartError) as caught:
         PartLibrary(folder).load('pin')
-    for word in [str(folder / 'pin.yaml'), *words]:
+    for word in [str(folder / 'pin.yaml'), *expected]:
         assert word in str(caught.value)
     assert '\n' not in str(caught.value)
 
@@ -198,7 +198,9 @@ def test_a_part_is_read_once_until_its_files_change(folder):
     assert library.load('pin') is heavier
 
     trimesh.creation.box((10, 20, 60)).export(folder / 'pin.stl')
-    os.utime(folder / 'pin.stl', ns=(0, 1))  # a clock too coarse to see the change is no excuse
+    os.utime(
+        folder / 'pin.stl', ns=(0, 1)
+    )  # the change is detected even if the clock is too coarse
     longer = library.load('pin')
     assert longer.volume == pytest.approx(2 * first.volume)
 

@@ -127,8 +127,8 @@ def test_error_in_a_worker_reaches_the_caller(job, make_workers):
 
 @pytest.mark.parametrize('workers', [0, -1, MAX_WORKERS + 1])
 def test_number_of_workers_out_of_bounds_is_refused(workers):
-    words = f'invalid workers {workers}: expected 1 to {MAX_WORKERS}'
-    with pytest.raises(InvalidValueError, match=f'^{re.escape(words)}$'):
+    expected = f'invalid workers {workers}: expected 1 to {MAX_WORKERS}'
+    with pytest.raises(InvalidValueError, match=f'^{re.escape(expected)}$'):
         ProcessWorkers(workers)
 
 
@@ -222,7 +222,7 @@ def test_runs_are_complete_when_workers_are_killed(planned, make_workers, assert
     warnings = []
     runs = [drop_chunks(job, asked, workers, warnings.append) for _ in range(2)]
     for run in runs:
-        next(run)  # its drops are under way
+        next(run)  # its drops are running
     for worker in processes(2, besides=before):
         os.kill(worker, signal.SIGKILL)
     for run in runs:
@@ -261,8 +261,8 @@ def test_failure_to_start_a_process_is_an_error(monkeypatch):
         return started[-1]
 
     monkeypatch.setattr(process_workers, 'Popen', popen)
-    words = '^cannot start a worker process: Resource temporarily unavailable$'
-    with pytest.raises(EngineError, match=words):
+    expected = '^cannot start a worker process: Resource temporarily unavailable$'
+    with pytest.raises(EngineError, match=expected):
         ProcessWorkers(2)
     assert started
     processes(0, besides=before)
@@ -272,8 +272,8 @@ def test_worker_that_lacks_the_engine_is_an_error(planned, make_workers, monkeyp
     (tmp_path / 'pybullet.py').write_text('raise MemoryError\n', encoding='utf-8')
     monkeypatch.syspath_prepend(tmp_path)
     workers = make_workers(1)
-    words = rf'^a worker failed near drop {FIRST} of .*: MemoryError\(\)$'
-    with pytest.raises(EngineError, match=words):
+    expected = rf'^a worker failed near drop {FIRST} of .*: MemoryError\(\)$'
+    with pytest.raises(EngineError, match=expected):
         list(drop_chunks(*planned, workers, pytest.fail))
 
 
@@ -305,7 +305,7 @@ print(drops, flush=True)
 
 
 def parent(then):
-    """Start a process that drops with two workers, and then goes on as it is told."""
+    """Start a process that drops with two workers, and then runs the given code."""
     config = Path(__file__).resolve().parents[2] / 'config'
     return subprocess.Popen(
         [sys.executable, '-c', PARENT + then, config],

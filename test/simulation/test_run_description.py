@@ -44,7 +44,7 @@ def test_a_run_is_described_in_full(plan, part, surfaces):
 
 
 @pytest.mark.parametrize(
-    ('asked', 'words'),
+    ('asked', 'expected'),
     [
         ({'drops': 0}, f'invalid drops 0: expected an integer from 1 to {MAX_DROPS}'),
         ({'drops': -5}, f'invalid drops -5: expected an integer from 1 to {MAX_DROPS}'),
@@ -69,10 +69,10 @@ def test_a_run_is_described_in_full(plan, part, surfaces):
         ),
     ],
 )
-def test_invalid_values_are_rejected(plan, asked, words):
+def test_invalid_values_are_rejected(plan, asked, expected):
     with pytest.raises(InvalidValueError) as caught:
         plan(**asked)
-    assert str(caught.value) == words
+    assert str(caught.value) == expected
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ def test_surface_name_is_kept_only_for_equal_values(surfaces):
     assert surfaces.named(copy) is mat
     assert surfaces.named(dataclasses.replace(mat, friction=0.26)).surface == ''
     assert surfaces.named(dataclasses.replace(mat, surface='ice')).surface == ''
-    # Not looked up by value: nobody said that this is the mat.
+    # Not looked up by value: the conditions do not name the mat.
     assert surfaces.named(dataclasses.replace(mat, surface='')).surface == ''
 
 
@@ -74,7 +74,7 @@ def test_a_file_reads_back_what_was_written(file):
 
 
 @pytest.mark.parametrize(
-    ('changes', 'words'),
+    ('changes', 'expected'),
     [
         ({'height': -1}, 'rubber_mat: invalid height -1: expected more than 0 and at most 100 m'),
         ({'friction': 'low'}, "rubber_mat: invalid friction 'low': expected 0 to 10"),
@@ -95,9 +95,9 @@ def test_a_file_reads_back_what_was_written(file):
         ),
     ],
 )
-def test_invalid_value_is_reported_with_file_and_surface(file, changes, words):
+def test_invalid_value_is_reported_with_file_and_surface(file, changes, expected):
     path = file(**changes)
-    with pytest.raises(InvalidValueError, match=re.escape(f"surfaces file '{path}', {words}")):
+    with pytest.raises(InvalidValueError, match=re.escape(f"surfaces file '{path}', {expected}")):
         Surfaces.read(path)
 
 
@@ -114,7 +114,7 @@ def test_very_long_numbers_are_rejected_in_one_line(file, key):
 
 
 @pytest.mark.parametrize(
-    ('text', 'words'),
+    ('text', 'expected'),
     [
         ('', 'expected a mapping of names to conditions'),
         ('- a\n- b\n', 'expected a mapping of names to conditions'),
@@ -132,13 +132,13 @@ def test_very_long_numbers_are_rejected_in_one_line(file, key):
         ('7: {height: 1}', '7: invalid name of a surface: expected text'),
     ],
 )
-def test_invalid_files_are_rejected_in_one_line(file, text, words):
+def test_invalid_files_are_rejected_in_one_line(file, text, expected):
     path = file(text)
     with pytest.raises(InvalidValueError) as caught:
         Surfaces.read(path)
     message = str(caught.value)
     assert message.removeprefix('invalid ').startswith(f"surfaces file '{path}'")
-    assert words in message
+    assert expected in message
     assert '\n' not in message
 
 
