@@ -1,4 +1,4 @@
-"""Values in messages: one line, short, without control characters, whatever the value is."""
+"""Values in messages: one line, short, without control characters, for any value."""
 
 import time
 

@@ -24,7 +24,7 @@ def test_a_regular_file_is_read_up_to_the_limit(tmp_path):
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize('linked', [False, True])
 @pytest.mark.parametrize(
-    ('make', 'words'),
+    ('make', 'expected'),
     [
         (os.mkfifo, 'is a pipe (FIFO): expected a regular file'),
         (os.mkdir, 'is a folder: expected a regular file'),
@@ -38,7 +38,7 @@ def test_a_regular_file_is_read_up_to_the_limit(tmp_path):
         (lambda path: None, 'does not exist'),
     ],
 )
-def test_only_regular_files_are_opened(tmp_path, monkeypatch, linked, make, words):
+def test_only_regular_files_are_opened(tmp_path, monkeypatch, linked, make, expected):
     monkeypatch.chdir(tmp_path)  # the path of a socket may have 107 bytes
     path = Path('a.stl')
     make(path)
@@ -47,7 +47,7 @@ def test_only_regular_files_are_opened(tmp_path, monkeypatch, linked, make, word
         path = Path('link.stl')
     with pytest.raises(InvalidValueError) as caught:
         read_input(path, 100, 'mesh')
-    assert str(caught.value) == f"mesh '{path}' {words}"
+    assert str(caught.value) == f"mesh '{path}' {expected}"
 
 
 @pytest.mark.parametrize('name', ['a\0b', 'x' * 5000, '\x1b[31m\n'])
@@ -59,6 +59,6 @@ def test_error_for_an_invalid_path(name):
 
 
 def test_growing_file_is_read_up_to_the_limit():
-    """Files of /proc have the size 0 whatever is in them."""
+    """Files of /proc have the size 0 regardless of their content."""
     with pytest.raises(InvalidValueError, match='is too large'):
         read_input(Path('/proc/cpuinfo'), 10, 'mesh')

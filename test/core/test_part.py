@@ -1,4 +1,4 @@
-"""A part is what its file says: against formulas, in every unit, and through a message."""
+"""A part matches its file: compared with formulas, in every unit, and through a message."""
 
 import hashlib
 import pickle
@@ -193,7 +193,7 @@ def test_given_inertia_has_the_order_of_ros():
 
 
 @pytest.mark.parametrize(
-    ('given', 'words'),
+    ('given', 'expected'),
     [
         ({'density': 0}, ['density', '0', 'above 0']),
         ({'density': float('nan')}, ['density', 'nan', 'above 0']),
@@ -220,10 +220,10 @@ def test_given_inertia_has_the_order_of_ros():
     ],
 )
 @pytest.mark.filterwarnings('error')
-def test_error_for_invalid_mass_properties(given, words):
+def test_error_for_invalid_mass_properties(given, expected):
     with pytest.raises(InvalidValueError) as caught:
         part_from_bytes(stl(box()), 'stl', 'bracket_7', **given)
-    for word in ['bracket_7', *words]:
+    for word in ['bracket_7', *expected]:
         assert word in str(caught.value)
 
 
@@ -360,19 +360,19 @@ def test_default_name_is_the_file_stem(tmp_path, stem, name):
 
 
 @pytest.mark.parametrize(
-    ('make', 'words'),
+    ('make', 'expected'),
     [
         (lambda path: None, ['does not exist']),
         (lambda path: path.mkdir(), ['is a folder']),
         (lambda path: path.write_bytes(b''), ['empty', 'stl, obj or ply']),
     ],
 )
-def test_error_for_a_path_without_a_mesh(tmp_path, make, words):
+def test_error_for_a_path_without_a_mesh(tmp_path, make, expected):
     path = tmp_path / 'bracket.stl'
     make(path)
     with pytest.raises(PartError) as caught:
         load_part(path)
-    for word in [str(path), *words]:
+    for word in [str(path), *expected]:
         assert word in str(caught.value)
 
 
@@ -391,7 +391,7 @@ def test_error_for_a_cad_file_asks_for_an_stl(tmp_path, suffix):
 
 
 @pytest.mark.parametrize(
-    ('sides', 'unit', 'words'),
+    ('sides', 'unit', 'expected'),
     [
         ((1.24, 1.63, 0.98), None, '1.24 x 1.63 x 0.98 mm with the unit mm'),
         ((1.24, 1.63, 0.98), None, 'in inches it would be 31.5 x 41.4 x 24.89 mm'),
@@ -406,9 +406,9 @@ def test_error_for_a_cad_file_asks_for_an_stl(tmp_path, suffix):
         ((10, 20, 30), 'ft', 'in millimetres it would be 10 x 20 x 30 mm; in centimetres it'),
     ],
 )
-def test_warning_for_an_unusual_size_suggests_units(sides, unit, words):
+def test_warning_for_an_unusual_size_suggests_units(sides, unit, expected):
     (warning,) = part_from_bytes(stl(box(*sides)), 'stl', 'box', unit=unit).warnings
-    assert words in warning
+    assert expected in warning
     assert warning.endswith('Is the unit correct?')
 
 
@@ -468,9 +468,11 @@ def test_part_far_from_the_origin_is_exact_or_has_a_warning(seed, exponent, shap
     if error:
         assert 'are stored in steps of' in error or 'at most 1e+06 m' in error
         return
-    told = [warning for warning in part.warnings if 'are stored in steps of' in warning]
-    assert told or part.volume * 1e9 == pytest.approx(volume, rel=1.1e-4)
-    assert told or not part.warnings
+    rounding_warnings = [
+        warning for warning in part.warnings if 'are stored in steps of' in warning
+    ]
+    assert rounding_warnings or part.volume * 1e9 == pytest.approx(volume, rel=1.1e-4)
+    assert rounding_warnings or not part.warnings
 
 
 def test_rounded_corners_far_from_the_origin_are_welded():

@@ -1,4 +1,4 @@
-"""YAML that people write: whatever is wrong with it is one error in one line."""
+"""YAML that users write: any defect is reported as one error in one line."""
 
 import string
 

@@ -1,4 +1,4 @@
-"""Clusters of down directions, held to a plain search over all pairs, and to what is no matter."""
+"""Clusters of down directions, compared with a plain search over all pairs; invariances."""
 
 import numpy as np
 import pytest
@@ -101,7 +101,7 @@ def test_rotating_the_mesh_rotates_the_means_of_clusters(seed):
 
 
 def test_only_poses_that_differ_by_yaw_are_the_same():
-    # The seed's own words: the axis of q_i conj(q_j) is vertical.
+    # The definition in the seed: the axis of q_i conj(q_j) is vertical.
     poses = Rotation.from_quat(random_orientations(np.random.default_rng(4), 40))
     yaw = Rotation.from_rotvec(np.linspace(-3, 3, 25)[:, None] * [0, 0, 1])
     turned = Rotation.concatenate([turn * pose for pose in poses for turn in yaw])

@@ -1,4 +1,4 @@
-"""Which minima are one aspect: what the shape of a part says, whatever its mesh."""
+"""Which minima are one aspect: the shape of the part decides, not its mesh."""
 
 import numpy as np
 import pytest

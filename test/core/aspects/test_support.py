@@ -1,4 +1,4 @@
-"""What a part rests on, in words, held to bodies whose sides are known."""
+"""Descriptions of what a part rests on, compared with bodies whose sides are known."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ TURNED[:3, 3] = 4, -7, 2
 create = trimesh.creation
 
 
-def words(part):
+def descriptions(part):
     """What each symmetry class rests on."""
     return sorted(resting_on(part, members[0]) for members in find_aspects(part).classes())
 
@@ -141,11 +141,11 @@ BODIES = {
 @pytest.mark.parametrize('name', BODIES)
 def test_description_does_not_depend_on_the_mesh_frame(solid, name, turn):
     mesh, expected = BODIES[name]
-    assert words(solid(mesh.copy().apply_transform(turn))) == expected
+    assert descriptions(solid(mesh.copy().apply_transform(turn))) == expected
 
 
 def test_description_names_the_contacts_under_the_hull(solid):
-    assert 'an edge and a corner' in words(solid(roof_and_spike()))
+    assert 'an edge and a corner' in descriptions(solid(roof_and_spike()))
 
 
 @pytest.mark.parametrize(
@@ -165,13 +165,13 @@ def test_description_names_the_contacts_under_the_hull(solid):
     ],
 )
 def test_descriptions_of_an_example_part(part, name, expected):
-    assert words(part(name)) == expected
+    assert descriptions(part(name)) == expected
 
 
 def test_description_contains_the_size(solid):
     small, large = (solid(create.box((10, 20, 30)), unit=unit) for unit in ('um', 'm'))
-    assert words(small)[0] == 'flat side 0.01 x 0.02 mm'
-    assert words(large)[0] == 'flat side 10000 x 20000 mm'
+    assert descriptions(small)[0] == 'flat side 0.01 x 0.02 mm'
+    assert descriptions(large)[0] == 'flat side 10000 x 20000 mm'
 
 
 def test_rounded_edges_leave_a_side_flat(solid):
@@ -179,7 +179,7 @@ def test_rounded_edges_leave_a_side_flat(solid):
     ball = create.uv_sphere(2, count=(40, 40)).vertices
     corners = [(a, b, c) for a in (-8, 8) for b in (-13, 13) for c in (-18, 18)]
     points = np.concatenate([ball + corner for corner in corners])
-    found = words(solid(trimesh.convex.convex_hull(points)))
+    found = descriptions(solid(trimesh.convex.convex_hull(points)))
     assert len(found) == 3
     assert all(text.startswith('flat side ') for text in found)
 
@@ -187,7 +187,7 @@ def test_rounded_edges_leave_a_side_flat(solid):
 def test_noise_of_a_scan_leaves_a_side_flat(solid):
     mesh = create.box((10, 20, 30)).subdivide().subdivide()
     mesh.vertices += np.random.default_rng(3).normal(0, 1e-5, mesh.vertices.shape)
-    assert words(solid(mesh))[:1] == ['flat side 10 x 20 mm']
+    assert descriptions(solid(mesh))[:1] == ['flat side 10 x 20 mm']
 
 
 def test_support_is_described_without_the_mesh(part):

@@ -112,7 +112,7 @@ def pyramid(sides, height):
 
 
 def twisted(angle, sides=3):
-    """A prism with its ends turned against each other: without mirror images of its own."""
+    """Return a prism with its ends turned against each other: it has no mirror symmetry."""
     ends = [
         np.column_stack([circle(1, sides, phase=p), np.full(sides, z)])
         for p, z in ((0, -0.6), (angle, 0.6))
@@ -232,7 +232,7 @@ def uneven(radius, sides, centre=(0.0, 0.0), seed=0):
 
 
 EXAMPLES = {
-    'l_bracket': 1,  # its arms are 40 and 30 long; its mirror plane is no rotation
+    'l_bracket': 1,  # its arms are 40 and 30 long; a mirror plane is not a rotation
     'angle_45x30x8': 1,
     't_prism': 2,
     'box_10x20x30': 4,

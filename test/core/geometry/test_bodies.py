@@ -145,7 +145,7 @@ TWO = both(box((10, 10, 10), (60, 0, 0)), box())
 
 
 @pytest.mark.parametrize(
-    ('mesh', 'words'),
+    ('mesh', 'expected'),
     [
         (TWO, '2 bodies that do not touch each other (1: 40 x 30 x 20 mm, 2: 10 x 10 x 10 mm)'),
         (both(tube(), box((8, 8, 8))), '2 bodies that do not touch'),  # a peg in a hole
@@ -159,12 +159,12 @@ TWO = both(box((10, 10, 10), (60, 0, 0)), box())
         (both(box(), box((10, 10, 10), (25.01, 0, 0))), '2 bodies that do not touch'),
     ],
 )
-def test_separate_bodies_are_rejected_with_instructions(mesh, words):
+def test_separate_bodies_are_rejected_with_instructions(mesh, expected):
     message = refusal(mesh)
-    assert words in message
+    assert expected in message
     assert 'choose one with --body N, or with "body: N" in the YAML file' in message
     assert message.isprintable()
-    with pytest.raises(PartError):  # whoever gives the mass, it is no rigid part
+    with pytest.raises(PartError):  # also with a given mass, it is not a rigid part
         part_of(mesh, mass=1, centre_of_mass=(0, 0, 0.001), inertia=[1e-4, 0, 0, 1e-4, 0, 1e-4])
 
 

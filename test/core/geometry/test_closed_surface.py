@@ -1,4 +1,4 @@
-"""What is mended in a mesh, what is told, and what is not touched."""
+"""What is repaired in a mesh, what is reported, and what stays unchanged."""
 
 import numpy as np
 import pytest
@@ -94,14 +94,14 @@ def test_flat_mesh_and_line_have_no_volume():
     flat, line = box(), box()
     flat.vertices[:, 2] = 0
     line.vertices[:, 1:] = 0
-    for mesh, words in ((flat, 'in a plane'), (line, 'all its triangles have zero area')):
+    for mesh, expected in ((flat, 'in a plane'), (line, 'all its triangles have zero area')):
         for turned in (mesh, mesh.copy().apply_transform(turn)):
             turned.vertices = turned.vertices.astype(np.float32)
             with pytest.raises(PartError, match='has no volume') as caught:
                 part_of(
                     turned, mass=1, centre_of_mass=(0, 0, 0), inertia=[1e-4, 0, 0, 1e-4, 0, 1e-4]
                 )
-            assert words in str(caught.value)
+            assert expected in str(caught.value)
 
 
 @given(seed=st.integers(0, 2**32 - 1))

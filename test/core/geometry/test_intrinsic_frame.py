@@ -1,4 +1,4 @@
-"""The intrinsic frame belongs to the shape: it turns with the part, whatever the mesh."""
+"""The intrinsic frame belongs to the shape: it turns with the part, independent of the mesh."""
 
 import numpy as np
 import pytest

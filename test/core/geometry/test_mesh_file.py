@@ -1,4 +1,4 @@
-"""Mesh files of every kind are read, and broken ones told how they are broken."""
+"""Mesh files of every kind are read; the error for a broken file names the defect."""
 
 import struct
 

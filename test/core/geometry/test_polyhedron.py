@@ -1,4 +1,4 @@
-"""The hull as facets, edges and corners, held to Euler and to what a solid's shape says."""
+"""The hull as facets, edges and corners, compared with Euler's formula and known solids."""
 
 import numpy as np
 import pytest

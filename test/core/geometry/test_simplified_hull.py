@@ -1,4 +1,4 @@
-"""Hulls of too many corners: what is left out is little, measured, said, and changes no aspect."""
+"""Hulls with too many corners: the simplification is small, reported and changes no aspect."""
 
 import re
 

@@ -190,7 +190,7 @@ def test_random_tables_depend_only_on_the_generator():
 
 
 @pytest.mark.parametrize(
-    ('one', 'other', 'words'),
+    ('one', 'other', 'expected'),
     [
         (
             [0, 0],
@@ -214,14 +214,14 @@ def test_random_tables_depend_only_on_the_generator():
         ),
     ],
 )
-def test_error_for_counts_that_cannot_be_compared(one, other, words):
+def test_error_for_counts_that_cannot_be_compared(one, other, expected):
     with pytest.raises(InvalidValueError) as caught:
         compared(one, other)
-    assert str(caught.value) == words
+    assert str(caught.value) == expected
 
 
 @pytest.mark.parametrize(
-    ('probabilities', 'words'),
+    ('probabilities', 'expected'),
     [
         ([0.5, 0.6], 'invalid probabilities [0.5, 0.6]: expected 0 or more with a sum of 1'),
         ([1.5, -0.5], 'invalid probabilities [1.5, -0.5]: expected 0 or more with a sum of 1'),
@@ -229,10 +229,10 @@ def test_error_for_counts_that_cannot_be_compared(one, other, words):
         ([1.0], 'invalid number of aspects 1 of the estimate: expected 2, as in the first'),
     ],
 )
-def test_error_for_invalid_probabilities(probabilities, words):
+def test_error_for_invalid_probabilities(probabilities, expected):
     with pytest.raises(InvalidValueError) as caught:
         compare_with_exact(tally([5, 5]), probabilities, np.random.default_rng(1))
-    assert str(caught.value) == words
+    assert str(caught.value) == expected
 
 
 def test_invalid_confidence_is_rejected():

@@ -1,4 +1,4 @@
-"""A history is the counts of the first drops, in whatever pieces they come."""
+"""A history is the counts of the first drops, independent of the batches they come in."""
 
 from itertools import pairwise
 

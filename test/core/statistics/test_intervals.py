@@ -163,7 +163,7 @@ def test_goodmans_intervals_have_less_than_nominal_coverage():
 
 
 @pytest.mark.parametrize(
-    ('asked', 'words'),
+    ('asked', 'expected'),
     [
         ({'method': 'wald'}, "invalid interval 'wald': expected wilson or simultaneous"),
         ({'method': ''}, "invalid interval '': expected wilson or simultaneous"),
@@ -189,7 +189,7 @@ def test_goodmans_intervals_have_less_than_nominal_coverage():
         ),
     ],
 )
-def test_error_for_invalid_argument(asked, words):
+def test_error_for_invalid_argument(asked, expected):
     with pytest.raises(InvalidValueError) as caught:
         intervals(**({'counts': [1, 2], 'drops': 10} | asked))
-    assert str(caught.value) == words
+    assert str(caught.value) == expected
