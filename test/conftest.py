@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 # Timeout of every wait, s; with free cores, a fraction of it is enough.
 DEADLINE = 150.0
 
-# A loaded machine is no failure: neither a slow example nor slow generation of examples.
+# On a loaded machine, slow examples and slow generation of examples are not failures.
 hypothesis.settings.register_profile(
     'quick',
     max_examples=20,

@@ -1,6 +1,6 @@
 """The launch file, executed by ROS 2's launch where that is installed, and what it names.
 
-launch is not on PyPI: requirements-launch.txt says how to install it.
+launch is not on PyPI: requirements-launch.txt describes how to install it.
 """
 
 import ast
@@ -87,10 +87,10 @@ runpy.run_path('setup.py')
 
 
 class Launched(NamedTuple):
-    """What a launch did: its exit code, what it printed, and the arguments of each program."""
+    """The result of a launch: its exit code, its output, and the arguments of each program."""
 
     code: int
-    said: str
+    output: str
     started: dict[str, list[str]]
 
 
@@ -181,7 +181,7 @@ def test_arguments_reach_the_nodes_in_the_declared_types(
     launch, parameters_of, arguments, expected
 ):
     launched = launch(**arguments)
-    assert launched.code == 0, launched.said
+    assert launched.code == 0, launched.output
     assert set(launched.started) == set(PARAMETERS)
     for name, declared in PARAMETERS.items():
         full_name, values = parameters_of(name, launched.started[name])
@@ -215,7 +215,7 @@ def test_rviz_is_started_in_the_namespace_with_its_frame(prefix, launch):
     for program, package in RVIZ.items():
         prefix(package, program)
     launched = launch(rviz='true', namespace='cell')
-    assert launched.code == 0, launched.said
+    assert launched.code == 0, launched.output
     assert set(launched.started) == {*PARAMETERS, *RVIZ}
     for program in RVIZ:
         assert '__ns:=/cell' in launched.started[program]
@@ -237,8 +237,8 @@ def test_missing_rviz_is_named_and_nothing_starts(prefix, launch, missing):
     launched = launch(rviz='true')
     assert (launched.code, launched.started) == (1, {})
     package = missing.rpartition(' ')[2]
-    assert f'expected package {package} to be installed' in launched.said
-    assert f'apt install ros-jazzy-{package.replace("_", "-")}' in launched.said
+    assert f'expected package {package} to be installed' in launched.output
+    assert f'apt install ros-jazzy-{package.replace("_", "-")}' in launched.output
 
 
 @needs_launch
@@ -256,4 +256,4 @@ def test_missing_rviz_is_named_and_nothing_starts(prefix, launch, missing):
 def test_invalid_argument_starts_nothing(launch, arguments, words):
     launched = launch(**arguments)
     assert (launched.code, launched.started) == (1, {})
-    assert words in launched.said
+    assert words in launched.output

@@ -85,7 +85,7 @@ def imported(tree, path):
 
 
 def breaches(path, text):
-    """What a module may not do, in words."""
+    """Yield a description of each forbidden import or call of a module."""
     tree = ast.parse(text)
     names = [*path.relative_to(PACKAGE).with_suffix('').parts]
     here = room(names)
@@ -120,7 +120,7 @@ def _global_randomness(tree):
 
 def test_modules_import_only_permitted_packages():
     found = {where(path): list(breaches(path, path.read_text('utf-8'))) for path in modules()}
-    assert {path: words for path, words in found.items() if words} == {}
+    assert {path: breaches_found for path, breaches_found in found.items() if breaches_found} == {}
 
 
 def test_all_packages_were_checked():

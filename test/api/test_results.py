@@ -128,7 +128,7 @@ def test_poses_are_sorted_into_aspects(dropped):
     expected = ra.find_aspects(ra.load_part('hex_nut')).classify(poses.orientation[settled])
     assert np.array_equal(result.aspect, expected)
     assert result.by_part.distribution.drops == 300
-    # Quaternions alone say the same.
+    # Quaternions alone give the same result.
     again = ra.classify(poses.orientation[settled], 'hex_nut')
     assert np.array_equal(again.aspect, expected)
     assert np.array_equal(again.clusters.labels, result.clusters.labels)

@@ -137,7 +137,7 @@ def test_round_trip_keeps_every_bit_of_poses(rows):
 
 
 @pytest.mark.parametrize(
-    ('field', 'value', 'words'),
+    ('field', 'value', 'expected'),
     [
         ('pose.orientation.x', math.nan, 'invalid orientation [nan, '),
         ('pose.orientation.w', 1e308, ' of drop 1099511627776: expected a unit quaternion'),
@@ -147,14 +147,14 @@ def test_round_trip_keeps_every_bit_of_poses(rows):
         ('decided_by', 99, 'invalid decided_by 99 of drop 1099511627776: expected a DecidedBy'),
     ],
 )
-def test_invalid_poses_are_rejected(field, value, words):
+def test_invalid_poses_are_rejected(field, value, expected):
     message = conversions.poses_msg(POSES, RUN, conversions.time_msg(0), last=True)
     message.poses[0].status = RestStatus.SETTLED
     *path, name = field.split('.')
     setattr(functools.reduce(getattr, path, message.poses[0]), name, value)
     with pytest.raises(InvalidValueError) as error:
         conversions.poses_from(message)
-    assert words in str(error.value)
+    assert expected in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -188,7 +188,7 @@ def test_description_must_match_its_topic(part, field, value):
 
 
 @pytest.mark.parametrize(
-    ('field', 'value', 'words'),
+    ('field', 'value', 'expected'),
     [
         ('interval', '', "invalid interval '': expected"),
         ('confidence', 7.0, 'invalid confidence 7.0: expected'),
@@ -196,7 +196,7 @@ def test_description_must_match_its_topic(part, field, value):
         ('aspects', [], '0 drops in aspects []'),
     ],
 )
-def test_inconsistent_distribution_is_rejected(part, field, value, words):
+def test_inconsistent_distribution_is_rejected(part, field, value, expected):
     aspects = find_aspects(part('tetrahedron'))
     counts = np.array([1010] + [0] * (len(aspects) - 1))
     message = distribution_msg(
@@ -205,7 +205,7 @@ def test_inconsistent_distribution_is_rejected(part, field, value, words):
     setattr(message, field, value)
     with pytest.raises(InvalidValueError) as error:
         distribution_from(message)
-    assert words in str(error.value)
+    assert expected in str(error.value)
 
 
 @pytest.mark.parametrize('name', ['l_bracket', 'hex_nut', 'u_bracket'])
