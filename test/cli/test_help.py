@@ -134,7 +134,7 @@ def test_the_program_of_a_node_says_what_it_does_and_its_parameters(node, monkey
     printed = capsys.readouterr().out
     usage, _, does, *others = printed.splitlines()
     assert usage.startswith('usage: ')
-    assert re.match('Publishes|Serves|Subscribes', does)
+    assert re.match('Publishes|Records|Serves|Subscribes', does)
     assert '----' not in printed
     begin = others.index('parameters:') + 1
     listed = [line.split()[0] for line in others[begin : begin + len(node.PARAMETERS)]]
