@@ -1,6 +1,6 @@
 """The public Python interface: load parts, drop them, estimate, classify and compare.
 
-Composes `core`, `simulation` and `report` for scripts, notebooks and the command line. Imports no
-ROS; only what reads a log does, when it is called. The names that users import are offered by
-`resting_aspects_ros` itself. Read `drop.py` first.
+Combines `core`, `simulation` and `report` for scripts, notebooks and the command line. Imports no
+ROS, except functions that read or write a log, when they are called. Users import the public names
+from `resting_aspects_ros`. Read `drop.py` first.
 """

@@ -22,7 +22,7 @@ from resting_aspects_ros.report.comparison_report import ComparedResults, compar
 from resting_aspects_ros.report.comparison_text import verdict
 from resting_aspects_ros.report.document import to_json
 
-# Of the tables that are drawn for p values: the same comparison always has the same result.
+# Seed of the Monte Carlo p values, so that equal inputs give equal results.
 SEED = 1
 MAX_LISTED = 20
 
@@ -52,7 +52,7 @@ class ComparisonResult:
 
     @property
     def verdict(self) -> str:
-        """Return a sentence that says whether the two agree within chance."""
+        """Return a sentence that states whether chance explains the difference."""
         sides = self.sides
         return verdict(self.comparison, [f'{sides.what} {number}' for number in sides.ids])
 
@@ -75,7 +75,8 @@ def compare(
         A result, or a file: a log (the folder of a run, or its .mcap file), a JSON document of
         `resting_aspects drop` or `request`, or a CSV with columns aspect (or class) and count.
     confidence : float
-        Of the bounds, which hold for all aspects together: more than 0.5 and less than 1.
+        Confidence of the bounds, which hold for all aspects together: more than 0.5 and less
+        than 1.
 
     Returns
     -------
@@ -131,7 +132,7 @@ def _check_same_aspects(a: CountedDrops, b: CountedDrops) -> None:
     )
     if a.ids == b.ids:
         return
-    # Counts that the suite wrote have all aspects of the part.
+    # Counts that the suite wrote have all aspects of the part, so they are the reference.
     one, other = (b, a) if a.down is not None or set(a.ids) > set(b.ids) else (a, b)
     many = 'classes' if a.by_class else 'aspects'
     raise InvalidValueError(
@@ -141,7 +142,7 @@ def _check_same_aspects(a: CountedDrops, b: CountedDrops) -> None:
 
 
 def _differences(one: CountedDrops, other: CountedDrops) -> str:
-    """Return which ids differ, and what can be done."""
+    """Return which ids differ, and how to correct them."""
     parts = []
     if unknown := set(one.ids) - set(other.ids):
         parts.append(f'not among them: {_listed(sorted(unknown))}')
@@ -157,7 +158,7 @@ def _warn_if_incomplete(given: CountedDrops) -> None:
     if not given.complete:
         known = given.run is not None and given.run.precision == 0
         asked = f' of {given.run.drops}' if given.run and known else ''
-        warn(f'{given.source!r} is not complete: it counts {given.drops}{asked} drops')
+        warn(f'{given.source!r} is not complete: it has {given.drops}{asked} drops')
 
 
 def _warn_if_dependent(a: CountedDrops, b: CountedDrops) -> None:
@@ -170,8 +171,8 @@ def _warn_if_dependent(a: CountedDrops, b: CountedDrops) -> None:
         return
     if a.run.sequence() == b.run.sequence():
         warn(
-            f'{common} drops of A and B are the same (part, conditions, seed {a.run.seed} and '
-            'engine are): they are not independent, so the bounds and the p value mean nothing'
+            f'{common} drops of A and B are the same (equal part, conditions, engine and seed '
+            f'{a.run.seed}): they are not independent, so the bounds and the p value are invalid'
         )
     else:
         warn(

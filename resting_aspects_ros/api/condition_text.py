@@ -14,22 +14,22 @@ _NANOSECONDS = 1_000_000_000
 
 @functools.cache
 def shipped_surfaces() -> Surfaces:
-    """Return the surfaces of config/surfaces.yaml, which is read once."""
+    """Return the surfaces of config/surfaces.yaml; the file is read once."""
     return Surfaces.read(surfaces_file())
 
 
 def surface_text(conditions: DropConditions) -> str:
-    """Return the surface, and what was changed of it; see Surfaces.text."""
+    """Return the name of the surface and the changed conditions; see Surfaces.text."""
     return one_line(shipped_surfaces().text(conditions))
 
 
 def condition_facts(conditions: DropConditions) -> Iterator[tuple[str, str]]:
-    """Label and value of each condition."""
+    """Yield label and value of each condition."""
     for name, quantity in QUANTITIES.items():
         of = f' ({conditions.height_of.label})' if name == 'height' else ''
         yield quantity.label, f'{getattr(conditions, name):g} {quantity.unit}'.rstrip() + of
 
 
 def when_text(started: int) -> str:
-    """A time, ns since the epoch, as '2025-01-31 12:00:00 UTC'."""
+    """Return a time, ns since the epoch, as '2025-01-31 12:00:00 UTC'."""
     return f'{datetime.fromtimestamp(started / _NANOSECONDS, timezone.utc):%Y-%m-%d %H:%M:%S} UTC'

@@ -1,4 +1,4 @@
-"""What `resting_aspects drop --check-convergence` says: whether the time step shows."""
+"""Convergence check of `drop`: whether the time step affects the distribution."""
 
 import math
 from dataclasses import dataclass
@@ -8,31 +8,31 @@ import numpy as np
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.simulation.run_description import MAX_DROPS
 
-# Time steps of the check for each of the run's.
+# Number of time steps of the check for each time step of the run.
 REFINEMENT = 2
-# What the check is there to find, as a share of the drops.
-TELLING = 0.01
+# The change of a share that the check is meant to detect.
+DETECTABLE_SHIFT = 0.01
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """How far a distribution moves when the same drops are made in finer steps.
+    """Change of a distribution when its drops are repeated with a finer time step.
 
     time_step : float
-        The finer one, s.
+        The finer time step, s.
     drops : int
-        Made with each step.
+        Number of drops with each time step.
     aspect : int
-        Id of the one that moves most.
+        Id of the aspect whose share changes most.
     shift : float
-        Of its share of the drops that are in an aspect: with the finer step less without.
+        Change of its share of the drops that are in an aspect: fine minus coarse.
     lower, upper : float
         Bounds of the true shift; those of all aspects hold together with ``confidence``.
     p_value : float
-        How often chance alone moves the shares at least so far.
+        Probability that chance alone changes the shares at least as much.
     enough : int
-        Drops, one digit of them, with which the widest of these bounds would tell TELLING; 0 in
-        documents of earlier versions, which do not say it.
+        Number of drops, rounded up to one digit, with which the widest of these bounds would
+        detect DETECTABLE_SHIFT; 0 if a document of an earlier version does not have it.
     """
 
     time_step: float
@@ -46,39 +46,39 @@ class Convergence:
     enough: int = 0
 
     def text(self) -> str:
-        """In lines of up to 80 columns."""
+        """Return the change and a verdict, in lines of up to 80 columns."""
         enough = ''
         if not self.lower <= 0 <= self.upper:
-            verdict = 'more than chance explains'
-        elif self.upper - self.lower > 2 * TELLING:
-            verdict = f'too few drops to see {100 * TELLING:g} %'
+            verdict = 'not explained by chance'
+        elif self.upper - self.lower > 2 * DETECTABLE_SHIFT:
+            verdict = f'too few drops to detect {100 * DETECTABLE_SHIFT:g} %'
             enough = self._enough_text()
         else:
-            verdict = 'as chance explains'
+            verdict = 'explained by chance'
         return (
-            f'In {REFINEMENT} times finer steps ({self.time_step * 1e6:.3g} us) aspect '
-            f'{self.aspect} moves most: {100 * self.shift:+.2g} percentage points,\n'
+            f'With 1/{REFINEMENT} of the time step ({self.time_step * 1e6:.3g} us), aspect '
+            f'{self.aspect} changes most: {100 * self.shift:+.2g} points,\n'
             f'{verdict} ({100 * self.confidence:g} % interval {100 * self.lower:+.2g} to '
             f'{100 * self.upper:+.2g}, {self.drops} drops each).{enough}'
         )
 
     def _enough_text(self) -> str:
         if self.enough > MAX_DROPS:
-            return f'\nIt would take more than the {MAX_DROPS} drops that a run can have.'
-        return f'\nIt takes about {self.enough} drops.' if self.enough else ''
+            return f'\nMore than the maximum of {MAX_DROPS} drops are needed.'
+        return f'\nAbout {self.enough} drops are needed.' if self.enough else ''
 
 
 def check_convergence(
     coarse: Distribution, fine: Distribution, time_step: float, seed: int
 ) -> Convergence | None:
-    """Compare the distribution of a run with that of the same drops in finer steps.
+    """Compare the distribution of a run with that of the same drops with a finer time step.
 
-    The intervals are those of independent drops; these start alike, which makes them narrower if
-    anything. None if no drop of one of them is in an aspect: there is nothing to compare.
+    The intervals are those of independent drops. They are conservative here, because both sets
+    start from the same states. Returns None if one of them has no drop in an aspect.
     """
     if not (coarse.counts.any() and fine.counts.any()):
         return None
-    # It takes a while to import, which a run without the check does not need.
+    # This import is slow, and only needed for the check.
     from resting_aspects_ros.core.statistics.comparison import compare
 
     found = compare(fine, coarse, np.random.default_rng(seed), coarse.confidence)
@@ -92,12 +92,12 @@ def check_convergence(
         upper=upper,
         confidence=found.confidence,
         p_value=found.p_value,
-        enough=_enough(fine.drops, float((found.upper - found.lower).max())),
+        enough=_required_drops(fine.drops, float((found.upper - found.lower).max())),
     )
 
 
-def _enough(drops: int, widest: float) -> int:
-    # Intervals get narrower with the root of the drops.
-    drops = math.ceil(drops * (widest / (2 * TELLING)) ** 2)
+def _required_drops(drops: int, max_width: float) -> int:
+    # The width of an interval is inversely proportional to the root of the number of drops.
+    drops = math.ceil(drops * (max_width / (2 * DETECTABLE_SHIFT)) ** 2)
     step = 10 ** (len(str(drops)) - 1)
     return -(-drops // step) * step

@@ -1,4 +1,4 @@
-"""Drop a part: the composition that the command line and the Python interface share."""
+"""Drop a part, for the Python interface and the command line."""
 
 import time
 import uuid
@@ -46,9 +46,9 @@ class PlannedRun:
     """A run that is ready to be simulated.
 
     job : DropJob
-        What the workers need.
+        Input of the workers.
     empty : Distribution
-        Over the aspects of the part, without drops.
+        Distribution over the aspects of the part, without drops.
     """
 
     job: DropJob
@@ -70,7 +70,7 @@ def plan(
 ) -> PlannedRun:
     """Find the aspects of a part and plan a run; raises InvalidValueError.
 
-    ``stop_at`` is the precision at which to stop, if it is not that of the run.
+    ``stop_at`` is the precision at which to stop, if it differs from that of the run.
     """
     check_method(interval)
     check_confidence(confidence)
@@ -128,13 +128,13 @@ def drop(
     surface : str or DropConditions
         Named conditions, or conditions.
     precision : float
-        Stop when every interval is at most this wide on each side; 0: after all drops.
+        Maximum half width of the intervals at which the run stops; 0: make all drops.
     seed : int
-        Of the random orientations and velocities at the release; not negative.
+        Seed of the random orientations and velocities at the release; not negative.
     interval : str
-        'wilson' for each aspect by itself, or 'simultaneous' for all together.
+        'wilson': each interval holds by itself; 'simultaneous': all hold together.
     confidence : float
-        Of the intervals.
+        Confidence of the intervals: more than 0.5 and less than 1.
     check_convergence : bool
         Repeat the drops with half the time step; see `DropResult.convergence`.
     workers : int or Workers, optional
@@ -219,10 +219,10 @@ def drop(
 
 @contextmanager
 def recorded(folder: str | Path | None, part: Part, counter: DropCounter) -> Iterator[Path | None]:
-    """Write a log of the drops that are counted inside the `with`; None as folder: no log.
+    """Write a log of the drops that are counted inside the `with`, and yield its folder.
 
-    Gives the folder of the log. The log is finished also if the drops end early. Raises LogError
-    if it cannot be written.
+    Writes no log if ``folder`` is None. Closes the log even if the drops end early. Raises
+    LogError if it cannot be written.
     """
     if folder is None:
         yield None
@@ -234,7 +234,7 @@ def recorded(folder: str | Path | None, part: Part, counter: DropCounter) -> Ite
     try:
         yield log.folder
     except BaseException:
-        with suppress(LogError):  # the first error says more
+        with suppress(LogError):  # the first error is more informative
             log.close(counter.distribution)
         raise
     log.close(counter.distribution)
@@ -242,7 +242,7 @@ def recorded(folder: str | Path | None, part: Part, counter: DropCounter) -> Ite
 
 @contextmanager
 def _workers(given: int | Workers | None) -> Iterator[Workers]:
-    """Workers that were given, or processes that are stopped at the end."""
+    """Yield the given workers, or new worker processes that are stopped at the end."""
     if given is not None and not isinstance(given, int):
         yield given
         return

@@ -1,4 +1,4 @@
-"""Make the drops of a run and count them as they arrive, until there are enough."""
+"""Make the drops of a run and count them as they arrive."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -29,15 +29,15 @@ PROGRESS_PERIOD = 0.1
 
 
 class DropCounter:
-    """Makes the drops of a run, counts them, and hands them to consumers.
+    """Counter that makes the drops of a run, counts them, and passes them to consumers.
 
     Parameters
     ----------
     distribution : Distribution
-        Without drops.
+        Distribution without drops.
     run : RunDescription
     precision : float
-        Stop when every interval is at most this wide on each side; 0: when all drops are made.
+        Maximum half width of the intervals at which the run stops; 0: make all drops.
     ranges : sequence of (int, int)
         Drops [first, end) to make; by default all of the run.
     consumers : sequence of callables
@@ -61,7 +61,7 @@ class DropCounter:
 
     @property
     def complete(self) -> bool:
-        """Whether all drops are made, or enough for the precision."""
+        """Return whether all drops are made, or enough for the precision."""
         return self.distribution.stops(self.precision, self.run.drops)
 
     def drop(
@@ -71,7 +71,7 @@ class DropCounter:
         progress: Callable[[int], None] = lambda _: None,
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Make the drops, until `stopped` returns True; raises EngineError.
+        """Make the drops until `stopped` returns True; raises EngineError.
 
         ``progress`` is called often, with the number of drops made.
         """

@@ -35,7 +35,7 @@ class DropResult:
     mesh_file : Path or None
         The file from which the part was read, if it was given as a file.
     history : ((m,) int, (m, k) int) or None
-        Numbers of drops, ascending, and the counts of the k aspects after so many drops.
+        Numbers of drops, ascending, and the counts of the k aspects after each number.
     poses : RestingPoses or None
         The resting poses, if they were kept.
     log : Path or None
@@ -56,11 +56,11 @@ class DropResult:
     @property
     def title(self) -> str:
         """Part, drops, surface and seed in one line."""
-        return f'{self.run.part}, {self.words}'
+        return f'{self.run.part}, {self.subtitle}'
 
     @property
-    def words(self) -> str:
-        """Drops, of how many if that is not all, surface and seed."""
+    def subtitle(self) -> str:
+        """Number of drops (and how many were requested, if more), surface and seed."""
         surface = surface_text(self.run.conditions)
         of = '' if self.complete else f' of {self.run.drops}'
         return f'{self.distribution.drops}{of} drops on {surface}, seed {self.run.seed}'
@@ -91,20 +91,20 @@ class DropResult:
 
         Returns the path of the page; raises OutputError if it cannot be written.
         """
-        # Its imports take about a second.
+        # This import takes about a second.
         from resting_aspects_ros.api.report_files import check_report, write_report
 
         check_report('folder', Path(folder))
         return write_report(self, Path(folder))
 
     def save_json(self, path: Path) -> None:
-        """Write the document; raises OutputError."""
+        """Write the JSON document; raises OutputError."""
         with whole_file(path) as part:
             part.write_text(self.to_json(), encoding='utf-8')
 
     def save_picture(self, path: Path) -> None:
-        """Write a PNG; raises OutputError."""
-        # It imports what takes a while.
+        """Write the picture as PNG; raises OutputError."""
+        # These imports take about a second.
         from resting_aspects_ros.report.figure_style import png_bytes
         from resting_aspects_ros.report.picture import distribution_figure
 

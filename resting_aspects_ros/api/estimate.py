@@ -32,29 +32,30 @@ from resting_aspects_ros.simulation.conditions import DropConditions
 if TYPE_CHECKING:  # imported when there is something to compare with
     from resting_aspects_ros.api.inputs.counts import CountedDrops
 
-# Of the tables that are drawn for p values: the same comparison always has the same result.
+# Seed of the Monte Carlo p values, so that equal inputs give equal results.
 SEED = 1
-# A part is thrown if its speed and its spin have more than this share of the height's energy.
+# A part counts as thrown if its speed and its spin have more than this share of the energy of the
+# height.
 THROWN_SHARE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
 class EstimateResult:
-    """What the methods predict for a part.
+    """Predictions of the analytic methods for a part.
 
     Attributes
     ----------
     part : Part
     aspects : AspectSet
-        Of the part; probabilities are in their order.
+        Aspects of the part; probabilities are in their order.
     estimates : dict of str to Estimate
-        By method, of the methods that are defined for the part.
+        Prediction of each method that is defined for the part, by method.
     not_defined : dict of str to str
-        By method, why it is not defined for the part.
+        Reason why a method is not defined for the part, by method.
     recommended : Recommendation or None
         The method to trust, and why; None if the conditions are not known.
     against : CountedDrops or None
-        Drops that the methods are compared with.
+        Drops with which the methods are compared.
     """
 
     part: Part
@@ -75,7 +76,7 @@ class EstimateResult:
         return self.against.tally
 
     def comparisons(self, *, by_class: bool) -> dict[str, Comparison]:
-        """Return how far the drops of ``against`` are from each method."""
+        """Return the comparison of the drops of ``against`` with each method."""
         counted = self.counted(by_class=by_class)
         if counted is None or self.against is None:
             return {}
@@ -110,7 +111,7 @@ def estimate(
     against: str | Path | None = None,
     **conditions: Any,
 ) -> EstimateResult:
-    """Predict the distribution of a part from its shape, without a drop.
+    """Predict the distribution of a part from its shape, without drops.
 
     Parameters
     ----------

@@ -27,19 +27,19 @@ def load_part(
     part : str or Path
         A path with a directory or an ending is a mesh file; anything else is the name of a part.
     unit : str, optional
-        Of the mesh file: 'um', 'mm', 'cm', 'm', 'in' or 'ft'; by default that of the YAML file,
-        else mm.
+        Unit of the mesh file: 'um', 'mm', 'cm', 'm', 'in' or 'ft'; by default that of the YAML
+        file, else mm.
     folder : str or Path, optional
         Folder of named parts; by default the example parts.
     body : int, optional
-        Which body of a mesh file to use, if it has several that do not touch: 1 is the largest.
+        Body of a mesh file to use, if it has several that do not touch: 1 is the largest.
 
     Raises
     ------
     PartError
-        The mesh is not that of a solid, or cannot be read.
+        The mesh is not a solid, or cannot be read.
     UnknownPartError
-        No part of that name is in the folder.
+        The folder has no part of that name.
     InvalidValueError
         The unit or the body contradicts the YAML file.
 
@@ -53,7 +53,7 @@ def load_part(
     text = str(part)
     mesh = part if isinstance(part, Path) else mesh_file(text)
     if mesh:
-        return load_mesh(mesh, **_sheet(mesh.parent / f'{mesh.stem}.yaml', unit, body))
+        return load_mesh(mesh, **_yaml_values(mesh.parent / f'{mesh.stem}.yaml', unit, body))
     if unit is not None:
         raise InvalidValueError(
             f'invalid unit {shown(unit)}: expected only with a mesh file; {shown(text)} is '
@@ -73,14 +73,14 @@ def load_part(
     except UnknownPartError:
         if folder is None and (here := _mesh_here(text)):
             raise UnknownPartError(
-                f'part {shown(text)} is not known: of the file in this folder the whole name is '
-                f'needed, {here!r}'
+                f'part {shown(text)} is not known; for the mesh file in this folder, write '
+                f'{here!r}'
             ) from None
         raise
 
 
 def mesh_file(text: str | Path | None) -> Path | None:
-    """Return the file, if a part is given as a file and not by its name."""
+    """Return the path if a part is given as a file, None if it is a name."""
     if isinstance(text, Path):
         return text
     if text and (os.sep in text or Path(text).suffix or text in ('.', '..')):
@@ -89,7 +89,7 @@ def mesh_file(text: str | Path | None) -> Path | None:
 
 
 def _mesh_here(stem: str) -> str:
-    """Name of a mesh in the working folder; empty if there is none."""
+    """Return the name of a mesh file in the working folder; empty if there is none."""
     with suppress(OSError):
         for file in sorted(Path().iterdir()):
             ending = file.suffix.lower().removeprefix('.')
@@ -98,14 +98,14 @@ def _mesh_here(stem: str) -> str:
     return ''
 
 
-def _sheet(sheet: Path, unit: str | None, body: int | None) -> dict[str, Any]:
-    """Return what the part's YAML says, with the unit and the body."""
-    values = read_part_yaml(sheet) if sheet.exists() else {}
+def _yaml_values(yaml_file: Path, unit: str | None, body: int | None) -> dict[str, Any]:
+    """Return the values of a part's YAML file, with the requested unit and body."""
+    values = read_part_yaml(yaml_file) if yaml_file.exists() else {}
     if body is not None:
         if values.get('body') not in (None, body):
             raise InvalidValueError(
                 f'invalid body {shown(body)}: expected {values["body"]}, the body in '
-                f'{shown(str(sheet))}'
+                f'{shown(str(yaml_file))}'
             )
         values['body'] = body
     if unit is None:
@@ -115,12 +115,12 @@ def _sheet(sheet: Path, unit: str | None, body: int | None) -> dict[str, Any]:
     written = values.get('unit')
     if written not in (None, unit):
         raise InvalidValueError(
-            f'invalid unit {unit!r}: expected {written!r}, the unit in {str(sheet)!r}'
+            f'invalid unit {unit!r}: expected {written!r}, the unit in {str(yaml_file)!r}'
         )
-    # Its numbers were read in the default unit.
+    # The centre of mass would be read in the default unit.
     if written is None and 'centre_of_mass' in values and unit != DEFAULT_UNIT:
         raise InvalidValueError(
-            f'invalid unit {unit!r}: {str(sheet)!r} gives a centre_of_mass without a unit; '
+            f'invalid unit {unit!r}: {str(yaml_file)!r} gives a centre_of_mass without a unit; '
             f'write "unit: {unit}" into it'
         )
     return {**values, 'unit': unit}

@@ -1,4 +1,4 @@
-"""Files that a command writes: refused before the work if they cannot be, and never half there."""
+"""Output files, checked before the work and replaced only when they are complete."""
 
 import csv
 import fcntl
@@ -23,11 +23,11 @@ POSES_HEADER = (
 
 
 class OutputError(RestingAspectsError):
-    """What was worked out cannot be written."""
+    """Raised if a result cannot be written."""
 
 
 def make_folder(flag: str, folder: Path) -> None:
-    """Make a folder that a flag names; InvalidValueError if that cannot be."""
+    """Make the folder that a flag names; raises InvalidValueError if that is impossible."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
@@ -38,7 +38,7 @@ def make_folder(flag: str, folder: Path) -> None:
 
 
 def check_output(flag: str, path: Path | None) -> None:
-    """Refuse now what could not be written when the work is done."""
+    """Raise InvalidValueError if the file of a flag could not be written after the work."""
     if path is None:
         return
     if not path.parent.is_dir():
@@ -56,12 +56,12 @@ def check_output(flag: str, path: Path | None) -> None:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Where to write a file, which is moved to its place when it is whole.
+    """Yield a temporary path, and replace the file with it at the end if nothing failed.
 
-    A file of that name stays as it was until then. A device or a pipe is written as it is. What
-    killed programs left of the same file is removed.
+    A device or a pipe is written directly. Temporary files that killed programs left for the same
+    file are removed.
     """
-    target = path.resolve()  # a link stays a link
+    target = path.resolve()  # a symbolic link is kept
     ordinary = (path.is_file() or not path.exists()) and not path.is_relative_to('/dev')
     try:
         if not ordinary:
@@ -77,13 +77,13 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def _locked_part(target: Path) -> Iterator[Path]:
-    """A new file beside the target, locked while it is written, and removed if it stays."""
+    """Yield a new locked file beside the target, which is removed if it was not moved."""
     while True:
         part = target.with_name(f'{target.stem}.{uuid.uuid4().hex[:8]}.part{target.suffix}')
         with part.open('xb') as file:
             with suppress(OSError):  # a file system without locks
                 fcntl.flock(file, fcntl.LOCK_EX)
-            if not part.exists():  # another program took it for abandoned before it was locked
+            if not part.exists():  # removed by another program before it was locked
                 continue
             try:
                 yield part
@@ -107,7 +107,7 @@ def _reason(error: BaseException) -> str:
 
 @contextmanager
 def poses_file(flag: str, path: Path) -> Iterator[TextIO]:
-    """A file for poses with its header, in its place when it is whole; ``flag`` named it."""
+    """Yield an open file of poses with its header; `whole_file` moves it into place."""
     with ExitStack() as stack:
         try:
             part = stack.enter_context(whole_file(path))
@@ -122,13 +122,13 @@ def poses_file(flag: str, path: Path) -> Iterator[TextIO]:
 
 
 def write_poses(file: TextIO, poses: RestingPoses, ids: npt.NDArray[np.int64]) -> None:
-    """Add a line for each drop, with the id of its aspect; 0 if it came to rest in none."""
+    """Write a line for each drop, with the id of its aspect, 0 for none."""
     csv.writer(file).writerows(_rows(poses, ids.tolist()))
     file.flush()
 
 
 def _rows(poses: RestingPoses, ids: list[int]) -> Iterator[tuple[Any, ...]]:
-    """In full precision: Python prints the shortest text that reads back as the same number."""
+    """Yield rows in full precision: Python prints the shortest text of exactly this number."""
     for k in range(len(poses)):
         yield (
             poses.first_drop + k,

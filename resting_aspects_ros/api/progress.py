@@ -1,4 +1,4 @@
-"""How far long work is, on standard error: a bar on a terminal, else a line a second."""
+"""Progress on standard error: a bar on a terminal, otherwise one line per second."""
 
 import sys
 import time
@@ -9,11 +9,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn
 
 Self = TypeVar('Self', bound='ShownProgress')  # typing.Self is newer than Python 3.10
-LINE_PERIOD = 1.0
+LINE_PERIOD = 1.0  # s
 
 
 class ShownProgress:
-    """A bar on standard error, None where that is no terminal; use it with `with`."""
+    """Context manager of a progress bar on standard error; no bar if that is not a terminal."""
 
     def __init__(
         self, what: str, total: float, *columns: ProgressColumn, shown: bool = True
@@ -40,12 +40,12 @@ class ShownProgress:
 
 
 class DropProgress(ShownProgress):
-    """Shows drops done and drops per second.
+    """Progress display of drops and drops per second.
 
     done : int
         Drops made so far.
     shown : bool
-        False for a progress that only counts.
+        False to count without display.
     """
 
     def __init__(self, what: str, total: int, *, shown: bool = True) -> None:
@@ -54,16 +54,16 @@ class DropProgress(ShownProgress):
         self.done = 0
         self._what = what
         self._total = total
-        self._begun = self._shown = time.monotonic()
-        self._waited = False
-        self._line = ''  # the last that was printed
+        self._started = self._shown = time.monotonic()
+        self._updated = False
+        self._line = ''  # the last printed line
 
     def update(self, done: int) -> None:
-        """Update the number of drops that are done."""
+        """Update the number of drops made."""
         self.done = done
-        self._waited = True
+        self._updated = True
         now = time.monotonic()
-        seconds = max(now - self._begun, 1e-9)
+        seconds = max(now - self._started, 1e-9)
         rate = f'{done / seconds:.0f} drops/s' if done else ''
         if self._bar is not None:
             if 0 < done < self._total:
@@ -72,12 +72,12 @@ class DropProgress(ShownProgress):
             self._bar.start()
         elif self._visible and (now - self._shown >= LINE_PERIOD or done == self._total):
             line = f'{self._what}: {done} of {self._total} drops'
-            if line != self._line:  # the rate alone is no news
+            if line != self._line:  # a new rate alone is not printed
                 print(f'{line}  {rate}'.rstrip(), file=sys.stderr)
                 self._line, self._shown = line, now
 
     def end(self, done: int) -> None:
-        """No more drops come: those that are done are all. Nothing, if none were waited for."""
-        if self._waited:
+        """Show ``done`` as the total of the finished run; does nothing if no update was shown."""
+        if self._updated:
             self._total = done
             self.update(done)

@@ -18,14 +18,14 @@ def read_log(log: str | Path) -> DropResult:
     Returns
     -------
     DropResult
-        Without poses if drops are missing in the log.
+        The result; ``poses`` is None if the log does not have all drops.
 
     Raises
     ------
     LogError
-        It cannot be read.
+        The log cannot be read.
     InvalidValueError
-        It is not a log of a run with its part.
+        The file is not a log of a run with its part.
     """
     from resting_aspects_ros.run_logs.contents import logged_result
 

@@ -1,4 +1,4 @@
-"""The files of a report, from an answer."""
+"""The files of a report on a result."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,7 +26,7 @@ SEED = 1
 
 
 def default_folder(part: str) -> Path:
-    """Return the folder of the report of a part if none is given."""
+    """Return the default folder of the report on a part."""
     return Path('out') / part
 
 
@@ -41,10 +41,10 @@ def _figure_files() -> list[str]:
     return [f'{figure}.{ending}' for figure in FIGURES for ending in ENDINGS]
 
 
-def write_report(answer: DropResult, folder: Path, against: CountedDrops | None = None) -> Path:
+def write_report(result: DropResult, folder: Path, against: CountedDrops | None = None) -> Path:
     """Write the report and return the path of the page. Raises OutputError."""
     written = set()
-    for name, data in report_files(_report(answer, against)):
+    for name, data in report_files(_report(result, against)):
         with whole_file(folder / name) as file:
             file.write_bytes(data)
         written.add(name)
@@ -54,59 +54,59 @@ def write_report(answer: DropResult, folder: Path, against: CountedDrops | None 
     return folder / PAGE
 
 
-def _report(answer: DropResult, against: CountedDrops | None) -> Report:
-    distribution, part = answer.distribution, answer.part
+def _report(result: DropResult, against: CountedDrops | None) -> Report:
+    distribution, part = result.distribution, result.part
     estimates: dict[str, Array] = {}
     reasons: dict[str, str] = {}
     recommended = ''
     if part is not None and len(distribution.aspects):
         shape = RestingShape(part, distribution.aspects)
-        recommended = recommended_method(shape, answer.run.conditions).reason
+        recommended = recommended_method(shape, result.run.conditions).reason
         found, reasons = estimate_each(shape, METHODS)
         estimates = {name: each.probabilities for name, each in found.items()}
     return Report(
-        title=answer.run.part,
-        subtitle=answer.words,
+        title=result.run.part,
+        subtitle=result.subtitle,
         distribution=distribution,
         part=part,
-        notes=tuple(_notes(answer)),
-        facts=_facts(answer),
-        history=answer.history,
+        notes=tuple(_notes(result)),
+        facts=_facts(result),
+        history=result.history,
         estimates=estimates,
         not_defined=reasons,
         recommended=recommended,
-        measured=None if against is None else _measured(answer, against),
+        measured=None if against is None else _measured(result, against),
     )
 
 
-def _measured(answer: DropResult, against: CountedDrops) -> ReferenceCounts:
-    tally = counted_by_class_of(against, answer.distribution.aspects)
-    own = answer.distribution.by_class()
+def _measured(result: DropResult, against: CountedDrops) -> ReferenceCounts:
+    tally = counted_by_class_of(against, result.distribution.aspects)
+    own = result.distribution.by_class()
     counted = DropCounts(own.counts, own.unclassified, own.unsettled, own.failed)
     found = compare(counted, tally, np.random.default_rng(SEED), own.confidence)
     return ReferenceCounts(printable(Path(against.source).name), counted, tally, found)
 
 
-def _notes(answer: DropResult) -> Iterator[str]:
-    run, drops = answer.run, answer.distribution.drops
-    if not answer.complete:
+def _notes(result: DropResult) -> Iterator[str]:
+    run, drops = result.run, result.distribution.drops
+    if not result.complete:
         goal = f'a precision of ±{run.precision:g}' if run.precision else f'{run.drops} drops'
         yield f'The run is not complete: it has {drops} drops, and {goal} was requested.'
-    if answer.convergence is not None:
-        yield answer.convergence.text().replace('\n', ' ')
-    if answer.part is None:
+    if result.convergence is not None:
+        yield result.convergence.text().replace('\n', ' ')
+    if result.part is None:
         yield (
             'The mesh of the part is not available. Therefore this report has no pictures and '
             'no analytic estimates.'
         )
     else:
-        yield from (f'{warning[0].upper()}{warning[1:]}.' for warning in answer.part.warnings)
+        yield from (f'{warning[0].upper()}{warning[1:]}.' for warning in result.part.warnings)
 
 
-def _facts(answer: DropResult) -> dict[str, list[tuple[str, str]]]:
-    run = answer.run
+def _facts(result: DropResult) -> dict[str, list[tuple[str, str]]]:
+    run = result.run
     requested = f'{run.drops}' if not run.precision else f'up to {run.drops}'
-    drops = [('number of drops', f'{answer.distribution.drops} of {requested}')]
+    drops = [('number of drops', f'{result.distribution.drops} of {requested}')]
     if run.precision:
         drops.append(('required precision', f'intervals of at most ±{run.precision:g}'))
     drops += [
@@ -117,10 +117,10 @@ def _facts(answer: DropResult) -> dict[str, list[tuple[str, str]]]:
         ('resting_aspects_ros', run.suite_version),
         ('date', when_text(run.started)),
         ('run id', run.run_id),
-        ('maximum energy gain in a drop', _energy_text(answer)),
+        ('maximum energy gain in a drop', _energy_text(result)),
     ]
     return {
-        'Part': _part_facts(answer.part, answer),
+        'Part': _part_facts(result.part, result),
         'Conditions': [
             ('surface', surface_text(run.conditions)),
             *condition_facts(run.conditions),
@@ -129,19 +129,19 @@ def _facts(answer: DropResult) -> dict[str, list[tuple[str, str]]]:
     }
 
 
-def _energy_text(answer: DropResult) -> str:
+def _energy_text(result: DropResult) -> str:
     """Return the energy that the engine added in a drop, as the rise of the part it equals."""
-    growth = answer.distribution.energy_growth  # as a height, hull radii
-    if answer.part is None:
+    growth = result.distribution.energy_growth  # as a height, hull radii
+    if result.part is None:
         return f'equal to a rise by {growth:.2g} of the part radius'
-    return f'equal to a rise by {1000 * growth * answer.part.hull_radius:.2g} mm'
+    return f'equal to a rise by {1000 * growth * result.part.hull_radius:.2g} mm'
 
 
-def _part_facts(part: Part | None, answer: DropResult) -> list[tuple[str, str]]:
-    hashes = [('part sha256', answer.run.part_sha256)]
+def _part_facts(part: Part | None, result: DropResult) -> list[tuple[str, str]]:
+    hashes = [('part sha256', result.run.part_sha256)]
     if part is None:
-        return [('name', answer.run.part), *hashes]
-    symmetry = answer.distribution.aspects.symmetry
+        return [('name', result.run.part), *hashes]
+    symmetry = result.distribution.aspects.symmetry
     return [
         ('name', part.name),
         ('size along the mesh axes', size_text(part)),

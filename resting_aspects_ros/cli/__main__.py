@@ -1,4 +1,4 @@
-"""`python -m resting_aspects_ros.cli` is the command `resting_aspects`."""
+"""`python -m resting_aspects_ros.cli` runs the command `resting_aspects`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""What the commands print on standard output: tables, or one JSON document."""
+"""Output of the commands on standard output: tables, or one JSON document."""
 
 import sys
 
@@ -12,25 +12,25 @@ from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.rounding import size_text
 from resting_aspects_ros.report.table import distribution_table, never_seen_text
 
-# Of a table that goes into a pipe or a file.
+# Width of a table that is written to a pipe or a file.
 PIPED_WIDTH = 80
-# No table is wider.
-WIDEST = 1000
+# Maximum width of a table.
+MAX_WIDTH = 1000
 
 
 def make_console() -> Console:
-    """Standard output, as wide as its terminal, if it is one."""
+    """Return a console on standard output, as wide as the terminal if there is one."""
     console = Console()
     if not console.is_terminal:
-        # Not that of the terminal in which the command was typed.
+        # Otherwise rich would use the width of the terminal in which the command was typed.
         console.width = PIPED_WIDTH
     return console
 
 
 def show_table(console: Console, table: Table) -> None:
-    """Print a table whole: where it is wider than the terminal no digit is cut off."""
+    """Print a table without cutting off digits, even if it is wider than the terminal."""
     before = console.width
-    options = console.options.update(width=WIDEST)
+    options = console.options.update(width=MAX_WIDTH)
     console.width = max(before, Measurement.get(console, options, table).maximum)
     console.print(table)
     console.width = before
@@ -39,7 +39,7 @@ def show_table(console: Console, table: Table) -> None:
 def print_table(
     distribution: Distribution, title: str, part: Part | None = None, *, each: bool = False
 ) -> None:
-    """Print the table of a distribution, with what is known of aspects that were never seen."""
+    """Print the table of a distribution, with bounds for aspects that were never seen."""
     console = make_console()
     show_table(console, distribution_table(distribution, title, part, each=each))
     if unseen := never_seen_text(distribution, each=each):
@@ -47,17 +47,17 @@ def print_table(
 
 
 def print_result(result: DropResult, *, as_json: bool, each: bool = False) -> None:
-    """Print a result as a document and nothing else, or as a table.
+    """Print a result as one JSON document, or as a table.
 
-    ``each`` asks for a row for each aspect, also where several look alike.
+    With ``each`` the table has a row for each aspect, even where several look the same.
     """
     if as_json:
         sys.stdout.write(result.to_json())
         return
     part = result.part
-    # A mesh that is read in a wrong unit shows by its size.
+    # The size shows if the mesh was read in a wrong unit.
     size = f', {size_text(part)}' if part else ''
-    title = f'{result.run.part}{size}\n{result.words}'
+    title = f'{result.run.part}{size}\n{result.subtitle}'
     print_table(result.distribution, title, part, each=each)
     if result.convergence is not None:
         print(result.convergence.text())

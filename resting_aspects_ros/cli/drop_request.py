@@ -1,4 +1,4 @@
-"""Which drops a person asks for: by flags, or as a log has them."""
+"""The requested drops: described by flags, or by a log that is to be repeated."""
 
 import argparse
 from dataclasses import dataclass
@@ -6,27 +6,27 @@ from pathlib import Path
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.load_part import load_part
-from resting_aspects_ros.cli.options import conditions_of, drops_of
+from resting_aspects_ros.cli.options import requested_conditions, requested_number
 from resting_aspects_ros.core.errors import InvalidValueError, LogError, warn
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, RunDescription, check_seed
 
-# A fall from higher than this, hull radii, was probably meant in another unit, and takes minutes.
+# In hull radii. A greater height is probably a mistake of the unit, and the drops take minutes.
 MAX_HEIGHT = 500
-# What a log says, so that nobody else may.
-_OF_LOG = ('unit', 'body', 'parts', 'surface', *QUANTITIES, 'height_of', 'seed')
+# Flags that a log replaces.
+_LOGGED_FLAGS = ('unit', 'body', 'parts', 'surface', *QUANTITIES, 'height_of', 'seed')
 
 
 @dataclass(frozen=True)
 class DropRequest:
-    """Drops that are asked for; ``drops`` and ``precision`` as max_drops has them.
+    """Drops that were requested; ``drops`` and ``precision`` have the meaning of max_drops.
 
     logged : RunDescription
-        The run that is made again, if it is one.
+        The run to repeat; None for a new run.
     ranges : tuple of (int, int)
-        If just the drops are made again that a log has, those: [first, end) of each row of them.
-        Then ``precision`` is that at which the run was to stop, and what ends it is ``drops``.
+        The drops [first, end) in the log, if exactly these are repeated. Then ``drops`` ends the
+        run, and ``precision`` is only that of the logged run.
     """
 
     part: Part
@@ -39,26 +39,26 @@ class DropRequest:
 
     @property
     def stop_at(self) -> float:
-        """The precision at which to stop; 0: when all drops are made."""
+        """Return the precision at which to stop, 0 to make all drops."""
         return 0.0 if self.ranges else self.precision
 
     @property
     def first_drop(self) -> int:
-        """Index of the first of them."""
+        """Return the index of the first drop."""
         return 0 if self.logged is None else self.logged.first_drop
 
     def check_height(self) -> None:
-        """Raise InvalidValueError for a height that is probably a mistake of the unit."""
-        height, highest = self.conditions.height, MAX_HEIGHT * self.part.hull_radius
-        if self.logged is None and height > highest:
+        """Raise InvalidValueError if the height is probably in a wrong unit."""
+        height, max_height = self.conditions.height, MAX_HEIGHT * self.part.hull_radius
+        if self.logged is None and height > max_height:
             raise InvalidValueError(
                 f'invalid --height {height:g} m: expected at most {MAX_HEIGHT} times the radius '
-                f'of {self.part.name}, {highest:.3g} m, or --force; millimetres are written '
+                f'of {self.part.name}, {max_height:.3g} m, or --force; millimetres are written '
                 f'{height:g}mm'
             )
 
     def check_engine(self, run: RunDescription) -> None:
-        """Warn if what the drops follow from is not what it was when they were logged."""
+        """Warn if the engine, a version or the time step differs from that of the log."""
         if self.logged is None or run.sequence() == self.logged.sequence():
             return
         before, now = (
@@ -67,14 +67,14 @@ class DropRequest:
             for each in (self.logged, run)
         )
         warn(
-            f'the log was made with {before}, and this is {now}: the poses can differ, the '
+            f'the log was recorded with {before}, and this is {now}: the poses can differ, the '
             'probabilities should not'
         )
 
 
 def requested_drops(arguments: argparse.Namespace) -> DropRequest:
-    """What the flags ask for; raises RestingAspectsError for wrong input."""
-    drops, precision = drops_of(arguments)
+    """Return the drops that the flags request; raises RestingAspectsError for wrong input."""
+    drops, precision = requested_number(arguments)
     if arguments.from_log is not None:
         return _logged(arguments, drops, precision)
     if arguments.part is None:
@@ -83,7 +83,7 @@ def requested_drops(arguments: argparse.Namespace) -> DropRequest:
         )
     seed = DEFAULT_SEED if arguments.seed is None else arguments.seed
     check_seed(seed)
-    conditions = conditions_of(arguments, shipped_surfaces())
+    conditions = requested_conditions(arguments, shipped_surfaces())
     part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
     return DropRequest(part, conditions, seed, drops, precision)
 
@@ -92,18 +92,18 @@ def _logged(arguments: argparse.Namespace, drops: int, precision: float) -> Drop
     log: Path = arguments.from_log
     if arguments.log is not None:
         raise InvalidValueError(
-            f'invalid --log {str(arguments.log)!r}: expected only without --from-log, whose drops '
-            'have a log'
+            f'invalid --log {str(arguments.log)!r}: expected only without --from-log, whose '
+            'drops are in a log already'
         )
-    for name in ('part', *_OF_LOG):
+    for name in ('part', *_LOGGED_FLAGS):
         given = getattr(arguments, name)
         if given not in (None, ''):
-            flag = f'--{name.replace("_", "-")}' if name in _OF_LOG else 'PART_OR_MESH'
+            flag = f'--{name.replace("_", "-")}' if name in _LOGGED_FLAGS else 'PART_OR_MESH'
             raise InvalidValueError(
                 f'invalid {flag} {str(given)!r}: expected only without --from-log, which '
                 'defines it'
             )
-    # It imports ROS, which other drops do not need.
+    # This imports ROS, which is not needed without a log.
     from resting_aspects_ros.run_logs.contents import read_logged_run
 
     try:
@@ -120,7 +120,7 @@ def _logged(arguments: argparse.Namespace, drops: int, precision: float) -> Drop
     logged.warn_if_unfinished()
     if arguments.drops is not None or arguments.precision is not None:
         return DropRequest(part, run.conditions, run.seed, drops, precision, run)
-    # Those that are there, wherever the run ended: it can have been canceled, or broken off.
+    # Repeat the recorded drops: a canceled or interrupted run has fewer than requested.
     ranges = tuple(logged.ranges)
     drops = sum(end - first for first, end in ranges)
     if not drops:

@@ -1,4 +1,4 @@
-"""Make the drops that `resting_aspects drop` is asked for, count them, and save the result."""
+"""Make the drops that `resting_aspects drop` requests, count them, and save the result."""
 
 import argparse
 import signal
@@ -41,8 +41,8 @@ def drop_and_show(
 ) -> int:
     """Drop, count and show; returns the exit code.
 
-    Raises RestingAspectsError: before the first drop for wrong input, and after what was done is
-    saved, if not all could be done.
+    Raises RestingAspectsError before the first drop for wrong input, and after saving the partial
+    result if something failed.
     """
     part, stop_at = request.part, request.stop_at
     planned = plan(
@@ -88,7 +88,7 @@ def drop_and_show(
                         )
                         progress.end(progress.done)
             except (EngineError, LogError) as error:
-                failure = error  # the file of poses has those that were made
+                failure = error  # the poses of the completed drops are still saved
     except OutputError as error:
         failure = error
     result = DropResult(
@@ -105,20 +105,18 @@ def drop_and_show(
     _write(result, out, arguments)
     done = result.distribution.drops
     if failure is not None:
-        words = f'{failure}, after {done} of {run.drops} drops, which are in the answer'
-        raise type(failure)(words)
+        raise type(failure)(f'{failure}; the result has {done} of {run.drops} drops')
     if not result.complete:
-        words = f'interrupted after {done} of {run.drops} drops, which are in the answer'
-        print(words, file=sys.stderr)
+        print(f'interrupted; the result has {done} of {run.drops} drops', file=sys.stderr)
         return INTERRUPTED
     _warn_if_not_precise(result.distribution, stop_at)
     if not checked:
-        print('interrupted before the convergence was checked', file=sys.stderr)
+        print('interrupted; convergence was not checked', file=sys.stderr)
     return 0 if checked else INTERRUPTED
 
 
 def _write(result: DropResult, out: Path | None, arguments: argparse.Namespace) -> None:
-    """Save and print the result, whatever of it fails; the page, which takes longest, at last."""
+    """Save and print the result, even if a step fails; the slow report is last."""
     files = [DOCUMENT, POSES] if arguments.report else [DOCUMENT, PICTURE, POSES]
     logged = [] if result.log is None else [f'Log: {result.log}']
     lines = ['Add --report for pictures of the aspects.']
@@ -132,7 +130,7 @@ def _write(result: DropResult, out: Path | None, arguments: argparse.Namespace) 
         print_result(result, as_json=arguments.json, each=arguments.each)
         _print(logged, arguments)
     if arguments.report and out is not None:
-        # All else is saved: nobody has to wait for the page.
+        # Everything else is saved, so Ctrl-C may end the report at once.
         catch(signal.default_int_handler)
         _print(lines, arguments)
         from resting_aspects_ros.api.report_files import write_report
@@ -147,13 +145,13 @@ def _print(lines: list[str], arguments: argparse.Namespace) -> None:
 
 
 def _folder(arguments: argparse.Namespace, part: str) -> tuple[str, Path | None]:
-    """Where the result goes, if it is to be saved, and which flag says so.
+    """Return the folder of the result, None if it is not saved, and the flag that requests it.
 
-    Raises InvalidValueError if it cannot be written there.
+    Raises InvalidValueError if the folder cannot be written.
     """
     flag, out = '--out', arguments.out
     if arguments.report:
-        # It takes a while to import, which drops without a report do not need.
+        # This import is slow, and only needed for a report.
         from resting_aspects_ros.api.report_files import check_report, default_folder
 
         if out is None:
@@ -163,17 +161,17 @@ def _folder(arguments: argparse.Namespace, part: str) -> tuple[str, Path | None]
 
 
 def _warn_if_not_precise(distribution: Distribution, precision: float) -> None:
-    """Warn if the maximum number of drops was made, and the precision was not reached."""
+    """Warn if the precision was not reached in the maximum number of drops."""
     half = max((each.upper - each.lower) / 2 for each in distribution.intervals())
     if 0 < precision < half:
         warn(
-            f'precision {precision:g} was not reached in {distribution.drops} drops, the most '
-            f'that were asked for: the widest interval is +-{half:.2g}'
+            f'precision {precision:g} was not reached in {distribution.drops} drops, the '
+            f'requested maximum: the widest interval is +-{half:.2g}'
         )
 
 
 def _poses_paths(poses: Path | None, flag: str, out: Path | None) -> Iterator[tuple[str, Path]]:
-    """Where the poses go, checked, like what goes beside them, which ``flag`` asks for."""
+    """Yield the files of poses with their flags, after checking that all outputs are writable."""
     check_output('--poses', poses)
     if out is not None:
         make_folder(flag, out)

@@ -1,8 +1,8 @@
 """The command `resting_aspects`.
 
-Exit codes: 0 done; 2 wrong input, nothing was done; 1 something failed on the way (workers died
-again and again, a node died, the disk is full, no suite answers); 130 interrupted. After 1 and 130
-what was done is saved. An error is one line on standard error.
+Exit codes: 0 done; 2 wrong input, nothing was done; 1 a failure during the work (workers died
+repeatedly, a node died, the disk is full, no suite responds); 130 interrupted. For exit codes 1
+and 130, partial results are saved. An error is one line on standard error.
 """
 
 import argparse
@@ -36,7 +36,7 @@ from resting_aspects_ros.simulation.interruption import SIGNALS, catch
 
 MAX_LINE = 2000
 MIN_MEMORY = 512 << 20  # bytes
-# What a dynamic linker, a library in C and Python say when a thread or memory is refused.
+# Messages of the dynamic linker, of C libraries and of Python if a thread or memory is refused.
 _NO_MEMORY = re.compile(
     'failed to map segment|annot allocate|nable to allocate|can.t start new thread|bad_alloc'
 )
@@ -45,32 +45,32 @@ DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 # The help of each subcommand. Only the module of the requested one is imported.
 COMMANDS = {
     'drop': 'drop a part and show how it comes to rest',
-    'report': 'make a page with pictures and charts of a result',
-    'estimate': 'predict the distribution from the shape, without a drop',
-    'aspects': 'show the aspects of a part, without a drop',
+    'report': 'write a page with pictures and charts of a result',
+    'estimate': 'predict the distribution from the shape, without drops',
+    'aspects': 'show the aspects of a part, without drops',
     'classify': 'sort resting poses from a file into aspects',
     'compare': 'compare two distributions, or one with a count by hand',
     'request': 'ask the running ROS nodes for a distribution',
     'nodes': 'run all ROS nodes in one process',
     'demo': 'drop l_bracket 1000 times over ROS and show the result',
     'info': 'show what is in a log',
-    'replay': 'publish a log again, on the same topics',
+    'replay': 'publish a log again on the same topics',
     'merge': 'count the drops of several logs together',
-    'recover': 'close logs that a crash broke off',
+    'recover': 'close logs that a crash left unfinished',
 }
 
 DESCRIPTION = """How a part comes to rest when it is dropped, and how probable each way is.
 Start with: resting_aspects drop l_bracket"""
 EPILOG = """exit codes:
   0    done
-  1    something failed on the way; what was done is saved
+  1    failure during the work; partial results are saved
   2    wrong input: one line names the value and what was expected
-  130  interrupted; what was done is saved
+  130  interrupted; partial results are saved
 """
 
 
 class _Parser(argparse.ArgumentParser):
-    """One line for wrong input, not the whole usage; flags in full, so that more can come."""
+    """Parser that prints one line for wrong input, and accepts no abbreviated flags."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options, allow_abbrev=False)
@@ -111,11 +111,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     _open_closed_streams()
     if isinstance(sys.stdout, TextIOWrapper):
-        # A file name can be no text of the terminal's encoding, and is in many a line.
+        # Output contains file names, which the terminal's encoding may not represent.
         sys.stdout.reconfigure(errors='backslashreplace')
     words = _joined(sys.argv[1:] if argv is None else argv)
     try:
-        # Stopped by a service manager or a closed terminal: the same orderly end as Ctrl-C.
+        # SIGTERM and SIGHUP end the command in the same orderly way as Ctrl-C.
         catch(signal.default_int_handler)
         try:
             with warnings.catch_warnings():
@@ -126,18 +126,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
-        # Who read it has seen enough.
+        # The reader of the pipe closed it.
         _discard_output()
         return FAILED
     except KeyboardInterrupt as interrupt:
-        # From here on another one is held back: the interpreter gives up its handlers as it ends,
-        # and the exit code would be the signal's.
+        # Block further signals: the interpreter removes its handlers as it ends, and the exit code
+        # would become that of the signal.
         signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-        # Not held back from the threads that libraries have begun.
+        # Threads that libraries started are not blocked; they ignore the signals.
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         return _end(INTERRUPTED, str(interrupt) or 'interrupted')
-    except Exception as error:  # noqa: BLE001 what is not known is raised again
+    except Exception as error:  # noqa: BLE001 an unknown error is raised again
         return _end(*_outcome(error))
     return code
 
@@ -159,7 +159,7 @@ def _print_warning(
 
 
 def _check_memory() -> None:
-    """Raise RestingAspectsError where OpenBLAS, with less memory, ends or loops on its import."""
+    """Raise RestingAspectsError if memory is so limited that importing OpenBLAS ends or hangs."""
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit != resource.RLIM_INFINITY and limit < MIN_MEMORY:
         raise RestingAspectsError(
@@ -172,7 +172,7 @@ def _open_closed_streams() -> None:
     """Open the null device in place of closed standard streams.
 
     Otherwise the next file that is opened takes the place of the stream. Standard output is opened
-    for reading, so that writing the answer fails as it does for any other program.
+    for reading, so that writing the result fails as it does for any other program.
     """
     for number, name in enumerate(('stdin', 'stdout', 'stderr')):
         if getattr(sys, name) is None:
@@ -184,12 +184,12 @@ def _open_closed_streams() -> None:
 
 
 def _discard_output() -> None:
-    """The interpreter must not try again, as it ends, to write the rest of the answer."""
+    """Keep the interpreter from writing the rest of the output again as it ends."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _outcome(error: Exception) -> tuple[int, str]:
-    """Exit code and message; raises an error again that nobody expected."""
+    """Return exit code and message of an error; raises an unexpected error again."""
     if _is_of_memory(error):
         return FAILED, 'error: there is not enough memory'
     if isinstance(error, PartError | UnknownPartError | InvalidValueError | NoLogError):
@@ -202,7 +202,7 @@ def _outcome(error: Exception) -> tuple[int, str]:
 
 
 def _is_of_memory(error: BaseException | None) -> bool:
-    """Whether an error, or one that it follows from, says that memory was refused."""
+    """Return whether an error, or one of its causes, reports that memory was refused."""
     while error is not None:
         refused = isinstance(error, OSError) and error.errno == errno.ENOMEM
         if isinstance(error, MemoryError) or refused or _NO_MEMORY.search(str(error)):
@@ -212,10 +212,10 @@ def _is_of_memory(error: BaseException | None) -> bool:
 
 
 def _place(error: OSError) -> str:
-    """What could not be read or written."""
+    """Return the file or stream that could not be read or written."""
     if error.filename:
         return f'{error.filename!r}: '
-    if error.errno in _WRITE_ERRORS:  # of all other files the path is named
+    if error.errno in _WRITE_ERRORS:  # the errors of all other files have a path
         _discard_output()
         return 'standard output: '
     try:
@@ -226,7 +226,7 @@ def _place(error: OSError) -> str:
 
 
 def _joined(argv: Sequence[str]) -> list[str]:
-    """A flag and its negative value as one word: argparse takes -3mm for another flag."""
+    """Join a flag and its negative value into one word: argparse takes -3mm for a flag."""
     joined: list[str] = []
     for k, word in enumerate(argv):
         if word in ('--', '--ros-args'):
@@ -239,12 +239,12 @@ def _joined(argv: Sequence[str]) -> list[str]:
 
 
 def _end(code: int, message: str) -> int:
-    with suppress(OSError):  # a terminal that is closed
+    with suppress(OSError):  # the terminal is closed
         print(_line(message), file=sys.stderr)
     return code
 
 
 def _line(message: str) -> str:
-    """One line without control characters, and short whatever was given."""
+    """Return a message as one short line without control characters."""
     message = re.sub(rf'\S{{{MAX_PATH + 1},}}', lambda word: shown(word[0])[1:-1], message)
     return one_line(message, MAX_LINE)

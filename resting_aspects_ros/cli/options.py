@@ -1,4 +1,4 @@
-"""Options that several subcommands share, and numbers with a unit as a person types them."""
+"""Options that several subcommands share, and numbers with a unit."""
 
 import argparse
 import re
@@ -10,7 +10,7 @@ from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, check_drops
 from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE, Surfaces
 
-# Factors to SI, by the unit that a quantity has inside.
+# Factors to SI units, by the SI unit of the quantity.
 _FACTORS: dict[str, dict[str, float]] = {
     'm': {'m': 1.0, 'um': 1e-6, 'mm': 1e-3, 'cm': 1e-2, 'in': 0.0254, 'ft': 0.3048},
     'm/s': {'m/s': 1.0, 'mm/s': 1e-3, 'cm/s': 1e-2},
@@ -23,7 +23,7 @@ _NUMBER = re.compile(r'\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*
 
 
 def add_part(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
-    """The part, by name or as a file; see `api.load_part`."""
+    """Add the part, a name or a file; see `api.load_part`."""
     parser.add_argument(
         'part',
         metavar='PART_OR_MESH',
@@ -34,17 +34,17 @@ def add_part(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
 
 
 def add_part_place(parser: argparse.ArgumentParser) -> None:
-    """--unit, --body and --parts, which say more of a part."""
+    """Add --unit, --body and --parts, which tell how to load a part."""
     parser.add_argument(
         '--unit',
         metavar='UNIT',
-        help='of the mesh file: um, mm, cm, m, in or ft (that of its YAML, else mm)',
+        help='unit of the mesh file: um, mm, cm, m, in or ft (that of its YAML, else mm)',
     )
     parser.add_argument(
         '--body',
         metavar='N',
-        type=whole,
-        help='which body of a mesh file, if it has several that do not touch: 1 is the largest',
+        type=parse_integer,
+        help='body of a mesh file to use, if it has several that do not touch: 1 is the largest',
     )
     parser.add_argument(
         '--parts', metavar='DIR', type=Path, help='folder of named parts (the examples)'
@@ -52,7 +52,7 @@ def add_part_place(parser: argparse.ArgumentParser) -> None:
 
 
 def add_output(parser: argparse.ArgumentParser, *, each: bool = True) -> None:
-    """--json, and --each for a table of aspects."""
+    """Add --json, and --each for a table of aspects."""
     if each:
         parser.add_argument(
             '--each',
@@ -64,11 +64,11 @@ def add_output(parser: argparse.ArgumentParser, *, each: bool = True) -> None:
 
 
 def add_conditions(parser: argparse.ArgumentParser, default: str = DEFAULT_SURFACE) -> None:
-    """--surface and one flag for each condition, from the conditions' own declaration."""
+    """Add --surface and a flag for each condition, generated from QUANTITIES."""
     group = parser.add_argument_group(
         'conditions of the drops',
-        'Those of the surface, unless changed one by one. Lengths, speeds, gravity and\n'
-        'spin may have a unit, such as 60mm, 2.4in, 300mm/s or 20rpm.',
+        'The surface defines all of them. Each flag changes one. Lengths, speeds,\n'
+        'gravity and spin may have a unit, such as 60mm, 2.4in, 300mm/s or 20rpm.',
     )
     group.add_argument(
         '--surface',
@@ -86,17 +86,17 @@ def add_conditions(parser: argparse.ArgumentParser, default: str = DEFAULT_SURFA
         '--height-of',
         type=str.upper,
         choices=[h.name for h in HeightOf],
-        help='what the height is of, when the part is released',
+        help='reference point of the height',
     )
 
 
-def conditions_of(arguments: argparse.Namespace, surfaces: Surfaces) -> DropConditions:
-    """The conditions that the flags ask for; raises InvalidValueError."""
-    return surfaces.get(arguments.surface).changed(**changes_of(arguments))
+def requested_conditions(arguments: argparse.Namespace, surfaces: Surfaces) -> DropConditions:
+    """Return the conditions that the flags request; raises InvalidValueError."""
+    return surfaces.get(arguments.surface).changed(**changed_conditions(arguments))
 
 
-def changes_of(arguments: argparse.Namespace) -> dict[str, object]:
-    """The conditions that are changed one by one."""
+def changed_conditions(arguments: argparse.Namespace) -> dict[str, object]:
+    """Return the conditions that have a flag of their own among the arguments."""
     changes: dict[str, object] = {
         name: parse_quantity(_flag(name), text, quantity.unit)
         for name, quantity in QUANTITIES.items()
@@ -108,44 +108,44 @@ def changes_of(arguments: argparse.Namespace) -> dict[str, object]:
 
 
 def add_ros_args(parser: argparse.ArgumentParser) -> None:
-    """--ros-args, as any node has it."""
+    """Add --ros-args, which all nodes accept."""
     parser.add_argument(
         '--ros-args',
         nargs=argparse.REMAINDER,
         default=[],
-        help='all that follows is for ROS: -r __ns:=/cell_1 for a namespace, -p name:=value for a '
-        'parameter of a node',
+        help='the arguments that follow are for ROS: -r __ns:=/cell_1 sets a namespace, '
+        '-p name:=value a parameter of a node',
     )
 
 
 def add_run(parser: argparse.ArgumentParser, default_seed: str) -> None:
-    """--drops, --precision and --seed, None if it is not given; see drops_of."""
+    """Add --drops, --precision and --seed, each None by default; see requested_number."""
     parser.add_argument(
         '--drops',
         metavar='N',
-        type=whole,
-        help=f'how many ({DEFAULT_DROPS}); 385 give intervals of about +-0.05, 10000 of +-0.01. '
-        'With --precision the most that are made (as many as it takes)',
+        type=parse_integer,
+        help=f'number of drops ({DEFAULT_DROPS}); 385 give intervals of about +-0.05, 10000 of '
+        '+-0.01. With --precision the maximum (as many as needed)',
     )
     parser.add_argument(
         '--precision',
         metavar='P',
-        help='stop as soon as every interval is at most +-P wide, such as 0.01 or 1%%: those of '
-        'aspects that were never seen, too',
+        help='stop as soon as every interval is at most +-P wide, such as 0.01 or 1%%, also those '
+        'of aspects that were never seen',
     )
     parser.add_argument(
         '--seed',
         metavar='S',
-        type=whole,
+        type=parse_integer,
         help=f'the same seed gives the same drops ({default_seed})',
     )
 
 
-def drops_of(arguments: argparse.Namespace) -> tuple[int, float]:
-    """How many drops are asked for, and to which precision; 0 is not given."""
+def requested_number(arguments: argparse.Namespace) -> tuple[int, float]:
+    """Return the number of drops and the precision that the flags request; 0: not given."""
     if arguments.precision is None:
         return DEFAULT_DROPS if arguments.drops is None else arguments.drops, 0.0
-    # It takes a while to import, which --help does not need.
+    # This import is slow, and --help does not need it.
     from resting_aspects_ros.core.statistics.stopping import check_precision
 
     precision = parse_share('--precision', arguments.precision)
@@ -160,9 +160,9 @@ def _flag(name: str) -> str:
 
 
 def parse_quantity(name: str, text: str, unit: str) -> float:
-    """``60mm`` as 0.06, if the unit inside is m. A bare number is in the unit inside.
+    """Return a number in the SI unit ``unit``: ``60mm`` is 0.06 m. A bare number is in that unit.
 
-    Raises InvalidValueError, which names the units.
+    Raises InvalidValueError, which lists the units.
     """
     match = _NUMBER.fullmatch(text)
     factors = _FACTORS[unit]
@@ -175,7 +175,7 @@ def parse_quantity(name: str, text: str, unit: str) -> float:
 
 
 def parse_share(name: str, text: str) -> float:
-    """``0.02`` or ``2%`` as 0.02; raises InvalidValueError."""
+    """Return 0.02 for ``0.02`` or ``2%``; raises InvalidValueError."""
     match = _NUMBER.fullmatch(text)
     if match is None or match[2] not in ('', '%'):
         raise InvalidValueError(
@@ -184,8 +184,8 @@ def parse_share(name: str, text: str) -> float:
     return float(match[1]) / (100 if match[2] else 1)
 
 
-def whole(text: str) -> int:
-    """``1000``, ``10_000`` or ``1e4`` as an integer, as the type of an option."""
+def parse_integer(text: str) -> int:
+    """Return ``1000``, ``10_000`` or ``1e4`` as an integer; the type of an option."""
     try:
         return int(text)
     except ValueError:
@@ -194,7 +194,7 @@ def whole(text: str) -> int:
         number = Decimal(text)
     except InvalidOperation:
         number = Decimal('NaN')
-    # Not a number, infinite, with a fraction, or of more digits than any option takes.
+    # Refuses NaN, infinity, fractions, and more digits than any option accepts.
     if not number.is_finite() or number.adjusted() > MAX_DIGITS or number != int(number):
         raise argparse.ArgumentTypeError(f'{shown(text)} is not an integer, such as 1000 or 1e4')
     return int(number)

@@ -202,7 +202,7 @@ def test_a_log_that_was_broken_off_has_what_was_written_and_that_is_said(
     found, said = compared('run', 'm.csv')
     assert counts_of(found, 'a') == [70, 50, 40, 20, 4]
     being_written = "warning: log 'run' is being written: the messages in it so far are used\n"
-    incomplete = "warning: 'run' is not complete: it counts {} of 200 drops\n"
+    incomplete = "warning: 'run' is not complete: it has {} of 200 drops\n"
     assert said == being_written + incomplete.format(185)
     content = log.path.read_bytes()
     log.close()
@@ -283,7 +283,7 @@ def test_parts_of_one_name_are_told_apart_by_short_hashes(refused, write_json, a
     write_json('a.json')
     write_json('b.json', part_sha256='f00' * 20)
     line = refused('compare', 'a.json', 'b.json')
-    assert 'the mesh, the unit, the mass or the inertia is another' in line
+    assert 'the mesh, the unit, the mass or the inertia differs' in line
     assert f'(part_sha256 {aspects.part_sha256[:8]} and f00f00f0)' in line
 
 
@@ -478,7 +478,7 @@ def test_a_document_that_is_not_complete(compared, write_json, tmp_path):
     write_json('a.json', complete=False, drops=1000)
     write_csv(tmp_path, BY_HAND)
     assert compared('a.json', 'm.csv')[1] == (
-        "warning: 'a.json' is not complete: it counts 200 of 1000 drops\n"
+        "warning: 'a.json' is not complete: it has 200 of 1000 drops\n"
     )
 
 

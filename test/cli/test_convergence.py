@@ -41,9 +41,9 @@ def test_the_shift_is_that_of_the_same_drops_in_half_the_step(run, part, surface
 @pytest.mark.parametrize(
     ('counts', 'words'),
     [
-        ([390, 300, 110, 100, 100], 'too few drops to see 1 %'),
-        ([300, 350, 150, 100, 100], 'more than chance explains'),
-        ([40900, 29100, 10000, 10000, 10000], 'as chance explains'),
+        ([390, 300, 110, 100, 100], 'too few drops to detect 1 %'),
+        ([300, 350, 150, 100, 100], 'not explained by chance'),
+        ([40900, 29100, 10000, 10000, 10000], 'explained by chance'),
     ],
 )
 def test_it_is_told_whether_chance_explains_the_shift(part, counts, words):
@@ -53,13 +53,13 @@ def test_it_is_told_whether_chance_explains_the_shift(part, counts, words):
     fine = Distribution(aspects, np.array(counts), 0, 0, 0)
     found = check_convergence(coarse, fine, 1.5e-4, seed=1)
     lines = found.text().splitlines()
-    assert lines[0].startswith('In 2 times finer steps (150 us) aspect 1 moves most: -')
+    assert lines[0].startswith('With 1/2 of the time step (150 us), aspect 1 changes most: -')
     assert lines[1].startswith(f'{words} (95 % interval ')
     assert lines[1].endswith(f'{drops} drops each).')
     # With so many the interval is as narrow as is asked for, or a digit of the number narrower.
     assert bool(lines[2:]) == ('too few' in words)
     for line in lines[2:]:
-        enough = int(re.fullmatch(r'It takes about (\d+) drops.', line)[1])
+        enough = int(re.fullmatch(r'About (\d+) drops are needed.', line)[1])
         scale = enough // drops
         more = check_convergence(
             *(replace(each, counts=each.counts * scale) for each in (coarse, fine)), 1.5e-4, seed=1
@@ -82,7 +82,7 @@ def test_what_was_dropped_is_answered_when_the_check_is_broken_off(run, monkeypa
     document = json.loads(ended.stdout)
     assert (document['drops'], document['complete']) == (200, True)
     assert 'convergence' not in document
-    assert ended.stderr.splitlines()[-1] == 'interrupted before the convergence was checked'
+    assert ended.stderr.splitlines()[-1] == 'interrupted; convergence was not checked'
 
 
 def test_a_run_in_which_nothing_rests_is_answered_all_the_same(run, tmp_path):

@@ -44,8 +44,7 @@ def test_a_mesh_file(heights, box, tmp_path, file, mesh_format):
 def test_a_file_that_is_named_without_its_ending_is_found_and_told(refused, box, tmp_path, file):
     box.export(tmp_path / file, file_type=file[-3:].lower())
     assert refused('drop', 'my_box') == (
-        "error: part 'my_box' is not known: of the file in this folder the whole name is needed, "
-        f'{file!r}'
+        f"error: part 'my_box' is not known; for the mesh file in this folder, write {file!r}"
     )
 
 

@@ -51,7 +51,7 @@ def test_a_log_can_be_in_a_folder_of_any_name(strict, log):
     ended = strict('recover', ODD)
     assert (ended.returncode, ended.stderr) == (0, '')
     assert ended.stdout == f'{SHOWN}: 1 messages recovered, no drops\n'
-    assert strict('recover', ODD).stdout == f'{SHOWN}: is closed already, 1 messages, no drops\n'
+    assert strict('recover', ODD).stdout == f'{SHOWN}: is already closed, 1 messages, no drops\n'
 
 
 def test_a_file_whose_name_its_metadata_cannot_repeat_is_not_recovered(strict, log):

@@ -46,9 +46,9 @@ def test_help_lists_commands_and_exit_codes(shown):
         *main.COMMANDS.values(),
         'exit codes',
         '0 done',
-        '1 something',
-        '2 wrong',
-        '130 interrupted',
+        '1 failure during the work; partial results are saved',
+        '2 wrong input',
+        '130 interrupted; partial results are saved',
     ):
         assert word in text
 

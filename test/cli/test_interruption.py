@@ -68,8 +68,7 @@ def test_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until, disc):
     os.killpg(process.pid, signal.SIGINT)
     document, lines = ended(process, 130)
     assert document['drops'] > 0
-    words = f'interrupted after {document["drops"]} of 200000 drops, which are in the answer'
-    assert lines[-1] == words
+    assert lines[-1] == f'interrupted; the result has {document["drops"]} of 200000 drops'
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -112,7 +111,7 @@ def test_ctrl_c_before_the_first_drop_is_done(run, saved, at_update):
     at_update(lambda done: signal.raise_signal(signal.SIGINT))
     document, lines = saved(run(*QUICK, *OUTPUTS), 130)
     assert document['drops'] == 0
-    assert lines[-1] == 'interrupted after 0 of 200000 drops, which are in the answer'
+    assert lines[-1] == 'interrupted; the result has 0 of 200000 drops'
     for aspect in document['aspects']:
         assert (aspect['lower'], aspect['upper']) == (0, 1)
 
@@ -131,7 +130,7 @@ def test_ctrl_c_while_the_engine_is_loaded(begin, ended, wait_until):
 def test_without_files_nothing_is_written(run, at_update, tmp_path):
     at_update(when_some_are_done(signal.SIGINT))
     found = run(*QUICK)
-    done, asked = re.search(r'interrupted after (\d+) of (\d+)', found.stderr).groups()
+    done, asked = re.search(r'interrupted; the result has (\d+) of (\d+)', found.stderr).groups()
     title = found.stdout.splitlines()[1].strip()
     assert title == f'{done} of {asked} drops on rubber_mat, seed 1'
     assert list(tmp_path.iterdir()) == []
@@ -199,8 +198,8 @@ def test_workers_that_die_again_and_again(begin, ended, read_until, session):
     assert document['drops'] > 0
     done = document['drops']
     assert lines[-1] == (
-        f'error: {MAX_DEATHS} worker processes died in a row near drop {done} of tetrahedron, '
-        f'after {done} of 200000 drops, which are in the answer'
+        f'error: {MAX_DEATHS} worker processes died in a row near drop {done} of tetrahedron; '
+        f'the result has {done} of 200000 drops'
     )
 
 

@@ -95,7 +95,7 @@ def test_info_of_a_whole_log(run, log, dropped):
         'friction 0.31',
         'seed 77',
         'drops 300 of 300',
-        f'made 2001-09-09 01:46:40 UTC with bullet {dropped[0].engine_version}',
+        f'started 2001-09-09 01:46:40 UTC with bullet {dropped[0].engine_version}',
         'run id 4f1c',
         'Distribution of 300 drops',
     ):
@@ -272,9 +272,12 @@ def test_info_of_a_log_that_was_broken_off(run, log):
     assert ended.returncode == 0
     lines = [' '.join(line.split()) for line in ended.stdout.splitlines()]
     for line in (
-        'broken off ("resting_aspects recover" closes it, so that all can read it), 5 messages',
+        (
+            'not closed ("resting_aspects recover" closes it, so that all programs can read it), '
+            '5 messages'
+        ),
         'drops 200 of 300',
-        'Distribution of 200 drops, counted before the run was over',
+        'Distribution of 200 drops, counted before the end of the run',
     ):
         assert line in lines
     document = json.loads(run('info', folder, '--json').stdout)
@@ -295,7 +298,7 @@ def test_recover_says_what_each_log_holds(run, log, tmp_path):
     ended = run('recover', whole, too_long, two, tmp_path / 'nowhere', three)
     of_two = '200 of 300 drops of l_bracket, the others are not in this log'
     assert ended.stdout.splitlines() == [
-        f'{whole}: is closed already, 7 messages, 300 of 300 drops of l_bracket',
+        f'{whole}: is already closed, 7 messages, 300 of 300 drops of l_bracket',
         f'{two}: 5 messages recovered, {of_two}',
         f'{three}: 7 messages recovered, 300 of 300 drops of l_bracket',
     ]
@@ -309,8 +312,8 @@ def test_recover_says_what_each_log_holds(run, log, tmp_path):
     )
     assert (whole / 'whole_0.mcap').read_bytes() == before
     assert run('recover', two, three).stdout.splitlines() == [
-        f'{two}: is closed already, 5 messages, {of_two}',
-        f'{three}: is closed already, 7 messages, 300 of 300 drops of l_bracket',
+        f'{two}: is already closed, 5 messages, {of_two}',
+        f'{three}: is already closed, 7 messages, 300 of 300 drops of l_bracket',
     ]
     lines = [' '.join(line.split()) for line in run('info', two).stdout.splitlines()]
     assert 'closed, 5 messages' in lines
@@ -327,8 +330,8 @@ def test_recover_leaves_a_log_alone_that_is_being_written(run, log, tmp_path):
     ended = run('recover', two, empty, log('three', 3))
     assert (ended.returncode, ended.stderr) == (0, '')
     assert ended.stdout.splitlines()[:2] == [
-        f'{two}: is being written, left as it is',
-        f'{empty}: is being written, left as it is',
+        f'{two}: is being written, not changed',
+        f'{empty}: is being written, not changed',
     ]
     assert (two / 'two_0.mcap').read_bytes() == before
     assert not (two / 'metadata.yaml').exists()
@@ -344,7 +347,7 @@ def test_of_a_run_that_was_ended_before_its_last_drop_all_is_there(run, dropped,
         batch = poses_msg(poses.between(0, 100), run_of, Time(), True)
         log.write(POSES, serialize_message(batch), 2)
     words = '100 of 300 drops of l_bracket, where the run ended'
-    assert run('recover', 'run').stdout == f'run: is closed already, 2 messages, {words}\n'
+    assert run('recover', 'run').stdout == f'run: is already closed, 2 messages, {words}\n'
     lines = [' '.join(line.split()) for line in run('info', 'run').stdout.splitlines()]
     assert 'drops 100 of 300, where the run ended' in lines
     assert json.loads(run('info', 'run', '--json').stdout)['log']['whole']
@@ -593,7 +596,7 @@ def test_another_version_is_told(run, dropped, part, tmp_path):
         log.write(POSES, serialize_message(batch), 2)
     ended = run('drop', '--from-log', log.path)
     assert ended.returncode == 0
-    assert 'warning: the log was made with bullet 3.1.0, resting_aspects_ros' in ended.stderr
+    assert 'warning: the log was recorded with bullet 3.1.0, resting_aspects_ros' in ended.stderr
 
 
 NO_LOGS = {

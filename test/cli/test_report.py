@@ -109,7 +109,7 @@ def test_a_mesh_file_is_found_again(run, tmp_path):
     (tmp_path / 'mine' / 'corner.stl').rename(tmp_path / 'corner.stl')
     ended = run('report', 'o/distribution.json', '--out', 'without')
     _, page = page_of(ended, tmp_path)
-    assert '--part names the part' in ended.stderr
+    assert 'name the part with --part' in ended.stderr
     assert 'id="scene"' not in page
     assert len(rows_of(page)) == 2
     named = ('--part', 'corner.stl', '--unit', 'in')

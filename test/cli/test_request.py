@@ -70,8 +70,8 @@ def test_a_running_suite_answers_in_every_form(begin, run, read_until, wait_unti
     *_, last = asking.communicate(timeout=60)[1].splitlines()
     assert asking.returncode == 130
     assert re.fullmatch(
-        r'interrupted after \d+ drops; they are kept, and the run ends unless another client has '
-        r'asked for the same drops',
+        r'interrupted after \d+ drops, which are kept; the run ends unless another client '
+        r'requested the same drops',
         last,
     )
     # What was dropped until then is logged, and the log is closed.

@@ -148,7 +148,7 @@ def test_what_is_wrong_in_a_document(original, refusal, place, value, said):
         (f'{{"aspects": [{10**400}]}}', 'f.json is not JSON: 1000000'),
         ('[]', 'invalid document [] in f.json: expected a JSON object'),
         ('{}', 'f.json has no schema_version'),
-        ('{"runs": []}', 'f.json is of several runs, by merge: expected'),
+        ('{"runs": []}', 'f.json is of merged runs: expected'),
         ('{"method": "rolling"}', "f.json is of method 'rolling': expected"),
     ],
 )

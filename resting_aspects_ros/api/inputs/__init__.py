@@ -1,5 +1,5 @@
-"""Files and arguments that a person gives: parts, counts, poses and results.
+"""Readers of input files: counts, poses and results.
 
-Each is checked completely, and refused with its file, line, value and what was expected.
-Read `part_argument.py` first.
+Each file is checked completely. An error names the file, the line, the value and what was
+expected. Read `csv_table.py` first.
 """

@@ -1,7 +1,7 @@
 """Read counts over aspects from a log, a JSON document or a CSV.
 
-A CSV, as kept by a person who drops a part by hand, has a line for each aspect, or for each
-symmetry class, because its aspects look the same.
+A CSV of manual counts has a line for each aspect, or for each symmetry class, because the aspects
+of a class look the same.
 """
 
 import io
@@ -31,14 +31,14 @@ COUNTS_FILES = (
 
 
 def read_counts(path: Path) -> CountedDrops:
-    """Read a file of any of these kinds; raises InvalidValueError."""
+    """Read a file of counts of any kind; raises InvalidValueError."""
     if is_log(path):
         given = _read_log(path)
     else:
         with open_text(path, 'counts file', MAX_BYTES) as file:
             text = file.read()
             if path.suffix == '.json' or text.lstrip().startswith('{'):
-                # Only this needs the library that checks documents.
+                # This imports pydantic, which other files do not need.
                 from resting_aspects_ros.api.inputs.result_json import counts_of, read_document
 
                 given = counts_of(path, read_document(path, text))
@@ -50,7 +50,7 @@ def read_counts(path: Path) -> CountedDrops:
 
 def _read_log(path: Path) -> CountedDrops:
     """Read the last distribution in a log."""
-    # A second to import, which other files do not need.
+    # This import takes a second, and other files do not need it.
     from resting_aspects_ros.run_logs.contents import read_logged_run
 
     try:
@@ -68,7 +68,7 @@ def _read_log(path: Path) -> CountedDrops:
 
 
 def _read_csv(path: Path, lines: Iterable[str]) -> CountedDrops:
-    """Read the columns ``aspect`` or ``class``, and ``count``, wherever they are."""
+    """Read the columns ``aspect`` or ``class``, and ``count``, in any order."""
     table = CsvTable(path, lines)
     names = [name.lower() for name in table.header]
     by_class = CLASS in names and ASPECT not in names
@@ -90,7 +90,7 @@ def _read_csv(path: Path, lines: Iterable[str]) -> CountedDrops:
             raise table.wrong(line, row, aspect, expected)
         if key in found:
             raise table.wrong(line, row, aspect, f'each {what} once')
-        number = _whole(row[count])
+        number = _integer(row[count])
         if number is None:
             expected = f'an integer from 0 to {MAX_COUNTED}'
             raise table.wrong(line, row, count, expected)
@@ -103,10 +103,10 @@ def _read_csv(path: Path, lines: Iterable[str]) -> CountedDrops:
 
 def _key(text: str) -> int | str | None:
     word = text.strip().lower()
-    return word if word in REST else _whole(word) or None
+    return word if word in REST else _integer(word) or None
 
 
-def _whole(text: str) -> int | None:
+def _integer(text: str) -> int | None:
     """Return the integer, or None if the text is not one or it is above MAX_COUNTED."""
     digits = text.strip()
     plain = digits.isascii() and digits.isdecimal() and len(digits) <= len(str(MAX_COUNTED))

@@ -13,30 +13,31 @@ from resting_aspects_ros.core.statistics.comparison import DropCounts
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.simulation.run_description import RunDescription
 
-# More than a run can have; numpy draws tables of less than 1e9.
+# More than MAX_DROPS of a run, and less than the 1e9 that numpy accepts for random tables.
 MAX_COUNTED = 100_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class CountedDrops:
-    """Where drops ended, and what else is known of them.
+    """Counts of drops over aspects, with the description of the run if it is known.
 
     source : str
-        The file, or what else messages call the drops.
+        The file, or another name of the drops for messages.
     ids : tuple of int
-        Of the aspects, ascending; as many as `tally` has counts. If ``by_class``, the numbers of
-        symmetry classes.
+        Ids of the k aspects of ``tally``, ascending; numbers of symmetry classes with
+        ``by_class``.
     down : (k, 3) float
-        Unit vectors of gravity, part frame; NaN where the part rolls. None if the file does not
-        say.
+        Unit vectors of gravity, part frame; NaN where the part rolls. None if not known.
     part, part_sha256 : str
-        Empty if the file does not say.
+        Empty if not known.
     run : RunDescription
-        None if the file does not say.
+        None if not known.
     classes : tuple of int
-        The symmetry class of each aspect; None if the file does not say.
+        The symmetry class of each aspect; None if not known.
     complete : bool
-        False if more drops were asked for than are counted.
+        False if more drops were requested than are counted.
+    by_class : bool
+        Whether the drops are counted by symmetry class.
     """
 
     source: str
@@ -52,12 +53,12 @@ class CountedDrops:
 
     @property
     def drops(self) -> int:
-        """All that were counted."""
+        """Return the number of all counted drops."""
         return self.tally.drops
 
     @property
     def title(self) -> str:
-        """File, part, drops, surface and seed, as far as they are known."""
+        """Return file, part, drops, surface and seed, as far as they are known."""
         words = [one_line(self.source), *([self.part] if self.part else [])]
         if self.run is None:
             return ', '.join([*words, f'{self.drops} drops'])
@@ -89,9 +90,9 @@ def counts_of_run(
 
 
 def counted_by_class(given: CountedDrops) -> CountedDrops:
-    """The same drops counted by symmetry class; each class shows the first of its aspects.
+    """Return the same drops counted by symmetry class, with the direction of its first aspect.
 
-    Raises InvalidValueError if the file does not say which aspects are alike.
+    Raises InvalidValueError if the symmetry classes are not known.
     """
     if given.by_class:
         return given
@@ -113,7 +114,7 @@ def counted_by_class(given: CountedDrops) -> CountedDrops:
 
 
 def check_counts(given: CountedDrops) -> None:
-    """Raises InvalidValueError if there is nothing, or too much, to compare."""
+    """Raise InvalidValueError if no drop is in an aspect, or if there are too many drops."""
     if not given.tally.counts.any():
         raise InvalidValueError(
             f'invalid counts in {given.source!r}: expected at least one drop in an aspect, found '
@@ -127,12 +128,12 @@ def check_counts(given: CountedDrops) -> None:
 
 
 def check_same_part(one: tuple[str, str, str], other: tuple[str, str, str]) -> None:
-    """Raises InvalidValueError if two results are known to be of different parts.
+    """Raise InvalidValueError if two results are known to be of different parts.
 
     Parameters
     ----------
     one, other : (str, str, str)
-        What a message calls the result, the name of its part, and its part_sha256; the latter two
+        The result as messages name it, the name of its part, and its part_sha256; the latter two
         are empty if they are not known.
     """
     (result, name, digest), (second, other_name, other_digest) = one, other
@@ -141,14 +142,14 @@ def check_same_part(one: tuple[str, str, str], other: tuple[str, str, str]) -> N
     names = f'{result} is of {shown(name)}, {second} of {shown(other_name)}'
     if name == other_name:
         names += (
-            ', but the mesh, the unit, the mass or the inertia is another '
+            ', but the mesh, the unit, the mass or the inertia differs '
             f'(part_sha256 {digest[:8]} and {other_digest[:8]})'
         )
     raise InvalidValueError(f'these are different parts: {names}')
 
 
 def check_against(given: CountedDrops, part: str, part_sha256: str, aspects: AspectSet) -> None:
-    """Raises InvalidValueError if counts given with --against are not of the aspects of a part."""
+    """Raise InvalidValueError if the counts of --against have other aspects than a part."""
     path = given.source
     check_same_part(
         (f'--against {path!r}', given.part, given.part_sha256), ('the result', part, part_sha256)
@@ -167,7 +168,7 @@ def check_against(given: CountedDrops, part: str, part_sha256: str, aspects: Asp
 
 
 def counted_by_class_of(given: CountedDrops, aspects: AspectSet) -> DropCounts:
-    """The drops by symmetry class of the aspects; of counts that check_against let pass."""
+    """Return the drops by symmetry class; for counts that check_against has accepted."""
     if given.by_class:
         return given.tally
     classes = [aspect.symmetry_class for aspect in aspects.aspects]

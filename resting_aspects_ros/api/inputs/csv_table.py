@@ -1,4 +1,4 @@
-"""CSV files of any make: with a line of names, in UTF-8, parted by , or ;."""
+"""CSV files in UTF-8 with a header, separated by , or ;."""
 
 import csv
 import io
@@ -14,10 +14,10 @@ from resting_aspects_ros.core.input_file import named, read_input
 
 @contextmanager
 def open_text(path: Path, what: str, max_bytes: int) -> Iterator[TextIO]:
-    """Read a text file; what cannot be read in it becomes an InvalidValueError.
+    """Open a text file; errors of decoding and CSV inside the `with` become InvalidValueError.
 
     what : str
-        What the file is, in words.
+        Kind of the file, for messages.
     """
     file = io.BytesIO(read_input(path, max_bytes, what))
     try:
@@ -29,12 +29,12 @@ def open_text(path: Path, what: str, max_bytes: int) -> Iterator[TextIO]:
 
 
 class CsvTable:
-    """The line of names of a CSV, then its other lines.
+    """Header and rows of a CSV.
 
     header : list of str
         Names of the columns, without space around them.
     where : str
-        File and line of the names, for messages.
+        File and line of the header, for messages.
     """
 
     def __init__(self, path: Path, lines: Iterable[str]) -> None:
@@ -47,7 +47,7 @@ class CsvTable:
         self.where = f'{str(path)!r} line {line}'
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
-        """Lines that are not empty, with their numbers; all as long as the line of names."""
+        """Yield the rows that are not empty, with line numbers; each is as long as the header."""
         for line, row in self._filled():
             if len(row) != len(self.header):
                 raise InvalidValueError(

@@ -1,4 +1,4 @@
-"""A JSON document of `drop` or `request` as the answer that it holds."""
+"""Read the result of a run from a JSON document of `drop` or `request`."""
 
 import math
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ def document_result(
     parts: Path | None,
     body: int | None,
 ) -> DropResult:
-    """Read it; the part is the one that is named, else that of the document, if it is found.
+    """Read a result; the part is ``part_text``, else that of the document if it is found.
 
     Raises InvalidValueError with file, field, value and what was expected.
     """
@@ -41,7 +41,7 @@ def document_result(
     given = counts_of(path, document)
     if given.run is None or not isinstance(document, RunDocument):
         raise InvalidValueError(
-            f'{str(path)!r} is not of a run: expected a log (the folder of a run, or its '
+            f'{str(path)!r} has no run: expected a log (the folder of a run, or its '
             '.mcap file), or a JSON document of drop or request'
         )
     part = _part(path, document, part_text, unit, parts, body)
@@ -86,7 +86,7 @@ def _part(
     parts: Path | None,
     body: int | None,
 ) -> Part | None:
-    """The part of the document; raises RestingAspectsError if the one that is named is another."""
+    """Return the part of the document; raises RestingAspectsError if ``text`` is another part."""
     if text is not None:
         part = load_part(text, unit, parts, body)
         check_same_part(
@@ -105,13 +105,13 @@ def _part(
     else:
         if part.part_sha256 == document.part_sha256:
             return part
-        why = f'{part.name!r} is another part than it was when it was dropped'
-    warn(f'no pictures: {why}. --part names the part')
+        why = f'{part.name!r} has changed since it was dropped'
+    warn(f'the report has no pictures: {why}; name the part with --part')
     return None
 
 
 def _check_aspects(path: Path, aspects: Sequence[ReportAspect]) -> None:
-    """Raise InvalidValueError for aspects that no page can show."""
+    """Raise InvalidValueError for aspects that a report cannot show."""
     ids = {each.id for each in aspects}
     for each in aspects:
         x, y = np.array(each.support, dtype=np.float64).reshape(-1, 2).T
@@ -151,7 +151,7 @@ def _aspect(fields: ReportAspect) -> Aspect:
 
 
 def _history(document: RunDocument, distribution: Distribution) -> tuple[Counts, Counts] | None:
-    """Counts after growing numbers of drops; raises ValueError if they are not such."""
+    """Return counts after ascending numbers of drops; raises ValueError if they are invalid."""
     rows = document.history
     if not rows:
         return None
@@ -161,7 +161,7 @@ def _history(document: RunDocument, distribution: Distribution) -> tuple[Counts,
     counts = np.array([row.counts for row in rows], dtype=np.int64).reshape(len(rows), -1)
     if not (np.diff(drops, prepend=0) > 0).all() or (counts.sum(axis=1) > drops).any():
         raise ValueError(
-            'invalid history: expected ascending drops that are not fewer than counts'
+            'invalid history: expected ascending drops, each at least the sum of its counts'
         )
     if drops[-1] != distribution.drops or (counts[-1] != distribution.counts).any():
         raise ValueError('invalid history: expected the counts of the document in its last row')

@@ -1,7 +1,7 @@
-"""The JSON document of a distribution, as `drop`, `request` and `classify` print it, read back.
+"""Read the JSON document of a distribution that `drop`, `request` or `classify` printed.
 
-The models are the schema. pydantic checks them; what is used of it is the same in 1.10, which
-Ubuntu 24.04 has, and in 2.
+The models are the schema, which pydantic checks. Only features that pydantic 1.10, in Ubuntu
+24.04, and 2 have in common are used.
 """
 
 import json
@@ -54,7 +54,7 @@ Conditions: Any = create_model('Conditions', **_conditions, surface=(StrictStr, 
 
 
 class CountedAspect(BaseModel):
-    """An aspect with what a comparison needs of it."""
+    """The fields of an aspect that a comparison needs."""
 
     id: Id
     count: Count
@@ -64,7 +64,7 @@ class CountedAspect(BaseModel):
 
 
 class ReportAspect(CountedAspect):
-    """An aspect with what a page needs of it."""
+    """The fields of an aspect that a report needs."""
 
     symmetry_class: Id
     multiplicity: Id
@@ -136,16 +136,18 @@ class RunDocument(CountsDocument):
 
 
 def read_document(path: Path, text: str) -> CountsDocument:
-    """Return the checked document; raises InvalidValueError, which names file and field."""
+    """Return the checked document; raises InvalidValueError with file and field."""
     try:
-        document = json.loads(text, parse_constant=_finite, parse_float=_finite, parse_int=_whole)
+        document = json.loads(
+            text, parse_constant=_finite, parse_float=_finite, parse_int=_integer
+        )
     except (ValueError, RecursionError) as error:
         raise InvalidValueError(f'{_file(path)} is not JSON: {one_line(str(error))}') from None
     if not isinstance(document, dict):
         raise _wrong(path, 'document', document, 'a JSON object')
     method = document.get('method', METHOD)
     if 'runs' in document or method != METHOD:
-        kind = 'several runs, by merge' if 'runs' in document else f'method {shown(method)}'
+        kind = 'merged runs' if 'runs' in document else f'method {shown(method)}'
         raise InvalidValueError(
             f'{_file(path)} is of {kind}: expected a JSON document of one run of drops'
         )
@@ -157,7 +159,7 @@ def read_document(path: Path, text: str) -> CountsDocument:
 
 
 def counts_of(path: Path, document: CountsDocument) -> CountedDrops:
-    """Return the counts in a document; raises InvalidValueError for what contradicts itself."""
+    """Return the counts in a document; raises InvalidValueError for contradictions."""
     if document.part and not is_valid_name(document.part):
         raise _wrong(path, 'part', document.part, 'a name of lower case letters, digits and _')
     aspects = sorted(document.aspects, key=lambda each: each.id)
@@ -193,13 +195,13 @@ def _finite(text: str) -> float:
     raise ValueError(f'{text} is not a finite number')
 
 
-def _whole(text: str) -> int:
-    _finite(text)  # it may be used as a float
+def _integer(text: str) -> int:
+    _finite(text)  # the number may be converted to a float
     return int(text)
 
 
 def _refusal(path: Path, document: Any, error: Any) -> InvalidValueError:
-    """The first complaint of pydantic, with the value, which version 1 does not give."""
+    """Return the first error of pydantic with the value, which version 1 does not report."""
     name, value = '', document
     for step in error['loc']:
         place = f'[{step}]' if isinstance(step, int) else f'.{step}'

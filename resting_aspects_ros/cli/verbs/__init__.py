@@ -1,5 +1,5 @@
-"""The subcommands, a module for each.
+"""The subcommands, one module each.
 
-Each module has DESCRIPTION, EXAMPLES, `add_arguments` and `run`. What takes long to import is
-imported in `run`. Read `aspects.py` first, the shortest.
+Each module has DESCRIPTION, EXAMPLES, `add_arguments` and `run`. Slow imports are in `run`. Read
+`aspects.py` first, the shortest.
 """

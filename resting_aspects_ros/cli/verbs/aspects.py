@@ -1,20 +1,22 @@
-"""`resting_aspects aspects`: how a part can rest, from its shape alone."""
+"""`resting_aspects aspects`: the aspects of a part, computed from its shape."""
 
 import argparse
 import sys
 
+from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.options import add_output, add_part
-from resting_aspects_ros.cli.part_argument import part_of
 from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.errors import warn
 from resting_aspects_ros.report.document import aspects_document, to_json
 from resting_aspects_ros.report.rounding import size_text
 from resting_aspects_ros.report.table import aspect_table, symmetry_text
 
-DESCRIPTION = """Show in which aspects a part can rest, which of them look alike because a
-rotation maps the part onto itself, from which share of all directions it
-rolls into each if it is let go without speed (basin), and by how much its
-centre of mass must rise to leave it (barrier)."""
+DESCRIPTION = """Show the aspects in which a part can rest, and which of them look the same
+because a rotation maps the part onto itself. The basin of an aspect is the
+share of all initial orientations from which the part rolls into it without
+initial speed. The barrier is the minimum rise of the centre of mass that is
+needed to leave it."""
 EXAMPLES = """examples:
   resting_aspects aspects hex_nut
   resting_aspects aspects my_part.stl --unit mm --json
@@ -28,8 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do it; raises RestingAspectsError for wrong input."""
-    part = part_of(arguments)
+    """Find and show the aspects; returns the exit code. Raises RestingAspectsError."""
+    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+    for warning in part.warnings:
+        warn(warning)
     aspects = find_aspects(part)
     if arguments.json:
         sys.stdout.write(to_json(aspects_document(part, aspects)))
@@ -41,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     show_table(console, aspect_table(aspects, part, title, each=arguments.each))
     if aspects.symmetry is not None:
         console.print(f'Symmetry: {symmetry_text(aspects.symmetry)}.', highlight=False)
-    console.print('Pictures: resting_aspects drop, with --report.', highlight=False)
+    console.print('For pictures, run resting_aspects drop with --report.', highlight=False)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""`resting_aspects compare`: how far two distributions are apart."""
+"""`resting_aspects compare`: how much two distributions differ."""
 
 import argparse
 import sys
@@ -9,13 +9,14 @@ from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.options import add_output, parse_share
 from resting_aspects_ros.report.comparison_report import comparison_table, measures_text
 
-DESCRIPTION = """How far two distributions over the same aspects are apart, and whether
-chance explains it. Each of A and B is a log (the folder of a run, or its
-.mcap file), a JSON document of drop or request, or a CSV of counts: a line
-of names with aspect and count among them, then a line for each aspect, also
-with count 0, and if there are for unclassified, unsettled and failed drops;
-with class instead of aspect, a line for each class of aspects that look alike.
-Shares are of the drops that are in an aspect."""
+DESCRIPTION = """Show how much two distributions over the same aspects differ, and whether
+chance explains the difference. Each of A and B is a log (the folder of a run,
+or its .mcap file), a JSON document of drop or request, or a CSV of counts.
+A CSV has a header with the columns aspect and count, then a line for each
+aspect, even if its count is 0, and optional lines for unclassified, unsettled
+and failed drops. With a column class instead of aspect it has a line for each
+class of aspects that look the same. Shares refer to the drops that are in an
+aspect."""
 EXAMPLES = """examples:
   resting_aspects compare out/nut/distribution.json manual.csv
   resting_aspects compare out/logs/my_part_20270131T235959Z_4f1c p.json
@@ -26,12 +27,12 @@ EXAMPLES = """examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('a', metavar='A', type=Path, help='log, JSON document or CSV')
-    parser.add_argument('b', metavar='B', type=Path, help='what A is compared with, likewise')
+    parser.add_argument('b', metavar='B', type=Path, help='log, JSON document or CSV')
     parser.add_argument(
         '--confidence',
         metavar='C',
         default='0.95',
-        help='of the intervals: more than 0.5 and less than 1 (0.95)',
+        help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
     )
     add_output(parser, each=False)
 

@@ -1,4 +1,4 @@
-"""`resting_aspects demo`: the suite as three processes, asked by a client, on a real part."""
+"""`resting_aspects demo`: the suite as three processes, and a client that requests drops."""
 
 import argparse
 import os
@@ -23,8 +23,8 @@ LOG_PERIOD = 0.1  # s
 STOP_TIMEOUT = 10.0  # s, for a node to end in order
 
 DESCRIPTION = f"""Start drop_simulator, aspect_classifier and drop_recorder as three
-processes that talk over DDS, ask for the distribution of {PART},
-{DROPS} drops, as a ROS client, show it, stop everything, and make the report."""
+processes that communicate over DDS. Request the distribution of {PART} in
+{DROPS} drops as a ROS client, show it, stop all processes, and write the report."""
 EXAMPLES = """examples:
   resting_aspects demo
   resting_aspects demo --out result
@@ -38,29 +38,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='DIR',
         type=Path,
         default=Path('out/demo'),
-        help='folder of the report, the log of the run, and what the nodes print (out/demo)',
+        help='folder of the report, the log of the run and the output of the nodes (out/demo)',
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do it; raises RestingAspectsError if a node does not do its part."""
+    """Run the demo; returns the exit code. Raises RestingAspectsError if a node fails."""
     out: Path = arguments.out
     logs = out / 'logs'
     make_folder('--out', out)
     for node in NODES:
         check_output('--out', out / f'{node}.log')
-    # A second to import, which --help does not need.
+    # These imports take a second, and --help does not need them.
     from resting_aspects_ros.api.report_files import check_report, write_report
     from resting_aspects_ros.run_logs.contents import logged_result
 
     check_report('--out', out)
-    # A name of its own keeps it apart from other suites on this machine, and this machine from
-    # others in the network.
+    # A unique namespace separates the demo from other suites on this machine, and LOCALHOST from
+    # other machines in the network.
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     namespace = ['-r', f'__ns:=/demo_{os.getpid()}']
     parameters = {
         'drop_recorder': ['-p', f'log_folder:={logs}'],
-        # The second demo is to drop, too.
+        # Without logs, a second demo makes its drops again.
         'aspect_classifier': ['-p', "log_folder:=''"],
     }
     print(f'Starting {", ".join(NODES)} as three processes ...', flush=True)
@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _ask(namespace: list[str], logs: Path, check: Any) -> Path:
-    """Ask for the distribution, show it, and wait for the log; returns where that is."""
+    """Request and show the distribution, and wait for the log; returns the path of the log."""
     from resting_aspects_ros.api.progress import DropProgress
     from resting_aspects_ros.cli.console import print_result
     from resting_aspects_ros.cli.verbs.request import result_from
@@ -102,19 +102,21 @@ def _ask(namespace: list[str], logs: Path, check: Any) -> Path:
         time.sleep(LOG_PERIOD)
     for log in _logs(logs, run_id):
         return log
-    raise RestingAspectsError(f'no log of run {run_id} came to be in {str(logs)!r}')
+    raise RestingAspectsError(
+        f'no log of run {run_id} was written to {str(logs)!r} within {LOG_TIMEOUT:g} s'
+    )
 
 
 def _logs(folder: Path, run_id: str) -> list[Path]:
-    """The MCAP file of a run, once it is whole: metadata.yaml is written last."""
-    whole = folder.glob(f'*_{run_id}/metadata.yaml')
-    return [log for metadata in whole for log in metadata.parent.glob('*.mcap')]
+    """Return the MCAP file of a run once it is complete: metadata.yaml is written last."""
+    complete = folder.glob(f'*_{run_id}/metadata.yaml')
+    return [log for metadata in complete for log in metadata.parent.glob('*.mcap')]
 
 
 class NodeProcesses:
-    """Nodes that run; what they print is in <folder>/<node>.log.
+    """Running nodes, whose output is in <folder>/<node>.log.
 
-    To be used where Ctrl-C is noted, not raised: a process that nobody knows would be left.
+    Requires an Interruption: if Ctrl-C raised an exception in `start`, a process could be left.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -133,12 +135,12 @@ class NodeProcesses:
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
-                # Ctrl-C is for this process, which then stops them in order.
+                # Ctrl-C reaches only this process, which then stops the nodes in order.
                 start_new_session=True,
             )
 
     def check(self) -> None:
-        """Raise RestingAspectsError if one has ended."""
+        """Raise RestingAspectsError if a node has ended."""
         for node, process in self._running.items():
             if (code := process.poll()) is not None:
                 raise RestingAspectsError(
@@ -160,7 +162,7 @@ class NodeProcesses:
                 process.wait(max(0.0, end - time.monotonic()))
             except subprocess.TimeoutExpired:
                 with suppress(ProcessLookupError):
-                    os.killpg(process.pid, signal.SIGKILL)  # with its workers
+                    os.killpg(process.pid, signal.SIGKILL)  # also ends its workers
                 process.wait()
 
     def _log(self, node: str) -> Path:

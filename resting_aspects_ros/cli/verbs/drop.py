@@ -1,4 +1,4 @@
-"""`resting_aspects drop`: drop a part here and now, without ROS."""
+"""`resting_aspects drop`: drop a part on this machine, without ROS nodes."""
 
 import argparse
 from contextlib import ExitStack
@@ -9,14 +9,14 @@ from resting_aspects_ros.cli.options import (
     add_output,
     add_part,
     add_run,
+    parse_integer,
     parse_share,
-    whole,
 )
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
 
 DESCRIPTION = """Drop a part many times in simulation and show in which aspects it comes
-to rest, and how probable each is. Needs no ROS graph."""
+to rest, and how probable each is. No ROS nodes are needed."""
 EXAMPLES = """examples:
   resting_aspects drop l_bracket
   resting_aspects drop my_part.stl --unit mm --drops 5000 --out result
@@ -36,41 +36,46 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--from-log',
         metavar='LOG',
         type=Path,
-        help='make the drops again that a log has, with its part, conditions and seed: the same '
-        'poses',
+        help='repeat the drops recorded in a log, with its part, conditions and seed; the poses '
+        'are the same',
     )
     add_run(parser, str(DEFAULT_SEED))
     parser.add_argument(
         '--interval',
         choices=('wilson', 'simultaneous'),
         default='wilson',
-        help='of each aspect by itself, or such that all hold at once (wilson)',
+        help='intervals of each aspect by itself, or intervals that hold simultaneously (wilson)',
     )
     parser.add_argument(
         '--confidence',
         metavar='C',
         default='0.95',
-        help='of the intervals, more than 0.5 and less than 1 (0.95)',
+        help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
     )
-    who = parser.add_mutually_exclusive_group()
-    who.add_argument('--workers', metavar='W', type=whole, help='processes (one per core)')
-    who.add_argument(
+    place = parser.add_mutually_exclusive_group()
+    place.add_argument(
+        '--workers',
+        metavar='W',
+        type=parse_integer,
+        help='number of worker processes (one per core)',
+    )
+    place.add_argument(
         '--scheduler',
         metavar='ADDRESS',
-        help='drop on a Dask cluster instead: that of its scheduler, such as '
-        'tcp://10.0.0.5:8786. Needs the package distributed; the poses are the same',
+        help='drop on the Dask cluster of this scheduler, such as tcp://10.0.0.5:8786. Needs the '
+        'package distributed; the poses are the same',
     )
     parser.add_argument(
         '--out',
         metavar='DIR',
         type=Path,
-        help='write distribution.json, distribution.png and poses.csv here',
+        help='write distribution.json, distribution.png and poses.csv into this folder',
     )
     parser.add_argument(
         '--report',
         action='store_true',
-        help='with the files of --out (out/ and the part) write report.html, a page with pictures '
-        'and charts',
+        help='also write report.html, a page with pictures and charts, into the folder of --out '
+        '(out/ and the part)',
     )
     parser.add_argument(
         '--log',
@@ -83,27 +88,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--check-convergence',
         action='store_true',
-        help='make the same drops again in half the time step, and say how far the answer moves',
+        help='repeat the drops with half the time step, and show how much the result changes',
     )
     add_output(parser)
     add_conditions(parser)
     parser.add_argument(
-        '--force', action='store_true', help='drop even from a height that looks like a mistake'
+        '--force', action='store_true', help='accept a height that looks like a mistake'
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do it; raises RestingAspectsError for wrong input."""
+    """Drop and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with Interruption() as stop, ExitStack() as stack:
         confidence = parse_share('--confidence', arguments.confidence)
-        # NumPy and what needs it take a while to import.
+        # These imports are slow because of NumPy.
         from resting_aspects_ros.simulation.chunks import Workers
         from resting_aspects_ros.simulation.process_workers import ProcessWorkers, default_workers
 
         workers: Workers | None = None
         if arguments.scheduler is None:
-            # The worker processes import the engine while this one reads the part. They stop
-            # last, so that the answer is written whatever becomes of them.
+            # The worker processes import the engine while this process reads the part. They are
+            # stopped last, so that the result is written even if stopping them fails.
             count = default_workers() if arguments.workers is None else arguments.workers
             workers = processes = ProcessWorkers(count)
             stack.callback(processes.stop)

@@ -1,4 +1,4 @@
-"""`resting_aspects estimate`: what the literature predicts from a part's shape alone."""
+"""`resting_aspects estimate`: the distribution that analytic methods predict from the shape."""
 
 import argparse
 import sys
@@ -12,12 +12,12 @@ from resting_aspects_ros.core.estimators.estimate import METHODS
 from resting_aspects_ros.report.estimate_report import estimate_table, legend
 
 ALL = 'all'
-DESCRIPTION = """How probable each aspect of a part is by the analytic methods of the
-literature. They take milliseconds and know the shape alone. The surface and the
-height of release decide which method is recommended. The error of each method
-is in docs/explanation/estimators.md. With --against the drops of a log (or a
-JSON document of drop or request, or a CSV of counts, as compare takes them)
-are shown beside them."""
+DESCRIPTION = """Show how probable each aspect of a part is by the analytic methods of the
+literature. They take milliseconds and depend only on the shape. The surface
+and the height of release determine which method is recommended. The error of
+each method is in docs/explanation/estimators.md. With --against the methods
+are compared with drops: a log, a JSON document of drop or request, or a CSV of
+counts, as in compare."""
 EXAMPLES = """examples:
   resting_aspects estimate l_bracket
   resting_aspects estimate my_part.stl --method rolling,csa --json
@@ -33,17 +33,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--method',
         metavar='NAME',
         default=ALL,
-        help=f'{", ".join(METHODS)}, some of them with commas between, or all (all)',
+        help=f'{", ".join(METHODS)}, some of them separated by commas, or all (all)',
     )
     parser.add_argument('--against', metavar='LOG', help='drops of the same part to compare with')
     parser.add_argument(
         '--surface',
         metavar='NAME',
         default='',
-        help='recommend for the conditions of this surface (those of --against, else rubber_mat)',
+        help='recommend a method for this surface (that of --against, else rubber_mat)',
     )
     parser.add_argument(
-        '--height', metavar='M', help='recommend for this height of release, such as 300mm'
+        '--height',
+        metavar='M',
+        help='recommend a method for this height of release, such as 300mm',
     )
     add_output(parser)
 
@@ -64,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def show_estimates(result: EstimateResult, *, each: bool, as_json: bool) -> None:
-    """Print estimates on standard output, as a document and nothing else, or as a table."""
+    """Print estimates on standard output, as one JSON document or as a table."""
     if as_json:
         sys.stdout.write(result.to_json())
         return
@@ -103,12 +105,12 @@ def show_estimates(result: EstimateResult, *, each: bool, as_json: bool) -> None
 
 
 def _methods(text: str) -> list[str]:
-    """Return the methods that are named, in the order of METHODS; raises InvalidValueError."""
+    """Return the requested methods in the order of METHODS; raises InvalidValueError."""
     named = list(METHODS) if text == ALL else [name.strip() for name in text.split(',')]
     for name in named:
         if name not in METHODS:
             raise InvalidValueError(
-                f'invalid --method {text!r}: expected {ALL}, or some of {", ".join(METHODS)} with '
-                'commas between'
+                f'invalid --method {text!r}: expected {ALL}, or some of {", ".join(METHODS)}, '
+                'separated by commas'
             )
     return [name for name in METHODS if name in named]

@@ -1,4 +1,4 @@
-"""`resting_aspects info`: what is in a log."""
+"""`resting_aspects info`: the contents of a log."""
 
 import argparse
 import dataclasses
@@ -21,15 +21,15 @@ from resting_aspects_ros.report.document import (
 from resting_aspects_ros.run_logs.contents import LoggedRun, read_logged_run, rest_of_run
 from resting_aspects_ros.simulation.run_description import RunDescription
 
-DESCRIPTION = """Part, conditions, seed, versions, number of poses, and the distribution
-that a log holds, closed or broken off."""
+DESCRIPTION = """Show the part, the conditions, the seed, the versions, the number of poses
+and the distribution in a log. The log may be unfinished."""
 EXAMPLES = """examples:
   resting_aspects info out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
   resting_aspects info run_0.mcap --json
 """
 
-# A log's own texts are shown without control characters, and no longer than this.
-_WIDEST = 1000
+# Maximum length of a text of the log, which is shown without control characters.
+_MAX_LENGTH = 1000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,17 +39,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Read a log and show what is in it; returns the exit code. Raises LogError."""
+    """Read a log and show its contents; returns the exit code. Raises LogError."""
     found = read_logged_run(arguments.log)
     if arguments.json:
         sys.stdout.write(to_json(_document(found)))
         return 0
     for label, text in _lines(found):
-        print(f'{label:12}{one_line(text, _WIDEST)}')
+        print(f'{label:12}{one_line(text, _MAX_LENGTH)}')
     if found.last_distribution is not None:
         distribution, _, complete = found.last_distribution
         print()
-        of = '' if complete else ', counted before the run was over'
+        of = '' if complete else ', counted before the end of the run'
         title = f'Distribution of {distribution.drops} drops{of}'
         print_table(distribution, title, _part(found, distribution), each=arguments.each)
     return 0
@@ -72,7 +72,7 @@ def _lines(found: LoggedRun) -> Iterator[tuple[str, str]]:
     yield from (('', f'{name} {value}') for name, value in condition_facts(run.conditions))
     yield 'seed', str(run.seed)
     yield 'drops', _drops(run, found)
-    yield 'made', f'{when_text(run.started)} with {run.engine} {run.engine_version}'
+    yield 'started', f'{when_text(run.started)} with {run.engine} {run.engine_version}'
     yield '', f'time step {run.time_step:.3g} s, resting_aspects_ros {run.suite_version}'
     yield 'run id', run.run_id
 
@@ -81,7 +81,7 @@ def _state(found: LoggedRun) -> str:
     if found.being_written:
         return 'being written'
     if not found.finished:
-        return 'broken off ("resting_aspects recover" closes it, so that all can read it)'
+        return 'not closed ("resting_aspects recover" closes it, so that all programs can read it)'
     return 'closed'
 
 

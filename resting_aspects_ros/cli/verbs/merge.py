@@ -1,4 +1,4 @@
-"""`resting_aspects merge`: the drops of several logs as one distribution, each drop once."""
+"""`resting_aspects merge`: one distribution of the drops of several logs, each drop once."""
 
 import argparse
 import dataclasses
@@ -22,9 +22,9 @@ from resting_aspects_ros.report.document import distribution_document, to_json
 from resting_aspects_ros.run_logs.contents import LoggedRun, read_logged_run
 from resting_aspects_ros.simulation.merge_runs import MergedDrops, merge_drops
 
-DESCRIPTION = """The distribution over all drops in logs of one part under the same
-conditions. A drop that is in several of them, by its seed and its index,
-counts once."""
+DESCRIPTION = """Show the distribution of all drops in several logs, which must have the same
+part and the same conditions. A drop that is in several logs, identified by its
+seed and its index, counts once."""
 EXAMPLES = """examples:
   resting_aspects merge out/logs/l_bracket_*
   resting_aspects merge monday.mcap tuesday.mcap --any-engine --json
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--any-engine',
         action='store_true',
-        help='also of different engines, versions of them, or time steps',
+        help='accept different engines, engine versions or time steps',
     )
     add_output(parser)
 
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read, merge, count and show; returns the exit code.
 
-    Raises RestingAspectsError for logs that cannot be read, or do not belong together.
+    Raises RestingAspectsError for logs that cannot be read or merged.
     """
     logs = arguments.logs
     found = [read_logged_run(log, keep_poses=True) for log in logs]
@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _part(found: Sequence[LoggedRun], part_sha256: str) -> Part | None:
-    """Return the part as one of the logs describes it."""
+    """Return the part from the first log that describes it."""
     parts = (each.part for each in found)
     return next((part for part in parts if part and part.part_sha256 == part_sha256), None)
 

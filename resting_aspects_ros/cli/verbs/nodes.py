@@ -1,11 +1,11 @@
-"""`resting_aspects nodes`: the whole suite in one process."""
+"""`resting_aspects nodes`: all nodes of the suite in one process."""
 
 import argparse
 
 from resting_aspects_ros.cli.options import add_ros_args
 
 DESCRIPTION = """Run drop_simulator, aspect_classifier and drop_recorder in one process,
-until Ctrl-C. Each is a program of its own, too, whose --help lists its
+until Ctrl-C. Each node is also a separate program, whose --help lists its
 parameters."""
 EXAMPLES = """examples:
   resting_aspects nodes
@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Spin until told to stop."""
+    """Spin until a signal stops it; returns the exit code."""
     from resting_aspects_ros.nodes.aspect_classifier.node import AspectClassifier
     from resting_aspects_ros.nodes.drop_recorder.node import DropRecorder
     from resting_aspects_ros.nodes.drop_simulator.node import DropSimulator

@@ -1,4 +1,4 @@
-"""`resting_aspects recover`: close logs that were broken off."""
+"""`resting_aspects recover`: close logs that a crash left unfinished."""
 
 import argparse
 import sys
@@ -10,10 +10,10 @@ from resting_aspects_ros.logs.recovery import RecoveryCounter, recover_log
 from resting_aspects_ros.run_logs.contents import TYPES, LoggedRun, rest_of_run
 
 DESCRIPTION = """Rebuild index, summary and metadata.yaml of logs whose recorder was killed.
-Every message that is in the file in full is kept, and a classifier that is
-started uses the drops. Logs that are closed, or are being written, stay as they
-are. A file that is damaged before its end is refused: "mcap recover", of the
-MCAP command line tool, copies what is readable in it."""
+Every complete message in the file is kept, and a classifier that starts later
+uses the drops. Logs that are closed or being written are not changed. A file
+that is damaged before its end is refused: "mcap recover", of the MCAP command
+line tool, copies its readable messages."""
 EXAMPLES = """examples:
   resting_aspects recover out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
   resting_aspects recover out/logs/*
@@ -28,10 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Recover one after the other, and print what was found; returns the exit code.
+    """Recover each log and print its contents; returns the exit code.
 
-    One that cannot be recovered does not hold up the others. Raises RestingAspectsError at the
-    end.
+    Continues after a log that cannot be recovered, and raises RestingAspectsError at the end.
     """
     failed = []
     for log in arguments.logs:
@@ -47,15 +46,15 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _recover(log: Path) -> str:
-    """Recover a log; returns what was done."""
+    """Recover a log; returns a description of its contents."""
     logged = LoggedRun(log)
     counter = RecoveryCounter(TYPES, logged.add, lambda: _metadata(logged))
     recovered = recover_log(log, counter)
     if recovered.being_written:
-        return 'is being written, left as it is'
+        return 'is being written, not changed'
     words = _drops(logged) if not counter.error else f'its drops were not counted: {counter.error}'
     if recovered.closed:
-        return f'is closed already, {recovered.messages} messages, {words}'
+        return f'is already closed, {recovered.messages} messages, {words}'
     return f'{recovered.messages} messages recovered, {words}'
 
 
@@ -64,7 +63,7 @@ def _metadata(logged: LoggedRun) -> dict[str, dict[str, str]]:
 
 
 def _drops(logged: LoggedRun) -> str:
-    """Return how many of its drops a log has."""
+    """Return a text with the number of drops in a log."""
     if logged.run is None:
         return 'no drops'
     outcome = logged.outcome

@@ -2,10 +2,15 @@
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from resting_aspects_ros.api.progress import ShownProgress
 from resting_aspects_ros.cli.options import add_ros_args, parse_quantity
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.input_file import is_printable
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.nodes.log_replayer.player import ReplayPosition
 
 DESCRIPTION = """Publish the messages of a log on the topics of the suite, with the recorded
 QoS, bytes and pauses, so that a controller can be developed without drops.
@@ -45,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Spin until told to stop."""
+    """Spin until a signal stops it; returns the exit code."""
     if not is_printable(str(arguments.log)):
         raise InvalidValueError(
             f'invalid log {str(arguments.log)!r}: expected a name in UTF-8, as ROS requires'
@@ -54,10 +59,31 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.rate is not None:
         given['rate'] = parse_quantity('--rate', arguments.rate, '')
     given |= {name: True for name in ('as_fast_as_possible', 'loop') if getattr(arguments, name)}
-    from resting_aspects_ros.cli.replay_progress import ReplayProgress
     from resting_aspects_ros.nodes.log_replayer.node import LogReplayer
     from resting_aspects_ros.ros.spin import spin_nodes
 
     ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
     with ReplayProgress() as progress:
         return spin_nodes([lambda: LogReplayer(given, progress.update)], ros_args)
+
+
+class ReplayProgress(ShownProgress):
+    """Progress bar with the position of a replay; only on a terminal."""
+
+    def __init__(self) -> None:
+        super().__init__('', 1.0)
+
+    def update(self, position: 'ReplayPosition') -> None:
+        """Update the displayed position; the first call shows the bar, the end removes it."""
+        if self._bar is None:
+            return
+        self._bar.update(
+            self._task,
+            description='paused' if position.paused else 'replay',
+            completed=1.0 if position.over else position.seconds / (position.length or 1.0),
+            text=str(position),
+        )
+        self._bar.start()
+        if position.over:
+            self._bar.stop()
+            self._bar = None

@@ -1,4 +1,4 @@
-"""`resting_aspects report`: a result as a page to look at."""
+"""`resting_aspects report`: a page with pictures and charts of a result."""
 
 import argparse
 from pathlib import Path
@@ -12,9 +12,9 @@ from resting_aspects_ros.cli.options import add_part_place
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.logs.message_reader import is_log
 
-DESCRIPTION = """Write report.html, one file that needs no network, with the part in 3D, a
-picture and the probability of each aspect, charts, and all conditions; and
-the figures as PNG and SVG."""
+DESCRIPTION = """Write report.html, one file that needs no network. It shows the part in 3D, a
+picture and the probability of each aspect, charts, and all conditions. The
+figures are also written as PNG and SVG."""
 EXAMPLES = """examples:
   resting_aspects report out/nut/distribution.json
   resting_aspects report out/logs/l_bracket_20250131T120000Z_4f1c --out report
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--against',
         metavar='COUNTS',
         type=Path,
-        help='show it beside counts by hand (a CSV with aspect or class, and count), a log or a '
+        help='compare it with manual counts (a CSV with aspect or class, and count), a log or a '
         'JSON document',
     )
     parser.add_argument(
@@ -45,31 +45,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--part',
         metavar='PART_OR_MESH',
-        help='the part of a JSON document (the mesh that it names, else the part of its name)',
+        help='the part of a JSON document (the mesh file or the part that the document names)',
     )
     add_part_place(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Read and write; returns the exit code. Raises RestingAspectsError for wrong input."""
-    answer = _answer(arguments)
+    """Read the result and write the report; returns the exit code. Raises RestingAspectsError."""
+    result = _read_result(arguments)
     against = None
     if arguments.against is not None:
         against = read_counts(arguments.against)
-        aspects = answer.distribution.aspects
-        if not answer.distribution.counts.any():
+        aspects = result.distribution.aspects
+        if not result.distribution.counts.any():
             raise InvalidValueError(
                 f'invalid result {str(arguments.result)!r}: expected at least one drop in an '
                 'aspect for --against'
             )
-        check_against(against, answer.run.part, answer.run.part_sha256, aspects)
-    folder = arguments.out or default_folder(answer.run.part)
+        check_against(against, result.run.part, result.run.part_sha256, aspects)
+    folder = arguments.out or default_folder(result.run.part)
     check_report('--out', folder)
-    print(f'Report: {write_report(answer, folder, against)}')
+    print(f'Report: {write_report(result, folder, against)}')
     return 0
 
 
-def _answer(arguments: argparse.Namespace) -> DropResult:
+def _read_result(arguments: argparse.Namespace) -> DropResult:
     path: Path = arguments.result
     if not is_log(path):
         return document_result(
@@ -81,7 +81,7 @@ def _answer(arguments: argparse.Namespace) -> DropResult:
                 f'invalid --{name} {str(given)!r}: expected only with a JSON document; a log '
                 'contains its part'
             )
-    # It imports ROS, which a document does not need.
+    # This imports ROS, which a JSON document does not need.
     from resting_aspects_ros.run_logs.contents import logged_result
 
     return logged_result(path)

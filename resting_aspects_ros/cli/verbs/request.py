@@ -1,4 +1,4 @@
-"""`resting_aspects request`: ask a running suite for a distribution, as a ROS client."""
+"""`resting_aspects request`: request a distribution from a running suite, as a ROS client."""
 
 import argparse
 from pathlib import Path
@@ -11,9 +11,9 @@ from resting_aspects_ros.cli.options import (
     add_output,
     add_ros_args,
     add_run,
-    changes_of,
-    conditions_of,
-    drops_of,
+    changed_conditions,
+    requested_conditions,
+    requested_number,
 )
 from resting_aspects_ros.core.errors import InvalidValueError, shown, warn
 from resting_aspects_ros.simulation.conditions import QUANTITIES
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.simulation.interruption import Interruption
 
-DESCRIPTION = """Call get_distribution of the running nodes: a known distribution is
-answered at once, otherwise the part is dropped first."""
+DESCRIPTION = """Call the service get_distribution of the running nodes. A known distribution is
+returned at once, otherwise the part is dropped first."""
 EXAMPLES = """examples:
   resting_aspects nodes                      (in another terminal)
   resting_aspects request l_bracket --drops 2000
@@ -40,17 +40,17 @@ EXAMPLES = """examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('part', metavar='PART', help='name of a part that the simulator knows')
-    add_run(parser, f'any known run will do, and a new one gets {DEFAULT_SEED}')
+    add_run(parser, f'a known run with any seed, or a new run with {DEFAULT_SEED}')
     parser.add_argument(
         '--method',
         metavar='NAME',
         default='drops',
-        help='drops, or an analytic method of `estimate`, which knows no conditions (drops)',
+        help='drops, or an analytic method of `estimate`, which ignores conditions (drops)',
     )
     parser.add_argument(
         '--only-known',
         action='store_true',
-        help='do not drop; without --drops and --precision whatever is known will do',
+        help='do not drop; without --drops and --precision accept any known distribution',
     )
     add_output(parser)
     parser.add_argument('--picture', metavar='FILE.png', type=Path, help='write a picture')
@@ -59,17 +59,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do it; raises RestingAspectsError for what the suite refuses."""
+    """Request and show; returns the exit code. Raises RestingAspectsError."""
     with Interruption() as stop:
         if arguments.method != 'drops':
-            _check_alone(arguments)
+            _check_no_drop_flags(arguments)
         check_output('--picture', arguments.picture)
         if arguments.method != 'drops':
             return _estimate(arguments, stop)
-        # Also without a surface: wrong values are refused before a suite is looked for.
-        conditions = conditions_of(arguments, shipped_surfaces())
-        drops, precision = drops_of(arguments)
-        # A second to import, which --help does not need.
+        # Wrong values are refused before the client looks for a suite.
+        conditions = requested_conditions(arguments, shipped_surfaces())
+        drops, precision = requested_number(arguments)
+        # These imports take a second, and --help does not need them.
         from resting_aspects_ros.api.progress import DropProgress
         from resting_aspects_ros.cli.console import print_result
         from resting_aspects_ros.client.client import RestingAspectsClient
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
         with RestingAspectsClient(
             ros_args=arguments.ros_args, warn=warn, check=stop.check
         ) as client:
-            changes = changes_of(arguments)
+            changes = changed_conditions(arguments)
             if changes and not arguments.surface:
                 conditions = client.default_conditions().changed(**changes)
             try:
@@ -103,8 +103,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _check_alone(arguments: argparse.Namespace) -> None:
-    """Raises InvalidValueError for what an estimator, which knows the part alone, ignores."""
+def _check_no_drop_flags(arguments: argparse.Namespace) -> None:
+    """Raise InvalidValueError for a flag that an analytic method ignores."""
     of_drops = ('drops', 'precision', 'seed', 'surface', *QUANTITIES, 'height_of', 'picture')
     for name in of_drops:
         if (given := getattr(arguments, name)) not in (None, ''):
@@ -115,7 +115,7 @@ def _check_alone(arguments: argparse.Namespace) -> None:
 
 
 def _part(client: 'RestingAspectsClient', name: str) -> 'Part | None':
-    """As it is offered; what is known of it is answered also if it is not."""
+    """Return the part if a simulator offers it, else None with a warning."""
     from resting_aspects_ros.client import NotAvailableError, UnknownPartError
 
     try:
@@ -123,22 +123,22 @@ def _part(client: 'RestingAspectsClient', name: str) -> 'Part | None':
             raise UnknownPartError(f'no drop_simulator offers {name}')
         return client.get_part(name)
     except (NotAvailableError, UnknownPartError) as error:
-        warn(f'no picture of the part, and not what it rests on: {error}')
+        warn(f'the part and its supports are not shown: {error}')
         return None
 
 
 def _interrupted(progress: 'DropProgress') -> str:
-    """Return what to say after Ctrl-C, with which the request's run is canceled."""
+    """Return the message after Ctrl-C, which cancels the run of the request."""
     if not progress.done:
         return 'interrupted'
     return (
-        f'interrupted after {progress.done} drops; they are kept, and the run ends unless another '
-        'client has asked for the same drops'
+        f'interrupted after {progress.done} drops, which are kept; the run ends unless another '
+        'client requested the same drops'
     )
 
 
 def _estimate(arguments: argparse.Namespace, stop: Interruption) -> int:
-    """Ask for what an analytic method predicts, and show it."""
+    """Request and show the prediction of an analytic method; returns the exit code."""
     from resting_aspects_ros.api.estimate import EstimateResult
     from resting_aspects_ros.cli.verbs.estimate import show_estimates
     from resting_aspects_ros.client.client import RestingAspectsClient
@@ -153,7 +153,7 @@ def _estimate(arguments: argparse.Namespace, stop: Interruption) -> int:
 
 
 def result_from(message: Any, part: 'Part | None') -> 'DropResult':
-    """Return the result in an AspectDistribution."""
+    """Convert an AspectDistribution into a result."""
     from resting_aspects_ros.api.drop_result import DropResult
     from resting_aspects_ros.ros.conversions import run_from
     from resting_aspects_ros.ros.distribution_conversions import distribution_from
