@@ -277,7 +277,7 @@ def test_info_of_a_log_that_was_broken_off(run, log):
             '5 messages'
         ),
         'drops 200 of 300',
-        'Distribution of 200 drops, counted before the end of the run',
+        'Distribution of 200 drops of an unfinished run',
     ):
         assert line in lines
     document = json.loads(run('info', folder, '--json').stdout)

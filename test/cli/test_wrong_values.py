@@ -96,6 +96,7 @@ def test_a_full_disk_is_a_line_and_loses_no_answer(run):
     assert ended.returncode == 1
     assert json.loads(ended.stdout)['drops'] == 3
     assert ended.stderr.splitlines()[-1] == (
-        "error: '/dev/full' cannot be written: No space left on device; the result has 3 of 3 drops"
+        "error: '/dev/full' cannot be written: No space left on device; the result has 3 of 3 "
+        'drops'
     )
     assert 'Traceback' not in ended.stderr

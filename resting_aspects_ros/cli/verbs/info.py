@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     if found.last_distribution is not None:
         distribution, _, complete = found.last_distribution
         print()
-        of = '' if complete else ', counted before the end of the run'
+        of = '' if complete else ' of an unfinished run'
         title = f'Distribution of {distribution.drops} drops{of}'
         print_table(distribution, title, _part(found, distribution), each=arguments.each)
     return 0
