@@ -1,4 +1,4 @@
-"""The command as a person runs it, in an empty folder: in this process, or in one of its own."""
+"""Fixtures that run the command in an empty folder, in this process or in a new one."""
 
 import contextlib
 import csv
@@ -21,7 +21,7 @@ from resting_aspects_ros.simulation import process_workers
 from resting_aspects_ros.simulation.interruption import SIGNALS
 
 COMMAND = [sys.executable, '-m', 'resting_aspects_ros.cli']
-# Settings of whoever runs the tests that would change what is shown.
+# Variables of the environment that would change the output.
 SETTINGS = ('PYTHONUNBUFFERED', 'NO_COLOR', 'FORCE_COLOR', 'COLUMNS', 'TTY_COMPATIBLE')
 DEADLINE = 60.0
 
@@ -34,7 +34,7 @@ def environment():
 
 @pytest.fixture(scope='session')
 def worker_pools():
-    """Worker processes by their number, which all commands in this process share.
+    """Return worker pools by size, which all commands in this process share.
 
     They take longer to start than most tests need for their drops.
     """
@@ -53,7 +53,7 @@ def worker_pools():
 
 @pytest.fixture(scope='session')
 def run_in(environment, worker_pools):
-    """Call the command in this process, in a folder; returns what a process would."""
+    """Run the command in this process, in a folder; returns a CompletedProcess."""
 
     def run(folder, *words, env=None):
         words = [str(word) for word in words]
@@ -82,7 +82,7 @@ def run_in(environment, worker_pools):
 
 @contextlib.contextmanager
 def _folder(folder):
-    """contextlib.chdir is newer than Python 3.10."""
+    """Change the working folder; contextlib.chdir is newer than Python 3.10."""
     before = Path.cwd()
     os.chdir(folder)
     try:
@@ -93,7 +93,7 @@ def _folder(folder):
 
 @contextlib.contextmanager
 def _default_warnings():
-    """Ignore the warnings that Python ignores by default, and pytest does not."""
+    """Ignore the warnings that Python ignores by default, unlike pytest."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', DeprecationWarning)
         yield
@@ -101,7 +101,7 @@ def _default_warnings():
 
 @contextlib.contextmanager
 def _handlers_restored():
-    """The command is the last thing that its process does: it leaves signals blocked."""
+    """Restore signal handlers and the mask, which the command leaves blocked at its end."""
     before = {number: signal.getsignal(number) for number in SIGNALS}
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     try:
@@ -115,13 +115,13 @@ def _handlers_restored():
 
 @pytest.fixture
 def run(run_in, tmp_path):
-    """Call the command in this process, in an empty folder."""
+    """Run the command in this process, in an empty folder."""
     return lambda *words, **options: run_in(tmp_path, *words, **options)
 
 
 @pytest.fixture
 def run_process(environment, tmp_path):
-    """Run the command in a process, in an empty folder, to its end."""
+    """Run the command in a new process, in an empty folder, to its end."""
 
     def run(*words, **options):
         options = {'capture_output': True, 'text': True, 'env': environment} | options
@@ -135,7 +135,7 @@ def run_process(environment, tmp_path):
 
 @pytest.fixture
 def refused(run, tmp_path):
-    """Run the command with wrong input; returns the one line that it says."""
+    """Run the command with wrong input; returns its one line of output."""
 
     def check(*words):
         before = sorted(tmp_path.rglob('*'))
@@ -152,8 +152,8 @@ def refused(run, tmp_path):
 
 @pytest.fixture
 def begin(environment, tmp_path):
-    """Begin the command in a session of its own, of which nothing outlives the test."""
-    begun = []
+    """Start the command in a new session, which is killed after the test."""
+    started = []
 
     def start(*words, **options):
         options = {'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE} | options
@@ -165,11 +165,11 @@ def begin(environment, tmp_path):
             start_new_session=True,
             **options,
         )
-        begun.append(process)
+        started.append(process)
         return process
 
     yield start
-    for process in begun:
+    for process in started:
         for pid in _session(process.pid):
             os.kill(pid, signal.SIGKILL)
         process.communicate()
@@ -177,7 +177,7 @@ def begin(environment, tmp_path):
 
 @pytest.fixture(scope='session')
 def session():
-    """Give the processes of a session by their pid, and the words of their command lines."""
+    """Return the command lines of the processes of a session, by pid."""
     return _session
 
 
@@ -196,7 +196,7 @@ def _session(leader):
 
 @pytest.fixture(scope='session')
 def wait_until():
-    """Wait until something is so."""
+    """Wait until a condition is true."""
 
     def wait(what, deadline=DEADLINE):
         end = time.monotonic() + deadline
@@ -210,7 +210,7 @@ def wait_until():
 
 @pytest.fixture(scope='session')
 def read_until():
-    """Read lines until one is as wanted; returns that."""
+    """Read lines until one matches; returns that line."""
 
     def read(file, wanted):
         for line in file:
@@ -223,7 +223,7 @@ def read_until():
 
 @pytest.fixture
 def wait_for_poses(wait_until, tmp_path):
-    """Wait until a command has written the first poses to a file that is not whole yet."""
+    """Wait until a command has written the first poses to its temporary file."""
 
     def written(name):
         files = [*tmp_path.glob(f'{name}.*.part.csv')]
@@ -234,7 +234,7 @@ def wait_for_poses(wait_until, tmp_path):
 
 @pytest.fixture
 def saved(tmp_path):
-    """Check what a command left that did not finish; gives its document and its words."""
+    """Check the output of an interrupted command; returns its document and its lines."""
 
     def check(found, code):
         assert found.returncode == code, found.stderr
@@ -257,7 +257,7 @@ def saved(tmp_path):
 
 @pytest.fixture
 def ended(session, wait_until, saved):
-    """Wait until a process ends; check what it leaves, as ``saved``, and that nothing runs on."""
+    """Wait for the end of a process; check its output with ``saved``, and its session."""
 
     def check(process, code):
         printed, errors = process.communicate(timeout=DEADLINE)
@@ -269,5 +269,5 @@ def ended(session, wait_until, saved):
 
 @pytest.fixture
 def box():
-    """A box of 10 x 20 x 30 about the origin, as a mesh without a unit."""
+    """Return a box of 10 x 20 x 30 about the origin, as a mesh without a unit."""
     return trimesh.creation.box((10, 20, 30))

@@ -1,4 +1,4 @@
-"""`resting_aspects aspects`: what it prints, and that it says what the shape says."""
+"""`resting_aspects aspects`: its table and its document."""
 
 import json
 
@@ -32,7 +32,7 @@ def test_a_box_has_its_six_sides_in_three_classes(document):
     assert [a['com_height'] for a in found['aspects']] == pytest.approx(
         [5e-3, 5e-3, 10e-3, 10e-3, 15e-3, 15e-3], rel=1e-6
     )
-    # Over the nearest edge: from 5 over sqrt(5^2 + 10^2), from 10 and 15 over an edge 5 away.
+    # Over the nearest edge: from height 5 to sqrt(5^2 + 10^2), from 10 and 15 over an edge at 5.
     rise = np.sqrt([125, 125, 125, 125, 250, 250]) - [5, 5, 10, 10, 15, 15]
     assert [a['min_barrier'] for a in found['aspects']] == pytest.approx(rise * 1e-3, rel=1e-5)
     assert sum(a['basin_share'] for a in found['aspects']) == pytest.approx(1)
@@ -67,7 +67,7 @@ def test_a_sphere_cannot_leave_its_only_aspect(document, tmp_path):
 
 
 @pytest.mark.parametrize('name', ['hex_nut', 'cylinder_d20_h20', 'l_bracket'])
-def test_the_table_fits_80_columns_and_cuts_nothing(run, name):
+def test_table_fits_80_columns_without_truncation(run, name):
     ended = run('aspects', name)
     assert ended.returncode == 0
     assert max(map(len, ended.stdout.splitlines())) <= 80

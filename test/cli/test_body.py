@@ -1,4 +1,4 @@
-"""--body: one body of a mesh that has several, wherever a command takes a mesh."""
+"""Flag --body: one body of a mesh with several bodies, in all commands that accept a mesh."""
 
 import json
 
@@ -10,7 +10,7 @@ from resting_aspects_ros.cli import main
 
 @pytest.fixture
 def two(tmp_path, monkeypatch):
-    """A box of 20 x 30 x 40 mm and a smaller one beside it."""
+    """Write a mesh of a box of 20 x 30 x 40 mm and a smaller box beside it."""
     large = trimesh.creation.box((20, 30, 40))
     small = trimesh.creation.box((10, 12, 14))
     small.apply_translation((50, 0, 0))
@@ -21,7 +21,7 @@ def two(tmp_path, monkeypatch):
 
 @pytest.fixture
 def ended(capsys):
-    """Run a command here: exit code, standard output, standard error."""
+    """Run a command; returns exit code, standard output and standard error."""
 
     def ended(*words):
         code = main.main([str(word) for word in words])
@@ -52,7 +52,7 @@ def test_every_command_that_takes_a_mesh_takes_a_body(two, ended):
 
 
 @pytest.mark.parametrize(
-    ('words', 'sheet', 'told'),
+    ('words', 'sheet', 'message'),
     [
         (['two.stl', '--body', 3], '', 'invalid body 3 of mesh'),
         (
@@ -63,15 +63,15 @@ def test_every_command_that_takes_a_mesh_takes_a_body(two, ended):
         (['l_bracket', '--body', 1], '', 'invalid body 1: expected only with a mesh file'),
     ],
 )
-def test_a_body_that_cannot_be_meant_is_refused(two, ended, words, sheet, told):
+def test_invalid_body_is_refused(two, ended, words, sheet, message):
     if sheet:
         (two / 'two.yaml').write_text(sheet)
     code, _, error = ended('aspects', *words)
     assert (code, error.count('\n')) == (2, 1)
-    assert told in error
+    assert message in error
 
 
-def test_the_sheet_beside_a_mesh_chooses_a_body_for_every_command(two, ended):
+def test_yaml_beside_a_mesh_selects_the_body_for_every_command(two, ended):
     (two / 'two.yaml').write_text('body: 2\nunit: mm\n')
     for words in (['two.stl'], ['two.stl', '--body', 2], ['two', '--parts', '.']):
         code, out, _ = ended('aspects', *words)

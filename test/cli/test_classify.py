@@ -1,4 +1,4 @@
-"""`classify` as a person runs it: on poses that `drop` made, on others, and on wrong input."""
+"""`classify` on poses of `drop`, on other poses, and on wrong input."""
 
 import csv
 import json
@@ -18,7 +18,7 @@ ROTATION = ('qx', 'qy', 'qz', 'qw')
 
 @pytest.fixture(scope='module')
 def dropped(run_in, tmp_path_factory):
-    """Drop an L bracket; give the file of poses and the document."""
+    """Drop an L bracket; returns the file of poses and the document."""
     folder = tmp_path_factory.mktemp('drops')
     words = ('l_bracket', '--drops', DROPS, '--seed', 3, '--poses', 'p.csv', '--json')
     ended = run_in(folder, 'drop', *words)
@@ -28,7 +28,7 @@ def dropped(run_in, tmp_path_factory):
 
 @pytest.fixture
 def sorted_by(run):
-    """Classify with --json; give the document, and check that nothing is said beside it."""
+    """Classify with --json; returns the document, and checks that stderr is empty."""
 
     def document(*words):
         ended = run('classify', *words, '--json')
@@ -49,7 +49,7 @@ def write(path, poses, header='qw,qx,qy,qz'):
     path.write_text('\n'.join([header, *rows]) + '\n', encoding='utf-8')
 
 
-def test_dropped_poses_are_counted_as_drop_counts_them(dropped, sorted_by):
+def test_classify_counts_dropped_poses_like_drop(dropped, sorted_by):
     path, expected = dropped
     found = sorted_by(path, '--part', 'l_bracket')
     same = ('schema_version', 'part', 'part_sha256', 'drops', 'unclassified', 'unsettled')
@@ -62,7 +62,7 @@ def test_dropped_poses_are_counted_as_drop_counts_them(dropped, sorted_by):
     assert found['tolerance'] == pytest.approx(np.radians(5))
 
 
-def test_both_classifiers_agree_on_every_dropped_pose_within_a_degree(dropped, sorted_by):
+def test_classifiers_agree_within_a_degree(dropped, sorted_by):
     path, _ = dropped
     found = sorted_by(path, '--part', 'l_bracket')
     assert found['agreed'] + len(found['differing']) == DROPS
@@ -71,14 +71,14 @@ def test_both_classifiers_agree_on_every_dropped_pose_within_a_degree(dropped, s
     for aspect in found['aspects']:
         cluster = clusters[aspect['cluster']]
         assert aspect['count'] == aspect['count_in_cluster'] == cluster['count']
-        # Within what Bullet's margin lets a part tilt.
+        # The collision margin of Bullet lets a part tilt by less than this.
         np.testing.assert_allclose(
             cluster['down_in_part'], aspect['down_in_part'], atol=np.radians(0.1)
         )
         assert cluster['spread'] < np.radians(0.1)
 
 
-def test_without_the_part_the_same_clusters_are_found(dropped, sorted_by):
+def test_clusters_are_equal_with_and_without_part(dropped, sorted_by):
     path, _ = dropped
     with_part, without = sorted_by(path, '--part', 'l_bracket'), sorted_by(path)
     assert without.keys() < with_part.keys()
@@ -91,16 +91,16 @@ def test_without_the_part_the_same_clusters_are_found(dropped, sorted_by):
         assert 0 <= cluster['lower'] < cluster['probability'] < cluster['upper'] <= 1
 
 
-def test_the_order_of_lines_and_columns_is_no_matter(dropped, sorted_by, tmp_path):
+def test_order_of_lines_and_columns_is_arbitrary(dropped, sorted_by, tmp_path):
     poses = quaternions(dropped[0])
     write(tmp_path / 'a.csv', poses)
     write(tmp_path / 'b.csv', poses[::-1], 'qz,qx,qw,qy')
     assert sorted_by('a.csv') == sorted_by('b.csv')
 
 
-def test_where_they_differ_it_is_listed(dropped, run, sorted_by, tmp_path):
+def test_differing_poses_are_listed(dropped, run, sorted_by, tmp_path):
     poses = quaternions(dropped[0])[:10]
-    # Gravity between +x and +z: in the air, on no facet.
+    # Gravity between +x and +z points to no facet.
     poses[4] = [0, np.sin(np.pi / 8), 0, np.cos(np.pi / 8)]
     assert down_in_part(poses[4]) == pytest.approx([np.sqrt(0.5), 0, -np.sqrt(0.5)])
     write(tmp_path / 'p.csv', poses)
@@ -122,8 +122,8 @@ def test_where_they_differ_it_is_listed(dropped, run, sorted_by, tmp_path):
     assert lines[-1].split() == ['4', '6', str(near), '45.00', 'none', str(cluster), '1']
 
 
-def test_twenty_differing_poses_are_shown_and_all_are_in_the_document(run, sorted_by, tmp_path):
-    # On the edges and corners of a box, and everywhere else.
+def test_table_shows_twenty_differing_poses_document_all(run, sorted_by, tmp_path):
+    # Random orientations, on the edges and corners of a box, too.
     poses = np.random.default_rng(8).standard_normal((60, 4))
     write(tmp_path / 'p.csv', poses / np.linalg.norm(poses, axis=1, keepdims=True))
     words = ('p.csv', '--part', 'box_10x20x30')
@@ -137,7 +137,7 @@ def test_twenty_differing_poses_are_shown_and_all_are_in_the_document(run, sorte
     assert document['agreed'] == 60 - count
 
 
-def test_the_pose_file_of_another_part_is_pointed_out(dropped, run):
+def test_pose_file_of_another_part_warns(dropped, run):
     path, _ = dropped
     ended = run('classify', path, '--part', 'tetrahedron', '--json')
     assert ended.returncode == 0
@@ -163,7 +163,7 @@ def test_inverse_rotations_are_recognised(run, part, tmp_path):
 
 
 def test_a_table_of_clusters(run, tmp_path):
-    # A ring, as a part leaves that rolls about its x axis, and one end.
+    # The ring of a part that rolls about its x axis, and one of its ends.
     angles = np.radians(np.arange(0, 360, 4.5) / 2)
     ring = np.stack([np.sin(angles), 0 * angles, 0 * angles, np.cos(angles)], axis=1)
     end = np.tile([0, np.sqrt(0.5), 0, np.sqrt(0.5)], (20, 1))
@@ -177,14 +177,14 @@ def test_a_table_of_clusters(run, tmp_path):
     assert last.split() == ['poses', 'in', 'total', '100']
 
 
-def test_the_tolerance_counts(sorted_by, tmp_path):
+def test_tolerance_changes_the_clusters(sorted_by, tmp_path):
     angles = np.radians([0, 6]) / 2
     write(tmp_path / 'p.csv', np.stack([np.sin(angles), 0 * angles, 0 * angles, np.cos(angles)]).T)
     assert len(sorted_by('p.csv')['clusters']) == 2
     assert len(sorted_by('p.csv', '--tolerance', 6.1)['clusters']) == 1
 
 
-def test_poses_that_did_not_settle_are_counted_and_not_sorted(sorted_by, run, tmp_path):
+def test_unsettled_poses_are_counted_but_not_classified(sorted_by, run, tmp_path):
     rows = ['qx,qy,qz,qw,status', '0,0,0,1,SETTLED', '0,0,0,1,SETTLED']
     rows += ['0,1,0,0,UNSETTLED', 'nan,nan,nan,nan,FAILED']
     (tmp_path / 'p.csv').write_text('\n'.join(rows), encoding='utf-8')
@@ -200,7 +200,7 @@ def test_poses_that_did_not_settle_are_counted_and_not_sorted(sorted_by, run, tm
 def test_a_mesh_file_with_its_unit(sorted_by, box, tmp_path):
     box.export(tmp_path / 'box.stl')
     aspects = find_aspects(load_part(tmp_path / 'box.stl', unit='cm')).aspects
-    write(tmp_path / 'p.csv', np.array([aspects[2].orientation]))  # one is enough with a part
+    write(tmp_path / 'p.csv', np.array([aspects[2].orientation]))  # one pose is enough with a part
     found = sorted_by('p.csv', '--part', 'box.stl', '--unit', 'cm')
     assert [aspect['count'] for aspect in found['aspects']] == [0, 0, 1, 0, 0, 0]
     assert [aspect['com_height'] for aspect in found['aspects']] == pytest.approx(
@@ -224,12 +224,12 @@ def test_a_mesh_file_with_its_unit(sorted_by, box, tmp_path):
         ([], 'POSES.csv'),
     ],
 )
-def test_what_is_refused(refused, tmp_path, words, says):
+def test_wrong_input_is_refused(refused, tmp_path, words, says):
     write(tmp_path / 'p.csv', np.array([[0, 0, 0, 1.0]]))
     assert says in refused('classify', *words)
 
 
-def test_a_wrong_pose_is_refused_in_a_line(refused, tmp_path):
+def test_wrong_pose_is_refused_with_one_line(refused, tmp_path):
     write(tmp_path / 'p.csv', np.array([[0, 0, 0, 1.0], [0, 0, 0, 0.99]]))
     assert refused('classify', 'p.csv') == (
         "error: invalid qx, qy, qz, qw 0, 0, 0, 0.99 in 'p.csv' line 3: expected a quaternion of "

@@ -1,4 +1,4 @@
-"""`compare` as a person runs it: on logs, documents and counts by hand, and on wrong input."""
+"""`compare` on logs, documents and manual counts, and on wrong input."""
 
 import dataclasses
 import json
@@ -32,7 +32,7 @@ def aspects(part):
 
 @pytest.fixture(scope='session')
 def described(surfaces, aspects):
-    """Describe a run of 200 drops of the L bracket."""
+    """Return the description of a run of 200 drops of the L bracket."""
     run = RunDescription(
         run_id='4f1c',
         part='l_bracket',
@@ -53,7 +53,7 @@ def described(surfaces, aspects):
 
 @pytest.fixture
 def write_json(aspects, described, tmp_path):
-    """Write a document as `drop` does; ``fields`` replace its own."""
+    """Write a document like `drop`; ``fields`` replace its fields."""
 
     def write(name, counts=COUNTS, rest=(0, 0, 0), fields=None, complete=True, **changes):
         run = described(**changes)
@@ -68,7 +68,7 @@ def write_json(aspects, described, tmp_path):
 
 @pytest.fixture
 def write_log(aspects, described, tmp_path):
-    """Write a log as the recorder does, with distributions of counts; gives the RunLog."""
+    """Write a log like the recorder, with distributions of counts; returns the RunLog."""
 
     def write(name, *many, cut=False, **changes):
         log = RunLog(tmp_path, name)
@@ -87,7 +87,7 @@ def write_log(aspects, described, tmp_path):
 
 @pytest.fixture
 def compared(run):
-    """Compare with --json; give the document and what is said beside it."""
+    """Compare with --json; returns the document and standard error."""
 
     def document(*words):
         ended = run('compare', *words, '--json')
@@ -108,10 +108,10 @@ def counts_of(document, side):
 # -- the comparison ------------------------------------------------------------------------------
 
 
-def test_drops_of_the_command_against_a_count_by_hand(run, compared, tmp_path):
+def test_compare_drops_with_manual_counts(run, compared, tmp_path):
     ended = run('drop', 'l_bracket', '--drops', 125, '--seed', 3, '--json')
     dropped = json.loads(ended.stdout)
-    (tmp_path / 'a').write_text(ended.stdout, encoding='utf-8')  # whatever its name
+    (tmp_path / 'a').write_text(ended.stdout, encoding='utf-8')  # any name is accepted
     write_csv(tmp_path, BY_HAND)
     found, said = compared('a', 'm.csv')
     assert said == ''
@@ -128,18 +128,18 @@ def test_drops_of_the_command_against_a_count_by_hand(run, compared, tmp_path):
     assert found['largest_deviation']['aspect'] == np.abs(a - b).argmax() + 1
 
 
-def test_few_drops_have_the_p_of_an_exact_test_and_always_the_same(compared, tmp_path):
+def test_p_value_of_few_drops_is_exact_and_reproducible(compared, tmp_path):
     counts = [3, 1], [1, 4]
     for name, (one, two) in zip('ab', counts, strict=True):
         write_csv(tmp_path, f'aspect,count\n1,{one}\n2,{two}\n', name)
     found, _ = compared('a', 'b')
     assert found['p_by'] == 'monte carlo'
-    # Of two by two tables with these margins Pearson's order is Fisher's here.
+    # For 2 x 2 tables with these margins, Pearson's and Fisher's order agree.
     assert found['p_value'] == pytest.approx(fisher_exact(counts).pvalue, abs=0.02)
     assert compared('a', 'b')[0] == found
 
 
-def test_the_table(run, write_json, tmp_path):
+def test_table_shows_both_sides(run, write_json, tmp_path):
     write_json('a.json')
     write_csv(tmp_path, BY_HAND)
     ended = run('compare', 'a.json', 'm.csv')
@@ -153,7 +153,7 @@ def test_the_table(run, write_json, tmp_path):
     assert re.search(r'^total variation +\d', ended.stdout, re.MULTILINE)
 
 
-def test_the_other_way_round_signs_change(compared, write_json, tmp_path):
+def test_swapping_sides_changes_signs(compared, write_json, tmp_path):
     write_json('a.json')
     write_csv(tmp_path, BY_HAND)
     one, other = compared('a.json', 'm.csv')[0], compared('m.csv', 'a.json')[0]
@@ -164,7 +164,7 @@ def test_the_other_way_round_signs_change(compared, write_json, tmp_path):
     assert one['p_value'] == pytest.approx(other['p_value'])
 
 
-def test_the_confidence_counts(compared, write_json, tmp_path):
+def test_confidence_changes_the_intervals(compared, write_json, tmp_path):
     write_json('a.json')
     write_csv(tmp_path, BY_HAND)
     narrow, wide = (compared('a.json', 'm.csv', '--confidence', c)[0] for c in (0.9, 0.99))
@@ -178,7 +178,7 @@ def test_the_confidence_counts(compared, write_json, tmp_path):
 
 
 @pytest.mark.parametrize('place', ['run', 'run/run_0.mcap'])
-def test_of_a_log_the_last_distribution_counts(compared, write_json, write_log, place):
+def test_last_distribution_of_a_log_is_used(compared, write_json, write_log, place):
     write_log('run', [1, 0, 0, 0, 0], [70, 50, 40, 20, 19])
     write_json('b.json', seed=4)
     found, said = compared(place, 'b.json')
@@ -188,15 +188,13 @@ def test_of_a_log_the_last_distribution_counts(compared, write_json, write_log, 
         200, 1, True
     )  # fmt: skip
     assert found['a']['run_id'] == '4f1c'
-    # What a log says of the aspects is what a document says.
+    # A log and a document describe the aspects equally.
     swapped, _ = compared('b.json', place)
     for one, other in zip(found['aspects'], swapped['aspects'], strict=True):
         assert one['down_in_part'] == other['down_in_part']
 
 
-def test_a_log_that_was_broken_off_has_what_was_written_and_that_is_said(
-    compared, write_log, tmp_path
-):
+def test_unfinished_log_is_compared_with_a_warning(compared, write_log, tmp_path):
     log = write_log('run', [7, 5, 4, 2, 1], [70, 50, 40, 20, 4], cut=True)
     write_csv(tmp_path, BY_HAND)
     found, said = compared('run', 'm.csv')
@@ -216,7 +214,7 @@ def test_a_log_that_was_broken_off_has_what_was_written_and_that_is_said(
     assert said == broken_off + incomplete.format(20)
 
 
-def test_what_is_no_log_with_a_distribution(refused, write_log, tmp_path):
+def test_log_without_distribution_is_refused(refused, write_log, tmp_path):
     write_csv(tmp_path, BY_HAND)
     write_log('run')
     assert refused('compare', 'run', 'm.csv') == (
@@ -247,7 +245,7 @@ def test_what_is_no_log_with_a_distribution(refused, write_log, tmp_path):
         ({'engine_version': '9', 'seed': 4}, ''),
     ],
 )
-def test_drops_that_are_the_same_are_pointed_out(compared, write_json, changes, says):
+def test_dependent_drops_warn(compared, write_json, changes, says):
     write_json('a.json')
     write_json('b.json', **changes)
     _, said = compared('a.json', 'b.json')
@@ -255,20 +253,20 @@ def test_drops_that_are_the_same_are_pointed_out(compared, write_json, changes, 
     assert (f'warning: {says}' in said) == bool(says)
 
 
-def test_a_log_and_a_document_of_one_run_are_the_same_drops(compared, write_json, write_log):
+def test_log_and_document_of_one_run_are_dependent(compared, write_json, write_log):
     write_log('run', [60, 55, 48, 24, 12])
     write_json('b.json')
     assert '200 drops of A and B are the same' in compared('run', 'b.json')[1]
 
 
-def test_other_conditions_with_the_same_seed(compared, write_json, surfaces):
+def test_same_seed_with_other_conditions_warns(compared, write_json, surfaces):
     write_json('a.json')
     write_json('b.json', conditions=surfaces.get('').changed(height=0.3))
     _, said = compared('a.json', 'b.json')
     assert '200 drops of A and B start from the same orientations (seed 3)' in said
 
 
-# -- what does not go together -------------------------------------------------------------------
+# -- results that cannot be compared -------------------------------------------------------------
 
 
 def test_another_part_is_refused(refused, write_json):
@@ -279,7 +277,7 @@ def test_another_part_is_refused(refused, write_json):
     )
 
 
-def test_parts_of_one_name_are_told_apart_by_short_hashes(refused, write_json, aspects):
+def test_parts_of_one_name_are_distinguished_by_short_hashes(refused, write_json, aspects):
     write_json('a.json')
     write_json('b.json', part_sha256='f00' * 20)
     line = refused('compare', 'a.json', 'b.json')
@@ -296,7 +294,7 @@ def test_parts_of_one_name_are_told_apart_by_short_hashes(refused, write_json, a
             '0.95',
             r'They differ by 20 points in aspect 3 \(95 % interval 8 to 32; p < 0\.0001\)\.',
         ),
-        # What differs with a confidence of 95 % can agree with one of 99.9 %.
+        # A difference at 80 % confidence can be within chance at 99.9 %.
         ([40, 70, 48, 25, 17], '0.8', r'They differ by 10 points in aspect 1 \(80 % interval .*'),
         ([40, 70, 48, 25, 17], '0.999', r'The distributions do not differ .* \(p = 0\.\d+\)\.'),
     ],
@@ -308,7 +306,7 @@ def test_the_last_line_is_the_verdict(run, write_json, other, confidence, says):
     assert re.fullmatch(says, ended.stdout.splitlines()[-1])
 
 
-def test_an_aspect_that_one_has_not_is_refused(refused, write_json, tmp_path):
+def test_missing_or_unknown_aspects_are_refused(refused, write_json, tmp_path):
     write_json('a.json')
     write_csv(tmp_path, 'aspect,count\n1,2\n2,3\n4,4\n')
     assert refused('compare', 'a.json', 'm.csv') == (
@@ -328,8 +326,8 @@ def test_an_aspect_that_one_has_not_is_refused(refused, write_json, tmp_path):
     )
 
 
-def test_a_count_by_hand_of_what_looks_alike(run, compared, tmp_path):
-    """Of a hexagonal nut a person sees that it lies, or stands on one of six sides."""
+def test_compare_with_manual_counts_by_class(run, compared, tmp_path):
+    """A person sees only whether a hexagonal nut lies flat or stands on one of six sides."""
     ended = run('drop', 'hex_nut', '--drops', 250, '--json')
     (tmp_path / 'nut.json').write_text(ended.stdout)
     document = json.loads(ended.stdout)
@@ -346,7 +344,7 @@ def test_a_count_by_hand_of_what_looks_alike(run, compared, tmp_path):
     assert 'aspect ' not in table
 
 
-def test_a_count_by_aspect_alone_has_no_classes(refused, tmp_path):
+def test_counts_by_aspect_are_not_comparable_by_class(refused, tmp_path):
     write_csv(tmp_path, 'aspect,count\n1,2\n2,3\n', 'a.csv')
     write_csv(tmp_path, 'class,count\n1,2\n2,3\n', 'b.csv')
     assert "'a.csv' counts by aspect and has no symmetry classes: expected a log, " in refused(
@@ -354,7 +352,7 @@ def test_a_count_by_aspect_alone_has_no_classes(refused, tmp_path):
     )
 
 
-def test_ids_of_two_counts_by_hand_may_be_any(compared, tmp_path):
+def test_manual_counts_can_have_arbitrary_ids(compared, tmp_path):
     write_csv(tmp_path, 'aspect,count\n7,20\n2,50\n3,30\n', 'a')
     write_csv(tmp_path, 'aspect,count\n2,80\n3,40\n7,80\n', 'b')
     found, said = compared('a', 'b')
@@ -378,7 +376,7 @@ def test_ids_of_two_counts_by_hand_may_be_any(compared, tmp_path):
         ),
     ],
 )
-def test_what_is_refused(refused, tmp_path, words, says):
+def test_wrong_input_is_refused(refused, tmp_path, words, says):
     write_csv(tmp_path, BY_HAND)
     assert says in refused('compare', *words)
 
@@ -388,7 +386,7 @@ def test_what_is_refused(refused, tmp_path, words, says):
 
 @pytest.fixture
 def refusal(tmp_path):
-    """Give the words with which a content is refused; the file is called f there."""
+    """Return the error for a content; the file is called f in it."""
 
     def words(text, name='f', encoding='utf-8'):
         path = tmp_path / name
@@ -408,7 +406,7 @@ def refusal(tmp_path):
         '\ufeffaspect,count\n2, 0\n1 ,05\nfailed,3\nunsettled,2\n,\nunclassified,1',
     ],
 )
-def test_spellings_of_a_count_by_hand(tmp_path, text):
+def test_accepted_spellings_of_manual_counts(tmp_path, text):
     write_csv(tmp_path, text)
     given = read_counts(tmp_path / 'm.csv')
     assert (given.ids, given.tally.counts.tolist()) == ((1, 2), [5, 0])
@@ -433,7 +431,7 @@ def test_spellings_of_a_count_by_hand(tmp_path, text):
         ('2,3,4', ['number of columns 3 in', 'expected 2']),
     ],
 )
-def test_a_line_that_is_wrong_is_named(refusal, row, says):
+def test_error_names_line_and_value_of_a_wrong_count(refusal, row, says):
     words = refusal(f'aspect,count\n1,5\n{row}\n')
     assert words.startswith(f'invalid {says[0]}')
     for word in (*says, 'in f line 3: expected'):
@@ -465,16 +463,16 @@ def test_a_line_that_is_wrong_is_named(refusal, row, says):
         ),
     ],
 )
-def test_what_is_no_count_by_hand(refusal, text, says):
+def test_invalid_manual_counts_are_refused(refusal, text, says):
     assert says in refusal(text)
 
 
-def test_what_is_no_text(refusal):
+def test_file_that_is_not_utf8_is_refused(refusal):
     words = refusal('aspect;count;Größe\n', encoding='latin-1')
     assert words == 'counts file f is not text in UTF-8'
 
 
-def test_a_document_that_is_not_complete(compared, write_json, tmp_path):
+def test_incomplete_document_warns(compared, write_json, tmp_path):
     write_json('a.json', complete=False, drops=1000)
     write_csv(tmp_path, BY_HAND)
     assert compared('a.json', 'm.csv')[1] == (
@@ -482,7 +480,7 @@ def test_a_document_that_is_not_complete(compared, write_json, tmp_path):
     )
 
 
-def test_what_classify_prints_is_a_document_too(run, compared, tmp_path):
+def test_compare_reads_the_document_of_classify(run, compared, tmp_path):
     ended = run('drop', 'l_bracket', '--drops', 60, '--poses', 'p.csv', '--json')
     (tmp_path / 'a.json').write_text(ended.stdout, encoding='utf-8')
     sorted_here = run('classify', 'p.csv', '--part', 'l_bracket', '--json')

@@ -1,4 +1,4 @@
-"""`drop --check-convergence`: how far the result moves with a finer time step."""
+"""`drop --check-convergence`: how much the result changes with a finer time step."""
 
 import json
 import re
@@ -18,7 +18,7 @@ from resting_aspects_ros.simulation.plan import make_job
 DROPS = 120
 
 
-def test_the_shift_is_that_of_the_same_drops_in_half_the_step(run, part, surfaces):
+def test_shift_compares_the_same_drops_with_half_the_time_step(run, part, surfaces):
     ended = run('drop', 'l_bracket', '--drops', DROPS, '--check-convergence', '--json')
     assert ended.returncode == 0, ended.stderr
     document = json.loads(ended.stdout)
@@ -46,7 +46,7 @@ def test_the_shift_is_that_of_the_same_drops_in_half_the_step(run, part, surface
         ([40900, 29100, 10000, 10000, 10000], 'explained by chance'),
     ],
 )
-def test_it_is_told_whether_chance_explains_the_shift(part, counts, words):
+def test_text_states_whether_chance_explains_the_shift(part, counts, words):
     aspects = find_aspects(part('l_bracket'))
     drops = sum(counts)
     coarse = Distribution(aspects, np.array([41, 29, 10, 10, 10]) * (drops // 100), 0, 0, 0)
@@ -56,7 +56,7 @@ def test_it_is_told_whether_chance_explains_the_shift(part, counts, words):
     assert lines[0].startswith('With 1/2 of the time step (150 us), aspect 1 changes most: -')
     assert lines[1].startswith(f'{words} (95 % interval ')
     assert lines[1].endswith(f'{drops} drops each).')
-    # With so many the interval is as narrow as is asked for, or a digit of the number narrower.
+    # This number makes the interval narrow enough, but not much narrower.
     assert bool(lines[2:]) == ('too few' in words)
     for line in lines[2:]:
         enough = int(re.fullmatch(r'About (\d+) drops are needed.', line)[1])
@@ -68,7 +68,7 @@ def test_it_is_told_whether_chance_explains_the_shift(part, counts, words):
     assert max(map(len, lines)) <= 80
 
 
-def test_what_was_dropped_is_answered_when_the_check_is_broken_off(run, monkeypatch):
+def test_interrupted_convergence_check_keeps_the_result(run, monkeypatch):
     update = DropProgress.update
 
     def interrupt(shown, done):
@@ -85,7 +85,7 @@ def test_what_was_dropped_is_answered_when_the_check_is_broken_off(run, monkeypa
     assert ended.stderr.splitlines()[-1] == 'interrupted; convergence was not checked'
 
 
-def test_a_run_in_which_nothing_rests_is_answered_all_the_same(run, tmp_path):
+def test_run_without_resting_parts_has_a_result(run, tmp_path):
     ended = run(
         'drop', 'l_bracket', '--drops', 2, '--restitution', 1, '--friction', 0,
         '--check-convergence', '--out', tmp_path / 'o', '--json',
@@ -98,6 +98,6 @@ def test_a_run_in_which_nothing_rests_is_answered_all_the_same(run, tmp_path):
     assert (tmp_path / 'o' / 'distribution.json').is_file()
 
 
-def test_without_a_drop_in_an_aspect_nothing_is_compared(part):
+def test_convergence_needs_a_drop_in_an_aspect(part):
     nothing = no_drops(find_aspects(part('l_bracket')))
     assert check_convergence(nothing, nothing, 1e-4, seed=1) is None

@@ -1,4 +1,4 @@
-"""The main job, `resting_aspects demo`: three processes, a result, and nothing left behind."""
+"""`resting_aspects demo`: three processes, a result, and no process left at the end."""
 
 import os
 import re
@@ -11,13 +11,13 @@ from PIL import Image
 from rosbags.highlevel import AnyReader
 
 NODES = {'drop_simulator', 'aspect_classifier', 'drop_recorder'}
-# Much more than the demo takes, but for a machine that has other things to do.
+# Much longer than the demo needs, for a busy machine.
 ENOUGH = 90.0
 
 
 @pytest.fixture(scope='module')
 def processes_of():
-    """Give the processes of a demo: its nodes have its namespace, their workers are below."""
+    """Return the processes of a demo: nodes in its namespace, and their workers."""
 
     def find(demo):
         of = {}
@@ -39,7 +39,7 @@ def processes_of():
 
 @pytest.fixture
 def nodes_of(processes_of, wait_until):
-    """Wait until the three nodes run; give their pids by name."""
+    """Wait until the three nodes run; returns their pids by name."""
 
     def wait(demo):
         def named():
@@ -58,7 +58,7 @@ def nodes_of(processes_of, wait_until):
 
 @pytest.fixture
 def left(processes_of, session, wait_until):
-    """Check that nothing of a demo that has ended is left."""
+    """Check that no process of an ended demo is left."""
 
     def check(demo, nodes):
         wait_until(lambda: not processes_of(demo), 5)
@@ -97,7 +97,7 @@ def test_the_demo_drops_a_part_over_ros_and_shows_it(begin, nodes_of, left, tmp_
     log, report = (re.fullmatch(r'(\w+): +(.+)', line) for line in lines[-2:])
     assert (log[1], report[1]) == ('Log', 'Report')
     page = (tmp_path / report[2]).read_text(encoding='utf-8')
-    assert page.count('data-row=') == 6  # an unclassified drop
+    assert page.count('data-row=') == 6  # one for an unclassified drop
     with Image.open(tmp_path / 'o' / 'distribution.png') as image:
         image.load()
     for line in errors.splitlines():
@@ -144,7 +144,7 @@ def test_ctrl_c_as_it_starts(begin, nodes_of, left, tmp_path):
 
 
 @pytest.mark.slow
-def test_ctrl_c_before_the_nodes_run_and_then_again_and_again(begin, processes_of, left):
+def test_repeated_ctrl_c_before_nodes_run(begin, processes_of, left):
     process = begin('demo')
     assert process.stdout.readline().startswith('Starting ')
     while process.poll() is None:
@@ -175,7 +175,7 @@ def test_a_node_that_dies_is_named_with_its_log(begin, nodes_of, left, read_unti
 
 
 @pytest.mark.parametrize('out', ['file', 'file/below'])
-def test_a_folder_that_cannot_be_made(run, tmp_path, out):
+def test_folder_that_cannot_be_created_is_refused(run, tmp_path, out):
     (tmp_path / 'file').write_text('', encoding='utf-8')
     ended = run('demo', '--out', out)
     assert (ended.returncode, ended.stdout) == (2, '')

@@ -1,4 +1,4 @@
-"""The commands that README.md and the pages of docs show are run here."""
+"""The commands in README.md and the pages of docs are run."""
 
 import ast
 import json
@@ -24,7 +24,7 @@ FEW_DROPS = ['--drops', '50']
 PROGRAM = '.venv/bin/resting_aspects'
 LOG = 'out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50'
 TUTORIAL = 'docs/tutorials/first_part.md'
-# The nodes run until they are stopped: tests of their own cover them.
+# The nodes run until they are stopped. Other tests cover them.
 NODE_VERBS = {'nodes', 'request', 'replay'}
 
 
@@ -33,7 +33,7 @@ def lines_of(page):
 
 
 def arguments_of(line):
-    """The arguments of a line that runs the command; None for another program."""
+    """Return the arguments of a line that runs the command; None for another program."""
     program, *arguments = shlex.split(line)
     return arguments if program == PROGRAM else None
 
@@ -65,7 +65,7 @@ def printed(run_in):
 
 @pytest.fixture(scope='module')
 def folder(printed, tmp_path_factory):
-    """Give a folder with the files that the pages use: meshes, results, counts and a log."""
+    """Return a folder with the files that the pages use: meshes, results, counts and a log."""
     folder = tmp_path_factory.mktemp('pages')
     (folder / 'config').symlink_to(ROOT / 'config')
     (folder / 'FOLDER').mkdir()
@@ -80,7 +80,7 @@ def folder(printed, tmp_path_factory):
 
 
 def with_files(folder, arguments):
-    """The arguments with the log that is there, and what a shell makes of patterns."""
+    """Return the arguments with the name of the existing log and with expanded patterns."""
     log = min(folder.glob('out/logs/l_bracket_*'))
     for word in arguments:
         if word == LOG:
@@ -92,7 +92,7 @@ def with_files(folder, arguments):
 
 
 @pytest.mark.parametrize(('page', 'line'), COMMANDS)
-def test_every_command_is_understood(page, line):
+def test_documented_commands_are_parsed(page, line):
     arguments = COMMANDS[page, line]
     assert callable(main.make_parser(arguments).parse_args(arguments).run)
 
@@ -184,7 +184,7 @@ def run_program(command, **options):
 
 
 def here(line):
-    """The command in the .venv that runs this test."""
+    """Return the path of the command in the .venv that runs this test."""
     program, *arguments = shlex.split(line)
     return [str(Path(sys.executable).parent / Path(program).name), *arguments]
 

@@ -1,4 +1,4 @@
-"""What `drop` answers: the document, the poses, the table and the files."""
+"""Results of `drop`: the document, the poses, the table and the files."""
 
 import csv
 import json
@@ -19,13 +19,13 @@ from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.simulation.plan import make_job
 
-DROPS = 130  # of two chunks, for two workers
+DROPS = 130  # two chunks, for two workers
 WORDS = ('drop', 'box_10x20x30', '--seed', 7)
 
 
 @pytest.fixture(scope='module')
 def box_run(run_in, tmp_path_factory):
-    """Run with every output at once; gives the folder and what was printed."""
+    """Run with all outputs; returns the folder and the ended process."""
     folder = tmp_path_factory.mktemp('box')
     outputs = ('--json', '--poses', 'p.csv', '--out', 'deep/o')
     ended = run_in(folder, *WORDS, '--drops', DROPS, '--workers', 2, *outputs)
@@ -48,7 +48,7 @@ def same_run(document):
     return {key: value for key, value in document.items() if key not in ('run_id', 'started')}
 
 
-def test_the_document_says_what_was_dropped_how(document, part, surfaces):
+def test_document_describes_part_and_conditions(document, part, surfaces):
     box, conditions = part('box_10x20x30'), surfaces.get()
     expected = {
         'schema_version': 2,
@@ -87,7 +87,7 @@ def test_counts_add_up_and_lengths_are_metres(document):
         assert len(aspect['down_in_part']) == 3
 
 
-def test_nothing_else_is_on_standard_output_nor_from_the_engine_on_standard_error(box_run):
+def test_json_is_the_only_output_on_stdout(box_run):
     _, ended = box_run
     assert ended.stdout.startswith('{\n')
     assert ended.stdout.endswith('}\n')
@@ -100,7 +100,7 @@ def test_the_number_of_workers_changes_nothing(document, run):
     assert same_run(json.loads(ended.stdout)) == same_run(document)
 
 
-def test_a_changed_condition_is_no_surface_and_a_unit_is_converted(run):
+def test_changed_condition_is_converted_and_stored(run):
     documents = [
         json.loads(run(*WORDS, '--drops', 2, '--height', height, '--json').stdout)
         for height in ('50mm', '0.05')
@@ -170,7 +170,7 @@ def test_out_holds_the_same_and_a_picture(box_run, document):
         assert min(picture.size) > 200
 
 
-def test_a_piped_table_fits_80_columns_and_has_no_colour(run, tmp_path):
+def test_piped_table_fits_80_columns_without_colour(run, tmp_path):
     ended = run(*WORDS, '--drops', 5, '--height', '50mm', '--out', tmp_path)
     lines = ended.stdout.splitlines()
     assert [line.rstrip() for line in lines[:2]] == [
@@ -179,7 +179,7 @@ def test_a_piped_table_fits_80_columns_and_has_no_colour(run, tmp_path):
     ]
     assert max(map(len, lines[:-1])) <= 80
     assert '\x1b' not in ended.stdout
-    # Opposite sides are alike.
+    # Opposite sides look the same.
     for ids in ('1 and 2', '3 and 4', '5 and 6'):
         assert any(line.strip().startswith(f'{ids}  flat side ') for line in lines)
     assert lines[-1].startswith('Written: ')
@@ -187,7 +187,7 @@ def test_a_piped_table_fits_80_columns_and_has_no_colour(run, tmp_path):
         assert Path(path).is_file()
 
 
-def test_an_old_answer_stays_if_there_is_no_new_one(run, tmp_path):
+def test_old_result_is_kept_if_there_is_no_new_one(run, tmp_path):
     poses = tmp_path / 'p.csv'
     poses.write_text('old', encoding='utf-8')
     (tmp_path / 'file').write_text('', encoding='utf-8')
@@ -195,14 +195,14 @@ def test_an_old_answer_stays_if_there_is_no_new_one(run, tmp_path):
     assert poses.read_text(encoding='utf-8') == 'old'
 
 
-def test_a_link_to_a_file_stays_one(run, tmp_path):
+def test_link_to_an_output_file_is_kept(run, tmp_path):
     (tmp_path / 'link.csv').symlink_to('p.csv')
     assert run(*WORDS, '--drops', 1, '--poses', 'link.csv').returncode == 0
     assert (tmp_path / 'link.csv').is_symlink()
     assert (tmp_path / 'p.csv').read_text(encoding='utf-8').startswith('drop,x,')
 
 
-def test_a_reader_that_has_seen_enough_is_no_error(begin, environment):
+def test_closed_pipe_prints_no_error(begin, environment):
     assert 'PYTHONUNBUFFERED' not in environment
     reader, writer = os.pipe()
     os.close(reader)
@@ -214,7 +214,7 @@ def test_a_reader_that_has_seen_enough_is_no_error(begin, environment):
     assert process.returncode == 1
 
 
-def test_a_full_disk_behind_standard_output_is_a_line(run_process):
+def test_full_disk_behind_stdout_prints_one_line(run_process):
     with Path('/dev/full').open('w') as full:
         ended = run_process(
             *WORDS,
@@ -230,7 +230,7 @@ def test_a_full_disk_behind_standard_output_is_a_line(run_process):
     assert ended.stderr.splitlines()[-1] == 'error: standard output: No space left on device'
 
 
-def test_a_precision_ends_the_run_at_the_same_drop_whatever_the_workers(run):
+def test_precision_stops_at_the_same_drop_for_any_workers(run):
     found = []
     for workers in (1, 2):
         ended = run('drop', 't_prism', '--precision', 0.05, '--workers', workers, '--json')
@@ -244,14 +244,14 @@ def test_a_precision_ends_the_run_at_the_same_drop_whatever_the_workers(run):
 
 
 @pytest.mark.parametrize('precision', ['0.9', '0', 'nan', 'fine'])
-def test_a_precision_that_cannot_be_is_refused(refused, precision):
+def test_invalid_precision_is_refused(refused, precision):
     assert precision in refused(*WORDS, '--precision', precision)
 
 
-def test_a_precision_that_the_most_drops_do_not_reach_is_told(run):
+def test_precision_not_reached_in_max_drops_is_reported(run):
     ended = run('drop', 'tetrahedron', '--precision', 0.05, '--drops', 50)
     assert ended.returncode == 0
-    # Wilson, 96 %, of about a quarter of 50: +-0.12.
+    # Wilson interval, 96 %, for about a quarter of 50 drops: +-0.12.
     assert re.search(
         r'warning: precision 0.05 was not reached in 50 drops, .* widest interval is \+-0.1[0-9]',
         ended.stderr,

@@ -1,4 +1,4 @@
-"""What can be dropped: named parts and mesh files of every kind, with their units and YAML."""
+"""Inputs of `drop`: named parts and mesh files of every format, with units and YAML."""
 
 import json
 
@@ -9,7 +9,7 @@ from resting_aspects_ros.core.part_loading import load_part
 
 @pytest.fixture
 def heights(run):
-    """Drop something once and give the heights of the centre of mass in its aspects, m."""
+    """Drop a part once; returns the heights of the centre of mass in its aspects, m."""
 
     def dropped(*words):
         ended = run('drop', *words, '--drops', 1, '--json')
@@ -22,7 +22,7 @@ def heights(run):
 BOX = [0.005, 0.005, 0.01, 0.01, 0.015, 0.015]
 
 
-def test_a_registered_name(heights):
+def test_aspects_of_a_registered_part(heights):
     assert heights('box_10x20x30') == pytest.approx(BOX)
 
 
@@ -41,14 +41,14 @@ def test_a_mesh_file(heights, box, tmp_path, file, mesh_format):
 
 
 @pytest.mark.parametrize('file', ['my_box.stl', 'my_box.STL', 'my_box.obj'])
-def test_a_file_that_is_named_without_its_ending_is_found_and_told(refused, box, tmp_path, file):
+def test_missing_file_ending_is_suggested(refused, box, tmp_path, file):
     box.export(tmp_path / file, file_type=file[-3:].lower())
     assert refused('drop', 'my_box') == (
         f"error: part 'my_box' is not known; for the mesh file in this folder, write {file!r}"
     )
 
 
-def test_a_wrong_unit_shows_by_the_size(run, box, tmp_path):
+def test_title_shows_the_size_of_the_part(run, box, tmp_path):
     box.export(tmp_path / 'box.stl')
     for unit, size in (('mm', '10 x 20 x 30 mm'), ('in', '254 x 508 x 762 mm')):
         for command in (('drop', '--drops', 1), ('aspects',)):
@@ -64,7 +64,7 @@ def test_a_mesh_file_in_a_folder_and_its_unit(heights, box, tmp_path):
 
 
 @pytest.mark.parametrize(('unit', 'metres'), [('mm', 1e-3), ('in', 0.0254)])
-def test_the_yaml_beside_a_mesh_file_counts(run, box, tmp_path, unit, metres):
+def test_yaml_beside_a_mesh_file_is_used(run, box, tmp_path, unit, metres):
     box.export(tmp_path / 'box.stl')
     (tmp_path / 'box.yaml').write_text(
         f'unit: {unit}\ndensity: 2700\ncentre_of_mass: [0, 0, 5]\n', encoding='utf-8'
@@ -82,14 +82,14 @@ def test_the_yaml_beside_a_mesh_file_counts(run, box, tmp_path, unit, metres):
     assert document['part_sha256'] == meant.part_sha256
 
 
-def test_a_unit_that_the_yaml_contradicts_is_refused(refused, box, tmp_path):
+def test_unit_that_contradicts_the_yaml_is_refused(refused, box, tmp_path):
     box.export(tmp_path / 'box.stl')
     (tmp_path / 'box.yaml').write_text('unit: cm\n', encoding='utf-8')
     line = refused('drop', 'box.stl', '--unit', 'in')
     assert line == "error: invalid unit 'in': expected 'cm', the unit in 'box.yaml'"
 
 
-def test_a_centre_of_mass_in_no_unit_is_not_taken_for_one_in_another(refused, box, tmp_path):
+def test_centre_of_mass_without_unit_refuses_another_unit(refused, box, tmp_path):
     box.export(tmp_path / 'box.stl')
     (tmp_path / 'box.yaml').write_text('centre_of_mass: [0, 0, 5]\n', encoding='utf-8')
     line = refused('drop', 'box.stl', '--unit', 'in')
@@ -105,7 +105,7 @@ def test_parts_of_another_folder(heights, refused, box, tmp_path):
     assert line == "error: part 'l_bracket' is not known; known parts: brick"
 
 
-def test_a_warning_leaves_standard_output_to_the_answer(run, box, tmp_path):
+def test_warnings_do_not_go_to_stdout(run, box, tmp_path):
     box.invert()
     box.export(tmp_path / 'box.stl')
     ended = run('drop', 'box.stl', '--drops', 1, '--json')
@@ -144,7 +144,7 @@ endsolid a
         ('/', None, 'is a folder'),
     ],
 )
-def test_what_is_no_mesh_is_refused_in_a_line(refused, tmp_path, name, content, words):
+def test_invalid_mesh_is_refused_with_one_line(refused, tmp_path, name, content, words):
     if content is not None:
         (tmp_path / name).write_text(content, encoding='utf-8')
     line = refused('drop', name)
@@ -160,7 +160,7 @@ def test_an_open_mesh_is_refused_with_the_number_of_open_edges(refused, box, tmp
     assert '3 open edges' in line
 
 
-def test_an_unknown_name_lists_those_that_are_known(refused):
+def test_unknown_part_lists_known_parts(refused):
     line = refused('drop', 'l_braket')
     for name in ('angle_45x30x8', 'box_10x20x30', 'l_bracket', 'tetrahedron', 'washer'):
         assert name in line
@@ -171,7 +171,7 @@ def test_height_in_the_wrong_unit_is_refused_unless_forced(refused, run, box, tm
     line = refused('drop', 'l_bracket', '--height', '60')
     assert line.startswith('error: invalid --height 60 m: expected at most 500 times the radius')
     assert line.endswith('or --force; millimetres are written 60mm')
-    # A matter of the size of the part.
+    # The limit depends on the size of the part.
     box.export(tmp_path / 'box.stl')
     words = ('drop', 'box.stl', '--drops', 1)
     assert run(*words, '--unit', 'mm', '--height', '8').returncode == 0

@@ -1,4 +1,4 @@
-"""`resting_aspects estimate`: its table, its document, and what it refuses."""
+"""`resting_aspects estimate`: its table, its document, and wrong input."""
 
 import json
 import re
@@ -44,14 +44,14 @@ def test_some_methods(document):
     assert list(document('l_bracket', '--method', 'rolling, csa')['methods']) == ['csa', 'rolling']
 
 
-def test_the_column_of_one_method_has_its_name(run):
+def test_column_of_one_method_has_its_full_name(run):
     headings = run('estimate', 'l_bracket', '--method', 'rolling').stdout
     assert 'rolling' in headings
     assert 'roll-' not in headings
     assert 'roll-' in run('estimate', 'l_bracket').stdout
 
 
-def test_the_table_of_a_cylinder_says_what_is_not_defined(run):
+def test_table_of_a_cylinder_names_undefined_methods(run):
     ended = run('estimate', 'cylinder_d20_h20')
     assert ended.returncode == 0, ended.stderr
     assert all(len(line) <= 80 for line in ended.stdout.splitlines())
@@ -83,7 +83,7 @@ def test_equivalent_aspects_are_summed_in_one_row(run, document):
 @pytest.mark.parametrize(
     ('words', 'method', 'reason'),
     [
-        # The surface's 60 mm.
+        # The height of the surface is 60 mm.
         (['l_bracket'], 'csa', '0.2 to 20 part radii (here 2.1)'),
         (['l_bracket', '--height', '2mm'], 'rolling', 'below 0.2 part radii (here 0.07)'),
         (['l_bracket', '--height', '1.2'], 'crsa', 'above 20 part radii (here 42)'),
@@ -106,7 +106,7 @@ def test_one_method_is_recommended_for_the_conditions(
     assert marked == ([] if method is None else [f'{method}*'])
 
 
-def test_the_conditions_of_drops_decide_unless_others_are_given(run, document, tmp_path):
+def test_recommendation_uses_conditions_of_drops_by_default(run, document, tmp_path):
     ended = run('drop', 'l_bracket', '--drops', 50, '--height', 1.2, '--json')
     (tmp_path / 'd.json').write_text(ended.stdout, encoding='utf-8')
     assert document('l_bracket', '--against', 'd.json')['recommended'] == 'crsa'
@@ -114,7 +114,7 @@ def test_the_conditions_of_drops_decide_unless_others_are_given(run, document, t
     assert again['recommended'] == 'csa'
 
 
-def test_every_method_has_a_line_that_explains_it(run):
+def test_legend_explains_every_method(run):
     lines = run('estimate', 'l_bracket').stdout.splitlines()
     for name, method in METHODS.items():
         assert any(line.split()[0].rstrip('*') == name and method.label in line for line in lines)
@@ -147,7 +147,7 @@ def test_against_drops(run, document, tmp_path):
     assert float(largest[1]) == pytest.approx(100 * solid_angle['largest_deviation'], abs=0.05)
 
 
-def test_against_a_count_of_what_looks_alike(run, document, tmp_path):
+def test_against_counts_by_class(run, document, tmp_path):
     path = tmp_path / 'manual.csv'
     path.write_text('class,count\n1,72\n2,28\n')
     found = document('hex_nut', '--against', str(path))
@@ -179,7 +179,7 @@ def test_against_a_count_of_what_looks_alike(run, document, tmp_path):
         (['l_bracket', '--against', 'no.csv'], "'no.csv'"),
     ],
 )
-def test_what_is_refused(run, words, said):
+def test_wrong_input_is_refused(run, words, said):
     ended = run('estimate', *words)
     assert ended.returncode == 2
     assert ended.stdout == ''

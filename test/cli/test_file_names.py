@@ -1,4 +1,4 @@
-"""Names of files that are no UTF-8: what is said of them can be printed, and nothing crashes."""
+"""File names that are not UTF-8: messages are printable, and nothing crashes."""
 
 import os
 import shutil
@@ -17,14 +17,14 @@ SHOWN = r'\udcff'
 
 @pytest.fixture
 def strict(run_process, environment):
-    """Run the command where standard output takes UTF-8 and nothing else."""
+    """Run the command with a standard output that accepts only UTF-8."""
     utf8 = {**environment, 'PYTHONIOENCODING': 'utf-8:strict'}
     return lambda *words: run_process(*words, env=utf8)
 
 
 @pytest.fixture
 def log(tmp_path, part):
-    """A log that was broken off, in a folder whose name is no UTF-8."""
+    """Write an unfinished log in a folder whose name is not UTF-8."""
     log = RunLog(tmp_path, 'run')
     topic = Topic('/parts/tetrahedron', PART_TYPE, Qos(1))
     log.write(topic, serialize_message(part_msg(part('tetrahedron'))), 1)
@@ -54,7 +54,7 @@ def test_a_log_can_be_in_a_folder_of_any_name(strict, log):
     assert strict('recover', ODD).stdout == f'{SHOWN}: is already closed, 1 messages, no drops\n'
 
 
-def test_a_file_whose_name_its_metadata_cannot_repeat_is_not_recovered(strict, log):
+def test_file_with_a_name_invalid_in_metadata_is_not_recovered(strict, log):
     (log / 'run_0.mcap').rename(log / f'{ODD}.mcap')
     ended = strict('recover', ODD)
     assert ended.returncode == 1
@@ -74,7 +74,7 @@ def test_a_file_whose_name_its_metadata_cannot_repeat_is_not_recovered(strict, l
     ],
     ids=lambda words: words[0],
 )
-def test_what_ros_cannot_take_is_refused_in_words(refused, words):
+def test_name_invalid_in_ros_is_refused(refused, words):
     said = refused(*words)
     assert SHOWN in said
     assert 'UTF-8' in said

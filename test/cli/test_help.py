@@ -1,4 +1,4 @@
-"""Help is instant and its examples are right."""
+"""Help imports nothing heavy, and its examples are valid."""
 
 import re
 import subprocess
@@ -54,7 +54,7 @@ def test_help_lists_commands_and_exit_codes(shown):
 
 
 @pytest.mark.parametrize('name', main.COMMANDS)
-def test_each_command_has_examples_that_are_understood(shown, name):
+def test_examples_of_each_command_are_parsed(shown, name):
     text = shown(name)
     module = import_module(f'resting_aspects_ros.cli.verbs.{name}')
     lines = [
@@ -70,7 +70,7 @@ def test_each_command_has_examples_that_are_understood(shown, name):
 
 
 def loaded_by(*words):
-    """The heavy modules that a command in a new process loads, and our own of subcommands."""
+    """Return the heavy modules and the subcommand modules that a command loads."""
     code = (
         'import sys\n'
         'from resting_aspects_ros.cli.main import main\n'
@@ -100,18 +100,18 @@ def test_only_the_requested_subcommand_is_loaded(name):
 
 
 @pytest.mark.parametrize('words', [['no_verb'], ['--', 'drop'], ['--no_flag', 'drop', 'part']])
-def test_what_is_no_subcommand_or_flag_is_refused(refused, words):
+def test_unknown_subcommand_or_flag_is_refused(refused, words):
     assert any(word in refused(*words) for word in words)
 
 
 @pytest.mark.parametrize('command', ['drop', 'request'])
-def test_every_condition_has_one_flag_whose_help_tells_the_bounds(shown, command):
+def test_every_condition_has_one_flag_with_bounds_in_help(shown, command):
     text = shown(command).partition('examples:')[0]
     for name, quantity in QUANTITIES.items():
         flag = '--' + name.replace('_', '-')
-        told = f'{quantity.text}: {quantity.allowed()}'
-        assert told in text
-        # Once in the synopsis, once with what it means.
+        bounds = f'{quantity.text}: {quantity.allowed()}'
+        assert bounds in text
+        # Once in the synopsis, once with its help.
         assert text.count(f'{flag} ') == 2
     assert '{LOWEST_POINT,CENTRE_OF_MASS}' in text
 
@@ -127,9 +127,9 @@ def test_the_surfaces_are_named(shown, command, surfaces):
     [drop_simulator, aspect_classifier, drop_recorder, log_replayer, feeder],
     ids=lambda node: node.__name__.removesuffix('.node').rpartition('.')[2],
 )
-def test_the_program_of_a_node_says_what_it_does_and_its_parameters(node, monkeypatch, capsys):
+def test_node_help_describes_purpose_and_parameters(node, monkeypatch, capsys):
     monkeypatch.setattr(sys, 'argv', ['node', '--help'])
-    with suppress(SystemExit):  # by argparse
+    with suppress(SystemExit):  # raised by argparse
         assert node.main() == 0
     printed = capsys.readouterr().out
     usage, _, does, *others = printed.splitlines()
@@ -138,16 +138,16 @@ def test_the_program_of_a_node_says_what_it_does_and_its_parameters(node, monkey
     assert '----' not in printed
     begin = others.index('parameters:') + 1
     listed = [line.split()[0] for line in others[begin : begin + len(node.PARAMETERS)]]
-    # The example's are as ROS has them: name, default, description.
+    # Those of the example are tuples: name, default, description.
     assert listed == [p[0] if isinstance(p, tuple) else p.name for p in node.PARAMETERS]
 
 
-def test_the_tolerance_of_classify_is_told_with_its_bounds(shown):
-    told = f'({DEFAULT_TOLERANCE_DEGREES:g}): {MIN_TOLERANCE_DEGREES:g} to '
-    assert f'{told}{MAX_TOLERANCE_DEGREES:g} degrees' in shown('classify')
+def test_help_shows_bounds_of_classify_tolerance(shown):
+    bounds = f'({DEFAULT_TOLERANCE_DEGREES:g}): {MIN_TOLERANCE_DEGREES:g} to '
+    assert f'{bounds}{MAX_TOLERANCE_DEGREES:g} degrees' in shown('classify')
 
 
-def test_the_rate_of_replay_is_told_with_its_bounds(shown):
+def test_help_shows_bounds_of_replay_rate(shown):
     assert f': {MIN_RATE:g} to {MAX_RATE:g} (1)' in shown('replay')
 
 

@@ -1,4 +1,4 @@
-"""Ctrl-C, and workers that die: what was done is saved, and nothing is left running.
+"""Ctrl-C, and workers that die: partial results are saved, and no process is left.
 
 Signals come in this process, at a known place, but for one test of each kind with real processes.
 """
@@ -28,14 +28,14 @@ def some_done(line):
 
 @pytest.fixture
 def disc(tmp_path_factory):
-    """A folder of parts with one whose job is larger than a pipe, 64 KiB.
+    """Write a folder of parts with one whose job is larger than a pipe, 64 KiB.
 
     Such a job once blocked the end of the program for ever.
     """
     folder = tmp_path_factory.mktemp('parts')
     mesh = trimesh.creation.cylinder(radius=10, height=4, sections=130)
     mesh.export(folder / 'disc.stl')
-    # Not in the middle: one aspect is so much more frequent that a precision ends the run early.
+    # Off the middle, so that one aspect is frequent and a precision ends the run early.
     text = 'unit: mm\ncentre_of_mass: [0, 0, -1.8]\n'
     (folder / 'disc.yaml').write_text(text, encoding='utf-8')
     return folder
@@ -43,7 +43,7 @@ def disc(tmp_path_factory):
 
 @pytest.fixture
 def at_update(monkeypatch):
-    """Call something whenever the progress is shown, with the number of drops done."""
+    """Call a function at each progress update, with the number of drops made."""
 
     def at_update(call):
         update = DropProgress.update
@@ -64,7 +64,7 @@ def when_some_are_done(number):
 def test_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until, disc):
     process = begin('drop', 'disc', '--parts', disc, *QUICK[2:], *OUTPUTS)
     read_until(process.stderr, some_done)
-    # As the terminal does: to all processes.
+    # Like a terminal, signal all processes.
     os.killpg(process.pid, signal.SIGINT)
     document, lines = ended(process, 130)
     assert document['drops'] > 0
@@ -72,14 +72,14 @@ def test_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until, disc):
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_every_signal_saves_what_was_done(run, saved, at_update, number):
+def test_every_signal_saves_partial_results(run, saved, at_update, number):
     at_update(when_some_are_done(number))
     document, _ = saved(run(*QUICK, *OUTPUTS), 130)
     assert document['drops'] > 0
 
 
 @pytest.mark.slow
-def test_ctrl_c_again_and_again(begin, ended, read_until):
+def test_repeated_ctrl_c(begin, ended, read_until):
     process = begin(*QUICK, *OUTPUTS)
     read_until(process.stderr, some_done)
     while process.poll() is None:
@@ -102,12 +102,12 @@ def test_ctrl_c_while_the_page_is_drawn(run, monkeypatch, tmp_path):
     found = run('drop', 'l_bracket', '--drops', 20, '--report', '--out', 'o')
     assert (found.returncode, found.stderr.splitlines()[-1]) == (130, 'interrupted')
     assert found.stdout.splitlines()[-1].startswith('Written: ')
-    # What was done is saved, and nothing is half written.
+    # Partial results are saved, and no file is incomplete.
     written = {file.name for file in (tmp_path / 'o').iterdir()}
     assert written == {'distribution.json', 'poses.csv'}
 
 
-def test_ctrl_c_before_the_first_drop_is_done(run, saved, at_update):
+def test_ctrl_c_before_the_first_drop(run, saved, at_update):
     at_update(lambda done: signal.raise_signal(signal.SIGINT))
     document, lines = saved(run(*QUICK, *OUTPUTS), 130)
     assert document['drops'] == 0
@@ -118,10 +118,10 @@ def test_ctrl_c_before_the_first_drop_is_done(run, saved, at_update):
 
 @pytest.mark.slow
 def test_ctrl_c_while_the_engine_is_loaded(begin, ended, wait_until):
-    # Falls from far above need fine time steps: the first chunk takes a while.
+    # A fall from 3 m needs fine time steps, so the first chunk is slow.
     process = begin('drop', 'l_bracket', *QUICK[2:], '--height', '3m', *OUTPUTS)
     maps = f'/proc/{process.pid}/maps'
-    # Loaded long before the engine, and after signals are caught.
+    # NumPy is loaded after the signal handlers are set, long before the engine.
     wait_until(lambda: '_multiarray_umath' in open(maps, encoding='utf-8').read())  # noqa: PTH123, SIM115
     os.killpg(process.pid, signal.SIGINT)
     assert ended(process, 130)[0]['drops'] == 0
@@ -136,7 +136,7 @@ def test_without_files_nothing_is_written(run, at_update, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_terminal_that_closes_does_not_end_what_nohup_began(run, saved, at_update):
+def test_closed_terminal_does_not_end_a_nohup_command(run, saved, at_update):
     at_update(lambda done: signal.raise_signal(signal.SIGINT if done > 400 else signal.SIGHUP))
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
@@ -155,7 +155,7 @@ def workers_of(process, session):
 
 
 def test_large_job_with_a_precision_ends(begin, disc):
-    # It ends with more drops submitted than it needs: at most 1500.
+    # At its end, up to 1500 more drops than needed are submitted.
     process = begin('drop', 'disc', '--parts', disc, '--workers', 2, '--precision', 0.03)
     printed, errors = process.communicate(timeout=ENOUGH)
     assert process.returncode == 0, errors
@@ -186,7 +186,7 @@ def test_killed_worker_costs_no_drop(
     assert (tmp_path / 'p.csv').read_bytes() == (tmp_path / 'undisturbed.csv').read_bytes()
 
 
-def test_workers_that_die_again_and_again(begin, ended, read_until, session):
+def test_repeatedly_dying_workers_end_the_run(begin, ended, read_until, session):
     process = begin(*QUICK, *OUTPUTS)
     read_until(process.stderr, some_done)
     while process.poll() is None:
@@ -215,7 +215,7 @@ def test_unfinished_files_of_a_killed_command_are_removed(
     killed.wait()
     wait_until(lambda: session(killed.pid) == {})
     (left,) = tmp_path.glob('p.*.part.csv')
-    # A file that only looks like one, and one that another command is writing, stay.
+    # Similar names, and the file of a running command, are kept.
     (tmp_path / 'p.mine.part.csv').write_text('', encoding='utf-8')
     other = begin(*QUICK, '--poses', 'p.csv')
     wait_until(lambda: left not in tmp_path.iterdir())

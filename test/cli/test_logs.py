@@ -1,4 +1,4 @@
-"""`info`, `recover`, and `drop --from-log`: what a log alone is good for."""
+"""`info`, `recover` and `drop --from-log`, which need only a log."""
 
 import csv
 import dataclasses
@@ -43,7 +43,7 @@ DROPS = 300
 
 @pytest.fixture(scope='module')
 def dropped(part, surfaces):
-    """A run under conditions of its own, and its poses."""
+    """Return a run with special conditions, and its poses."""
     conditions = surfaces.get('steel').changed(height=0.045, friction=0.31)
     job, run = plan_run(
         part('l_bracket'), conditions, seed=77, drops=DROPS, run_id='4f1c', started=10**18
@@ -54,7 +54,7 @@ def dropped(part, surfaces):
 
 @pytest.fixture
 def log(tmp_path, part, dropped):
-    """Write a log as the recorder does, in batches of 100; cut so that so many are left."""
+    """Write a log like the recorder, in batches of 100; ``batches``: unfinished after these."""
 
     def log(name='run', batches=None, described=True):
         run, poses = dropped
@@ -118,13 +118,13 @@ def test_info_as_a_document(run, log, dropped):
 
 
 def types_of(value):
-    """The structure of a document: names and types, without the values."""
+    """Return the structure of a document: names and types, without values."""
     if isinstance(value, dict):
         return {name: types_of(each) for name, each in value.items()}
     return [types_of(each) for each in value[:1]] if isinstance(value, list) else type(value)
 
 
-def test_fields_of_info_have_one_type_with_and_without_a_distribution(run, log, dropped, part):
+def test_info_fields_have_the_same_types_without_distribution(run, log, dropped, part):
     whole = json.loads(run('info', log(), '--json').stdout)
     with RunLog(log('other').parent, 'bare') as bare:
         bare.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
@@ -166,7 +166,7 @@ def test_control_characters_of_a_log_are_not_printed(run, dropped, part, tmp_pat
         'drop --from-log LOG',
     ],
 )
-def test_a_log_of_another_version_is_refused_in_one_sentence(run, log, monkeypatch, words):
+def test_log_of_another_version_is_refused_with_one_line(run, log, monkeypatch, words):
     run_log = importlib.import_module('resting_aspects_ros.logs.run_writer')
     load = run_log.load_schema
     older = 'RIHS01_' + 64 * '0'
@@ -183,7 +183,7 @@ def test_a_log_of_another_version_is_refused_in_one_sentence(run, log, monkeypat
     assert ended.stdout == ''
 
 
-def test_ids_of_another_aspect_numbering_are_not_believed(run, log, dropped, part, tmp_path):
+def test_ids_of_another_aspect_numbering_are_refused(run, log, dropped, part, tmp_path):
     poses = dropped[1]
     counted = count_poses(find_aspects(part('l_bracket')), poses)
     message = distribution_msg(counted, dropped[0], Time(), True)
@@ -223,7 +223,7 @@ def test_a_log_is_read_once(run, log, monkeypatch, words, closed):
     passes = []
     records = LogFile.records
     monkeypatch.setattr(LogFile, 'records', lambda file: passes.append(1) or records(file))
-    if words == 'answer':  # what report and demo show
+    if words == 'answer':  # shown by report and demo
         with nullcontext() if closed else pytest.warns(match='was not closed'):
             assert logged_result(folder).distribution.drops == (DROPS if closed else 200)
     else:
@@ -242,7 +242,7 @@ def test_the_python_interface_reads_the_poses_of_a_log(log, dropped):
     assert logged_result(log('again')).poses is None
 
 
-def test_a_log_that_drop_writes_is_read_by_all_commands(run, tmp_path):
+def test_log_of_drop_is_read_by_all_commands(run, tmp_path):
     dropped = run('drop', 'tetrahedron', '--drops', 300, '--log', 'logs', '--json')
     assert dropped.returncode == 0
     document = json.loads(dropped.stdout)
@@ -257,7 +257,7 @@ def test_a_log_that_drop_writes_is_read_by_all_commands(run, tmp_path):
         ]
 
 
-def test_drop_refuses_a_log_that_it_cannot_write(refused, log, tmp_path):
+def test_drop_refuses_an_unwritable_log(refused, log, tmp_path):
     (tmp_path / 'file').touch()
     assert '--log' in refused('drop', 'tetrahedron', '--log', 'file')
     folder = log()
@@ -266,7 +266,7 @@ def test_drop_refuses_a_log_that_it_cannot_write(refused, log, tmp_path):
     )
 
 
-def test_info_of_a_log_that_was_broken_off(run, log):
+def test_info_of_an_unfinished_log(run, log):
     folder = log(batches=2)
     ended = run('info', folder)
     assert ended.returncode == 0
@@ -291,7 +291,7 @@ def test_info_of_a_log_without_drops(run, log):
     assert ended.stdout.splitlines()[-1].split() == ['drops', 'none']
 
 
-def test_recover_says_what_each_log_holds(run, log, tmp_path):
+def test_recover_prints_the_contents_of_each_log(run, log, tmp_path):
     whole, two, three = log('whole'), log('two', 2), log('three', 3)
     before = (whole / 'whole_0.mcap').read_bytes()
     too_long = tmp_path / ('x' * 300)
@@ -320,12 +320,12 @@ def test_recover_says_what_each_log_holds(run, log, tmp_path):
     assert 'drops 200 of 300, the others are not in this log' in lines
 
 
-def test_recover_leaves_a_log_alone_that_is_being_written(run, log, tmp_path):
-    two, empty = log('two', 2), tmp_path / 'begun'
+def test_recover_does_not_change_a_log_being_written(run, log, tmp_path):
+    two, empty = log('two', 2), tmp_path / 'started'
     empty.mkdir()
-    writers = [path.open('ab') for path in (two / 'two_0.mcap', empty / 'begun_0.mcap')]
+    writers = [path.open('ab') for path in (two / 'two_0.mcap', empty / 'started_0.mcap')]
     for writer in writers:
-        assert lock_file(writer)  # as the recorder does
+        assert lock_file(writer)  # like the recorder
     before = (two / 'two_0.mcap').read_bytes()
     ended = run('recover', two, empty, log('three', 3))
     assert (ended.returncode, ended.stderr) == (0, '')
@@ -340,7 +340,7 @@ def test_recover_leaves_a_log_alone_that_is_being_written(run, log, tmp_path):
     assert 'recovered' in run('recover', two).stdout
 
 
-def test_of_a_run_that_was_ended_before_its_last_drop_all_is_there(run, dropped, part, tmp_path):
+def test_log_of_a_canceled_run_is_complete(run, dropped, part, tmp_path):
     run_of, poses = dropped
     with RunLog(tmp_path, 'run') as log:
         log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
@@ -353,8 +353,8 @@ def test_of_a_run_that_was_ended_before_its_last_drop_all_is_there(run, dropped,
     assert json.loads(run('info', 'run', '--json').stdout)['log']['whole']
 
 
-def test_a_gap_that_drops_of_another_run_filled_is_none(run, dropped, part, tmp_path):
-    """As of a simulator that knew only what it was asked for: a log tells of the run it is of."""
+def test_drops_of_another_run_fill_a_gap(run, dropped, part, tmp_path):
+    """Batches of another run fill the gap, and the log still describes its own run."""
     own, poses = dropped
     other = dataclasses.replace(own, run_id='another', first_drop=100, drops=200)
     log = RunLog(tmp_path, 'run')
@@ -389,7 +389,7 @@ def test_a_gap_that_drops_of_another_run_filled_is_none(run, dropped, part, tmp_
     ],
     ids=lambda words: words[0],
 )
-def test_of_a_log_without_its_end_a_line_says_what_is_used(run, log, words):
+def test_unfinished_log_is_used_with_a_warning(run, log, words):
     closed, cut = log('closed'), log('cut', 2)
 
     def said(folder):
@@ -416,7 +416,7 @@ def test_a_log_damaged_in_its_middle_is_refused(run, log, command):
     file = folder / 'run_0.mcap'
     content = bytearray(file.read_bytes())
     at = content.index(b'zstd')
-    if command not in {'info', 'drop'}:  # which read no more than the first batch
+    if command not in {'info', 'drop'}:  # these read only the first batch
         at = content.index(b'zstd', at + 9)
     content[at + 40] ^= 1
     file.write_bytes(content)
@@ -430,7 +430,7 @@ def test_a_log_damaged_in_its_middle_is_refused(run, log, command):
     assert file.read_bytes() == content
 
 
-def test_recover_keeps_messages_that_this_version_cannot_read(run, tmp_path):
+def test_recover_keeps_messages_of_an_unknown_version(run, tmp_path):
     log = RunLog(tmp_path, 'run')
     log.write(POSES, b'\0\1\0\0of another time', 1)
     log.flush()
@@ -448,14 +448,14 @@ def rows(path):
 
 
 @pytest.mark.parametrize('batches', [None, 2])
-def test_a_run_is_dropped_again_from_its_log_alone(run, log, dropped, tmp_path, batches):
+def test_from_log_repeats_a_run_bit_for_bit(run, log, dropped, tmp_path, batches):
     ended = run('drop', '--from-log', log(batches=batches), '--poses', 'again.csv', '--json')
     assert ended.returncode == 0
     document = json.loads(ended.stdout)
     drops = DROPS if batches is None else 100 * batches
     assert (document['part'], document['seed'], document['drops']) == ('l_bracket', 77, drops)
     assert document['part_sha256'] == dropped[0].part_sha256
-    # Written with all digits, so this is bit for bit.
+    # Written with all digits, so the comparison is bit for bit.
     found = [
         [float(row[axis]) for axis in ('qx', 'qy', 'qz', 'qw')]
         for row in rows(tmp_path / 'again.csv')
@@ -465,7 +465,7 @@ def test_a_run_is_dropped_again_from_its_log_alone(run, log, dropped, tmp_path, 
 
 @pytest.fixture
 def log_of(tmp_path):
-    """Write a log of a run that has some of its drops, as the recorder closes it."""
+    """Write a closed log that has some drops of a run, like the recorder."""
 
     def log_of(part, run_of, poses, *, last=True, whole=True):
         with RunLog(tmp_path, 'run') as log:
@@ -482,13 +482,13 @@ def log_of(tmp_path):
 
 
 def dropped_between(job, first, end):
-    """Drops by themselves, in the chunks in which they are made."""
+    """Make some drops of a run, in the chunks of the engine."""
     bounds = [first, *range((first // CHUNK + 1) * CHUNK, end, CHUNK), end]
     return RestingPoses.join([drop_chunk(job, a, b) for a, b in pairwise(bounds)])
 
 
 def table(poses):
-    """The numbers of each drop, in the order of the CSV's columns."""
+    """Return the numbers of each drop, in the order of the columns of the CSV."""
     return [
         [poses.first_drop + k, *poses.position[k], *poses.orientation[k], poses.time_to_rest[k]]
         for k in range(len(poses))
@@ -501,18 +501,22 @@ COLUMNS = ('drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw', 'time_to_rest')
 @pytest.mark.parametrize(
     ('asked', 'ranges', 'whole'),
     [
-        ({'drops': 5000, 'precision': 0.1}, [(0, 140)], True),  # canceled before it was precise
-        ({'drops': 5000, 'precision': 0.25}, [(0, 140)], True),  # precise enough before
+        (
+            {'drops': 5000, 'precision': 0.1},
+            [(0, 140)],
+            True,
+        ),  # canceled before the precision was reached
+        ({'drops': 5000, 'precision': 0.25}, [(0, 140)], True),  # ended at the precision
         ({'drops': 60, 'first_drop': 90}, [(90, 150)], True),
         ({'drops': 60, 'first_drop': 90}, [(90, 110)], True),
-        ({'drops': 300}, [(0, 70), (110, 130), (200, 210)], False),  # lost, not to be had
+        ({'drops': 300}, [(0, 70), (110, 130), (200, 210)], False),  # lost drops
         ({'drops': 300}, [(20, 50)], False),
     ],
 )
-def test_from_a_log_the_drops_are_made_that_it_has_and_no_others(
+def test_from_log_repeats_exactly_the_recorded_drops(
     run, log_of, box, solid, surfaces, tmp_path, asked, ranges, whole
 ):
-    # Of a part whose mesh does not say all, under conditions of their own.
+    # Part and conditions are not defined by the mesh and the surface alone.
     odd = solid(
         box,
         'obj',
@@ -543,7 +547,7 @@ def test_from_a_log_the_drops_are_made_that_it_has_and_no_others(
     assert found == [row for batch in poses for row in table(batch)]
 
 
-def test_a_log_of_a_run_that_was_canceled_at_once_holds_no_drops(log_of, dropped, part, refused):
+def test_from_log_refuses_a_log_without_drops(log_of, dropped, part, refused):
     folder = log_of(part('l_bracket'), dropped[0], [dropped[1].between(0, 0)])
     assert refused('drop', '--from-log', folder).endswith(
         f'invalid --from-log {str(folder)!r}: expected a log with drops'
@@ -566,7 +570,7 @@ def test_a_run_from_a_log_can_be_longer(run, log, dropped, tmp_path):
         (['--surface', 'steel'], "--surface 'steel'"),
     ],
 )
-def test_what_the_log_says_nobody_else_may(run, log, words, says):
+def test_from_log_refuses_flags_that_the_log_defines(run, log, words, says):
     ended = run('drop', '--from-log', log(), *words)
     assert ended.returncode == 2
     assert ended.stderr == (
@@ -574,7 +578,7 @@ def test_what_the_log_says_nobody_else_may(run, log, words, says):
     )
 
 
-def test_a_log_without_drops_or_part_is_refused(run, log, refused):
+def test_from_log_refuses_a_log_without_drops_or_part(run, log, refused):
     empty, bare = log('empty', 0), log('bare', 1, described=False)
     assert refused('drop', '--from-log', empty) == (
         f'error: invalid --from-log {str(empty)!r}: expected a log with drops'
@@ -587,8 +591,8 @@ def test_a_log_without_drops_or_part_is_refused(run, log, refused):
     assert refused('drop').startswith('error: missing part: expected a name, ')
 
 
-def test_another_version_is_told(run, dropped, part, tmp_path):
-    # As after an upgrade of the engine.
+def test_from_log_warns_of_another_engine_version(run, dropped, part, tmp_path):
+    # The version of the engine differs, as after an upgrade.
     before = dataclasses.replace(dropped[0], engine_version='3.1.0')
     with RunLog(tmp_path, 'run') as log:
         log.write(PART, serialize_message(part_msg(part('l_bracket'))), 1)
@@ -608,7 +612,7 @@ NO_LOGS = {
 
 
 @pytest.mark.parametrize('words', ['info', 'recover', 'replay', 'merge', 'drop --from-log'])
-def test_what_is_no_log_is_refused_in_the_same_words(refused, tmp_path, words):
+def test_all_commands_refuse_a_non_log_with_equal_errors(refused, tmp_path, words):
     for folder in ('folder', 'logs/a', 'logs/b'):
         (tmp_path / folder).mkdir(parents=True)
     for name in 'ab':

@@ -21,7 +21,7 @@ DROPS = 60
 
 @pytest.fixture(scope='module')
 def dropped(part, surfaces):
-    """The poses of the first drops of a seed, and what describes their run."""
+    """Return the poses of the first drops of a seed, and the description of their run."""
     made = {}
 
     def dropped(seed):
@@ -42,7 +42,7 @@ def dropped(part, surfaces):
 
 @pytest.fixture
 def log(tmp_path, part, dropped):
-    """Write a log with some drops of a seed; with the part if it was closed in order."""
+    """Write a log with some drops of a seed, and with the part if ``described``."""
 
     def log(name, seed, first=0, end=DROPS, described=True):
         poses, run = dropped(seed)
@@ -78,25 +78,25 @@ def test_runs_of_two_seeds_add_up(merged, log, dropped, part):
     assert [a['count'] for a in found['aspects']] == expected.tolist()
 
 
-def test_a_drop_that_is_in_two_logs_counts_once(merged, log, dropped, part):
+def test_drop_in_two_logs_counts_once(merged, log, dropped, part):
     found = merged(log('a', 1, 0, 40), log('b', 1, 20, 60), log('c', 1, described=False))
     assert found['drops'] == DROPS
     assert [a['count'] for a in found['aspects']] == counts(dropped(1)[0], part).tolist()
 
 
-def test_the_table_says_of_how_many_runs_it_is(run, log):
+def test_merge_table_shows_number_of_runs(run, log):
     ended = run('merge', log('a', 1), log('b', 2))
     assert ended.returncode == 0
     assert ended.stdout.startswith('tetrahedron, 120 drops of 2 runs on rubber_mat')
 
 
-def test_logs_that_do_not_describe_their_part_are_refused(run, log):
+def test_logs_without_part_description_are_refused(run, log):
     ended = run('merge', log('a', 1, described=False))
     assert ended.returncode == 2
     assert ended.stderr.startswith("error: no description of the part in 'a': expected ")
 
 
-def test_what_is_no_log_is_refused_in_words(run, tmp_path):
+def test_merge_refuses_a_file_that_is_not_a_log(run, tmp_path):
     (tmp_path / 'x.mcap').write_text('nothing of the kind', encoding='utf-8')
     ended = run('merge', 'x.mcap')
     assert 'is damaged, or not an MCAP file' in ended.stderr

@@ -1,4 +1,4 @@
-"""Files of poses: every spelling that is meant is read, and what is wrong is named."""
+"""Files of poses: accepted spellings, and errors that name the wrong value."""
 
 import numpy as np
 import pytest
@@ -7,14 +7,14 @@ from resting_aspects_ros.api.inputs.pose_csv import read_pose_csv
 from resting_aspects_ros.api.output_files import POSES_HEADER
 from resting_aspects_ros.core.errors import InvalidValueError
 
-# An orientation whose four numbers all differ, and the same with w < 0.
+# An orientation with four different numbers.
 X, Y, Z, W = 0.1, -0.5, 0.7, 0.5
 LINE = {'x': f'{X}', 'y': f'{Y}', 'z': f'{Z}', 'w': f'{W}'}
 
 
 @pytest.fixture
 def read(tmp_path):
-    """Read a file with that content."""
+    """Write a file with a content and read it."""
 
     def from_text(text, at_least=1, encoding='utf-8'):
         path = tmp_path / 'p.csv'
@@ -26,7 +26,7 @@ def read(tmp_path):
 
 @pytest.fixture
 def refusal(read, tmp_path):
-    """Give the words with which a content is refused; the file is called p.csv there."""
+    """Return the error for a content; the file is called p.csv in it."""
 
     def words(text, at_least=1, **options):
         with pytest.raises(InvalidValueError) as caught:
@@ -65,14 +65,14 @@ def test_names_in_any_order_and_spelling(read, header, delimiter, end):
     assert (poses.index.tolist(), poses.line.tolist(), poses.drops) == ([0], [2], 1)
 
 
-def test_bare_x_y_z_are_positions_where_the_quaternion_has_names_of_its_own(read):
+def test_bare_x_y_z_are_positions_beside_named_quaternions(read):
     poses = read(f'x,y,z,qx,qy,qz,qw\n9,8,7,{X},{Y},{Z},{W}\n')
     np.testing.assert_allclose(poses.orientation, [[X, Y, Z, W]], rtol=1e-12)
     poses = read(f'x_mm,y_mm,z_mm,w,x,note,y,z\n9,8,7,{W},{X},"a, b",{Y},{Z}\n')
     np.testing.assert_allclose(poses.orientation, [[X, Y, Z, W]], rtol=1e-12)
 
 
-def test_of_our_own_file_what_settled_is_read_and_the_rest_counted(read):
+def test_own_pose_file_reads_settled_and_counts_other_poses(read):
     rest = 'ENERGY,0.5,0.01,1'
     rows = [
         ','.join(POSES_HEADER),
@@ -118,20 +118,20 @@ def test_a_quaternion_is_normalised_within_a_thousandth(read, length):
         ('0,' + 'long' * 100 + ',0,1', ["qy 'longlong", "longlong' in", 'a finite number']),
     ],
 )
-def test_a_pose_that_is_wrong_is_named_with_its_line(refusal, row, says):
+def test_error_names_line_and_value_of_a_wrong_pose(refusal, row, says):
     words = refusal(f'qx,qy,qz,qw\n0,0,0,1\n{row}\n0,0,0,1\n')
     assert words.startswith(f'invalid {says[0]}')
     for word in (*says, 'in p.csv line 3: expected'):
         assert word in words
 
 
-def test_a_decimal_comma_is_no_number(refusal):
+def test_decimal_comma_is_refused(refusal):
     assert refusal('qx;qy;qz;qw\n0;0,6;0;0,8\n') == (
         "invalid qy '0,6' in p.csv line 2: expected a finite number, such as -0.5"
     )
 
 
-def test_a_status_that_is_none(refusal):
+def test_unknown_status_is_refused(refusal):
     assert refusal('qx,qy,qz,qw,Status\n0,0,0,1,ok\n') == (
         "invalid Status 'ok' in p.csv line 2: expected one of SETTLED, UNSETTLED, FAILED"
     )
@@ -150,7 +150,7 @@ def test_a_status_that_is_none(refusal):
         ('roll,pitch,yaw', 'no column is x or y or z or w'),
     ],
 )
-def test_names_that_do_not_say_where_the_quaternion_is(refusal, header, says):
+def test_header_without_complete_quaternion_is_refused(refusal, header, says):
     words = refusal(f'{header}\n')
     names = ', '.join(header.split(','))
     assert words.startswith(f'invalid column names {names!r} in p.csv line 1: {says}')
@@ -172,7 +172,7 @@ def test_names_that_do_not_say_where_the_quaternion_is(refusal, header, says):
         ),
     ],
 )
-def test_too_few_poses(refusal, text, at_least, says):
+def test_too_few_poses_are_refused(refusal, text, at_least, says):
     assert refusal(text, at_least) == says
 
 
@@ -184,14 +184,14 @@ def test_too_few_poses(refusal, text, at_least, says):
         ('qx,qy,qz,qw\n0,0,0,"' + 'long' * 50_000, 'utf-8', 'is not a CSV: field larger'),
     ],
 )
-def test_what_is_no_csv(refusal, text, encoding, says):
+def test_file_that_is_not_csv_is_refused(refusal, text, encoding, says):
     assert says in refusal(text, encoding=encoding)
 
 
 @pytest.mark.parametrize(
     ('name', 'says'), [('nowhere.csv', 'does not exist'), ('.', 'is a folder')]
 )
-def test_what_cannot_be_read(tmp_path, name, says):
+def test_unreadable_pose_file_is_refused(tmp_path, name, says):
     path = tmp_path / name
     with pytest.raises(InvalidValueError, match=says) as caught:
         read_pose_csv(path, 1)

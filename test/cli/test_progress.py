@@ -1,4 +1,4 @@
-"""Progress on standard error: a bar in a terminal, a line a second elsewhere."""
+"""Progress on standard error: a bar on a terminal, otherwise one line per second."""
 
 import fcntl
 import os
@@ -17,7 +17,7 @@ WORDS = ('drop', 'l_bracket', '--drops', 375, '--workers', 2)
 
 @pytest.fixture
 def in_terminal(begin, environment):
-    """Run the command with standard error in a terminal of 80 columns; gives all it showed."""
+    """Run the command with a terminal of 80 columns as stderr; returns all its output."""
 
     def show(*words, stdout=None):
         ours, theirs = pty.openpty()
@@ -56,18 +56,18 @@ def test_a_pipe_gets_lines_with_the_rate(run):
     assert sum('375 of' in line for line in lines) == 1
 
 
-def test_a_pipe_is_told_nothing_twice(monkeypatch, capsys):
+def test_pipe_gets_no_line_twice(monkeypatch, capsys):
     monkeypatch.setattr(progress, 'LINE_PERIOD', 0.0)
     with progress.DropProgress('part', 10) as shown:
         for done in (0, 0, 3, 3, 7, 7):
             shown.update(done)
-        shown.end(7)  # as precise as it was asked for
+        shown.end(7)  # the precision was reached early
         shown.end(7)
     lines = [line.split('  ')[0] for line in capsys.readouterr().err.splitlines()]
     assert lines == [f'part: {said} drops' for said in ('0 of 10', '3 of 10', '7 of 10', '7 of 7')]
 
 
-def test_a_terminal_gets_a_bar_with_the_rate_and_standard_output_none(in_terminal):
+def test_terminal_shows_a_bar_with_rate_on_stderr_only(in_terminal):
     printed, shown = in_terminal(*WORDS)
     assert re.search(r'375/375 \x1b\[0m ?\d+ drops/s|375/375.*?\d+ drops/s', shown)
     assert '━' in shown
@@ -76,7 +76,7 @@ def test_a_terminal_gets_a_bar_with_the_rate_and_standard_output_none(in_termina
     assert '\x1b' not in printed
 
 
-def test_no_color_is_heeded(in_terminal, environment, monkeypatch):
+def test_no_color_is_respected(in_terminal, environment, monkeypatch):
     colour = re.compile(r'\x1b\[(?:\d+;)*(?:3[0-7]|38;[\d;]+|9[0-7])m')
     assert colour.search(in_terminal(*WORDS, stdout='same')[1])
     monkeypatch.setitem(environment, 'NO_COLOR', '1')

@@ -1,4 +1,4 @@
-"""The pages of docs/reference about commands and files are compared with the code."""
+"""The reference pages of commands and files agree with the code."""
 
 import argparse
 import csv
@@ -88,7 +88,7 @@ def test_every_exit_code_is_listed():
     assert listed == sorted([main.DONE, main.FAILED, main.WRONG_INPUT, main.INTERRUPTED])
 
 
-def test_the_maximum_of_drops_is_that_of_a_run():
+def test_maximum_of_drops_is_that_of_a_run():
     assert f'at most {MAX_DROPS};' in section(COMMANDS, '## drop')
 
 
@@ -123,7 +123,7 @@ def test_every_column_of_the_poses_is_listed(run, tmp_path):
     assert keys(FILES, '## Poses') == header
 
 
-def test_the_counts_by_hand_can_be_read(tmp_path):
+def test_manual_counts_can_be_read(tmp_path):
     (text,) = code(FILES, 'csv')
     path = tmp_path / 'counts.csv'
     path.write_text(text)

@@ -1,4 +1,4 @@
-"""`resting_aspects replay`: the node as a command, with its progress and its end."""
+"""`resting_aspects replay`: wrong input, progress and end of the command."""
 
 import os
 import pty
@@ -16,13 +16,13 @@ from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.plan import plan_run
 
 DROPS, BATCH = 100, 20
-# A line that a node says.
+# A log line of the node.
 SAID = re.compile(r'(\x1b\[\d*m)?\[(INFO|WARN)\] \[\d+\.\d+\] \[replay_\d+\.log_replayer\]: .*')
 
 
 @pytest.fixture
 def log(tmp_path, part, surfaces):
-    """Five batches, half a second apart."""
+    """Write a log with five batches, half a second apart."""
     job, run = plan_run(
         part('tetrahedron'), surfaces.get(), seed=1, drops=DROPS, run_id='run', started=10**18
     )
@@ -60,7 +60,7 @@ def test_wrong_input_is_refused_in_one_line(refused, log, tmp_path, words, says)
     assert says in refused('replay', *words)
 
 
-def test_without_a_terminal_only_the_node_speaks_and_ctrl_c_ends_it(begin, log, read_until):
+def test_replay_without_terminal_prints_only_node_logs(begin, log, read_until):
     process = begin('replay', log, '--as-fast-as-possible', *ROS)
     heard = []
     end = read_until(process.stderr, lambda line: heard.append(line) or 'replayed in' in line)
@@ -70,7 +70,7 @@ def test_without_a_terminal_only_the_node_speaks_and_ctrl_c_ends_it(begin, log, 
     printed, rest = process.communicate(timeout=60)
     assert (process.returncode, printed, rest) == (0, '', '')
     assert [line for line in heard if not SAID.fullmatch(line.strip())] == []
-    assert len(heard) == 2  # what it replays, and that it has
+    assert len(heard) == 2  # start and end of the replay
 
 
 def test_a_terminal_gets_a_bar_with_the_position(begin, log, wait_until):
@@ -100,5 +100,5 @@ def test_a_terminal_gets_a_bar_with_the_position(begin, log, wait_until):
     assert positions[-1] == ('2.000', '5')
     seconds = [float(each) for each, _ in positions]
     assert seconds == sorted(seconds)
-    assert len({messages for _, messages in positions}) >= 3  # it grows
+    assert len({messages for _, messages in positions}) >= 3  # the number increases
     assert 'Traceback' not in text

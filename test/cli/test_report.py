@@ -1,4 +1,4 @@
-"""Reports from a log, from a JSON document, and at once."""
+"""Reports from a log, from a JSON document, and from `drop`."""
 
 import json
 import re
@@ -11,14 +11,14 @@ FIGURES = ('distribution', 'pie', 'convergence', 'estimates')
 
 
 def page_of(ended, folder):
-    """The page that a command says it wrote."""
+    """Return path and text of the page that a command reports."""
     assert ended.returncode == 0, ended.stderr
     path = folder / re.search(r'^Report: (.+)$', ended.stdout, re.MULTILINE)[1]
     return path, path.read_text(encoding='utf-8')
 
 
 def rows_of(page):
-    """Name and count of each row."""
+    """Return name and count of each row."""
     names = re.findall(r'<h3>(.+?)(?: <small>.*?)?</h3>', page)
     counts = re.findall(r'<span class="count">(\d+) of', page)
     return list(zip(names, map(int, counts), strict=False))
@@ -26,7 +26,7 @@ def rows_of(page):
 
 @pytest.fixture(scope='module')
 def dropped(run_in, tmp_path_factory):
-    """The folder in which the hex nut was dropped, from a mesh file, with a report."""
+    """Drop the hex nut with a report; returns the folder and the ended process."""
     folder = tmp_path_factory.mktemp('dropped')
     ended = run_in(
         folder, 'drop', 'hex_nut', '--drops', DROPS, '--seed', 3, '--out', 'o', '--report'
@@ -35,7 +35,7 @@ def dropped(run_in, tmp_path_factory):
     return folder, ended
 
 
-def test_a_report_at_once(dropped):
+def test_drop_writes_a_report(dropped):
     folder, ended = dropped
     path, page = page_of(ended, folder)
     assert path == folder / 'o' / 'report.html'
@@ -64,7 +64,7 @@ def test_a_report_at_once(dropped):
         assert said in page
 
 
-def test_a_report_of_the_document_is_the_same(dropped, run_in):
+def test_report_of_the_document_is_identical(dropped, run_in):
     folder, at_once = dropped
     ended = run_in(folder, 'report', 'o/distribution.json', '--out', 'again')
     path, page = page_of(ended, folder)
@@ -73,7 +73,7 @@ def test_a_report_of_the_document_is_the_same(dropped, run_in):
     assert (folder / 'again' / 'pie.svg').read_bytes() == (folder / 'o' / 'pie.svg').read_bytes()
 
 
-def test_the_document_says_how_the_counts_came_to_be(dropped):
+def test_document_has_the_history_of_counts(dropped):
     folder, _ = dropped
     document = json.loads((folder / 'o' / 'distribution.json').read_text())
     history = document['history']
@@ -84,7 +84,7 @@ def test_the_document_says_how_the_counts_came_to_be(dropped):
     }
 
 
-def test_a_mesh_file_is_found_again(run, tmp_path):
+def test_report_finds_the_mesh_file_again(run, tmp_path):
     (tmp_path / 'mine').mkdir()
     mesh = 'solid a\n' + ''.join(
         'facet normal 0 0 0\nouter loop\n'
@@ -105,7 +105,7 @@ def test_a_mesh_file_is_found_again(run, tmp_path):
     assert path == tmp_path / 'out' / 'corner' / 'report.html'
     assert 'id="scene"' in page
     assert '25.4 x 25.4 x 25.4 mm' in page
-    # Moved away: the numbers are there, and how to get the pictures is said.
+    # Without the mesh file the page has numbers, and a warning says how to add pictures.
     (tmp_path / 'mine' / 'corner.stl').rename(tmp_path / 'corner.stl')
     ended = run('report', 'o/distribution.json', '--out', 'without')
     _, page = page_of(ended, tmp_path)
@@ -119,7 +119,7 @@ def test_a_mesh_file_is_found_again(run, tmp_path):
 
 @pytest.fixture(scope='module')
 def log(part, surfaces, tmp_path_factory, run_in):
-    """A log of a run over ROS, by the demo."""
+    """Return a log that the demo recorded."""
     folder = tmp_path_factory.mktemp('demo')
     ended = run_in(folder, 'demo', '--out', 'demo')
     assert ended.returncode == 0, ended.stderr
@@ -128,14 +128,14 @@ def log(part, surfaces, tmp_path_factory, run_in):
 
 
 @pytest.mark.slow
-def test_a_report_of_a_log_is_that_of_its_drops(log, run_in):
+def test_report_of_a_log_equals_report_of_its_drops(log, run_in):
     folder, log = log
     asked = ('drop', 'l_bracket', '--drops', 1000, '--seed', 1, '--report', '--out', 'here')
     _, here = page_of(run_in(folder, *asked), folder)
     for path in (log, next(log.glob('*.mcap'))):
         ended = run_in(folder, 'report', path, '--out', 'logged')
         page = page_of(ended, folder)[1]
-        # The same but for when, and as which run, it was made.
+        # Only the date and the run id differ.
         assert cut(page) == cut(here)
     assert cut((folder / 'demo' / 'report.html').read_text(encoding='utf-8')) == cut(here)
 
@@ -158,13 +158,13 @@ def test_measured_and_simulated_side_by_side(dropped, run_in):
     said = float(re.search(r'<dt>mean absolute deviation</dt><dd>([\d.]+) points', page)[1])
     assert said == pytest.approx(mean, rel=0.05)
     assert (folder / 'beside' / 'comparison.png').exists()
-    # Whatever the file is called.
+    # Any file name is accepted.
     (folder / 'simulated').write_text('class,count\n1,60\n2,40\n')
     ended = run_in(
         folder, 'report', 'o/distribution.json', '--against', 'simulated', '--out', 'beside'
     )
     assert ended.returncode == 0, ended.stderr
-    # By aspect it is the same question: those that look alike are added up.
+    # Counts by aspect give the same report: those of a class are added.
     lines = ''.join(f'{k},{30 if k < 3 else 0}\n' for k in range(1, 8))
     (folder / 'each.csv').write_text(f'aspect,count\n{lines}8,40\n')
     ended = run_in(
@@ -174,12 +174,12 @@ def test_measured_and_simulated_side_by_side(dropped, run_in):
     assert again.replace('each.csv', 'hand.csv') == page
 
 
-def test_with_json_nothing_else_is_printed(run, tmp_path):
+def test_json_prints_nothing_else(run, tmp_path):
     ended = run('drop', 'tetrahedron', '--drops', 10, '--json', '--report')
     document = json.loads(ended.stdout)
     assert document['drops'] == 10
     assert (tmp_path / 'out' / 'tetrahedron' / 'report.html').exists()
-    # A document of standard output is as good.
+    # A document from standard output is accepted, too.
     (tmp_path / 'd.json').write_text(ended.stdout)
     assert run('report', 'd.json').returncode == 0
 
@@ -198,7 +198,7 @@ def test_with_json_nothing_else_is_printed(run, tmp_path):
         (['half.json'], 'invalid aspects[0].orientation'),
     ],
 )
-def test_wrong_input_is_told_in_a_line(run_in, refused, tmp_path, words, said):
+def test_wrong_input_is_refused_with_one_line(run_in, refused, tmp_path, words, said):
     (tmp_path / 'empty').mkdir()
     (tmp_path / 'few.csv').write_text('class,count\n1,3\n2,4\n')
     (tmp_path / 'other.json').write_text('{}')
@@ -211,7 +211,7 @@ def test_wrong_input_is_told_in_a_line(run_in, refused, tmp_path, words, said):
     assert said in refused('report', *words)
 
 
-def test_a_report_that_cannot_be_written_is_refused_before_the_drops(refused, tmp_path):
+def test_unwritable_report_is_refused_before_the_drops(refused, tmp_path):
     (tmp_path / 'out').write_text('')
     assert "invalid --report 'out/l_bracket': expected a folder" in refused(
         'drop', 'l_bracket', '--report'

@@ -1,4 +1,4 @@
-"""`nodes` and `request`: the suite in one process, asked from another."""
+"""`nodes` and `request`: the suite in one process, a client in another."""
 
 import json
 import os
@@ -29,7 +29,7 @@ def test_wrong_input_is_refused_without_a_suite(refused, words, says):
         assert word in line
 
 
-def test_a_running_suite_answers_in_every_form(begin, run, read_until, wait_until, tmp_path):
+def test_request_returns_every_form_of_result(begin, run, read_until, wait_until, tmp_path):
     ros = ('--ros-args', '-r', f'__ns:=/request_{os.getpid()}')
     nodes = begin('nodes', *ros, '-p', 'log_folder:=logs')
 
@@ -38,14 +38,14 @@ def test_a_running_suite_answers_in_every_form(begin, run, read_until, wait_unti
     assert ended.returncode == 0, ended.stderr
     dropped = json.loads(run('drop', *asked[1:], '--json').stdout)
     document = json.loads(ended.stdout)
-    # The same drops, and the same fields for a reader that does not care who made them.
+    # The drops and the fields are the same as those of `drop`.
     assert document.keys() == dropped.keys()
     for of in (document, dropped):
         del of['run_id'], of['started']
     for asked_for, made_here in zip(document['aspects'], dropped['aspects'], strict=True):
-        # On the wire it is a polygon of float32.
+        # The message has a polygon of float32.
         assert np.allclose(asked_for.pop('support'), made_here.pop('support'), atol=1e-8)
-    assert document.pop('history') is None  # which a service does not tell
+    assert document.pop('history') is None  # not part of the service
     del dropped['history']
     assert document == dropped
     with Image.open(tmp_path / 'p.png') as picture:
@@ -74,7 +74,7 @@ def test_a_running_suite_answers_in_every_form(begin, run, read_until, wait_unti
         r'requested the same drops',
         last,
     )
-    # What was dropped until then is logged, and the log is closed.
+    # The completed drops are logged, and the log is closed.
     wait_until(lambda: len(list(tmp_path.glob('logs/tetrahedron_*/metadata.yaml'))) == 2)
 
     nodes.send_signal(signal.SIGINT)
@@ -83,7 +83,7 @@ def test_a_running_suite_answers_in_every_form(begin, run, read_until, wait_unti
     assert 'Traceback' not in errors
 
 
-def test_ctrl_c_before_anything_was_heard_of_a_run(begin, wait_until):
+def test_ctrl_c_before_the_first_progress_of_a_run(begin, wait_until):
     process = begin('request', 'washer', '--ros-args', '-r', f'__ns:=/nobody_{os.getpid()}')
     maps = Path(f'/proc/{process.pid}/maps')
     wait_until(lambda: 'rclpy' in maps.read_text())
@@ -94,7 +94,7 @@ def test_ctrl_c_before_anything_was_heard_of_a_run(begin, wait_until):
 
 
 @pytest.mark.slow
-def test_without_a_surface_it_is_that_of_the_simulator(begin, run):
+def test_default_surface_is_that_of_the_simulator(begin, run):
     ros = ('--ros-args', '-r', f'__ns:=/request_surface_{os.getpid()}')
     begin('nodes', *ros, '-p', 'log_folder:=logs', '-p', 'surface:=steel')
 
@@ -110,7 +110,7 @@ def test_without_a_surface_it_is_that_of_the_simulator(begin, run):
 
 
 @pytest.mark.slow
-def test_a_condition_alone_needs_a_simulator_that_says_of_which_surface(run):
+def test_condition_without_surface_needs_the_default_surface(run):
     ros = ('--ros-args', '-r', f'__ns:=/request_nobody_{os.getpid()}')
     ended = run('request', 'tetrahedron', '--friction', '0.4', *ros)
     assert (ended.returncode, ended.stdout) == (1, '')

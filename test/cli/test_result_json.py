@@ -1,4 +1,4 @@
-"""Documents that are read back: what is wrong in one is named in one line."""
+"""Reading of JSON documents: an error names the wrong field in one line."""
 
 import contextlib
 import copy
@@ -18,7 +18,7 @@ from resting_aspects_ros.simulation.conditions import QUANTITIES
 
 @pytest.fixture(scope='module')
 def original(run_in, tmp_path_factory):
-    """Give a document of `drop`, and where it is."""
+    """Return a document of `drop`, and its path."""
     folder = tmp_path_factory.mktemp('documents')
     ended = run_in(folder, 'drop', 'box_10x20x30', '--drops', 25, '--seed', 3, '--json')
     path = folder / 'd.json'
@@ -28,7 +28,7 @@ def original(run_in, tmp_path_factory):
 
 @pytest.fixture
 def refusal(tmp_path):
-    """Give the words with which a content is refused; the file is called f.json there."""
+    """Return the error for a content; the file is called f.json in it."""
 
     def words(text):
         path = tmp_path / 'f.json'
@@ -44,13 +44,13 @@ def refusal(tmp_path):
 
 
 def places(value, path=()):
-    """All places in a document, with their values."""
+    """Yield all places in a document, with their values."""
     if path:
         yield path, value
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from places(inner, (*path, key))
-    elif isinstance(value, list) and value:  # the first element stands for all
+    elif isinstance(value, list) and value:  # the first element represents all
         yield from places(value[0], (*path, 0))
 
 
@@ -72,7 +72,7 @@ NOT_READ = ('classes', 'mesh_sha256', 'method', 'history', 'convergence', 'mesh_
 
 
 def read_places(document):
-    """The places that are read, of which none may be missing."""
+    """Return the places of required fields."""
     fields = {k: v for k, v in document.items() if k not in NOT_READ}
     unread = {'rests_on', 'probability', 'lower', 'upper'}
     return [(p, value) for p, value in places(fields) if p[-1] not in unread]
@@ -87,7 +87,7 @@ def test_a_document_of_drop_is_read(original):
     assert document['schema_version'] == SCHEMA_VERSION
 
 
-def test_every_field_of_a_wrong_type_is_named_with_its_value(original, refusal):
+def test_error_names_field_and_value_of_a_wrong_type(original, refusal):
     _, document = original
     found = read_places(document)
     assert len(found) > 40
@@ -98,7 +98,7 @@ def test_every_field_of_a_wrong_type_is_named_with_its_value(original, refusal):
         assert ' in f.json: expected ' in said
 
 
-def test_every_field_that_is_missing_is_named(original, refusal):
+def test_error_names_every_missing_field(original, refusal):
     _, document = original
     optional = {'rolls', 'complete', 'run_id', 'body'}
     for place, _ in read_places(document):
@@ -132,7 +132,7 @@ def test_every_field_that_is_missing_is_named(original, refusal):
         (('aspects', 0, 'down_in_part'), [0, 1], 'f.json has no aspects[0].down_in_part[2]'),
     ],
 )
-def test_what_is_wrong_in_a_document(original, refusal, place, value, said):
+def test_invalid_document_is_refused(original, refusal, place, value, said):
     assert said in refusal(json.dumps(changed(original[1], place, value)))
 
 
@@ -152,7 +152,7 @@ def test_what_is_wrong_in_a_document(original, refusal, place, value, said):
         ('{"method": "rolling"}', "f.json is of method 'rolling': expected"),
     ],
 )
-def test_what_is_no_document_of_a_distribution(refusal, text, said):
+def test_other_json_documents_are_refused(refusal, text, said):
     assert said in refusal(text)
 
 
@@ -165,7 +165,7 @@ anything = st.recursive(
 
 @settings(max_examples=60)
 @given(data=st.data())
-def test_any_value_anywhere_is_read_or_refused(original, data):
+def test_any_value_in_any_field_is_read_or_refused(original, data):
     path, document = original
     place = data.draw(st.sampled_from([place for place, _ in places(document)]))
     text = json.dumps(changed(document, place, data.draw(anything)))
@@ -194,9 +194,7 @@ def test_a_report_refuses_a_wrong_field(refused, original, tmp_path, field):
         ('support', [[0, 0], [1e308, 0], [0, 1e308]]),
     ],
 )
-def test_a_report_refuses_an_aspect_that_cannot_be_shown(
-    refused, original, tmp_path, field, value
-):
+def test_report_refuses_an_aspect_that_it_cannot_show(refused, original, tmp_path, field, value):
     wrong = changed(original[1], ('aspects', 0, field), value)
     (tmp_path / 'f.json').write_text(json.dumps(wrong), encoding='utf-8')
     assert f'invalid {field} ' in refused('report', 'f.json')
@@ -210,7 +208,7 @@ def test_only_a_regular_file_is_read(refused, tmp_path):
         assert "'/dev/zero' is a device: expected" in refused(*words, '/dev/zero')
 
 
-def test_a_large_file_is_refused_unread(refused, tmp_path):
+def test_large_file_is_refused_without_reading(refused, tmp_path):
     with (tmp_path / 'large').open('wb') as file:
         file.truncate(1 << 40)
     for words in (('report',), ('classify',)):

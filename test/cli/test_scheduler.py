@@ -1,4 +1,4 @@
-"""`drop --scheduler`: the same drops on a Dask cluster, and in the same order to their end."""
+"""`drop --scheduler`: the same drops on a Dask cluster, with an orderly end."""
 
 import os
 import re
@@ -17,35 +17,33 @@ def some_done(line):
 
 @pytest.fixture(scope='module')
 def undisturbed(run_in, tmp_path_factory):
-    """The table and the poses as this machine makes them."""
+    """Return the table and the poses of a run on this machine."""
     folder = tmp_path_factory.mktemp('undisturbed')
     ended = run_in(folder, *WORDS, '--poses', 'p.csv')
     assert ended.returncode == 0, ended.stderr
     return ended.stdout, (folder / 'p.csv').read_bytes()
 
 
-def test_a_worker_that_is_killed_in_the_middle_costs_no_drop(
-    cluster, begin, wait_for_poses, undisturbed, tmp_path
-):
+def test_killed_worker_loses_no_drop(cluster, begin, wait_for_poses, undisturbed, tmp_path):
     process = begin(*WORDS, '--scheduler', cluster.scheduler_address, '--poses', 'p.csv')
     wait_for_poses('p')
     (killed, *_) = [nanny.pid for nanny in cluster.workers.values()]
     os.kill(killed, signal.SIGKILL)
     printed, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors
-    # The scheduler sees to it: there is nothing to tell.
+    # The scheduler repeats the drops without a message.
     assert {line for line in errors.splitlines() if not line.startswith('tetrahedron: ')} == set()
     assert (printed, (tmp_path / 'p.csv').read_bytes()) == undisturbed
 
 
 @pytest.mark.parametrize('to', ['group', pytest.param('command', marks=pytest.mark.slow)])
-def test_ctrl_c_saves_what_was_done_and_leaves_the_cluster_as_it_was(
+def test_ctrl_c_saves_results_and_keeps_the_cluster(
     cluster, begin, ended, read_until, wait_until, to
 ):
     process = begin(*MANY, '--scheduler', cluster.scheduler_address, *OUTPUTS)
     read_until(process.stderr, some_done)
     assert cluster.scheduler.tasks
-    if to == 'group':  # as a terminal does
+    if to == 'group':  # like a terminal
         os.killpg(process.pid, signal.SIGINT)
     else:
         process.send_signal(signal.SIGTERM)
@@ -56,8 +54,8 @@ def test_ctrl_c_saves_what_was_done_and_leaves_the_cluster_as_it_was(
     assert len(cluster.scheduler.workers) == 2
 
 
-@pytest.mark.slow  # test/simulation has it without the command
-def test_a_cluster_that_goes_away_ends_it_in_words(make_cluster, begin, ended, read_until):
+@pytest.mark.slow  # test/simulation tests it without the command
+def test_lost_cluster_ends_the_run_with_an_error(make_cluster, begin, ended, read_until):
     with make_cluster(1) as cluster:
         process = begin(*MANY, '--scheduler', cluster.scheduler_address, *OUTPUTS)
         read_until(process.stderr, some_done)
@@ -70,21 +68,21 @@ def test_a_cluster_that_goes_away_ends_it_in_words(make_cluster, begin, ended, r
     )
 
 
-def test_a_scheduler_that_is_not_there_is_refused_in_a_line(make_cluster, refused):
+def test_unreachable_scheduler_is_refused_with_one_line(make_cluster, refused):
     line = refused(*WORDS, '--scheduler', 'tcp://127.0.0.1:1', '--out', 'o')
     assert line.startswith(
         "error: invalid scheduler 'tcp://127.0.0.1:1': expected the address of a Dask scheduler; "
     )
 
 
-def test_workers_of_this_machine_and_of_a_cluster_are_not_both_to_be_had(refused):
+def test_workers_and_scheduler_exclude_each_other(refused):
     line = refused(*WORDS, '--workers', 2, '--scheduler', 'tcp://127.0.0.1:1')
     words = 'error: argument --scheduler: not allowed with argument --workers'
     assert line == f'{words} (see resting_aspects drop --help)'
 
 
-def test_without_dask_it_says_what_to_install(run_process, tmp_path):
-    # The folder in which the command is run is looked at before what is installed.
+def test_missing_dask_error_names_the_package(run_process, tmp_path):
+    # Python searches the working folder before the installed packages.
     (tmp_path / 'distributed.py').write_text('raise ImportError\n', encoding='utf-8')
     ended = run_process(*WORDS, '--scheduler', 'tcp://127.0.0.1:1')
     words = (

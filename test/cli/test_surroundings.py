@@ -36,7 +36,7 @@ def test_files_are_written_when_standard_output_is_closed(run_process, tmp_path)
     assert (tmp_path / 'o' / 'poses.csv').stat().st_size > 0
 
 
-def test_errors_do_not_go_to_standard_output_when_stderr_is_closed(run_process):
+def test_errors_do_not_go_to_stdout_when_stderr_is_closed(run_process):
     ended = run_process(
         'aspects', 'nope', capture_output=False, stdout=subprocess.PIPE, preexec_fn=closing(2)
     )
@@ -64,7 +64,7 @@ def test_little_memory_is_named(run_process):
         ImportError('libx.so: failed to map segment from shared object'),
     ],
 )
-def test_refused_memory_is_told_in_one_line(run, monkeypatch, error):
+def test_refused_memory_is_reported_in_one_line(run, monkeypatch, error):
     def refuse(*_):
         try:
             raise error
@@ -110,7 +110,7 @@ def test_sighup_ends_a_command_as_ctrl_c_does(begin, read_until):
 @pytest.mark.parametrize(
     'domain', ['999999', '233', '-1', 'abc', '9' * 5000, '0' * 20 + '999', '\x1b[31m']
 )
-def test_a_ros_domain_that_cannot_be(run, environment, domain):
+def test_invalid_ros_domain_is_refused(run, environment, domain):
     for words in (['nodes'], ['request', 'tetrahedron']):
         ended = run(*words, env={**environment, 'ROS_DOMAIN_ID': domain})
         assert (ended.returncode, ended.stdout) == (2, '')
@@ -152,7 +152,7 @@ ODD = 'a\x1b[31m\x07b'
     ],
     ids=lambda words: '_'.join(words).replace('{}', ''),
 )
-def test_an_error_is_short_and_printable_whatever_was_given(run, value, words):
+def test_errors_are_short_and_printable_for_any_input(run, value, words):
     ended = run(*(word.format(value) for word in words))
     assert ended.returncode in (1, 2)
     (line,) = ended.stderr.splitlines()

@@ -1,4 +1,4 @@
-"""Flags that cannot be meant: exit code 2, and a line that says what is allowed."""
+"""Invalid values of flags: exit code 2, and one line that states what was expected."""
 
 import json
 import os
@@ -36,7 +36,7 @@ from resting_aspects_ros.simulation.conditions import QUANTITIES
     ],
     ids=' '.join,
 )
-def test_a_value_that_is_not_allowed(refused, words, says):
+def test_invalid_value_is_refused(refused, words, says):
     line = refused('drop', 'tetrahedron', *words)
     for word in says:
         assert word in line
@@ -58,7 +58,7 @@ def test_every_condition_has_a_flag_with_its_bounds(refused, name):
 
 @pytest.fixture
 def blocked(tmp_path):
-    """Give a file where a folder should be."""
+    """Write a file in place of a folder."""
     path = tmp_path / 'file'
     path.write_text('', encoding='utf-8')
     return path
@@ -75,23 +75,23 @@ def blocked(tmp_path):
         ('--poses', '/proc/p.csv', 'expected a file that can be written'),
     ],
 )
-def test_what_cannot_be_written_is_refused_before_a_drop(
+def test_unwritable_output_is_refused_before_the_drops(
     refused, tmp_path, blocked, flag, value, says
 ):
     (tmp_path / 'folder').mkdir()
-    # Far more drops than the deadline allows.
+    # The deadline is too short for so many drops.
     line = refused('drop', 'l_bracket', '--drops', 2_000_000, flag, value)
     assert f"invalid {flag} '{value}" in line
     assert says in line
 
 
-def test_a_folder_in_place_of_a_file_in_out(refused, tmp_path):
+def test_folder_in_place_of_an_output_file_is_refused(refused, tmp_path):
     (tmp_path / 'o' / 'distribution.png').mkdir(parents=True)
     line = refused('drop', 'l_bracket', '--drops', 2_000_000, '--out', 'o')
     assert os.path.join('o', 'distribution.png') in line  # noqa: PTH118
 
 
-def test_a_full_disk_is_a_line_and_loses_no_answer(run):
+def test_full_disk_prints_one_line_and_keeps_the_result(run):
     ended = run('drop', 'tetrahedron', '--drops', 3, '--poses', '/dev/full', '--json')
     assert ended.returncode == 1
     assert json.loads(ended.stdout)['drops'] == 3
