@@ -156,7 +156,7 @@ def _surface(message: AspectDistribution) -> str:
 
 
 def main() -> int:
-    """Run the node until it is told to stop; returns the exit code."""
+    """Run the node until it is stopped; returns the exit code."""
     lines = [f'  {name:9} {text} (default {default})' for name, default, text in PARAMETERS]
     parser = argparse.ArgumentParser(
         usage='%(prog)s [--ros-args -p name:=value ... -r __ns:=/namespace]',

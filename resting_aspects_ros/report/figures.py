@@ -116,7 +116,7 @@ def estimates_figure(
         ends = [y - tall / 2, y + tall / 2]
         axes.plot([row.interval.probability] * 2, ends, color=TEXT, linewidth=1.4)
     for name, shares in estimates.items():
-        marker = MARKERS[list(METHODS).index(name)]
+        marker = MARKERS[list(METHODS).index(name) % len(MARKERS)]
         axes.plot(
             shares,
             row_axes.places,

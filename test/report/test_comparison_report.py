@@ -44,11 +44,11 @@ def test_table_has_a_row_for_each_aspect_and_outcome():
     assert shown[:2] == [['[A]'], ['[B]']]
     # Intervals of 50, 30 and 20 of 100 are Wilson's.
     wilson = [binomtest(k, 100).proportion_ci(method='wilson') for k in (50, 30, 20)]
-    told = [f'{100 * each.low:.0f} to {100 * each.high:.0f}' for each in wilson]
+    texts = [f'{100 * each.low:.0f} to {100 * each.high:.0f}' for each in wilson]
     assert [row[:5] for row in shown[5:8]] == [
-        ['1', '0.00', '0.00 -1.00', '50', told[0]],
-        ['3', '+0.60 -0.80', '0.00', '30', told[1]],
-        ['7', 'rolls', '20', told[2], '40'],
+        ['1', '0.00', '0.00 -1.00', '50', texts[0]],
+        ['3', '+0.60 -0.80', '0.00', '30', texts[1]],
+        ['7', 'rolls', '20', texts[2], '40'],
     ]
     assert [row[-2] for row in shown[5:8]] == ['+10.0', '+10.0', '-20.0']
     assert [row[:2] for row in shown[9:12]] == [

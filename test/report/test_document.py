@@ -82,16 +82,16 @@ def test_numbers_match_the_distribution(distribution):
     aspects = document['aspects']
     assert [a['count'] for a in aspects] == [278, 271, 249, 131, 0]
     assert sum(a['count'] for a in aspects) + 1 + 2 + 3 == document['drops']
-    for told, aspect, interval in zip(
+    for written, aspect, interval in zip(
         aspects, distribution.aspects.aspects, distribution.intervals(), strict=True
     ):
-        assert told['id'] == aspect.id
-        assert told['down_in_part'] == aspect.down_in_part.tolist()
-        assert told['orientation'] == aspect.orientation.tolist()
-        assert told['support'] == aspect.support.tolist()
-        assert told['com_height'] == aspect.com_height
-        assert told['probability'] == told['count'] / document['drops'] == interval.probability
-        assert (told['lower'], told['upper']) == (interval.lower, interval.upper)
+        assert written['id'] == aspect.id
+        assert written['down_in_part'] == aspect.down_in_part.tolist()
+        assert written['orientation'] == aspect.orientation.tolist()
+        assert written['support'] == aspect.support.tolist()
+        assert written['com_height'] == aspect.com_height
+        assert written['probability'] == written['count'] / document['drops'] == interval.probability
+        assert (written['lower'], written['upper']) == (interval.lower, interval.upper)
 
 
 def test_no_number_is_minus_zero(distribution):
@@ -111,11 +111,11 @@ def test_run_values_become_plain_types(distribution):
             'drops': 10**6,
         },
     )
-    told = json.loads(to_json(document))
-    assert told['conditions'] == {'height': 0.06, 'side': 'LEFT'}
-    assert (told['volume'], told['mass'], told['inertia']) == (None, 2.0, [[1.0, None]])
-    assert (told['seed'], told['names']) == (2**64 - 1, ['a', 'b'])
-    assert told['drops'] == distribution.drops  # those counted, not those asked for
+    written = json.loads(to_json(document))
+    assert written['conditions'] == {'height': 0.06, 'side': 'LEFT'}
+    assert (written['volume'], written['mass'], written['inertia']) == (None, 2.0, [[1.0, None]])
+    assert (written['seed'], written['names']) == (2**64 - 1, ['a', 'b'])
+    assert written['drops'] == distribution.drops  # those counted, not those asked for
 
 
 def test_document_without_drops_is_valid(distribution):

@@ -205,9 +205,9 @@ def test_comparison_texts_match_the_comparison(page, bracket):
     chance = said['chance alone produces a difference this large']
     assert re.fullmatch(r'in \d+ % of cases', chance)
     cells = [words(each) for each in page.all('td')]
-    told = [re.findall(r'[+-][\d.]+', c) for c in cells if re.match(r'[+-][\d.]+ \(', c)]
+    shown = [re.findall(r'[+-][\d.]+', c) for c in cells if re.match(r'[+-][\d.]+ \(', c)]
     expected = np.stack([found.deviation, found.lower, found.upper], axis=1)
-    np.testing.assert_allclose(np.array(told, dtype=float), 100 * expected, atol=0.51)
+    np.testing.assert_allclose(np.array(shown, dtype=float), 100 * expected, atol=0.51)
     # What was counted in no aspect is beside it.
     assert any(words(each) == 'unclassified, of all drops' for each in page.all('th'))
     said = words(page.all('p', **{'class': 'verdict'})[0])

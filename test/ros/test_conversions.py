@@ -172,7 +172,7 @@ def test_invalid_poses_are_rejected(field, value, expected):
 def test_invalid_run_description_is_rejected(field, value):
     message = conversions.run_msg(RUN)
     setattr(message, field, value)
-    with pytest.raises(InvalidValueError, match=r'.*(, allowed is |: expected )') as caught:
+    with pytest.raises(InvalidValueError, match=': expected ') as caught:
         conversions.run_from(message)
     assert len(str(caught.value)) < 300
 

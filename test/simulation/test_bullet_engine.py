@@ -213,7 +213,7 @@ def test_maximum_seed_and_index_are_supported(part, mat, seed):
     poses = drop_chunk(job, first, first + 2)
     assert (poses.first_drop, poses.end) == (first, first + 2)
     assert (poses.status == RestStatus.SETTLED).all()
-    # Also where a whole number outgrows 63 bits.
+    # Also where an integer exceeds 63 bits.
     low = 2**63 - 1
     assert len(drop_chunk(job, low, low + 2)) == 2
 
