@@ -43,13 +43,7 @@ from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """A run that is ready to be simulated.
-
-    job : DropJob
-        Input of the workers.
-    empty : Distribution
-        Distribution over the aspects of the part, without drops.
-    """
+    """A run that is ready to be simulated; ``empty`` is its distribution without drops."""
 
     job: DropJob
     run: RunDescription
