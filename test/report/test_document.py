@@ -90,7 +90,8 @@ def test_numbers_match_the_distribution(distribution):
         assert written['orientation'] == aspect.orientation.tolist()
         assert written['support'] == aspect.support.tolist()
         assert written['com_height'] == aspect.com_height
-        assert written['probability'] == written['count'] / document['drops'] == interval.probability
+        assert written['probability'] == interval.probability
+        assert written['probability'] == written['count'] / document['drops']
         assert (written['lower'], written['upper']) == (interval.lower, interval.upper)
 
 
