@@ -74,6 +74,7 @@ def compare(
     a, b : DropResult, str or Path
         A result, or a file: a log (the folder of a run, or its .mcap file), a JSON document of
         `resting_aspects drop` or `request`, or a CSV with columns aspect (or class) and count.
+        Reading a log imports ROS.
     confidence : float
         Confidence of the bounds, which hold for all aspects together: more than 0.5 and less
         than 1.

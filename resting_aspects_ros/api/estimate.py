@@ -124,6 +124,7 @@ def estimate(
         those of rubber_mat.
     against : str or Path, optional
         Drops of the part to compare with: a log, a JSON document, or a CSV of counts.
+        Reading a log imports ROS.
     **conditions : float
         Conditions that differ from the surface, in SI units, such as ``height=0.1``.
 

@@ -43,7 +43,8 @@ def test_no_ros_is_imported():
     code = (
         'import sys, resting_aspects_ros as ra\n'
         "light = 'numpy' in sys.modules\n"
-        "ra.drop('tetrahedron', drops=10, workers=1)\n"
+        "a, b = (ra.drop('tetrahedron', drops=30, seed=k, workers=1) for k in (1, 2))\n"
+        "ra.compare(a, b), ra.estimate('tetrahedron'), ra.classify(a.poses, 'tetrahedron')\n"
         "print(light, 'rclpy' in sys.modules)\n"
     )
     # No `if __name__ == '__main__'` is needed.
@@ -187,7 +188,7 @@ def test_ctrl_c_ends_the_drops_and_their_workers():
     )
     assert 'of 1000000 drops' in script.stderr.readline()
     script.send_signal(signal.SIGINT)
-    assert script.communicate()[0].split(maxsplit=1) == ['interrupted', '[]\n']
+    assert script.communicate(timeout=150)[0].split(maxsplit=1) == ['interrupted', '[]\n']
 
 
 def test_progress_is_shown_if_requested(workers, capsys):

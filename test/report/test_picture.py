@@ -158,7 +158,7 @@ def test_part_has_the_size_of_its_projection(part, name):
         assert extent(images[a]) * spans[b] / spans[a] == pytest.approx(extent(images[b]), abs=3)
     hull = shape.hull_vertices
     for image, aspect in zip(images, aspects, strict=True):
-        # Whatever the turn about the vertical, the picture's height is between these; the hull's
+        # For any turn about the vertical the picture's height is between these: the hull's
         # extents, not the renderer's.
         rise = np.ptp(hull @ aspect.down_in_part) * np.linalg.norm(OBLIQUE[1, 2])
         wide = 2 * np.linalg.norm(hull - hull.mean(axis=0), axis=1).max()
