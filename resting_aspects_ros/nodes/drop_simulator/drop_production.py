@@ -101,8 +101,8 @@ class DropProducer:
         """
         requested = drops.requested
         batches = PoseBatches(batch_size(requested.drops))
-        total = no_drops(await self._find_aspects(part)) if requested.precision else None
         try:
+            total = no_drops(await self._find_aspects(part)) if requested.precision else None
             async with aclosing(self._workers.chunks(job, requested)) as chunks:
                 async for chunk in chunks:
                     self.drops.add(len(chunk))
