@@ -20,7 +20,7 @@ from resting_aspects_ros.simulation.surfaces import Surfaces
 ROOT = Path(__file__).resolve().parents[1]
 
 # Timeout of every wait, s; with free cores, a fraction of it is enough.
-DEADLINE = 150.0
+DEADLINE = 600.0
 
 # On a loaded machine, slow examples and slow generation of examples are not failures.
 hypothesis.settings.register_profile(

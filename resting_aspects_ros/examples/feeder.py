@@ -175,6 +175,10 @@ def main() -> int:
     except (InvalidValueError, ParameterException, NameValidationException) as error:
         print('error:', ' '.join(str(error).split()), file=sys.stderr)
         return 2
+    except Exception:
+        if rclpy.ok():
+            raise
+        # Otherwise Ctrl-C stopped ROS while a callback was publishing.
     finally:
         rclpy.try_shutdown()
     return 0

@@ -188,7 +188,7 @@ def test_ctrl_c_ends_the_drops_and_their_workers():
     )
     assert 'of 1000000 drops' in script.stderr.readline()
     script.send_signal(signal.SIGINT)
-    assert script.communicate(timeout=150)[0].split(maxsplit=1) == ['interrupted', '[]\n']
+    assert script.communicate(timeout=600)[0].split(maxsplit=1) == ['interrupted', '[]\n']
 
 
 def test_progress_is_shown_if_requested(workers, capsys):

@@ -23,7 +23,7 @@ from resting_aspects_ros.simulation.interruption import SIGNALS
 COMMAND = [sys.executable, '-m', 'resting_aspects_ros.cli']
 # Variables of the environment that would change the output.
 SETTINGS = ('PYTHONUNBUFFERED', 'NO_COLOR', 'FORCE_COLOR', 'COLUMNS', 'TTY_COMPATIBLE')
-DEADLINE = 60.0
+DEADLINE = 600.0
 
 
 @pytest.fixture(scope='session')

@@ -123,7 +123,7 @@ def test_ctrl_c_in_the_middle(begin, nodes_of, left, read_until, tmp_path):
     nodes = nodes_of(process.pid)
     read_until(process.stderr, lambda line: re.match(r'l_bracket: [1-9]\d* of 1000', line))
     os.killpg(process.pid, signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=600)
     assert process.returncode == 130, errors
     assert errors.splitlines()[-1] == 'interrupted'
     left(process.pid, nodes)
@@ -136,7 +136,7 @@ def test_ctrl_c_as_it_starts(begin, nodes_of, left, tmp_path):
     assert process.stdout.readline().startswith('Starting ')
     nodes = nodes_of(process.pid)
     os.killpg(process.pid, signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=600)
     assert process.returncode == 130
     assert errors == 'interrupted\n'
     left(process.pid, nodes)
@@ -164,7 +164,7 @@ def test_a_node_that_dies_is_named_with_its_log(begin, nodes_of, left, read_unti
     nodes = nodes_of(process.pid)
     read_until(process.stderr, lambda line: re.match(r'l_bracket: [1-9]\d* of 1000', line))
     os.kill(nodes['drop_simulator'], signal.SIGKILL)
-    printed, errors = process.communicate(timeout=60)
+    printed, errors = process.communicate(timeout=600)
     assert process.returncode == 1
     assert errors.splitlines()[-1] == (
         "error: drop_simulator ended by signal SIGKILL: see 'o/drop_simulator.log'"

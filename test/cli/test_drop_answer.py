@@ -208,7 +208,7 @@ def test_closed_pipe_prints_no_error(begin, environment):
     os.close(reader)
     process = begin(*WORDS, '--drops', 1, '--json', stdout=writer)
     os.close(writer)
-    errors = process.communicate(timeout=60)[1]
+    errors = process.communicate(timeout=600)[1]
     assert 'Traceback' not in errors
     assert 'Broken' not in errors
     assert process.returncode == 1

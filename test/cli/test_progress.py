@@ -28,7 +28,7 @@ def in_terminal(begin, environment):
         options = {} if stdout is None else {'stdout': theirs}
         process = begin(*words, stderr=theirs, **options)
         os.close(theirs)
-        printed = process.communicate(timeout=60)[0]
+        printed = process.communicate(timeout=600)[0]
         reader.join()
         os.close(ours)
         assert process.returncode == 0

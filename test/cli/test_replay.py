@@ -67,7 +67,7 @@ def test_replay_without_terminal_prints_only_node_logs(begin, log, read_until):
     assert ': 5 messages; latched topics stay available until Ctrl-C' in end
     assert process.poll() is None
     process.send_signal(signal.SIGINT)
-    printed, rest = process.communicate(timeout=60)
+    printed, rest = process.communicate(timeout=600)
     assert (process.returncode, printed, rest) == (0, '', '')
     assert [line for line in heard if not SAID.fullmatch(line.strip())] == []
     assert len(heard) == 2  # start and end of the replay
@@ -90,7 +90,7 @@ def test_a_terminal_gets_a_bar_with_the_position(begin, log, wait_until):
     os.close(theirs)
     wait_until(lambda: b'replayed in' in shown)
     process.send_signal(signal.SIGTERM)
-    printed, _ = process.communicate(timeout=60)
+    printed, _ = process.communicate(timeout=600)
     reader.join()
     os.close(ours)
     assert (process.returncode, printed) == (0, '')

@@ -29,7 +29,7 @@ def test_killed_worker_loses_no_drop(cluster, begin, wait_for_poses, undisturbed
     wait_for_poses('p')
     (killed, *_) = [nanny.pid for nanny in cluster.workers.values()]
     os.kill(killed, signal.SIGKILL)
-    printed, errors = process.communicate(timeout=60)
+    printed, errors = process.communicate(timeout=600)
     assert process.returncode == 0, errors
     # The scheduler repeats the drops without a message.
     assert {line for line in errors.splitlines() if not line.startswith('tetrahedron: ')} == set()

@@ -102,7 +102,7 @@ def test_sighup_ends_a_command_as_ctrl_c_does(begin, read_until):
     process = begin('drop', 'tetrahedron', '--drops', 200_000, '--workers', 1)
     read_until(process.stderr, lambda line: True)
     process.send_signal(signal.SIGHUP)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=600)
     assert process.returncode == 130
     assert 'Traceback' not in errors
 

@@ -54,7 +54,7 @@ from resting_aspects_ros.simulation.plan import plan_run
 
 SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 # Timeout of every wait, s; with free cores, a fraction of it is enough.
-DEADLINE = 150.0
+DEADLINE = 600.0
 OUTCOMES = {
     GoalStatus.STATUS_SUCCEEDED: 'succeeded',
     GoalStatus.STATUS_CANCELED: 'canceled',

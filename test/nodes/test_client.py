@@ -33,7 +33,7 @@ from resting_aspects_ros.core.estimators.estimate import estimate
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.ros.conversions import run_from
 
-DEADLINE = 60.0
+DEADLINE = 600.0
 
 
 @pytest.fixture

@@ -64,7 +64,7 @@ def test_slow_subscriber_receives_a_long_run(suite, connect, quick, drops):
         suite.client.spin(0.2)
         return drop.done
 
-    suite.client.wait(done, 'run', seconds=500)
+    suite.client.wait(done, 'run', seconds=2000)
     assert drop.result.drops == drops
     slow.wait(lambda: received[-1].last and received[-1].run.seed == drops, 'last batch')
     batches = [batch for batch in received if batch.run.seed == drops]

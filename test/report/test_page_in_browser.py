@@ -33,7 +33,7 @@ def look():
     def look(folder, width=DESK, scheme='light', webgl='with'):
         command = ['node', JS / 'look.js', chromium, folder / 'report.html', str(width), scheme]
         ended = subprocess.run(
-            [*command, webgl], capture_output=True, text=True, check=False, timeout=240
+            [*command, webgl], capture_output=True, text=True, check=False, timeout=600
         )
         assert ended.returncode == 0, ended.stderr
         return json.loads(ended.stdout)

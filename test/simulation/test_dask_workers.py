@@ -58,7 +58,7 @@ def test_lookahead_follows_the_number_of_workers(cluster, workers):
     assert workers.lookahead() == 4
     cluster.scale(3)
     try:
-        cluster.wait_for_workers(3, timeout=60)
+        cluster.wait_for_workers(3, timeout=600)
         assert max(workers.lookahead() for _ in range(3)) == 6
     finally:
         cluster.scale(2)

@@ -29,7 +29,7 @@ from resting_aspects_ros.simulation.process_workers import (
     default_workers,
 )
 
-DEADLINE = 60.0  # s; finds what hangs
+DEADLINE = 600.0  # s; finds what hangs
 # What a pipe holds: a job of more than this once blocked the end of a run for ever.
 PIPE = 64 * 1024
 LARGE = 'solid'  # a part with such a job
