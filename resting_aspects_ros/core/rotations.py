@@ -46,6 +46,22 @@ def composed(first: Array, second: Array) -> Array:
     return _unit(np.stack(product, axis=-1))
 
 
+def product(first: Array, second: Array) -> Array:
+    """Return unit quaternions (n, 4) of the rotations ``second``, each followed by ``first``.
+
+    Row by row, so that the result of a row does not depend on the number of rows.
+    """
+    a, b, c, w = first.T
+    x, y, z, v = second.T
+    rows = (
+        w * x + v * a + (b * z - c * y),
+        w * y + v * b + (c * x - a * z),
+        w * z + v * c + (a * y - b * x),
+        w * v - a * x - b * y - c * z,
+    )
+    return canonical(np.stack(rows, axis=-1))
+
+
 def _unit(xyzw: Array) -> Array:
     x, y, z, w = xyzw.T
     return np.asarray(xyzw / np.sqrt(x * x + y * y + z * z + w * w)[:, None])

@@ -6,12 +6,17 @@ documentation are tested against it.
 """
 
 import dataclasses
-import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
 from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.simulation.quantity import (
+    Quantity,
+    check_quantities,
+    quantities_of,
+    quantity,
+)
 
 
 class HeightOf(IntEnum):
@@ -27,43 +32,6 @@ class HeightOf(IntEnum):
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """A number with a unit and bounds.
-
-    label : str
-        Readable name, such as 'horizontal speed spread'.
-    above : bool
-        Whether the lower bound itself is excluded. The upper bound is always included.
-    """
-
-    label: str
-    unit: str
-    text: str
-    low: float = 0.0
-    high: float = math.inf
-    above: bool = False
-
-    def allowed(self) -> str:
-        """Return the allowed range as text, such as '0 to 10000 rad/s'."""
-        unit = f' {self.unit}' if self.unit else ''
-        lower = f'more than {self.low:g} and at most' if self.above else f'{self.low:g} to'
-        return f'{lower} {self.high:g}{unit}'
-
-    def check(self, name: str, value: Any) -> float:
-        """Return the value as a float; raises InvalidValueError if it is out of bounds."""
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        # The comparison precedes the conversion, because an integer can be too large for a float.
-        within = number and self.low <= value <= self.high and math.isfinite(value)
-        if within and (value > self.low or not self.above):
-            return float(value)
-        raise InvalidValueError(f'invalid {name} {shown(value)}: expected {self.allowed()}')
-
-
-def _quantity(label: str, unit: str, text: str, **bounds: Any) -> Any:
-    return field(metadata={'quantity': Quantity(label, unit, text, **bounds)})
-
-
-@dataclass(frozen=True)
 class DropConditions:
     """Validated conditions of a drop. Friction and restitution belong to the pair of materials.
 
@@ -73,37 +41,37 @@ class DropConditions:
         If a value is not a finite number within its bounds.
     """
 
-    height: float = _quantity('height', 'm', 'height of release', high=100.0, above=True)
-    restitution: float = _quantity('restitution', '', 'restitution of part on surface', high=1.0)
-    friction: float = _quantity('friction', '', 'Coulomb friction of part on surface', high=10.0)
+    height: float = quantity('height', 'm', 'height of release', high=100.0, above=True)
+    restitution: float = quantity('restitution', '', 'restitution of part on surface', high=1.0)
+    friction: float = quantity('friction', '', 'Coulomb friction of part on surface', high=10.0)
     # A higher value would let a part rest tilted on an edge or a corner. For slender parts, the
     # length is less than the hull radius; see simulation.plan.rolling_length.
-    rolling_friction: float = _quantity(
+    rolling_friction: float = quantity(
         'rolling friction',
         '',
         'rolling friction: torque limit / (hull radius x normal force)',
         high=0.1,
     )
-    spinning_friction: float = _quantity(
+    spinning_friction: float = quantity(
         'spinning friction',
         '',
         'friction against spin about the contact normal, like rolling friction',
         high=1.0,
     )
-    gravity: float = _quantity('gravity', 'm/s2', 'gravity', low=1e-6, high=1000.0)
-    speed_horizontal: float = _quantity(
+    gravity: float = quantity('gravity', 'm/s2', 'gravity', low=1e-6, high=1000.0)
+    speed_horizontal: float = quantity(
         'horizontal speed spread',
         'm/s',
         'standard deviation of each horizontal component of the speed at release',
         high=100.0,
     )
-    speed_vertical: float = _quantity(
+    speed_vertical: float = quantity(
         'vertical speed spread',
         'm/s',
         'standard deviation of the vertical speed at release',
         high=100.0,
     )
-    spin: float = _quantity(
+    spin: float = quantity(
         'spin spread',
         'rad/s',
         'standard deviation of each component of the spin at release',
@@ -113,8 +81,7 @@ class DropConditions:
     surface: str = ''
 
     def __post_init__(self) -> None:
-        for name, quantity in QUANTITIES.items():
-            object.__setattr__(self, name, quantity.check(name, getattr(self, name)))
+        check_quantities(self)
         try:
             object.__setattr__(self, 'height_of', HeightOf(self.height_of))
         except ValueError:
@@ -135,8 +102,4 @@ class DropConditions:
         return dataclasses.replace(new, surface='')
 
 
-QUANTITIES: dict[str, Quantity] = {
-    f.name: f.metadata['quantity']
-    for f in dataclasses.fields(DropConditions)
-    if 'quantity' in f.metadata
-}
+QUANTITIES: dict[str, Quantity] = quantities_of(DropConditions)

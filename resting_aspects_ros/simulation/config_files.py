@@ -27,3 +27,8 @@ def parts_folder() -> Path:
 def surfaces_file() -> Path:
     """Return the file of the named conditions."""
     return config_folder() / 'surfaces.yaml'
+
+
+def actions_file() -> Path:
+    """Return the file of the named actions."""
+    return config_folder() / 'actions.yaml'

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from resting_aspects_ros.core.aspects.rest_rule import RestRule
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.starts import Starts
 
 # Minimum number of time steps per T. Finer steps change no probability of an L bracket by more
 # than the sampling error.
@@ -44,6 +45,8 @@ class DropJob:
         verify the decision and to measure the time that it saves.
     refinement : int
         Factor by which the number of time steps is multiplied.
+    starts : Starts or None
+        Where and how the parts start; None if they are released as the conditions say.
     """
 
     hull: Array
@@ -58,6 +61,7 @@ class DropJob:
     rolling_length: float
     until_still: bool = False
     refinement: int = 1
+    starts: Starts | None = None
 
     @property
     def time_unit(self) -> float:
@@ -71,6 +75,8 @@ class DropJob:
         Assumes 3 standard deviations of the speed and the spin at release. The horizontal speed
         is included, because friction converts it to spin.
         """
+        if self.starts is not None:
+            return self.starts.max_speed
         c = self.conditions
         fall = 2 * c.gravity * c.height
         thrown = math.hypot(3 * c.speed_horizontal, 3 * c.speed_vertical)

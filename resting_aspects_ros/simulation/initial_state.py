@@ -1,12 +1,14 @@
-"""Initial states of drops: random, but determined by the seed and the index of each drop."""
+"""Initial states of drops: random or given, but determined by seed and index of each drop."""
 
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from resting_aspects_ros.core.rotations import Array, composed, down_in_part, random_orientations
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.starts import Starts
 
 # Number of drops in a chunk. They share a world, each in its own slot. A drop's slot is its index
 # modulo the chunk size, because rounding errors, and therefore the pose, depend on the position
@@ -15,6 +17,8 @@ CHUNK = 125
 # Without spin, free fall only adds speed, so it is not simulated down to this clearance, R. The
 # clearance exceeds Bullet's contact breaking distance (0.02).
 START_CLEARANCE = 0.05
+# Height above the surface, R, at which Bullet lets a hull rest: its collision margin.
+REST_MARGIN = 0.001
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +44,30 @@ def initial_states(job: DropJob, chunk: int) -> InitialState:
 
     Always all drops, so that the state of a drop does not depend on which others are simulated.
     """
-    c, unit = job.conditions, job.time_unit
     generator = np.random.default_rng(np.random.SeedSequence(job.seed, spawn_key=(chunk,)))
+    if job.starts is None:
+        return _released(job, generator)
+    return _started(job, job.starts, np.arange(chunk * CHUNK, (chunk + 1) * CHUNK), generator)
+
+
+def _started(
+    job: DropJob, starts: Starts, index: npt.NDArray[np.int64], generator: np.random.Generator
+) -> InitialState:
+    """Return the initial states of parts that start as ``starts`` determines."""
+    states = starts.states(index, generator)
+    of_body = body_from_part(states.orientation, job.axes)
+    position = states.position / job.radius
+    # A part that lies on the surface begins where Bullet lets it rest.
+    position[:, 2] = np.maximum(position[:, 2], depth_of(of_body, job.hull) + REST_MARGIN)
+    velocity = states.velocity * (job.time_unit / job.radius)
+    return InitialState(
+        position, of_body, velocity, states.spin * job.time_unit, np.zeros(len(index))
+    )
+
+
+def _released(job: DropJob, generator: np.random.Generator) -> InitialState:
+    """Return the initial states of parts that are dropped in random orientations."""
+    c, unit = job.conditions, job.time_unit
     of_part = random_orientations(generator, CHUNK)
     deviations = np.array([c.speed_horizontal, c.speed_horizontal, c.speed_vertical])
     velocity = generator.standard_normal((CHUNK, 3)) * deviations * unit / job.radius

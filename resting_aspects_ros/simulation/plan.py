@@ -21,6 +21,7 @@ from resting_aspects_ros.simulation.run_description import (
     check_first_drop,
     check_seed,
 )
+from resting_aspects_ros.simulation.starts import Starts
 
 # The engine itself is not imported here, because only the workers need it.
 ENGINE = 'bullet'
@@ -42,6 +43,7 @@ def plan_run(
     first_drop: int = 0,
     precision: float = 0.0,
     landscape: Landscape | None = None,
+    starts: Starts | None = None,
 ) -> tuple[DropJob, RunDescription]:
     """Return the job and the description of a run; raises InvalidValueError.
 
@@ -51,6 +53,8 @@ def plan_run(
         Half width of the intervals at which the run stops; 0 if it simulates all its drops.
     landscape : Landscape or None
         Landscape of the part, if it was already computed.
+    starts : Starts or None
+        Where and how the parts start; None: they are released as the conditions say.
     """
     check_drops(drops)
     if precision != 0:
@@ -61,7 +65,7 @@ def plan_run(
             )
     check_seed(seed)
     check_first_drop(first_drop, drops)
-    job = make_job(part, conditions, seed, landscape=landscape)
+    job = make_job(part, conditions, seed, landscape=landscape, starts=starts)
     return job, RunDescription(
         run_id=run_id,
         part=part.name,
@@ -87,13 +91,19 @@ def make_job(
     until_still: bool = False,
     refinement: int = 1,
     landscape: Landscape | None = None,
+    starts: Starts | None = None,
 ) -> DropJob:
     """Return the job for a part; InvalidValueError if the conditions do not fit the part.
 
-    See DropJob for ``until_still`` and ``refinement``, and plan_run for ``landscape``.
+    See DropJob for ``until_still`` and ``refinement``, and plan_run for the others.
     """
     radius = part.hull_radius
-    if conditions.height_of is HeightOf.CENTRE_OF_MASS and conditions.height <= radius:
+    released = starts is None
+    if (
+        released
+        and conditions.height_of is HeightOf.CENTRE_OF_MASS
+        and conditions.height <= radius
+    ):
         raise InvalidValueError(
             f'invalid height of the centre of mass {conditions.height:g} m: expected more than '
             f'{radius:.4g} m for {part.name}, which could otherwise touch the surface at release'
@@ -113,12 +123,14 @@ def make_job(
         rolling_length=rolling_length(landscape, aspects),
         until_still=until_still,
         refinement=refinement,
+        starts=starts,
     )
     fastest = MAX_IMPACT * job.radius / job.time_unit
     if job.impact_speed > fastest:
+        source = 'release' if released else 'start'
         raise InvalidValueError(
             f'invalid impact speed {job.impact_speed:.4g} m/s of {part.name}, which follows from '
-            'height, speed and spin at release: expected at most '
+            f'height, speed and spin at the {source}: expected at most '
             f'{fastest:.4g} m/s for its size and gravity'
         )
     return job

@@ -1,0 +1,109 @@
+"""The transition matrix of an action: counts, probabilities and intervals from each aspect."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.statistics import intervals
+from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, INTERVAL, Array, Counts
+from resting_aspects_ros.core.statistics.stopping import stopping_confidence
+
+# What an action leads to if not to an aspect: rest in no aspect, no rest within the time limit,
+# a numerical error, or a part that left the surface. These are the last columns of a matrix.
+OUTCOMES = ('unclassified', 'unsettled', 'failed', 'lost')
+
+
+@dataclass(frozen=True, eq=False)
+class TransitionMatrix:
+    """Counts of one action on the parts at rest in each aspect; each action is counted once.
+
+    counts : (k, k + 4) int
+        Actions from each aspect (row, by id from 1) to each aspect and to each of OUTCOMES
+        (columns). After `by_class` it is (c, c + 4), with symmetry classes for aspects.
+    interval : str
+        Method of the intervals, one of intervals.METHODS.
+    confidence : float
+        Confidence of the intervals.
+    by_precision : bool
+        Whether the simulation stopped when its intervals were narrow enough.
+    energy_growth : float
+        Maximum energy growth during the actions, m g R; see RestingPoses.
+    """
+
+    aspects: AspectSet
+    counts: Counts
+    interval: str = INTERVAL
+    confidence: float = CONFIDENCE
+    by_precision: bool = False
+    energy_growth: float = 0.0
+
+    @property
+    def actions(self) -> Counts:
+        """(k,) number of simulated actions from each aspect."""
+        return np.asarray(self.counts.sum(axis=1))
+
+    @property
+    def probability(self) -> Array:
+        """(k, k + 4) count / actions of the row; NaN in a row without actions."""
+        actions = self.actions[:, None]
+        return np.where(actions > 0, self.counts / np.maximum(actions, 1), np.nan)
+
+    @property
+    def transitions(self) -> Array:
+        """(k, k) probabilities from each aspect to each aspect."""
+        return self.probability[:, : len(self.counts)]
+
+    @property
+    def left(self) -> Array:
+        """(k,) probability that an action leads to one of OUTCOMES."""
+        return np.asarray(self.probability[:, len(self.counts) :].sum(axis=1))
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the lower and upper bounds (k, k + 4) of the probabilities; see intervals.
+
+        The intervals of a row use its number of actions; without actions they are 0 to 1.
+        Simultaneous intervals hold together in each row, not in the whole matrix. After a stop by
+        precision the intervals are slightly wider, to preserve their coverage; see stopping.
+        """
+        confidence = self.confidence
+        if self.by_precision:
+            confidence = stopping_confidence(confidence)
+        return intervals.bounds(self.counts, self.actions, self.interval, confidence)
+
+    def by_class(self) -> 'TransitionMatrix':
+        """Return the matrix over the symmetry classes, in their order.
+
+        The counts of the aspects of a class are summed in rows and columns, so an aspect with more
+        simulated actions has more weight. Only for a matrix over aspects.
+        """
+        classes = self.aspects.classes()
+        member = np.zeros((len(self.counts), len(classes)), dtype=np.int64)
+        for number, members in enumerate(classes):
+            member[[aspect.id - 1 for aspect in members], number] = 1
+        rows = member.T @ self.counts
+        aspects, outcomes = np.split(rows, [len(self.counts)], axis=1)
+        return dataclasses.replace(self, counts=np.hstack([aspects @ member, outcomes]))
+
+    def __add__(self, other: 'TransitionMatrix') -> 'TransitionMatrix':
+        """Return the matrix over the actions of both: different simulations of the same action."""
+        if self.aspects.part_sha256 != other.aspects.part_sha256:
+            raise ValueError('transition matrices of different parts cannot be added')
+        return dataclasses.replace(
+            self,
+            counts=self.counts + other.counts,
+            energy_growth=max(self.energy_growth, other.energy_growth),
+        )
+
+
+def no_actions(
+    aspects: AspectSet,
+    *,
+    interval: str = INTERVAL,
+    confidence: float = CONFIDENCE,
+    by_precision: bool = False,
+) -> TransitionMatrix:
+    """Return the transition matrix before the first action."""
+    none = np.zeros((len(aspects), len(aspects) + len(OUTCOMES)), dtype=np.int64)
+    return TransitionMatrix(aspects, none, interval, confidence, by_precision)

@@ -1,0 +1,220 @@
+"""Terminal tables of what follows from actions: long-run shares, plans, retention."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from rich.table import Table
+
+from resting_aspects_ros.core.reorientation.markov import LongRun
+from resting_aspects_ros.core.reorientation.plan import Plan
+from resting_aspects_ros.core.reorientation.retention import LEVELS, RetentionCurve
+from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Array, Interval
+from resting_aspects_ros.report.rounding import interval_text, probability_text, share_text
+from resting_aspects_ros.report.rows import ids_text
+from resting_aspects_ros.report.table import NOTHING, plain_table
+from resting_aspects_ros.report.transition_table import Rows
+
+NEVER, WANTED = 'never', 'wanted'
+# Probabilities closer to 1 differ from it by rounding errors only.
+_CERTAIN = 1 - 1e-9
+
+
+def long_run_table(
+    rows: Rows,
+    long_run: LongRun,
+    lower: Array,
+    upper: Array,
+    drop: Array,
+    title: str,
+    confidence: float = CONFIDENCE,
+) -> Table:
+    """Return a table of the shares that repeated actions lead to, beside the shares of a drop.
+
+    Aspects that are in no closed class, or in one of several, are marked; see long_run_text.
+
+    Parameters
+    ----------
+    rows : sequence of tuples of Aspect
+        The aspects of each row: single aspects or symmetry classes; see table_rows.
+    long_run : LongRun
+        Its shares and indices refer to the rows.
+    lower, upper : (k,) float
+        Bounds of its shares.
+    drop : (k,) float
+        Probabilities of the rows after a drop.
+    title : str
+        Plain text, shown above the table.
+    confidence : float
+        Of the bounds.
+    """
+    marks = _marks(long_run, len(rows))
+    table = plain_table(
+        title,
+        _heading(rows),
+        'in the\nlong run',
+        f'{100 * confidence:g} % interval',
+        'in a\ndrop',
+        *(['closed\nclass'] if any(marks) else []),
+    )
+    values = zip(long_run.shares.tolist(), lower.tolist(), upper.tolist(), strict=True)
+    for row, value, dropped, mark in zip(rows, values, drop.tolist(), marks, strict=True):
+        interval = Interval(*value)
+        table.add_row(
+            ids_text(row),
+            probability_text(interval),
+            interval_text(interval),
+            f'{share_text(dropped)} %',
+            *([mark] if any(marks) else []),
+        )
+    return table
+
+
+def long_run_text(rows: Rows, long_run: LongRun) -> str:
+    """Return lines that describe several closed classes, and aspects outside of them.
+
+    The text is empty if all aspects are in one closed class.
+    """
+    lines = []
+    if len(long_run.closed) > 1:
+        lines.append('No action leads from one closed class of aspects to another:')
+        lines += [
+            f'  {number}: {_names(rows, members)}, in which {share_text(weight)} % of parts end'
+            for number, (members, weight) in enumerate(
+                zip(long_run.closed, long_run.weights.tolist(), strict=True), start=1
+            )
+        ]
+    unreachable = set(long_run.unreachable)
+    if transient := [k for k in long_run.transient if k not in unreachable]:
+        lines.append(f'Repeated actions empty {_names(rows, transient)}.')
+    if unreachable:
+        lines.append(f'No drop and no action leads to {_names(rows, sorted(unreachable))}.')
+    return '\n'.join(lines)
+
+
+def wanted_table(
+    rows: Rows,
+    wanted: npt.NDArray[np.bool_],
+    probability: Array,
+    actions: Array,
+    title: str,
+) -> Table:
+    """Return a table of the way to the wanted aspects from each row.
+
+    Parameters
+    ----------
+    rows : sequence of tuples of Aspect
+        See long_run_table.
+    wanted : (k,) bool
+        Whether the row is wanted.
+    probability : (k,) float
+        Probability to reach a wanted row before the part leaves the aspects.
+    actions : (k,) float
+        Expected number of actions, given that a wanted row is reached; NaN for never.
+    title : str
+        Plain text, shown above the table.
+    """
+    table = plain_table(
+        title, 'from', 'reaches a\nwanted\naspect', 'expected\nnumber of\nactions'
+    )
+    columns = zip(rows, wanted.tolist(), probability.tolist(), actions.tolist(), strict=True)
+    for row, is_wanted, reached, number in columns:
+        if is_wanted:
+            cells = WANTED, '0'
+        else:
+            cells = _chance_text(reached), NEVER if np.isnan(number) else _number_text(number)
+        table.add_row(ids_text(row), *cells)
+    return table
+
+
+def plan_table(rows: Rows, plan: Plan, actions: Sequence[str], title: str) -> Table:
+    """Return a table of the best action in each row, and the expected time to a wanted row.
+
+    Parameters
+    ----------
+    rows : sequence of tuples of Aspect
+        See long_run_table.
+    plan : Plan
+    actions : sequence of str
+        Names of the actions of the plan.
+    title : str
+        Plain text, shown above the table.
+    """
+    table = plain_table(title, _heading(rows), 'best action', 'expected\ntime (s)')
+    table.columns[1].justify = 'left'
+    for row, action, time in zip(rows, plan.action.tolist(), plan.time.tolist(), strict=True):
+        if time == 0:
+            cells = WANTED, '0'
+        elif np.isinf(time):
+            cells = NOTHING, NEVER
+        else:
+            cells = actions[action], _number_text(time)
+        table.add_row(ids_text(row), *cells)
+    return table
+
+
+def retention_table(curves: Sequence[RetentionCurve], title: str) -> Table:
+    """Return a table of the lift heights in mm at which 1, 10 and 50 % of parts leave an aspect.
+
+    The interval is below each height.
+    """
+    headings = [f'{100 * level:g} % leave\nat (mm)' for level in LEVELS]
+    table = plain_table(title, 'aspect', 'barrier\n(mm)', *headings)
+    for curve in curves:
+        barrier = NOTHING if np.isinf(curve.barrier) else _millimetres(curve.barrier)
+        table.add_row(
+            str(curve.aspect), barrier, *(_level_text(curve, level) for level in LEVELS)
+        )
+    return table
+
+
+def _level_text(curve: RetentionCurve, level: float) -> str:
+    """Return the lift height at which a share of the parts leaves, and below it the interval."""
+    lift = curve.lift_at(level)
+    lower, upper = curve.lift_interval(level)
+    limit = _millimetres(float(curve.lift[-1]))
+    value = f'not reached\nup to {limit}' if np.isnan(lift) else _millimetres(lift)
+    if np.isnan(lower):
+        return value
+    if np.isnan(upper):
+        return f'{value}\nat least {_millimetres(lower)}'
+    return f'{value}\n{_millimetres(lower)} to {_millimetres(upper)}'
+
+
+def _marks(long_run: LongRun, count: int) -> list[str]:
+    """Return the number of the closed class of each row, if there are several, or why none."""
+    marks = [''] * count
+    if len(long_run.closed) > 1:
+        for number, members in enumerate(long_run.closed, start=1):
+            for k in members:
+                marks[k] = str(number)
+    for k in long_run.transient:
+        marks[k] = 'none'
+    for k in long_run.unreachable:
+        marks[k] = 'not reached'
+    return marks
+
+
+def _names(rows: Rows, indices: Sequence[int]) -> str:
+    """Return the ids of all aspects of some rows, as 'aspects 1 and 2'."""
+    aspects = sorted((a for k in indices for a in rows[k]), key=lambda aspect: aspect.id)
+    return f'aspect{"s" * (len(aspects) > 1)} {ids_text(tuple(aspects))}'
+
+
+def _heading(rows: Rows) -> str:
+    return 'aspects' if any(len(row) > 1 for row in rows) else 'aspect'
+
+
+def _chance_text(probability: float) -> str:
+    """Return a probability in percent; only certainty is 100 %."""
+    text = '100' if probability > _CERTAIN else share_text(probability)
+    return '> 99.9 %' if text == '100.0' else f'{text} %'
+
+
+def _number_text(number: float) -> str:
+    """Return a number with three significant digits and without an exponent."""
+    return f'{number:.0f}' if number >= 100 else f'{number:#.3g}'
+
+
+def _millimetres(length: float) -> str:
+    return _number_text(1000 * length) if length else '0'

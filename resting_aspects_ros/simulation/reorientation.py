@@ -1,0 +1,87 @@
+"""Starts of reorientation: parts at rest in their aspects, and what is done to them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.geometry.hull import convex_hull
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.rotations import Array, angle_between, orientation_with_down
+from resting_aspects_ros.simulation.impulses import Disturbance
+from resting_aspects_ros.simulation.starts import Body, Impulse, RestStarts
+
+# Maximum lift height of a disturbance, m.
+MAX_LIFT = 1.0
+
+
+def body_of(part: Part) -> Body:
+    """Return what impulses need to know of a part."""
+    corners = part.hull_vertices - part.centre_of_mass
+    triangles, normals = convex_hull(corners, part.name)[1:]
+    return Body(
+        mass=part.mass,
+        inertia=part.inertia,
+        corners=corners,
+        normals=normals,
+        offsets=(corners[triangles[:, 0]] * normals).sum(axis=1),
+        radius=part.hull_radius,
+    )
+
+
+def rest_starts(part: Part, aspects: Sequence[Aspect], impulse: Impulse) -> RestStarts:
+    """Return parts at rest in these aspects, a row for each, to which an impulse is applied."""
+    orientations, weights = zip(*(_rests(aspect) for aspect in aspects), strict=True)
+    return RestStarts(orientations, weights, impulse, body_of(part))
+
+
+def disturbance_starts(
+    part: Part, aspects: Sequence[Aspect], lift: Array, gravity: float
+) -> RestStarts:
+    """Return parts at rest in these aspects, disturbed with the energy of each lift height.
+
+    Parameters
+    ----------
+    lift : (a, m) float
+        Lift heights of each of the a aspects, m. Row a * m + j of the starts has ``lift[a, j]``.
+    gravity : float
+        m/s2.
+    """
+    wrong = lift[~((lift > 0) & (lift <= MAX_LIFT))]
+    if wrong.size:
+        raise InvalidValueError(
+            f'invalid lift height {wrong.flat[0]:g}: expected more than 0 and at most '
+            f'{MAX_LIFT:g} m'
+        )
+    each = [aspect for aspect in aspects for _ in range(lift.shape[1])]
+    return rest_starts(part, each, Disturbance(lift.ravel(), gravity))
+
+
+def selected_aspects(aspects: AspectSet, ids: Sequence[int] | None) -> list[Aspect]:
+    """Return the aspects with these ids, or all; InvalidValueError if an id is not known."""
+    if not aspects.aspects:
+        raise InvalidValueError('invalid part: expected a part with a stable aspect')
+    if ids is None:
+        return list(aspects.aspects)
+    for k in ids:
+        if not 1 <= k <= len(aspects):
+            raise InvalidValueError(f'invalid aspect {k!r}: expected 1 to {len(aspects)}')
+    return [aspects.aspects[k - 1] for k in ids]
+
+
+def _rests(aspect: Aspect) -> tuple[Array, Array]:
+    """Return the orientations (m, 4) in which a part rests in an aspect, and their weights (m,).
+
+    On a curved side, a direction has the weight of the links of the mesh that lead to it, so that
+    all directions of the sweep are about equally probable for an irregular mesh, too.
+    """
+    down = aspect.directions
+    weights = np.ones(len(down))
+    if aspect.sweep.curved and len(aspect.links):
+        one, other = aspect.links.T
+        angle = angle_between(down[one], down[other])
+        weights = np.zeros(len(down))
+        for end in (one, other):
+            np.add.at(weights, end, angle)
+    return np.array([orientation_with_down(d) for d in down]), weights / weights.sum()
