@@ -1,12 +1,13 @@
-"""Conditions and times as text."""
+"""Named conditions and actions; conditions and times as text."""
 
 import functools
 from collections.abc import Iterator
 from datetime import datetime, timezone
 
 from resting_aspects_ros.core.errors import one_line
+from resting_aspects_ros.simulation.actions import Actions
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
-from resting_aspects_ros.simulation.config_files import surfaces_file
+from resting_aspects_ros.simulation.config_files import actions_file, surfaces_file
 from resting_aspects_ros.simulation.surfaces import Surfaces
 
 _NANOSECONDS = 1_000_000_000
@@ -16,6 +17,12 @@ _NANOSECONDS = 1_000_000_000
 def shipped_surfaces() -> Surfaces:
     """Return the surfaces of config/surfaces.yaml; the file is read once."""
     return Surfaces.read(surfaces_file())
+
+
+@functools.cache
+def shipped_actions() -> Actions:
+    """Return the actions of config/actions.yaml; the file is read once."""
+    return Actions.read(actions_file())
 
 
 def surface_text(conditions: DropConditions) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from resting_aspects_ros.api.chunk_loop import given_workers
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.convergence import Convergence
 from resting_aspects_ros.api.drop_counter import Consumer, DropCounter, check_in_finer_steps
@@ -31,7 +32,6 @@ from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.plan import plan_run
-from resting_aspects_ros.simulation.process_workers import ProcessWorkers, default_workers
 from resting_aspects_ros.simulation.run_description import (
     DEFAULT_DROPS,
     DEFAULT_SEED,
@@ -186,7 +186,7 @@ def drop(
     consumers: list[Consumer] = [lambda poses, _: chunks.append(poses)] if keep_poses else []
     counter = DropCounter(planned.empty, planned.run, precision, consumers=consumers)
     convergence: Convergence | None = None
-    with _workers(workers) as pool:
+    with given_workers(workers) as pool:
         with (
             recorded(log, loaded, counter) as log_folder,
             DropProgress(loaded.name, planned.run.drops, shown=progress) as bar,
@@ -232,16 +232,3 @@ def recorded(folder: str | Path | None, part: Part, counter: DropCounter) -> Ite
             log.close(counter.distribution)
         raise
     log.close(counter.distribution)
-
-
-@contextmanager
-def _workers(given: int | Workers | None) -> Iterator[Workers]:
-    """Yield the given workers, or new worker processes that are stopped at the end."""
-    if given is not None and not isinstance(given, int):
-        yield given
-        return
-    processes = ProcessWorkers(default_workers() if given is None else given)
-    try:
-        yield processes
-    finally:
-        processes.stop()

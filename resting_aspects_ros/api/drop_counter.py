@@ -2,12 +2,11 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, wait
-from contextlib import closing
 
 import numpy as np
 import numpy.typing as npt
 
+from resting_aspects_ros.api.chunk_loop import count_chunks
 from resting_aspects_ros.api.convergence import REFINEMENT, Convergence, check_convergence
 from resting_aspects_ros.core.errors import warn
 from resting_aspects_ros.core.poses import RestingPoses
@@ -18,14 +17,12 @@ from resting_aspects_ros.core.statistics.distribution import (
     no_drops,
 )
 from resting_aspects_ros.core.statistics.history import History
-from resting_aspects_ros.simulation.chunks import Workers, drop_chunks
+from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 # Called for each chunk of poses, with the ids of their aspects.
 Consumer = Callable[[RestingPoses, npt.NDArray[np.int64]], None]
-# How often progress is reported while a chunk is simulated, s.
-PROGRESS_PERIOD = 0.1
 
 
 class DropCounter:
@@ -75,18 +72,16 @@ class DropCounter:
 
         ``progress`` is called often, with the number of drops made.
         """
-        for first, end in self.ranges:
-            requested = dataclasses.replace(self.run, first_drop=first, drops=end - first)
-            with closing(drop_chunks(job, requested, workers, warn)) as steps:
-                for step in steps:
-                    if isinstance(step, Future):
-                        while not stopped() and not wait([step], PROGRESS_PERIOD).done:
-                            progress(self.distribution.drops)
-                    else:
-                        self._count(step)
-                        progress(self.distribution.drops)
-                    if stopped() or self.complete:
-                        return
+        count_chunks(
+            job,
+            self.run,
+            self.ranges,
+            workers,
+            self._count,
+            lambda: self.complete,
+            lambda: progress(self.distribution.drops),
+            stopped,
+        )
 
     def _count(self, poses: RestingPoses) -> None:
         aspects = self.distribution.aspects

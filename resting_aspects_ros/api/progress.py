@@ -42,17 +42,20 @@ class ShownProgress:
 class DropProgress(ShownProgress):
     """Progress display of drops and drops per second.
 
+    unit : str
+        What is counted: drops, or actions.
     done : int
         Drops made so far.
     shown : bool
         False to count without display.
     """
 
-    def __init__(self, what: str, total: int, *, shown: bool = True) -> None:
+    def __init__(self, what: str, total: int, unit: str = 'drops', *, shown: bool = True) -> None:
         super().__init__(what, total, MofNCompleteColumn(), shown=shown)
         self._visible = shown
         self.done = 0
         self._what = what
+        self._unit = unit
         self._total = total
         self._started = self._shown = time.monotonic()
         self._updated = False
@@ -64,14 +67,14 @@ class DropProgress(ShownProgress):
         self._updated = True
         now = time.monotonic()
         seconds = max(now - self._started, 1e-9)
-        rate = f'{done / seconds:.0f} drops/s' if done else ''
+        rate = f'{done / seconds:.0f} {self._unit}/s' if done else ''
         if self._bar is not None:
             if 0 < done < self._total:
                 rate += f', {seconds * (self._total - done) / done:.0f} s left'
             self._bar.update(self._task, completed=done, total=self._total, text=rate)
             self._bar.start()
         elif self._visible and (now - self._shown >= LINE_PERIOD or done == self._total):
-            line = f'{self._what}: {done} of {self._total} drops'
+            line = f'{self._what}: {done} of {self._total} {self._unit}'
             if line != self._line:  # a new rate alone is not printed
                 print(f'{line}  {rate}'.rstrip(), file=sys.stderr)
                 self._line, self._shown = line, now

@@ -45,6 +45,8 @@ DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 # The help of each subcommand. Only the module of the requested one is imported.
 COMMANDS = {
     'drop': 'drop a part and show how it comes to rest',
+    'reorient': 'show how an action brings a part from aspect to aspect',
+    'retention': 'show how strong a disturbance makes a part leave each aspect',
     'report': 'write a page with pictures and charts of a result',
     'estimate': 'predict the distribution from the shape, without drops',
     'aspects': 'show the aspects of a part, without drops',

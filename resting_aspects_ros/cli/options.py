@@ -2,11 +2,13 @@
 
 import argparse
 import re
+from collections.abc import Mapping
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
+from resting_aspects_ros.simulation.quantity import Quantity
 from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, check_drops
 from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE, Surfaces
 
@@ -16,9 +18,15 @@ _FACTORS: dict[str, dict[str, float]] = {
     'm/s': {'m/s': 1.0, 'mm/s': 1e-3, 'cm/s': 1e-2},
     'm/s2': {'m/s2': 1.0, 'm/s^2': 1.0, 'mm/s2': 1e-3, 'mm/s^2': 1e-3},
     'rad/s': {'rad/s': 1.0, 'deg/s': 0.017453292519943295, 'rpm': 0.10471975511965977},
+    'rad': {'rad': 1.0, 'deg': 0.017453292519943295},
+    's': {'s': 1.0, 'ms': 1e-3},
+    'Hz': {'Hz': 1.0},
+    'N s': {'Ns': 1.0, 'mNs': 1e-3},
     '': {},
 }
 MAX_DIGITS = 20
+# Conditions of a part that touches the surface. The others are those of its release.
+CONTACT = ('restitution', 'friction', 'rolling_friction', 'spinning_friction', 'gravity')
 _NUMBER = re.compile(r'\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*')
 
 
@@ -65,8 +73,27 @@ def add_output(parser: argparse.ArgumentParser, *, each: bool = True) -> None:
 
 def add_conditions(parser: argparse.ArgumentParser, default: str = DEFAULT_SURFACE) -> None:
     """Add --surface and a flag for each condition, generated from QUANTITIES."""
+    group = _add_surface(parser, 'conditions of the drops', QUANTITIES, default)
+    group.add_argument(
+        '--height-of',
+        type=str.upper,
+        choices=[h.name for h in HeightOf],
+        help='reference point of the height',
+    )
+
+
+def add_contact_conditions(parser: argparse.ArgumentParser) -> None:
+    """Add --surface and a flag for each condition that matters for parts at rest, too."""
+    contact = {name: QUANTITIES[name] for name in CONTACT}
+    _add_surface(parser, 'conditions of the contact', contact, DEFAULT_SURFACE)
+    parser.set_defaults(**dict.fromkeys([*QUANTITIES.keys() - CONTACT, 'height_of']))
+
+
+def _add_surface(
+    parser: argparse.ArgumentParser, title: str, quantities: Mapping[str, Quantity], default: str
+) -> 'argparse._ArgumentGroup':
     group = parser.add_argument_group(
-        'conditions of the drops',
+        title,
         'The surface defines all of them. Each flag changes one. Lengths, speeds,\n'
         'gravity and spin may have a unit, such as 60mm, 2.4in, 300mm/s or 20rpm.',
     )
@@ -76,17 +103,37 @@ def add_conditions(parser: argparse.ArgumentParser, default: str = DEFAULT_SURFA
         default='',
         help=f'named conditions: rubber_mat, steel or thrown ({default})',
     )
-    for name, quantity in QUANTITIES.items():
+    add_quantities(group, quantities)
+    return group
+
+
+def add_quantities(
+    group: 'argparse._ArgumentGroup', quantities: Mapping[str, Quantity], prefix: str = ''
+) -> None:
+    """Add a flag for each quantity; its attribute has the prefix before the name."""
+    for name, quantity in quantities.items():
         group.add_argument(
-            _flag(name),
-            metavar=quantity.unit.upper() or 'X',
+            flag_of(name),
+            metavar=quantity.unit.upper().replace(' ', '') or 'X',
+            dest=prefix + name,
             help=f'{quantity.text}: {quantity.allowed()}',
         )
-    group.add_argument(
-        '--height-of',
-        type=str.upper,
-        choices=[h.name for h in HeightOf],
-        help='reference point of the height',
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """Add --workers and --scheduler, which tell where to simulate; see start_workers."""
+    place = parser.add_mutually_exclusive_group()
+    place.add_argument(
+        '--workers',
+        metavar='W',
+        type=parse_integer,
+        help='number of worker processes (one per core)',
+    )
+    place.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='simulate on the Dask cluster of this scheduler, such as tcp://10.0.0.5:8786. Needs '
+        'the package distributed; the poses are the same',
     )
 
 
@@ -98,7 +145,7 @@ def requested_conditions(arguments: argparse.Namespace, surfaces: Surfaces) -> D
 def changed_conditions(arguments: argparse.Namespace) -> dict[str, object]:
     """Return the conditions that have a flag of their own among the arguments."""
     changes: dict[str, object] = {
-        name: parse_quantity(_flag(name), text, quantity.unit)
+        name: parse_quantity(flag_of(name), text, quantity.unit)
         for name, quantity in QUANTITIES.items()
         if (text := getattr(arguments, name)) is not None
     }
@@ -155,7 +202,8 @@ def requested_number(arguments: argparse.Namespace) -> tuple[int, float]:
     return arguments.drops or 0, precision
 
 
-def _flag(name: str) -> str:
+def flag_of(name: str) -> str:
+    """Return the flag of a quantity."""
     return '--' + name.replace('_', '-')
 
 

@@ -10,11 +10,16 @@ import numpy.typing as npt
 
 
 class RestStatus(IntEnum):
-    """How a drop ended; the codes of the message RestingPose."""
+    """How a drop ended; the codes of the message RestingPose.
+
+    A lost part left the surface. Its pose is where it was when this was detected, perhaps in
+    flight; beyond the edge no surface is simulated.
+    """
 
     SETTLED = 0
     UNSETTLED = 1
     FAILED = 2
+    LOST = 3
 
 
 class DecidedBy(IntEnum):
@@ -36,7 +41,7 @@ class RestingPoses:
         Codes of RestStatus and DecidedBy.
     time_to_rest : (n,) float
         Time from the release until the rest was detected, s; for an unsettled drop the time limit,
-        for a failed drop NaN.
+        for a failed drop NaN, for a lost part the time until it left the surface.
     energy_growth : (n,) float
         Maximum growth of the energy between two checks, m g R: the engine adds it at impacts.
     """

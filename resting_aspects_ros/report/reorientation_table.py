@@ -12,8 +12,8 @@ from resting_aspects_ros.core.reorientation.retention import LEVELS, RetentionCu
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Array, Interval
 from resting_aspects_ros.report.rounding import interval_text, probability_text, share_text
 from resting_aspects_ros.report.rows import ids_text
-from resting_aspects_ros.report.table import NOTHING, plain_table
-from resting_aspects_ros.report.transition_table import Rows
+from resting_aspects_ros.report.table import NOTHING
+from resting_aspects_ros.report.transition_table import Rows, titled_table
 
 NEVER, WANTED = 'never', 'wanted'
 # Probabilities closer to 1 differ from it by rounding errors only.
@@ -49,7 +49,7 @@ def long_run_table(
         Of the bounds.
     """
     marks = _marks(long_run, len(rows))
-    table = plain_table(
+    table = titled_table(
         title,
         _heading(rows),
         'in the\nlong run',
@@ -114,7 +114,7 @@ def wanted_table(
     title : str
         Plain text, shown above the table.
     """
-    table = plain_table(
+    table = titled_table(
         title, 'from', 'reaches a\nwanted\naspect', 'expected\nnumber of\nactions'
     )
     columns = zip(rows, wanted.tolist(), probability.tolist(), actions.tolist(), strict=True)
@@ -140,7 +140,7 @@ def plan_table(rows: Rows, plan: Plan, actions: Sequence[str], title: str) -> Ta
     title : str
         Plain text, shown above the table.
     """
-    table = plain_table(title, _heading(rows), 'best action', 'expected\ntime (s)')
+    table = titled_table(title, _heading(rows), 'best action', 'expected\ntime (s)')
     table.columns[1].justify = 'left'
     for row, action, time in zip(rows, plan.action.tolist(), plan.time.tolist(), strict=True):
         if time == 0:
@@ -159,26 +159,29 @@ def retention_table(curves: Sequence[RetentionCurve], title: str) -> Table:
     The interval is below each height.
     """
     headings = [f'{100 * level:g} % leave\nat (mm)' for level in LEVELS]
-    table = plain_table(title, 'aspect', 'barrier\n(mm)', *headings)
+    table = titled_table(title, 'aspect', 'barrier\n(mm)', *headings)
     for curve in curves:
-        barrier = NOTHING if np.isinf(curve.barrier) else _millimetres(curve.barrier)
-        table.add_row(
-            str(curve.aspect), barrier, *(_level_text(curve, level) for level in LEVELS)
-        )
+        barrier = NOTHING if np.isinf(curve.barrier) else millimetres_text(curve.barrier)
+        table.add_row(str(curve.aspect), barrier, *(_level_text(curve, level) for level in LEVELS))
     return table
+
+
+def millimetres_text(length: float) -> str:
+    """Return a length, m, in mm with three significant digits."""
+    return _number_text(1000 * length) if length else '0'
 
 
 def _level_text(curve: RetentionCurve, level: float) -> str:
     """Return the lift height at which a share of the parts leaves, and below it the interval."""
     lift = curve.lift_at(level)
     lower, upper = curve.lift_interval(level)
-    limit = _millimetres(float(curve.lift[-1]))
-    value = f'not reached\nup to {limit}' if np.isnan(lift) else _millimetres(lift)
+    limit = millimetres_text(float(curve.lift[-1]))
+    value = f'not reached\nup to {limit}' if np.isnan(lift) else millimetres_text(lift)
     if np.isnan(lower):
         return value
     if np.isnan(upper):
-        return f'{value}\nat least {_millimetres(lower)}'
-    return f'{value}\n{_millimetres(lower)} to {_millimetres(upper)}'
+        return f'{value}\nat least {millimetres_text(lower)}'
+    return f'{value}\n{millimetres_text(lower)} to {millimetres_text(upper)}'
 
 
 def _marks(long_run: LongRun, count: int) -> list[str]:
@@ -212,9 +215,5 @@ def _chance_text(probability: float) -> str:
 
 
 def _number_text(number: float) -> str:
-    """Return a number with three significant digits and without an exponent."""
-    return f'{number:.0f}' if number >= 100 else f'{number:#.3g}'
-
-
-def _millimetres(length: float) -> str:
-    return _number_text(1000 * length) if length else '0'
+    """Return a number with three significant digits, or as an integer from 100."""
+    return f'{number:.0f}' if number >= 99.95 else f'{number:#.3g}'

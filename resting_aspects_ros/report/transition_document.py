@@ -98,9 +98,7 @@ def retention_fields(curve: RetentionCurve) -> dict[str, object]:
     levels = []
     for level in LEVELS:
         low, high = curve.lift_interval(level)
-        levels.append(
-            {'level': level, 'lift': curve.lift_at(level), 'lower': low, 'upper': high}
-        )
+        levels.append({'level': level, 'lift': curve.lift_at(level), 'lower': low, 'upper': high})
     return {
         'aspect': curve.aspect,
         'barrier': plain(float(curve.barrier)),

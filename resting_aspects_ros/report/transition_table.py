@@ -58,15 +58,20 @@ def transition_table(matrix: TransitionMatrix, by_class: bool, title: str) -> Ta
     layouts: tuple[Callable[[_Cells, str], Table], ...] = (_with_intervals, _with_widest)
     for layout in layouts:
         table = layout(cells, title)
-        if width_of(table) <= WIDTH:
+        if _width(table) <= WIDTH:
             return table
     return _listed(cells, title)
 
 
-def width_of(table: Table) -> int:
-    """Return the width that a table needs, without its title, columns."""
-    console = Console(width=1000)
-    return console.measure(table).maximum
+def titled_table(title: str, *headings: str, caption: str = '') -> Table:
+    """Return a table without rows, as wide as its title and its caption if they fit."""
+    table = plain_table(title, *headings)
+    if caption:
+        caption = textwrap.fill(caption, WIDTH)
+        table.caption, table.caption_justify = Text(caption), 'left'
+    lines = [*title.splitlines(), *caption.splitlines()]
+    table.min_width = min(max(map(len, lines), default=0), WIDTH)
+    return table
 
 
 class _Cells:
@@ -78,9 +83,12 @@ class _Cells:
         self.confidence = f'{100 * matrix.confidence:g} %'
         self.several = any(len(row) > 1 for row in rows)
         counts = matrix.counts.sum(axis=0)
-        self.occurred = [
-            (len(rows) + k, name) for k, name in enumerate(OUTCOMES) if counts[len(rows) + k]
-        ]
+        occurred = [k for k in range(len(OUTCOMES)) if counts[len(rows) + k]]
+        # The columns of a table: the aspects, and the outcomes that occurred.
+        self.columns = [*range(len(rows)), *(len(rows) + k for k in occurred)]
+        names = [textwrap.fill(f'to {name}', _HEADING_WIDTH) for name in self.rows]
+        names += [OUTCOME_HEADINGS[OUTCOMES[k]] for k in occurred]
+        self.headings = [f'{name}\n(%)' for name in names]
         lower, upper = matrix.bounds()
         probability = np.where(np.isnan(matrix.probability), 0.0, matrix.probability)
         self._intervals = [
@@ -96,28 +104,21 @@ class _Cells:
         """Return the widest interval of a row."""
         return max(self._intervals[row], key=lambda each: each.upper - each.lower)
 
-    @property
-    def columns(self) -> list[int]:
-        """The columns of a table: the aspects and the outcomes that occurred."""
-        return [*range(len(self.rows)), *(column for column, _ in self.occurred)]
-
-    def headings(self) -> list[str]:
-        names = [textwrap.fill(f'to {name}', _HEADING_WIDTH) for name in self.rows]
-        return [
-            f'{name}\n(%)' for name in [*names, *(OUTCOME_HEADINGS[n] for _, n in self.occurred)]
-        ]
-
 
 def _with_intervals(cells: _Cells, title: str) -> Table:
     """Return the table that has the interval below each probability."""
-    table = plain_table(title, 'from', *cells.headings(), 'actions')
-    table.caption = _caption(f'Below each probability is its {cells.confidence} interval.')
+    table = titled_table(
+        title,
+        'from',
+        *cells.headings,
+        'actions',
+        caption=f'Below each probability is its {cells.confidence} interval.',
+    )
+    table.leading = 1
     for k, name in enumerate(cells.rows):
         found = cells.of_row(k)
         texts = [
-            f'{_bare(probability_text(found[c]))}\n{_bare(interval_text(found[c]))}'
-            if found
-            else NOTHING
+            f'{_bare(probability_text(found[c]))}\n{_bounds(found[c])}' if found else NOTHING
             for c in cells.columns
         ]
         table.add_row(name, *texts, cells.actions[k])
@@ -126,8 +127,8 @@ def _with_intervals(cells: _Cells, title: str) -> Table:
 
 def _with_widest(cells: _Cells, title: str) -> Table:
     """Return the table that has the widest interval of each row in a column."""
-    table = plain_table(title, 'from', *cells.headings(), 'at most\n+- (%)', 'actions')
-    table.caption = _caption(_widest(cells))
+    headings = ['from', *cells.headings, 'at most\n+- (%)', 'actions']
+    table = titled_table(title, *headings, caption=_widest(cells))
     for k, name in enumerate(cells.rows):
         found = cells.of_row(k)
         texts = [_row_text(found[c], cells.widest(k)) if found else NOTHING for c in cells.columns]
@@ -139,22 +140,22 @@ def _listed(cells: _Cells, title: str) -> Table:
     """Return the table that lists the aspects that the part goes to from each row."""
     texts = [_list_text(cells, k) for k in range(len(cells.rows))]
     # The lists are as wide as the other columns permit.
-    room = WIDTH - width_of(_list_table(cells, title, [''] * len(texts))) + len('to')
+    room = WIDTH - _width(_list_table(cells, '', [''] * len(texts), '')) + len('to')
     wrapped = [textwrap.fill(text, room).replace(_NO_BREAK, ' ') for text in texts]
-    return _list_table(cells, title, wrapped)
+    caption = f'Probabilities of at most {100 * MIN_LISTED:g} % are summed as others. '
+    return _list_table(cells, title, wrapped, caption + _widest(cells))
 
 
-def _list_table(cells: _Cells, title: str, lists: Sequence[str]) -> Table:
-    outcomes = cells.headings()[len(cells.rows) :]
-    table = plain_table(title, 'from', 'to', *outcomes, 'at most\n+- (%)', 'actions')
+def _list_table(cells: _Cells, title: str, lists: Sequence[str], caption: str) -> Table:
+    outcomes = cells.headings[len(cells.rows) :]
+    headings = ['from', 'to', *outcomes, 'at most\n+- (%)', 'actions']
+    table = titled_table(title, *headings, caption=caption)
     table.columns[1].justify = 'left'
-    table.caption = _caption(
-        f'Probabilities of at most {100 * MIN_LISTED:g} % are summed as others. {_widest(cells)}'
-    )
     for k, (name, text) in enumerate(zip(cells.rows, lists, strict=True)):
         found = cells.of_row(k)
         outside = [
-            _row_text(found[c], cells.widest(k)) if found else NOTHING for c in cells.outcomes
+            _row_text(found[c], cells.widest(k)) if found else NOTHING
+            for c in cells.columns[len(cells.rows) :]
         ]
         table.add_row(name, text, *outside, _half_width(cells, k), cells.actions[k])
     return table
@@ -193,9 +194,16 @@ def _widest(cells: _Cells) -> str:
     return f'+-: half of the widest {cells.confidence} interval of the row.'
 
 
-def _caption(text: str) -> Text:
-    return Text(textwrap.fill(text, WIDTH))
+def _bounds(interval: Interval) -> str:
+    """Return both bounds in percent, as '25.1-30.7': narrower than interval_text."""
+    return _bare(interval_text(interval)).replace(' to ', '-')
 
 
 def _bare(percentage: str) -> str:
     return percentage.removesuffix(' %')
+
+
+def _width(table: Table) -> int:
+    """Return the width that a table needs, without its title, columns."""
+    console = Console(width=1000)
+    return console.measure(table).maximum

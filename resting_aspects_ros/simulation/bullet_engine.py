@@ -6,12 +6,8 @@ g is 1.
 """
 
 import math
-import os
-import sys
 import threading
 import weakref
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import lru_cache
 
 import numpy as np
@@ -28,24 +24,9 @@ from resting_aspects_ros.simulation.settling import (
     Settling,
     resting_poses,
 )
+from resting_aspects_ros.simulation.silenced_stderr import silenced_stderr
 
-
-@contextmanager
-def _silenced_stderr() -> Iterator[None]:
-    """Discard standard error, including the output of C code, which bypasses sys.stderr."""
-    sys.stderr.flush()
-    saved = os.dup(2)
-    null = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 2)
-    try:
-        yield
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)
-        os.close(null)
-
-
-with _silenced_stderr():  # pybullet prints its build time on import, in every process
+with silenced_stderr():  # pybullet prints its build time on import, in every process
     import pybullet
 
 # Distance between slots, R. A collision mask keeps bodies from touching each other; the distance
@@ -118,13 +99,32 @@ class _World:
             physicsClientId=client,
         )
         plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
-        ground = pybullet.createMultiBody(0, plane, physicsClientId=client)
-        # Bullet multiplies the values of the two bodies; the part has the values of the pair.
-        self._set(ground, restitution=1, lateralFriction=1, rollingFriction=0, spinningFriction=0)
-        self._collide(ground, _SURFACE_GROUP, _PART_GROUP)
+        self._ground = self._add_static(plane)
         self._shape = pybullet.createCollisionShape(
             pybullet.GEOM_MESH, vertices=_corners(job.hull.tobytes()), physicsClientId=client
         )
+
+    def _add_static(self, shape: int) -> int:
+        # With useMaximalCoordinates, Bullet would ignore the velocity that _place gives it.
+        body: int = pybullet.createMultiBody(0, shape, physicsClientId=self._client)
+        # Bullet multiplies the values of the two bodies; the part has the values of the pair.
+        self._set(body, restitution=1, lateralFriction=1, rollingFriction=0, spinningFriction=0)
+        self._collide(body, _SURFACE_GROUP, _PART_GROUP)
+        return body
+
+    def _place(
+        self,
+        body: int,
+        position: list[float],
+        orientation: list[float],
+        velocity: list[float],
+        spin: list[float],
+    ) -> None:
+        client = self._client
+        pybullet.resetBasePositionAndOrientation(
+            body, position, orientation, physicsClientId=client
+        )
+        pybullet.resetBaseVelocity(body, velocity, spin, physicsClientId=client)
 
     def _set(self, body: int, **values: float | list[float]) -> None:
         pybullet.changeDynamics(body, -1, physicsClientId=self._client, **values)
@@ -165,32 +165,37 @@ class _World:
                 activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
             )
             self._collide(body, _PART_GROUP, _SURFACE_GROUP)
-            pybullet.resetBasePositionAndOrientation(
-                body, position, states.orientation[slot].tolist(), physicsClientId=self._client
-            )
-            pybullet.resetBaseVelocity(
-                body,
-                states.velocity[slot].tolist(),
-                states.spin[slot].tolist(),
-                physicsClientId=self._client,
-            )
+            moved = (states.orientation[slot], states.velocity[slot], states.spin[slot])
+            self._place(body, position, *(values.tolist() for values in moved))
         return list(bodies)
 
     def drop(self, states: InitialState, slots: npt.NDArray[np.int64]) -> Settling:
         """Release one body per slot and step until each is at rest, failed or timed out."""
-        origins = _slot_origins(slots)
+        # On a surface that moves, the position decides how it moves below a part.
+        origins = _slot_origins(slots) * (self._job.motion is None)
         bodies = self._add(states, slots, origins)
         settling = Settling(self._job, states, slots)
         steps = round(CHECK_INTERVAL * self._job.steps_per_t)
         checks = 0
         while len(settling.moving):
-            for _ in range(steps):
-                pybullet.stepSimulation(physicsClientId=self._client)
+            self._advance(checks * steps, steps)
             checks += 1
             moving = self._states(bodies, origins, settling.moving)
             for i in settling.check(checks * steps * self._step, moving):
                 pybullet.removeBody(bodies[i], physicsClientId=self._client)
         return settling
+
+    def _advance(self, made: int, steps: int) -> None:
+        """Step the world, in which ``made`` steps were made, and move the surface with it."""
+        if not self._job.in_motion(made * self._step):
+            for _ in range(steps):
+                pybullet.stepSimulation(physicsClientId=self._client)
+            return
+        *states, last = self._job.surface_states(made, steps)
+        for state in states:
+            self._place(self._ground, *state)
+            pybullet.stepSimulation(physicsClientId=self._client)
+        self._place(self._ground, *last)
 
     def _states(
         self, bodies: list[int], origins: Array, which: npt.NDArray[np.int64]

@@ -5,11 +5,16 @@ Therefore g is 1.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from resting_aspects_ros.core.aspects.rest_rule import RestRule
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.motion import Motion
 from resting_aspects_ros.simulation.starts import Starts
 
 # Minimum number of time steps per T. Finer steps change no probability of an L bracket by more
@@ -18,6 +23,8 @@ STEPS_PER_T = 160
 # Maximum distance, R, that a point of the part moves in one step at impact speed, for any height
 # and for up to 3 standard deviations of speed and spin at release.
 TRAVEL_PER_STEP = 0.05
+# Maximum number of time steps while the surface moves: some minutes for a chunk of drops.
+MAX_MOTION_STEPS = 500_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +54,11 @@ class DropJob:
         Factor by which the number of time steps is multiplied.
     starts : Starts or None
         Where and how the parts start; None if they are released as the conditions say.
+
+    Raises
+    ------
+    InvalidValueError
+        If the surface moves for more than MAX_MOTION_STEPS time steps, without refinement.
     """
 
     hull: Array
@@ -62,6 +74,40 @@ class DropJob:
     until_still: bool = False
     refinement: int = 1
     starts: Starts | None = None
+
+    def __post_init__(self) -> None:
+        if self.motion is None:
+            return
+        longest = MAX_MOTION_STEPS * self.time_step * self.refinement
+        if self.motion.duration > longest:
+            raise InvalidValueError(
+                f'invalid duration {self.motion.duration:.4g} s: expected at most {longest:.4g} s '
+                f'for this part, which is {MAX_MOTION_STEPS} time steps'
+            )
+
+    @property
+    def motion(self) -> Motion | None:
+        """Motion of the surface after the start; None if it stays at rest."""
+        return None if self.starts is None else self.starts.motion
+
+    def in_motion(self, now: float) -> bool:
+        """Return whether the surface still moves at ``now`` T after the start."""
+        return self.motion is not None and now * self.time_unit < self.motion.duration
+
+    def surface_states(self, made: int, steps: int) -> Iterator[tuple[list[float], ...]]:
+        """Yield position, orientation, velocity and spin of the moving surface, in R and T.
+
+        For the beginning of each of the steps after the first ``made`` steps, and for the end of
+        the last. The velocity is that in the middle of a step, which leads from one position to
+        the next.
+        """
+        assert self.motion is not None
+        times = (made + np.arange(steps + 1)) * self.time_step
+        position, orientation = self.motion.pose(times)
+        velocity, spin = self.motion.velocity(times + self.time_step / 2)
+        unit, radius = self.time_unit, self.radius
+        scaled = (position / radius, orientation, velocity * (unit / radius), spin * unit)
+        return zip(*(values.tolist() for values in scaled), strict=True)
 
     @property
     def time_unit(self) -> float:
@@ -86,7 +132,10 @@ class DropJob:
     def steps_per_t(self) -> int:
         """Number of time steps per T."""
         speed = self.impact_speed * self.time_unit / self.radius
-        return max(STEPS_PER_T, math.ceil(speed / TRAVEL_PER_STEP)) * self.refinement
+        steps = max(STEPS_PER_T, math.ceil(speed / TRAVEL_PER_STEP))
+        if self.motion is not None:
+            steps = max(steps, math.ceil(self.time_unit / self.motion.time_step))
+        return steps * self.refinement
 
     @property
     def time_step(self) -> float:

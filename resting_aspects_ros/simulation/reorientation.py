@@ -85,3 +85,14 @@ def _rests(aspect: Aspect) -> tuple[Array, Array]:
         for end in (one, other):
             np.add.at(weights, end, angle)
     return np.array([orientation_with_down(d) for d in down]), weights / weights.sum()
+
+
+def action_starts(
+    part: Part, aspects: Sequence[Aspect], action: Impulse, gravity: float
+) -> RestStarts:
+    """Return parts at rest in these aspects, a row for each, to which an action is applied.
+
+    ``gravity`` is in m/s2.
+    """
+    del gravity
+    return rest_starts(part, aspects, action)

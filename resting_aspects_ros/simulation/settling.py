@@ -1,4 +1,4 @@
-"""Detection of the end of a drop: at rest, decided by its energy, failed or timed out."""
+"""Detection of the end of a drop: at rest, decided by its energy, lost, failed or timed out."""
 
 import math
 from dataclasses import dataclass
@@ -91,7 +91,11 @@ class Settling:
         self.time = np.zeros(n)
         self.growth = np.zeros(n)
         self._elapsed = states.elapsed[slots]
+        motion = job.motion
         self._limit = TIME_LIMIT + states.flight
+        if motion is not None:
+            self._limit += motion.duration / job.time_unit
+        self._now = 0.0
         self._still = np.zeros(n, dtype=np.int64)  # consecutive checks without motion
         start = BodyStates(states.position, states.orientation, states.velocity, states.spin)
         self._energy = self._energies(start.select(slots))
@@ -104,40 +108,72 @@ class Settling:
         return np.where(by_energy, DecidedBy.ENERGY, DecidedBy.STILLNESS).astype(np.uint8)
 
     def check(self, now: float, states: BodyStates) -> npt.NDArray[np.int64]:
-        """Update the moving bodies, ``now`` T after the start; returns the drops that ended."""
+        """Update the moving bodies, ``now`` T after the start; returns the drops that ended.
+
+        While the surface moves, a part can only be lost or fail: its energy and its stillness
+        count from the first check after the end of the motion.
+        """
         moving = self.moving
-        failed = self._failed(states)
+        shaken = self._job.in_motion(self._now)  # at some time since the last check
+        self._now = now
+        place = self._on_surface(states.position, now)
+        failed = self._failed(states, place[:, 2], restart=shaken)
         self.status[moving[failed]] = RestStatus.FAILED
         self.time[moving[failed]] = math.nan
         sound = moving[~failed]
-        still = self._update_still(sound, states.select(~failed))
-        if not self._job.until_still:
-            self._decide(sound)
+        still = self._update_still(sound, states.select(~failed), restart=shaken)
+        lost = self._left(place[~failed])
+        self.status[sound[lost]] = RestStatus.LOST
+        if not (self._job.until_still or shaken):
+            self._decide(sound[~lost])
         decided = self.minimum[sound] >= 0
+        still &= ~lost
         self.status[sound[still | decided]] = RestStatus.SETTLED
         self.time[sound] = now + self._elapsed[sound]
         self.time[sound[still & ~decided]] -= REST_WINDOW
-        continues = ~still & ~decided & (now < self._limit)
+        continues = ~still & ~decided & ~lost & (now < self._limit)
         self.moving = sound[continues]
         return np.concatenate([moving[failed], sound[~continues]])
 
-    def _failed(self, states: BodyStates) -> npt.NDArray[np.bool_]:
-        """Update the energies; returns which of the moving drops failed numerically."""
+    def _on_surface(self, position: Array, now: float) -> Array:
+        """Return positions (n, 3) in the frame of the surface, R."""
+        motion = self._job.motion
+        if motion is None:
+            return position
+        at, turned = motion.pose(np.array([now * self._job.time_unit]))
+        return rotate(turned * [-1, -1, -1, 1], position - at / self._job.radius)
+
+    def _left(self, place: Array) -> npt.NDArray[np.bool_]:
+        """Return which parts at places (n, 3) in the frame of the surface have left it."""
+        motion = self._job.motion
+        if motion is None:
+            return np.zeros(len(place), dtype=np.bool_)
+        return motion.left(place * self._job.radius)
+
+    def _failed(
+        self, states: BodyStates, height: Array, *, restart: bool
+    ) -> npt.NDArray[np.bool_]:
+        """Update the energies; returns which of the moving drops failed numerically.
+
+        ``height`` (n,) is that above the surface. With ``restart`` no growth of the energy is
+        counted before this check.
+        """
         numbers = (states.position, states.orientation, states.velocity, states.spin)
         sound = np.isfinite(np.hstack(numbers)).all(axis=1)
         # The penetration of a thin part can bring its centre of mass below the surface. Below
         # this depth, the part has fallen through the surface.
-        sound &= states.position[:, 2] >= -MAX_DEPTH
+        sound &= height >= -MAX_DEPTH
         seen = self.moving[sound]
-        before, energy = self._energy[seen], self._energies(states.select(sound))
-        self._energy[seen] = energy
+        energy = self._energies(states.select(sound))
+        before = energy if restart else self._energy[seen]
+        lowest = energy if restart else np.minimum(self._min_energy[seen], energy)
+        self._energy[seen], self._min_energy[seen] = energy, lowest
         self.growth[seen] = np.maximum(self.growth[seen], energy - before)
-        lowest = self._min_energy[seen] = np.minimum(self._min_energy[seen], energy)
         sound[sound] = energy - lowest <= MAX_GROWTH * (lowest + 1)
         return np.asarray(~sound)
 
     def _update_still(
-        self, which: npt.NDArray[np.int64], states: BodyStates
+        self, which: npt.NDArray[np.int64], states: BodyStates, *, restart: bool
     ) -> npt.NDArray[np.bool_]:
         """Update positions and orientations; returns which drops were still for REST_WINDOW."""
         motion = np.maximum(
@@ -146,7 +182,8 @@ class Settling:
         )
         self.position[which] = states.position
         self.orientation[which] = states.orientation
-        self._still[which] = np.where(motion < REST_MOTION, self._still[which] + 1, 0)
+        still = (motion < REST_MOTION) & (not restart)
+        self._still[which] = np.where(still, self._still[which] + 1, 0)
         return np.asarray(self._still[which] * CHECK_INTERVAL >= REST_WINDOW)
 
     def _decide(self, which: npt.NDArray[np.int64]) -> None:

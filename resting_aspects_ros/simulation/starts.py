@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.rotations import Array, canonical, product, rotate
+from resting_aspects_ros.simulation.motion import Motion
 from resting_aspects_ros.simulation.quantity import check_quantities, quantity
 
 Indices = npt.NDArray[np.int64]
@@ -45,6 +46,10 @@ class Starts(Protocol):
     @property
     def max_speed(self) -> float:
         """Speed at which the fastest point of a part can hit the surface first, m/s."""
+
+    @property
+    def motion(self) -> Motion | None:
+        """Motion of the surface, on which the positions then are; None: it stays at rest."""
 
     def states(self, index: Indices, generator: np.random.Generator) -> States:
         """Return the states of the drops of a chunk, whose indices (n,) are consecutive."""
@@ -139,6 +144,8 @@ class GivenStates:
 class GivenStarts:
     """Given states with noise. Every replicate of a state has its own noise."""
 
+    motion: Motion | None = None
+
     def __init__(self, given: GivenStates, noise: Noise, gravity: float, radius: float) -> None:
         self._states = States(
             given.position,
@@ -155,8 +162,7 @@ class GivenStarts:
 
     def states(self, index: Indices, generator: np.random.Generator) -> States:
         """Return the states of some drops; see Starts."""
-        row = index % self.rows
-        s = self._states
+        row, s = index % self.rows, self._states
         chosen = States(s.position[row], s.orientation[row], s.velocity[row], s.spin[row])
         return self._noise.added(chosen, generator)
 
@@ -185,7 +191,7 @@ class Body:
 
 
 class Impulse(Protocol):
-    """A disturbance that changes velocity and spin at once."""
+    """A disturbance that changes velocity and spin at once, or where the surface moves, places."""
 
     def max_speed(self, body: Body) -> float:
         """Return the speed that the fastest point of the part can have after it, m/s."""
@@ -207,12 +213,14 @@ class RestStarts:
         Their probabilities.
     impulse : Impulse
     body : Body
+    motion : Motion or None
     """
 
     orientations: tuple[Array, ...]
     weights: tuple[Array, ...]
     impulse: Impulse
     body: Body
+    motion: Motion | None = None
 
     @property
     def rows(self) -> int:

@@ -9,7 +9,7 @@ from resting_aspects_ros.cli.options import (
     add_output,
     add_part,
     add_run,
-    parse_integer,
+    add_workers,
     parse_share,
 )
 from resting_aspects_ros.simulation.interruption import Interruption
@@ -52,19 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default='0.95',
         help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
     )
-    place = parser.add_mutually_exclusive_group()
-    place.add_argument(
-        '--workers',
-        metavar='W',
-        type=parse_integer,
-        help='number of worker processes (one per core)',
-    )
-    place.add_argument(
-        '--scheduler',
-        metavar='ADDRESS',
-        help='drop on the Dask cluster of this scheduler, such as tcp://10.0.0.5:8786. Needs the '
-        'package distributed; the poses are the same',
-    )
+    add_workers(parser)
     parser.add_argument(
         '--out',
         metavar='DIR',

@@ -20,8 +20,8 @@ Mask = npt.NDArray[np.bool_]
 # The probabilities of a row may differ from a sum of 1 by this, because of rounding. It is far
 # below the smallest share that can be counted.
 SUM_TOLERANCE = 1e-9
-# Lower limit of a sampled probability, relative to the number of actions. Samples of transitions
-# that were never seen can be so small that they are rounded to 0.
+# Lower limit of a sample of the gamma distribution. For transitions that were never seen, a sample
+# can be so small that it is rounded to 0.
 _MIN_SAMPLE = 1e-100
 
 
@@ -204,7 +204,7 @@ def reach(transitions: Array, wanted: Mask) -> tuple[Array, Array]:
     arrives = rows[np.ix_(ways, wanted)].sum(axis=1)
     exits = arrives + rows[np.ix_(ways, ~ways & ~wanted)].sum(axis=1) + left[ways]
     probability = wanted.astype(np.float64)
-    probability[ways] = expected_total(inside, exits, arrives)
+    probability[ways] = np.minimum(expected_total(inside, exits, arrives), 1.0)
     actions = np.where(wanted, 0.0, np.nan)
     # n(i) = b(i) + sum of T(i, j) n(j) for n = b E[number of actions | reached].
     actions[ways] = expected_total(inside, exits, probability[ways]) / probability[ways]

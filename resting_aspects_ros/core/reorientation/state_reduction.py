@@ -29,8 +29,8 @@ def stationary_shares(chain: Array) -> Array:
 def expected_total(inside: Array, exits: Array, gain: Array) -> Array:
     """Return the expected sum (n,) of the gains until a part exits, from each of n states.
 
-    This form of the algorithm is that of Dayar and Akar (2005, SIAM Journal on Matrix Analysis and
-    Applications 27:396).
+    State reduction solves these equations too (Dayar and Akar 2005, SIAM Journal on Matrix
+    Analysis and Applications 27:396).
 
     Parameters
     ----------
@@ -53,4 +53,4 @@ def expected_total(inside: Array, exits: Array, gain: Array) -> Array:
         total[:m] += to_m * total[m]
     for m in range(len(p)):
         total[m] += p[m, :m] @ total[:m]
-    return total
+    return np.asarray(total)

@@ -1,0 +1,227 @@
+"""Compare measured trials of an action with its simulated transitions, or use them instead."""
+
+import dataclasses
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, TransitionMatrix
+from resting_aspects_ros.core.statistics.comparison import square_and_add
+from resting_aspects_ros.core.statistics.intervals import INTERVAL, Interval, intervals
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MeasuredPair:
+    """The trials that were made of one transition.
+
+    action : str
+        Name of the action.
+    from_aspect, to_aspect : int
+        Ids of the aspects before and after the action.
+    trials : int
+        How many times the action was applied to a part in ``from_aspect``, 1 or more.
+    successes : int
+        How many of the trials ended in ``to_aspect``.
+    """
+
+    action: str
+    from_aspect: int
+    to_aspect: int
+    trials: int
+    successes: int
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredTrials:
+    """The trials in a roadmap file.
+
+    source : str
+        Name of the file for messages.
+    actions : tuple of str
+        Names of all actions in the file, also of those without trials.
+    orientations : dict of int to (4,) float
+        Unit quaternion xyzw, tray from part, of each pose in the file, by id.
+    pairs : tuple of MeasuredPair
+        Each pair of aspects once for each action, in the order of the file; only those with
+        trials.
+    """
+
+    source: str
+    actions: tuple[str, ...]
+    orientations: Mapping[int, Array]
+    pairs: tuple[MeasuredPair, ...]
+
+
+@dataclass(frozen=True)
+class MeasuredComparison:
+    """The measured and the simulated share of one transition.
+
+    pair : MeasuredPair
+    measured, simulated : Interval
+        Share of the trials, and of the simulated actions, that ended in ``to_aspect``, each with
+        its Wilson interval. Without simulated actions the share is nan and its interval 0 to 1.
+    actions : int
+        Number of simulated actions on parts in ``from_aspect``.
+    difference : float
+        The measured minus the simulated share; nan without simulated actions.
+    lower, upper : float
+        Bounds of the difference: method 10 of Newcombe 1998 (Statistics in Medicine 17:873), the
+        hybrid score interval. They hold for this pair by itself.
+    confidence : float
+        Confidence of all intervals.
+    """
+
+    pair: MeasuredPair
+    measured: Interval
+    simulated: Interval
+    actions: int
+    difference: float
+    lower: float
+    upper: float
+    confidence: float
+
+    @property
+    def verdict(self) -> str:
+        """Return whether the interval of the difference contains zero, in words."""
+        if not self.actions:
+            return 'not simulated'
+        return 'agrees within the interval' if self.lower <= 0 <= self.upper else 'differs'
+
+
+def compare_measured(
+    measured: MeasuredTrials, matrix: TransitionMatrix, action_name: str
+) -> tuple[MeasuredComparison, ...]:
+    """Return the comparison of each measured pair of an action with the simulation.
+
+    The intervals have the confidence of the matrix. Each of them is that of a single pair: if
+    measurement and simulation agree everywhere, about one pair in 20 differs at a confidence of
+    95 %.
+
+    Parameters
+    ----------
+    measured : MeasuredTrials
+    matrix : TransitionMatrix
+        Simulated actions of the same kind, by aspect; counts (k, k + 4).
+    action_name : str
+        Name of the action in ``measured``.
+
+    Raises
+    ------
+    InvalidValueError
+        If ``measured`` has no such action, or if a pose in it is not the aspect with its id.
+    """
+    pairs = _pairs_of(measured, matrix, action_name)
+    each = dataclasses.replace(matrix, interval=INTERVAL)
+    probability, actions, (lower, upper) = each.probability, each.actions, each.bounds()
+    found = []
+    for pair in pairs:
+        place = pair.from_aspect - 1, pair.to_aspect - 1
+        (share,) = intervals([pair.successes], pair.trials, confidence=matrix.confidence)
+        simulated = Interval(float(probability[place]), float(lower[place]), float(upper[place]))
+        low, high = square_and_add(*_arrays(share), *_arrays(simulated))
+        found.append(
+            MeasuredComparison(
+                pair,
+                share,
+                simulated,
+                int(actions[place[0]]),
+                share.probability - simulated.probability,
+                float(low),
+                float(high),
+                matrix.confidence,
+            )
+        )
+    return tuple(found)
+
+
+def with_measured(
+    measured: MeasuredTrials, matrix: TransitionMatrix, action_name: str, min_trials: int
+) -> TransitionMatrix:
+    """Return the matrix with measured counts in the rows that have enough trials.
+
+    The measured pairs of an action from one aspect are the outcomes of the same trials. So all
+    pairs of a row must have the same number of trials n, which is also the number of trials of the
+    row, and their successes must not exceed n together. If n is at least ``min_trials``, all
+    counts of the simulated row are replaced: the count of each measured pair is its number of
+    successes, the count of unclassified parts is n minus the sum of all successes, and all other
+    counts are 0. Trials that ended in an aspect that is not listed, or whose pair is untested,
+    are therefore unclassified. A row with fewer trials, or without any, remains as simulated;
+    simulated and measured counts are never added. The maximum of the energy growth remains too.
+
+    Parameters
+    ----------
+    measured : MeasuredTrials
+    matrix : TransitionMatrix
+        Simulated actions of the same kind, by aspect; counts (k, k + 4).
+    action_name : str
+        Name of the action in ``measured``.
+    min_trials : int
+        1 or more.
+
+    Raises
+    ------
+    InvalidValueError
+        As in `compare_measured`; or if the pairs of any row, also of one with few trials, have
+        different numbers of trials or more successes than trials.
+    """
+    if min_trials < 1:
+        raise InvalidValueError(f'invalid min_trials {shown(min_trials)}: expected 1 or more')
+    rows: dict[int, list[MeasuredPair]] = defaultdict(list)
+    for pair in _pairs_of(measured, matrix, action_name):
+        rows[pair.from_aspect].append(pair)
+    counts = matrix.counts.copy()
+    for aspect, pairs in rows.items():
+        trials = {pair.trials for pair in pairs}
+        successes = sum(pair.successes for pair in pairs)
+        where = f'of {action_name} from pose {aspect} in {measured.source}'
+        if len(trials) > 1:
+            raise InvalidValueError(
+                f'invalid trials {shown(sorted(trials))} {where}: expected the same number for '
+                'all pairs of a row'
+            )
+        (n,) = trials
+        if successes > n:
+            raise InvalidValueError(
+                f'invalid sum of successes {successes} {where}: expected at most {n}, the number '
+                'of trials'
+            )
+        if n >= min_trials:
+            counts[aspect - 1] = 0
+            counts[aspect - 1, [pair.to_aspect - 1 for pair in pairs]] = [
+                pair.successes for pair in pairs
+            ]
+            counts[aspect - 1, len(matrix.aspects) + OUTCOMES.index('unclassified')] = (
+                n - successes
+            )
+    return dataclasses.replace(matrix, counts=counts)
+
+
+def _arrays(share: Interval) -> tuple[Array, tuple[Array, Array]]:
+    return np.array(share.probability), (np.array(share.lower), np.array(share.upper))
+
+
+def _pairs_of(
+    measured: MeasuredTrials, matrix: TransitionMatrix, action_name: str
+) -> list[MeasuredPair]:
+    """Return the measured pairs of an action, after checks of the name and of all poses."""
+    if action_name not in measured.actions:
+        raise InvalidValueError(
+            f'invalid action {shown(action_name)}: expected one of those in {measured.source}: '
+            f'{shown(", ".join(measured.actions))}'
+        )
+    ids = list(measured.orientations)
+    found = matrix.aspects.classify(np.array([measured.orientations[k] for k in ids]))
+    for pose, aspect in zip(ids, found.tolist(), strict=True):
+        if aspect == 0 or pose != aspect:
+            described = f'of aspect {aspect}' if aspect else 'of no aspect'
+            raise InvalidValueError(
+                f'invalid pose {pose} in {measured.source}: expected an orientation of aspect '
+                f'{pose} of the part, but it is {described}'
+            )
+    return [pair for pair in measured.pairs if pair.action == action_name]

@@ -1,0 +1,221 @@
+"""Retention curves: how strong a disturbance must be for a part to leave its aspect."""
+
+import dataclasses
+import time
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from resting_aspects_ros.api.chunk_loop import count_chunks, given_workers
+from resting_aspects_ros.api.condition_text import shipped_surfaces, surface_text
+from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects.landscape import Landscape
+from resting_aspects_ros.core.errors import InvalidValueError, warn
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.reorientation.retention import RetentionCurve
+from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.core.statistics.distribution import aspect_ids
+from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, check_confidence
+from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields, plain
+from resting_aspects_ros.report.document import to_json as json_text
+from resting_aspects_ros.report.transition_document import retention_fields
+from resting_aspects_ros.simulation.chunks import Workers
+from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.plan import plan_run
+from resting_aspects_ros.simulation.reorientation import disturbance_starts
+from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, RunDescription
+from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
+
+DEFAULT_PER_HEIGHT = 200
+# Lift heights of each curve, as multiples of the least barrier of the aspect. No part leaves below
+# the barrier, except for energy that the engine adds.
+HEIGHTS = np.array([0.9, 1.0, 1.1, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0, 20.0])
+# Barrier, as a share of R, that is assumed for the heights of an aspect without another one.
+NO_BARRIER = 0.1
+# By default, heights end at this multiple of R.
+MAX_HEIGHT = 2.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class RetentionResult:
+    """The retention curves of a part.
+
+    Attributes
+    ----------
+    curves : tuple of RetentionCurve
+        A curve for each aspect, by id.
+    aspects : AspectSet
+    run : RunDescription
+    part : Part
+    complete : bool
+        Whether all disturbances are counted.
+    """
+
+    curves: tuple[RetentionCurve, ...]
+    aspects: AspectSet
+    run: RunDescription
+    part: Part
+    complete: bool
+
+    @property
+    def title(self) -> str:
+        """Part, surface and seed in one line."""
+        surface = surface_text(self.run.conditions)
+        return f'{self.run.part}, disturbed on {surface}, seed {self.run.seed}'
+
+    def to_json(self) -> str:
+        """Return the JSON document that `resting_aspects retention --json` prints."""
+        run = dataclasses.asdict(self.run)
+        asked = run.pop('drops')
+        del run['precision']
+        return json_text(
+            {
+                'schema_version': SCHEMA_VERSION,
+                **{str(name): plain(value) for name, value in run.items()},
+                'mesh_sha256': self.part.mesh_sha256,
+                'disturbances_asked': asked,
+                'complete': self.complete,
+                'aspects': [aspect_fields(each, self.part) for each in self.aspects.aspects],
+                'curves': [retention_fields(curve) for curve in self.curves],
+            }
+        )
+
+    def save_picture(self, path: str | Path) -> None:
+        """Write the curves as PNG; raises OutputError."""
+        from resting_aspects_ros.report.figure_style import png_bytes
+        from resting_aspects_ros.report.retention_figure import retention_figure
+
+        data = png_bytes(retention_figure(self.curves, self.aspects, self.part, self.title))
+        with whole_file(Path(path)) as part:
+            part.write_bytes(data)
+
+
+def retention(
+    part: Part | str | Path,
+    per_height: int = DEFAULT_PER_HEIGHT,
+    *,
+    surface: str | DropConditions = DEFAULT_SURFACE,
+    max_lift: float | None = None,
+    seed: int = DEFAULT_SEED,
+    confidence: float = CONFIDENCE,
+    workers: int | Workers | None = None,
+    progress: bool = False,
+    stopped: Callable[[], bool] = lambda: False,
+    **conditions: Any,
+) -> RetentionResult:
+    """Disturb a part at rest in each aspect with rising energy, and count how often it leaves.
+
+    The energy of a disturbance is fixed, and its direction is uniform on the unit sphere of the
+    six mass-weighted velocities, upwards; see REORIENTATION in the explanation of the physics.
+
+    Parameters
+    ----------
+    part : Part, str or Path
+        A part, or what `load_part` accepts.
+    per_height : int
+        Number of disturbances at each of up to 13 energies.
+    surface : str or DropConditions
+        Named conditions, or conditions; height, speeds and spin at release have no effect.
+    max_lift : float, optional
+        Maximum energy as a lift height of the centre of mass, m; twice the hull radius by default.
+    seed, confidence, workers, progress
+        As for `drop`.
+    stopped : callable
+        Asked often; the disturbances end when it returns True.
+    **conditions : float
+        Conditions that differ from the surface, in SI units, such as ``friction=0.3``.
+
+    Raises
+    ------
+    InvalidValueError
+        A value is out of bounds, a name is not known, or the part has no aspect.
+    EngineError
+        The worker processes cannot be started, or died repeatedly.
+
+    Examples
+    --------
+    >>> import resting_aspects_ros as ra
+    >>> result = ra.retention('tetrahedron', 20, seed=1)
+    >>> [curve.aspect for curve in result.curves]
+    [1, 2, 3, 4]
+    """
+    check_confidence(confidence)
+    given = surface if isinstance(surface, DropConditions) else shipped_surfaces().get(surface)
+    given = given.changed(**conditions) if conditions else given
+    loaded = part if isinstance(part, Part) else load_part(part)
+    for warning in loaded.warnings:
+        warn(warning)
+    landscape = Landscape(loaded)
+    aspects = find_aspects(loaded, landscape)
+    if not len(aspects):
+        raise InvalidValueError(f'invalid part {loaded.name}: expected a part with an aspect')
+    lift = lift_heights(aspects, loaded.hull_radius, max_lift)
+    job, run = plan_run(
+        loaded,
+        given,
+        seed=seed,
+        drops=per_height * lift.size,
+        run_id=uuid.uuid4().hex[:12],
+        started=time.time_ns(),
+        landscape=landscape,
+        starts=disturbance_starts(loaded, aspects.aspects, lift, given.gravity),
+    )
+    left, parts = np.zeros((2, lift.size), dtype=np.int64)
+
+    def count(poses: RestingPoses) -> None:
+        row = np.arange(poses.first_drop, poses.end) % lift.size
+        stayed = aspect_ids(aspects, poses) == row // lift.shape[1] + 1
+        np.add.at(parts, row, 1)
+        np.add.at(left, row, ~stayed)
+
+    with (
+        given_workers(workers) as pool,
+        DropProgress(f'{loaded.name}, disturbed', run.drops, 'parts', shown=progress) as bar,
+    ):
+        count_chunks(
+            job,
+            run,
+            [(0, run.drops)],
+            pool,
+            count,
+            lambda: bool(parts.sum() >= run.drops),
+            lambda: bar.update(int(parts.sum())),
+            stopped,
+        )
+        bar.end(int(parts.sum()))
+    shape = lift.shape
+    counted = zip(aspects.aspects, lift, left.reshape(shape), parts.reshape(shape), strict=True)
+    curves = tuple(
+        RetentionCurve(
+            aspect.id, aspect.min_barrier, heights[n > 0], gone[n > 0], n[n > 0], confidence
+        )
+        for aspect, heights, gone, n in counted
+    )
+    return RetentionResult(curves, aspects, run, loaded, bool(parts.sum() >= run.drops))
+
+
+def lift_heights(aspects: AspectSet, radius: float, max_lift: float | None) -> Array:
+    """Return the lift heights (a, m) of the curve of each aspect, m, ascending.
+
+    They are multiples of the least barrier; those above the maximum are replaced by equal steps
+    up to the maximum.
+    """
+    limit = MAX_HEIGHT * radius if max_lift is None else max_lift
+    rows = []
+    for aspect in aspects.aspects:
+        barrier = aspect.min_barrier if np.isfinite(aspect.min_barrier) else NO_BARRIER * radius
+        heights = np.minimum(barrier * HEIGHTS, limit)
+        above = np.flatnonzero(heights >= limit)
+        if len(above):
+            start = heights[above[0] - 1] if above[0] > 0 else 0.0
+            heights[above] = start + (limit - start) * np.arange(1, len(above) + 1) / len(above)
+        rows.append(heights)
+    return np.array(rows)

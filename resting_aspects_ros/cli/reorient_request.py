@@ -1,0 +1,101 @@
+"""What `resting_aspects reorient` is asked for: part, actions, conditions, wanted aspects."""
+
+import argparse
+from dataclasses import dataclass
+
+from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.measured_trials import MeasuredTrials
+from resting_aspects_ros.api.output_files import check_output, make_folder
+from resting_aspects_ros.api.reorient import DEFAULT_PER_ASPECT, PlannedActions, plan_actions
+from resting_aspects_ros.api.reorient_result import wanted_mask
+from resting_aspects_ros.api.roadmap import read_roadmap
+from resting_aspects_ros.cli.action_options import requested_actions
+from resting_aspects_ros.cli.options import parse_share, requested_conditions
+from resting_aspects_ros.core.aspects.landscape import Landscape
+from resting_aspects_ros.core.errors import InvalidValueError, warn
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.stopping import check_precision
+from resting_aspects_ros.simulation.conditions import DropConditions
+
+DOCUMENT, ROADMAP = 'transitions.json', 'roadmap.json'
+
+
+@dataclass(frozen=True)
+class ReorientRequest:
+    """Actions that were requested.
+
+    wanted : tuple of int
+        Ids of the wanted aspects; empty without any.
+    by_class : bool
+        Whether tables have a row for each symmetry class.
+    """
+
+    part: Part
+    conditions: DropConditions
+    planned: tuple[PlannedActions, ...]
+    wanted: tuple[int, ...]
+    by_class: bool
+    measured: MeasuredTrials | None
+
+
+def requested_reorientation(arguments: argparse.Namespace, confidence: float) -> ReorientRequest:
+    """Return the actions that the flags request; raises RestingAspectsError for wrong input."""
+    precision = 0.0
+    if arguments.precision is not None:
+        precision = parse_share('--precision', arguments.precision)
+        check_precision(precision)
+    actions = requested_actions(arguments)
+    conditions = requested_conditions(arguments, shipped_surfaces())
+    measured = None if arguments.measured is None else read_roadmap(arguments.measured)
+    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+    for warning in part.warnings:
+        warn(warning)
+    per_aspect = arguments.per_aspect
+    if per_aspect is None:
+        per_aspect = 0 if precision else DEFAULT_PER_ASPECT
+    landscape = Landscape(part)
+    planned = tuple(
+        plan_actions(
+            part,
+            action,
+            conditions,
+            per_aspect=per_aspect,
+            precision=precision,
+            seed=arguments.seed,
+            confidence=confidence,
+            landscape=landscape,
+        )
+        for action in actions
+    )
+    wanted = _wanted(arguments, planned[0])
+    if arguments.out is not None:
+        make_folder('--out', arguments.out)
+        check_output('--out', arguments.out / DOCUMENT)
+    by_class = not arguments.each and arguments.wanted is None
+    return ReorientRequest(part, conditions, planned, wanted, by_class, measured)
+
+
+def _wanted(arguments: argparse.Namespace, planned: PlannedActions) -> tuple[int, ...]:
+    """Return the ids of the wanted aspects."""
+    aspects = planned.counter.matrix.aspects
+    if arguments.wanted is not None:
+        numbers = _numbers('--wanted', arguments.wanted)
+        wanted_mask(numbers, len(aspects))
+        return tuple(sorted(set(numbers)))
+    if arguments.wanted_classes is None:
+        return ()
+    classes = aspects.classes()
+    numbers = _numbers('--wanted-classes', arguments.wanted_classes)
+    wanted_mask(numbers, len(classes), 'symmetry class')
+    return tuple(sorted({a.id for number in numbers for a in classes[number - 1]}))
+
+
+def _numbers(flag: str, text: str) -> list[int]:
+    """Return the numbers in '1,3'; raises InvalidValueError."""
+    try:
+        return [int(each) for each in text.split(',')]
+    except ValueError:
+        raise InvalidValueError(
+            f'invalid {flag} {text!r}: expected numbers separated by commas, such as 1,3'
+        ) from None

@@ -1,0 +1,160 @@
+"""Print and save the results of `resting_aspects reorient`."""
+
+import dataclasses
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from resting_aspects_ros.api.estimate import estimate
+from resting_aspects_ros.api.measured_trials import MeasuredComparison
+from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.api.reorient_result import (
+    PlanResult,
+    ReorientResult,
+    plan_reorientation,
+    wanted_mask,
+)
+from resting_aspects_ros.api.roadmap import roadmap_document
+from resting_aspects_ros.cli.console import make_console, show_table
+from resting_aspects_ros.cli.reorient_request import DOCUMENT, ROADMAP
+from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES
+from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
+from resting_aspects_ros.report.reorientation_table import (
+    long_run_table,
+    long_run_text,
+    plan_table,
+    wanted_table,
+)
+from resting_aspects_ros.report.transition_table import table_rows, transition_table
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Results of one or several actions, with what was asked of them.
+
+    wanted : tuple of int
+        Ids of the wanted aspects; empty without any.
+    checks : tuple of MeasuredComparison
+        Comparisons with measured trials.
+    """
+
+    results: tuple[ReorientResult, ...]
+    wanted: tuple[int, ...]
+    checks: tuple[MeasuredComparison, ...]
+
+    @property
+    def plan(self) -> PlanResult | None:
+        """The best plan; None without wanted aspects, or if the results are not complete."""
+        if not self.wanted or any(result.long_run is None for result in self.results):
+            return None
+        return plan_reorientation(self.results, self.wanted)
+
+    def to_json(self) -> str:
+        """Return one JSON document; with several actions it has a list of results."""
+        documents = [result.document(self.wanted) for result in self.results]
+        document = documents[0]
+        if len(documents) > 1:
+            document = {'schema_version': SCHEMA_VERSION, 'results': documents}
+        if (plan := self.plan) is not None:
+            document['plan'] = plan.document()
+        if self.checks:
+            document['measured'] = [
+                {**dataclasses.asdict(check), 'verdict': check.verdict} for check in self.checks
+            ]
+        return to_json(document)
+
+
+def print_answer(answer: Answer, *, by_class: bool, as_json: bool) -> None:
+    """Print the results as tables, or as one JSON document."""
+    if as_json:
+        sys.stdout.write(answer.to_json())
+        return
+    console = make_console()
+    for result in answer.results:
+        _print_result(console, result, answer.wanted, by_class=by_class)
+    if (plan := answer.plan) is not None and len(answer.results) > 1:
+        rows = table_rows(answer.results[0].matrix.aspects, by_class=False)
+        show_table(console, plan_table(rows, plan.plan, plan.names, 'best plan'))
+    for check in answer.checks:
+        _say(console, _check_text(check))
+
+
+def _print_result(
+    console: Console, result: ReorientResult, wanted: Sequence[int], *, by_class: bool
+) -> None:
+    title = f'{result.title}\n{result.action.text}'
+    show_table(console, transition_table(result.matrix, by_class, title))
+    if not result.action.action.has_effect:
+        _say(console, 'The action has no effect: every part stays where it is.')
+    view = result.by_class() if by_class else result
+    rows = table_rows(result.matrix.aspects, by_class=by_class)
+    if view.long_run is not None:
+        table = long_run_table(
+            rows,
+            view.long_run,
+            *view.long_run_bounds,
+            view.drop_shares,
+            f'{result.action.name}, repeated',
+            result.matrix.confidence,
+        )
+        show_table(console, table)
+        _say(console, long_run_text(rows, view.long_run))
+    if wanted and (view.matrix.actions > 0).all():
+        mask = wanted_mask(wanted, len(result.matrix.counts))
+        mask = np.array([mask[[aspect.id - 1 for aspect in row]].all() for row in rows])
+        way = view.reach((np.flatnonzero(mask) + 1).tolist())
+        show_table(console, wanted_table(rows, mask, *way, 'the way to wanted aspects'))
+    if result.convergence is not None:
+        classes = result.matrix.aspects.classes()
+        names = [f'aspect {"+".join(str(a.id) for a in row)}' for row in classes]
+        _say(console, result.convergence.text([*names, *OUTCOMES]))
+
+
+def _say(console: Console, text: str) -> None:
+    if text:
+        console.print(text, markup=False, highlight=False)
+
+
+def _check_text(check: MeasuredComparison) -> str:
+    pair = check.pair
+    return (
+        f'{pair.action} {pair.from_aspect} -> {pair.to_aspect}: measured {pair.successes} of '
+        f'{pair.trials}, simulated {100 * check.simulated.probability:.1f} %, difference '
+        f'{100 * check.difference:+.1f} points ({100 * check.lower:+.1f} to '
+        f'{100 * check.upper:+.1f}): {check.verdict}'
+    )
+
+
+def save_answer(answer: Answer, out: Path, part: Part) -> list[Path]:
+    """Write documents, graphs and pictures, which take longest, and return their paths."""
+    written = [out / DOCUMENT]
+    with whole_file(written[0]) as file:
+        file.write_text(answer.to_json(), encoding='utf-8')
+    try:
+        weights = estimate(part, ['csa']).estimates['csa'].probabilities
+    except NotDefinedError:
+        weights = None
+    matrices = {each.action.name: (each.matrix, each.action.values) for each in answer.results}
+    written.append(out / ROADMAP)
+    with whole_file(written[-1]) as file:
+        document = roadmap_document(part, answer.results[0].drop, weights, matrices)
+        file.write_text(to_json(document), encoding='utf-8')
+    for result in answer.results:
+        suffix = '' if len(answer.results) == 1 else f'_{result.action.name}'
+        files = {f'transitions{suffix}.png': result.save_picture}
+        if result.long_run is not None:
+            files = {
+                f'transitions{suffix}.graphml': result.save_graphml,
+                **files,
+                f'flow{suffix}.png': result.save_flow,
+            }
+        for name, save in files.items():
+            save(out / name)
+            written.append(out / name)
+    return written

@@ -1,0 +1,122 @@
+"""`resting_aspects reorient`: how an action brings a part from aspect to aspect."""
+
+import argparse
+from contextlib import ExitStack
+from pathlib import Path
+
+from resting_aspects_ros.cli.action_options import add_action_values
+from resting_aspects_ros.cli.options import (
+    add_contact_conditions,
+    add_output,
+    add_part,
+    add_workers,
+    parse_integer,
+    parse_share,
+)
+from resting_aspects_ros.simulation.interruption import Interruption
+from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, DEFAULT_SEED
+
+DESCRIPTION = """Simulate what a feeder does to parts at rest, many times from each aspect, and
+show where they come to rest then: the transition matrix, the mix that repeated
+actions lead to, how soon a wanted aspect is reached, and the best action in
+each aspect. No ROS nodes are needed."""
+EXAMPLES = """examples:
+  resting_aspects reorient l_bracket
+  resting_aspects reorient l_bracket --action kick --speed 0.5 --spin 20
+  resting_aspects reorient t_prism --action tap,toss --wanted 1,3
+  resting_aspects reorient my_part.stl --actions my_actions.yaml --action jolt
+  resting_aspects reorient hex_nut --precision 0.05 --out result
+  resting_aspects reorient l_bracket --action hard_tap --json > transitions.json
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_part(parser)
+    parser.add_argument(
+        '--action',
+        metavar='NAME',
+        help='an action of config/actions.yaml or of --actions, such as tap, or a kind of action '
+        'with the values below; several separated by commas are compared (tap)',
+    )
+    parser.add_argument(
+        '--actions', metavar='FILE', type=Path, help='file of named actions (config/actions.yaml)'
+    )
+    parser.add_argument(
+        '--per-aspect',
+        metavar='N',
+        type=parse_integer,
+        help='number of actions from each aspect (400). With --precision the maximum (as many as '
+        'needed)',
+    )
+    parser.add_argument(
+        '--precision',
+        metavar='P',
+        help='stop as soon as every interval of the matrix is at most +-P wide, such as 0.05',
+    )
+    parser.add_argument(
+        '--drops',
+        metavar='N',
+        type=parse_integer,
+        default=DEFAULT_DROPS,
+        help='number of drops, whose distribution is shown beside the long run and replaces parts '
+        f'that leave the aspects ({DEFAULT_DROPS})',
+    )
+    parser.add_argument(
+        '--seed',
+        metavar='S',
+        type=parse_integer,
+        default=DEFAULT_SEED,
+        help=f'the same seed gives the same transitions ({DEFAULT_SEED})',
+    )
+    wanted = parser.add_mutually_exclusive_group()
+    wanted.add_argument(
+        '--wanted',
+        metavar='IDS',
+        help='wanted aspects, such as 1,3: show how likely and how soon they are reached, and the '
+        'best action in each other aspect',
+    )
+    wanted.add_argument(
+        '--wanted-classes', metavar='NUMBERS', help='the same for symmetry classes'
+    )
+    parser.add_argument(
+        '--measured',
+        metavar='FILE.json',
+        type=Path,
+        help='compare with the trials in a roadmap file, and use rows with enough trials instead '
+        'of the simulated ones',
+    )
+    parser.add_argument(
+        '--confidence',
+        metavar='C',
+        default='0.95',
+        help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
+    )
+    add_workers(parser)
+    parser.add_argument(
+        '--out',
+        metavar='DIR',
+        type=Path,
+        help='write transitions.json, pictures of the matrix and of the flow, transitions.graphml '
+        'and roadmap.json into this folder',
+    )
+    parser.add_argument(
+        '--check-convergence',
+        action='store_true',
+        help='repeat the actions with half the time step, and show how much the matrix changes',
+    )
+    add_output(parser)
+    add_action_values(parser)
+    add_contact_conditions(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
+    with Interruption() as stop, ExitStack() as stack:
+        confidence = parse_share('--confidence', arguments.confidence)
+        # These imports are slow because of NumPy.
+        from resting_aspects_ros.cli.reorient_run import reorient_and_show
+        from resting_aspects_ros.cli.start_workers import start_workers
+
+        workers = start_workers(arguments, stack)
+        return reorient_and_show(arguments, workers, confidence, stop)

@@ -1,0 +1,116 @@
+"""`resting_aspects retention`: how strong a disturbance makes a part leave each aspect."""
+
+import argparse
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+from resting_aspects_ros.cli.options import (
+    add_contact_conditions,
+    add_output,
+    add_part,
+    add_workers,
+    parse_integer,
+    parse_quantity,
+    parse_share,
+)
+from resting_aspects_ros.simulation.interruption import Interruption
+from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
+
+DESCRIPTION = """Disturb a part at rest in each aspect with rising energy, and show at which
+energy it leaves the aspect. The energy is given as a lift height: the height by
+which it would lift the centre of mass. No ROS nodes are needed."""
+EXAMPLES = """examples:
+  resting_aspects retention l_bracket
+  resting_aspects retention my_part.stl --per-height 1000 --out result
+  resting_aspects retention hex_nut --max-lift 20mm --friction 0.4 --json
+"""
+DOCUMENT, PICTURE = 'retention.json', 'retention.png'
+INTERRUPTED = 130
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_part(parser)
+    parser.add_argument(
+        '--per-height',
+        metavar='N',
+        type=parse_integer,
+        default=200,
+        help='number of disturbances of each energy from each aspect (200)',
+    )
+    parser.add_argument(
+        '--max-lift',
+        metavar='M',
+        help='maximum lift height, such as 20mm (twice the radius of the part)',
+    )
+    parser.add_argument(
+        '--seed',
+        metavar='S',
+        type=parse_integer,
+        default=DEFAULT_SEED,
+        help=f'the same seed gives the same curves ({DEFAULT_SEED})',
+    )
+    parser.add_argument(
+        '--confidence',
+        metavar='C',
+        default='0.95',
+        help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
+    )
+    add_workers(parser)
+    parser.add_argument(
+        '--out',
+        metavar='DIR',
+        type=Path,
+        help='write retention.json and retention.png into this folder',
+    )
+    add_output(parser, each=False)
+    add_contact_conditions(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
+    with Interruption() as stop, ExitStack() as stack:
+        confidence = parse_share('--confidence', arguments.confidence)
+        lift = arguments.max_lift
+        max_lift = None if lift is None else parse_quantity('--max-lift', lift, 'm')
+        # These imports are slow because of NumPy.
+        from resting_aspects_ros.api.condition_text import shipped_surfaces
+        from resting_aspects_ros.api.load_part import load_part
+        from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
+        from resting_aspects_ros.api.retention import retention
+        from resting_aspects_ros.cli.console import make_console, show_table
+        from resting_aspects_ros.cli.options import requested_conditions
+        from resting_aspects_ros.cli.start_workers import start_workers
+        from resting_aspects_ros.report.reorientation_table import retention_table
+
+        conditions = requested_conditions(arguments, shipped_surfaces())
+        part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+        if arguments.out is not None:
+            make_folder('--out', arguments.out)
+            check_output('--out', arguments.out / DOCUMENT)
+        result = retention(
+            part,
+            arguments.per_height,
+            surface=conditions,
+            max_lift=max_lift,
+            seed=arguments.seed,
+            confidence=confidence,
+            workers=start_workers(arguments, stack),
+            progress=True,
+            stopped=lambda: stop.asked,
+        )
+        if arguments.json:
+            sys.stdout.write(result.to_json())
+        else:
+            show_table(make_console(), retention_table(result.curves, result.title))
+        if arguments.out is not None:
+            with whole_file(arguments.out / DOCUMENT) as file:
+                file.write_text(result.to_json(), encoding='utf-8')
+            result.save_picture(arguments.out / PICTURE)
+            if not arguments.json:
+                print(f'Written: {arguments.out / DOCUMENT}, {arguments.out / PICTURE}')
+        if not result.complete:
+            print('interrupted; the curves have fewer disturbances', file=sys.stderr)
+            return INTERRUPTED
+        return 0
