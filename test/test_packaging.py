@@ -37,6 +37,7 @@ DEPENDENCIES = {
     'manifold3d': ('manifold3d', None),  # rosdep has no key for it
     'matplotlib': ('matplotlib', 'python3-matplotlib'),
     'mcap': ('mcap', 'mcap-ros2-support'),
+    'networkx': ('networkx', 'python3-networkx'),
     'numpy': ('numpy', 'python3-numpy'),
     'pybullet': ('pybullet', 'python3-pybullet-pip'),
     'pydantic': ('pydantic', 'python3-pydantic'),

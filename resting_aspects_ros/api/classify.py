@@ -176,7 +176,7 @@ def _table(poses: RestingPoses | npt.ArrayLike | str | Path, min_poses: int) -> 
     unsettled = failed = 0
     if isinstance(poses, RestingPoses):
         settled = poses.status == RestStatus.SETTLED
-        unsettled = int((poses.status == RestStatus.UNSETTLED).sum())
+        unsettled = int(np.isin(poses.status, (RestStatus.UNSETTLED, RestStatus.LOST)).sum())
         failed = int((poses.status == RestStatus.FAILED).sum())
         index, xyzw = np.flatnonzero(settled), poses.orientation[settled]
     else:

@@ -13,11 +13,12 @@ from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.convergence import Convergence
 from resting_aspects_ros.api.drop_counter import Consumer, DropCounter, check_in_finer_steps
 from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.given_states import CountsByState, given_starts
 from resting_aspects_ros.api.load_part import load_part, mesh_file
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.errors import LogError, warn
+from resting_aspects_ros.core.errors import InvalidValueError, LogError, warn
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution, no_drops
@@ -31,6 +32,7 @@ from resting_aspects_ros.core.statistics.stopping import max_drops
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.noise import Noise
 from resting_aspects_ros.simulation.plan import plan_run
 from resting_aspects_ros.simulation.run_description import (
     DEFAULT_DROPS,
@@ -38,7 +40,10 @@ from resting_aspects_ros.simulation.run_description import (
     MAX_DROPS,
     RunDescription,
 )
+from resting_aspects_ros.simulation.starts import GivenStates, Starts
 from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
+
+NO_NOISE = Noise()
 
 
 @dataclass(frozen=True)
@@ -61,10 +66,12 @@ def plan(
     stop_at: float | None = None,
     interval: str = INTERVAL,
     confidence: float = CONFIDENCE,
+    starts: Starts | None = None,
 ) -> PlannedRun:
     """Find the aspects of a part and plan a run; raises InvalidValueError.
 
-    ``stop_at`` is the precision at which to stop, if it differs from that of the run.
+    ``stop_at`` is the precision at which to stop, if it differs from that of the run. See
+    plan_run for ``starts``.
     """
     check_method(interval)
     check_confidence(confidence)
@@ -87,6 +94,7 @@ def plan(
         run_id=uuid.uuid4().hex[:12],
         started=time.time_ns(),
         landscape=landscape,
+        starts=starts,
     )
     return PlannedRun(job, run, empty)
 
@@ -100,6 +108,9 @@ def drop(
     seed: int = DEFAULT_SEED,
     interval: str = INTERVAL,
     confidence: float = CONFIDENCE,
+    initial_states: GivenStates | None = None,
+    replicates: int = 1,
+    noise: Noise = NO_NOISE,
     check_convergence: bool = False,
     workers: int | Workers | None = None,
     keep_poses: bool = True,
@@ -129,6 +140,13 @@ def drop(
         'wilson': each interval holds by itself; 'simultaneous': all hold together.
     confidence : float
         Confidence of the intervals: more than 0.5 and less than 1.
+    initial_states : GivenStates, optional
+        States from which the parts start, instead of random releases; see
+        `DropResult.by_state`. Height, speeds and spin of the conditions then have no effect.
+    replicates : int
+        Number of drops from each initial state.
+    noise : Noise
+        Errors of the initial states, independent for each replicate.
     check_convergence : bool
         Repeat the drops with half the time step; see `DropResult.convergence`.
     workers : int or Workers, optional
@@ -172,6 +190,14 @@ def drop(
     loaded = part if isinstance(part, Part) else load_part(part)
     for warning in loaded.warnings:
         warn(warning)
+    starts: Starts | None = None
+    if initial_states is not None:
+        if drops is not None or precision or log is not None:
+            raise InvalidValueError(
+                'invalid initial_states: expected without drops, precision and log; replicates '
+                'is the number of drops from each state'
+            )
+        starts, drops = given_starts(loaded, initial_states, noise, given, replicates)
     count = (0 if precision else DEFAULT_DROPS) if drops is None else drops
     planned = plan(
         loaded,
@@ -181,9 +207,14 @@ def drop(
         precision=precision,
         interval=interval,
         confidence=confidence,
+        starts=starts,
     )
     chunks: list[RestingPoses] = []
     consumers: list[Consumer] = [lambda poses, _: chunks.append(poses)] if keep_poses else []
+    by_state: CountsByState | None = None
+    if initial_states is not None:
+        by_state = CountsByState.none(len(initial_states), len(planned.empty.aspects))
+        consumers.append(by_state.add)
     counter = DropCounter(planned.empty, planned.run, precision, consumers=consumers)
     convergence: Convergence | None = None
     with given_workers(workers) as pool:
@@ -208,6 +239,7 @@ def drop(
         counter.history.points(),
         RestingPoses.join(chunks) if keep_poses else None,
         log_folder,
+        by_state,
     )
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from resting_aspects_ros.api.condition_text import surface_text
 from resting_aspects_ros.api.convergence import Convergence
+from resting_aspects_ros.api.given_states import CountsByState
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
@@ -40,6 +41,8 @@ class DropResult:
         The resting poses, if they were kept.
     log : Path or None
         The folder of the log of the run, if one was written.
+    by_state : CountsByState or None
+        Counts by initial state, if the initial states were given.
     """
 
     distribution: Distribution
@@ -52,6 +55,7 @@ class DropResult:
     history: tuple[Counts, Counts] | None = None
     poses: RestingPoses | None = None
     log: Path | None = None
+    by_state: CountsByState | None = None
 
     @property
     def title(self) -> str:
@@ -82,6 +86,8 @@ class DropResult:
                 for n, row in zip(*(each.tolist() for each in self.history), strict=True)
             ],
         }
+        if self.by_state is not None:
+            fields['initial_states'] = self.by_state
         if self.convergence is not None:
             fields['convergence'] = self.convergence
         return to_json(distribution_document(self.distribution, fields, self.part))

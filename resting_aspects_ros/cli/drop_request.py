@@ -5,12 +5,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.given_states import DEFAULT_REPLICATES, given_starts
+from resting_aspects_ros.api.inputs.state_csv import read_state_csv
 from resting_aspects_ros.api.load_part import load_part
-from resting_aspects_ros.cli.options import requested_conditions, requested_number
+from resting_aspects_ros.cli.options import (
+    parse_quantity,
+    requested_conditions,
+    requested_number,
+)
 from resting_aspects_ros.core.errors import InvalidValueError, LogError, warn
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
+from resting_aspects_ros.simulation.noise import Noise
+from resting_aspects_ros.simulation.quantity import quantities_of
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, RunDescription, check_seed
+from resting_aspects_ros.simulation.starts import GivenStates, Starts
 
 # In hull radii. A greater height is probably a mistake of the unit, and the drops take minutes.
 MAX_HEIGHT = 500
@@ -27,6 +36,8 @@ class DropRequest:
     ranges : tuple of (int, int)
         The drops [first, end) in the log, if exactly these are repeated. Then ``drops`` ends the
         run, and ``precision`` is only that of the logged run.
+    given, starts : GivenStates, Starts
+        Given initial states, and how the parts start from them; None for random releases.
     """
 
     part: Part
@@ -36,6 +47,8 @@ class DropRequest:
     precision: float
     logged: RunDescription | None = None
     ranges: tuple[tuple[int, int], ...] = ()
+    given: GivenStates | None = None
+    starts: Starts | None = None
 
     @property
     def stop_at(self) -> float:
@@ -50,7 +63,7 @@ class DropRequest:
     def check_height(self) -> None:
         """Raise InvalidValueError if the height is probably in a wrong unit."""
         height, max_height = self.conditions.height, MAX_HEIGHT * self.part.hull_radius
-        if self.logged is None and height > max_height:
+        if self.logged is None and self.starts is None and height > max_height:
             raise InvalidValueError(
                 f'invalid --height {height:g} m: expected at most {MAX_HEIGHT} times the radius '
                 f'of {self.part.name}, {max_height:.3g} m, or --force; millimetres are written '
@@ -75,6 +88,8 @@ class DropRequest:
 def requested_drops(arguments: argparse.Namespace) -> DropRequest:
     """Return the drops that the flags request; raises RestingAspectsError for wrong input."""
     drops, precision = requested_number(arguments)
+    if arguments.initial_states is None:
+        _check_no_states(arguments)
     if arguments.from_log is not None:
         return _logged(arguments, drops, precision)
     if arguments.part is None:
@@ -85,11 +100,48 @@ def requested_drops(arguments: argparse.Namespace) -> DropRequest:
     check_seed(seed)
     conditions = requested_conditions(arguments, shipped_surfaces())
     part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
-    return DropRequest(part, conditions, seed, drops, precision)
+    if arguments.initial_states is None:
+        return DropRequest(part, conditions, seed, drops, precision)
+    given = read_state_csv(arguments.initial_states)
+    for flag in ('drops', 'precision', 'log'):
+        if getattr(arguments, flag) is not None:
+            raise InvalidValueError(
+                f'invalid --{flag} {getattr(arguments, flag)}: expected only without '
+                '--initial-states; --replicates is the number of drops from each state'
+            )
+    count = DEFAULT_REPLICATES if arguments.replicates is None else arguments.replicates
+    starts, drops = given_starts(part, given, _noise(arguments), conditions, count)
+    return DropRequest(part, conditions, seed, drops, 0.0, given=given, starts=starts)
+
+
+def _noise(arguments: argparse.Namespace) -> Noise:
+    """Return the noise that the flags request; raises InvalidValueError."""
+    return Noise(
+        **{
+            name: parse_quantity(f'--noise-{name}', text, quantity.unit)
+            for name, quantity in quantities_of(Noise).items()
+            if (text := getattr(arguments, f'noise_{name}')) is not None
+        }
+    )
+
+
+def _check_no_states(arguments: argparse.Namespace) -> None:
+    """Raise InvalidValueError if a flag is given that needs --initial-states."""
+    for name in ('replicates', *(f'noise_{each}' for each in quantities_of(Noise))):
+        if getattr(arguments, name) is not None:
+            raise InvalidValueError(
+                f'invalid --{name.replace("_", "-")} {getattr(arguments, name)}: expected only '
+                'with --initial-states'
+            )
 
 
 def _logged(arguments: argparse.Namespace, drops: int, precision: float) -> DropRequest:
     log: Path = arguments.from_log
+    if arguments.initial_states is not None:
+        raise InvalidValueError(
+            f'invalid --initial-states {str(arguments.initial_states)!r}: expected only without '
+            '--from-log'
+        )
     if arguments.log is not None:
         raise InvalidValueError(
             f'invalid --log {str(arguments.log)!r}: expected only without --from-log, whose '

@@ -12,6 +12,7 @@ from resting_aspects_ros.api.convergence import Convergence
 from resting_aspects_ros.api.drop import plan, recorded
 from resting_aspects_ros.api.drop_counter import DropCounter, check_in_finer_steps
 from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.given_states import CountsByState
 from resting_aspects_ros.api.load_part import mesh_file
 from resting_aspects_ros.api.output_files import (
     OutputError,
@@ -55,6 +56,7 @@ def drop_and_show(
         stop_at=stop_at,
         interval=arguments.interval,
         confidence=confidence,
+        starts=request.starts,
     )
     job, run = planned.job, planned.run
     request.check_engine(run)
@@ -66,6 +68,7 @@ def drop_and_show(
     convergence: Convergence | None = None
     checked = not arguments.check_convergence
     counter = DropCounter(planned.empty, run, stop_at, request.ranges)
+    by_state = _counted_by_state(request, counter)
     try:
         with ExitStack() as stack:
             for option, path in _poses_paths(arguments.poses, flag, out):
@@ -101,6 +104,7 @@ def drop_and_show(
         mesh_file(arguments.part),
         counter.history.points(),
         log=log,
+        by_state=by_state,
     )
     _write(result, out, arguments)
     done = result.distribution.drops
@@ -113,6 +117,15 @@ def drop_and_show(
     if not checked:
         print('interrupted; convergence was not checked', file=sys.stderr)
     return 0 if checked else INTERRUPTED
+
+
+def _counted_by_state(request: DropRequest, counter: DropCounter) -> CountsByState | None:
+    """Let the counter count by given initial state, too; returns the counts."""
+    if request.given is None:
+        return None
+    by_state = CountsByState.none(len(request.given), len(counter.distribution.aspects))
+    counter.consumers.append(by_state.add)
+    return by_state
 
 
 def _write(result: DropResult, out: Path | None, arguments: argparse.Namespace) -> None:

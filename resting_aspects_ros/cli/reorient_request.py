@@ -72,6 +72,7 @@ def requested_reorientation(arguments: argparse.Namespace, confidence: float) ->
     if arguments.out is not None:
         make_folder('--out', arguments.out)
         check_output('--out', arguments.out / DOCUMENT)
+        _check_trials_are_kept(arguments)
     by_class = not arguments.each and arguments.wanted is None
     return ReorientRequest(part, conditions, planned, wanted, by_class, measured)
 
@@ -89,6 +90,16 @@ def _wanted(arguments: argparse.Namespace, planned: PlannedActions) -> tuple[int
     numbers = _numbers('--wanted-classes', arguments.wanted_classes)
     wanted_mask(numbers, len(classes), 'symmetry class')
     return tuple(sorted({a.id for number in numbers for a in classes[number - 1]}))
+
+
+def _check_trials_are_kept(arguments: argparse.Namespace) -> None:
+    """Raise InvalidValueError if the file of measured trials would be replaced."""
+    measured, roadmap = arguments.measured, arguments.out / ROADMAP
+    if measured is not None and roadmap.exists() and measured.samefile(roadmap):
+        raise InvalidValueError(
+            f'invalid --out {str(arguments.out)!r}: expected another folder than that of '
+            '--measured, whose trials would be lost'
+        )
 
 
 def _numbers(flag: str, text: str) -> list[int]:

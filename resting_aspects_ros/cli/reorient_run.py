@@ -52,7 +52,7 @@ def reorient_and_show(
     answer = Answer(tuple(results), request.wanted, tuple(checks))
     print_answer(answer, by_class=request.by_class, as_json=arguments.json)
     if arguments.out is not None:
-        written = save_answer(answer, arguments.out, request.part)
+        written = save_answer(answer, simulated, arguments.out, request.part)
         if not arguments.json:
             print(f'Written: {", ".join(str(path) for path in written)}')
     if not all(result.complete for result in results):

@@ -131,8 +131,13 @@ def _check_text(check: MeasuredComparison) -> str:
     )
 
 
-def save_answer(answer: Answer, out: Path, part: Part) -> list[Path]:
-    """Write documents, graphs and pictures, which take longest, and return their paths."""
+def save_answer(
+    answer: Answer, simulated: Sequence[ReorientResult], out: Path, part: Part
+) -> list[Path]:
+    """Write documents, graphs and pictures, which take longest, and return their paths.
+
+    The roadmap has the matrices of ``simulated``, in which no row is replaced by measured trials.
+    """
     written = [out / DOCUMENT]
     with whole_file(written[0]) as file:
         file.write_text(answer.to_json(), encoding='utf-8')
@@ -140,7 +145,7 @@ def save_answer(answer: Answer, out: Path, part: Part) -> list[Path]:
         weights = estimate(part, ['csa']).estimates['csa'].probabilities
     except NotDefinedError:
         weights = None
-    matrices = {each.action.name: (each.matrix, each.action.values) for each in answer.results}
+    matrices = {each.action.name: (each.matrix, each.action.values) for each in simulated}
     written.append(out / ROADMAP)
     with whole_file(written[-1]) as file:
         document = roadmap_document(part, answer.results[0].drop, weights, matrices)

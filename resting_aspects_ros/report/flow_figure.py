@@ -46,11 +46,14 @@ class Flows:
         Long-run share of each group.
     flow : (g, g) float
         From row to column: the sum of share times transition probability.
+    stays : (g,) float
+        Probability that an action leaves a part in its group; NaN if it is not known.
     """
 
     groups: Sequence[Group]
     shares: Array
     flow: Array
+    stays: Array
 
     @property
     def arrows(self) -> list[tuple[int, int]]:
@@ -74,8 +77,13 @@ def flows(matrix: TransitionMatrix, long_run: LongRun) -> Flows:
     """
     groups = aspect_groups(matrix.aspects, long_run.shares)
     member = membership(groups, len(matrix.aspects))
+    shares = member @ long_run.shares
     flow = long_run.shares[:, None] * np.nan_to_num(matrix.transitions)
-    return Flows(groups, member @ long_run.shares, member @ flow @ member.T)
+    inside = (matrix.transitions * (member.T @ member)).sum(axis=1)
+    # The aspects of a group without any parts have equal weights.
+    weights = np.where(member.T @ shares > 0, long_run.shares, 1.0)
+    stays = [np.average(inside[row > 0], weights=weights[row > 0]) for row in member]
+    return Flows(groups, shares, member @ flow @ member.T, np.array(stays))
 
 
 def flow_figure(
@@ -159,18 +167,13 @@ def _draw_node(
     axes.add_patch(circle)
     if image is not None:
         draw_image(axes, image, x, y + 0.16 * node)
-    stays = found.flow[k, k] / found.shares[k] if found.shares[k] > 0 else 0.0
-    text = f'{"stays" if group.alike else "among them"}\n{share_text(stays)} %'
+    if np.isnan(found.stays[k]):
+        return
+    text = f'{"stays" if group.alike else "among them"}\n{share_text(float(found.stays[k]))} %'
+    # Below the picture, or in the centre.
+    below, va = (0.86 * node, 'bottom') if image is not None else (0.0, 'center')
     axes.text(
-        x,
-        y - (0.86 * node if image is not None else 0),
-        text,
-        size=7,
-        color=TEXT,
-        ha='center',
-        va='bottom' if image is not None else 'center',
-        linespacing=1.0,
-        zorder=4,
+        x, y - below, text, size=7, color=TEXT, ha='center', va=va, linespacing=1.0, zorder=4
     )
 
 

@@ -175,7 +175,7 @@ def _level_text(curve: RetentionCurve, level: float) -> str:
     """Return the lift height at which a share of the parts leaves, and below it the interval."""
     lift = curve.lift_at(level)
     lower, upper = curve.lift_interval(level)
-    limit = millimetres_text(float(curve.lift[-1]))
+    limit = f'{1000 * curve.lift[-1]:.4g} mm'
     value = f'not reached\nup to {limit}' if np.isnan(lift) else millimetres_text(lift)
     if np.isnan(lower):
         return value
@@ -210,7 +210,9 @@ def _heading(rows: Rows) -> str:
 
 def _chance_text(probability: float) -> str:
     """Return a probability in percent; only certainty is 100 %."""
-    text = '100' if probability > _CERTAIN else share_text(probability)
+    if not 0 < probability <= _CERTAIN:
+        return '100 %' if probability else '0 %'
+    text = share_text(probability)
     return '> 99.9 %' if text == '100.0' else f'{text} %'
 
 

@@ -132,19 +132,21 @@ def _draw_lines(axes: 'Axes', shown: Sequence[Line]) -> float:
 
 
 def _set_axes(axes: 'Axes', shown: Sequence[Line], top: float) -> None:
-    from matplotlib.ticker import LogLocator, NullFormatter
+    from matplotlib.ticker import Locator, LogLocator, MaxNLocator
 
     low = 1000 * min(float(line.curve.lift[0]) for line in shown)
     high = 1000 * max(float(line.curve.lift[-1]) for line in shown)
     plain_axes(axes, 'y')
+    axes.tick_params(axis='x', pad=9)
+    locator: Locator = MaxNLocator(steps=[1, 2, 5, 10])
     if high >= LOGARITHMIC * low:
         axes.set_xscale('log')
-        axes.set_xlim(low, high)
-        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.minorticks_off()
+        locator = LogLocator(subs=(1.0, 2.0, 5.0))
     else:
-        axes.set_xlim(0, high)
+        low = 0.0
+    axes.set_xlim(low, high)
+    axes.set_xticks([lift for lift in locator.tick_values(low, high) if low <= lift <= high])
+    axes.minorticks_off()
     axes.xaxis.set_major_formatter(lambda lift, _: f'{lift:g}')
     axes.set_ylim(0, top)
     percent_axis(axes, 'y', top)

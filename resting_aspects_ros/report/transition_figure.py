@@ -134,7 +134,7 @@ def _draw_axes(
             ha='center',
             va='bottom',
         )
-    _write(axes, 'from', left - pictures - BESIDE / 2, top, ha='right', va='bottom', color=FAINT)
+    _write(axes, 'from', MARGIN, top, ha='left', va='bottom', color=FAINT)
     _write(axes, 'to', left - BESIDE, top + pictures, ha='right', va='bottom', color=FAINT)
 
 

@@ -20,7 +20,7 @@ MIN_LISTED = 0.01  # smaller probabilities of a row of many are listed together
 # Headings of the outcomes in no aspect.
 OUTCOME_HEADINGS = {
     'unclassified': 'unclas-\nsified',
-    'unsettled': 'un-\nsettled',
+    'unsettled': 'unset-\ntled',
     'failed': 'failed',
     'lost': 'lost',
 }
@@ -127,7 +127,7 @@ def _with_intervals(cells: _Cells, title: str) -> Table:
 
 def _with_widest(cells: _Cells, title: str) -> Table:
     """Return the table that has the widest interval of each row in a column."""
-    headings = ['from', *cells.headings, 'at most\n+- (%)', 'actions']
+    headings = ['from', *cells.headings, '+-\n(%)', 'actions']
     table = titled_table(title, *headings, caption=_widest(cells))
     for k, name in enumerate(cells.rows):
         found = cells.of_row(k)
@@ -148,7 +148,7 @@ def _listed(cells: _Cells, title: str) -> Table:
 
 def _list_table(cells: _Cells, title: str, lists: Sequence[str], caption: str) -> Table:
     outcomes = cells.headings[len(cells.rows) :]
-    headings = ['from', 'to', *outcomes, 'at most\n+- (%)', 'actions']
+    headings = ['from', 'to', *outcomes, '+-\n(%)', 'actions']
     table = titled_table(title, *headings, caption=caption)
     table.columns[1].justify = 'left'
     for k, (name, text) in enumerate(zip(cells.rows, lists, strict=True)):

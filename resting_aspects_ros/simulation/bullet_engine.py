@@ -112,19 +112,11 @@ class _World:
         self._collide(body, _SURFACE_GROUP, _PART_GROUP)
         return body
 
-    def _place(
-        self,
-        body: int,
-        position: list[float],
-        orientation: list[float],
-        velocity: list[float],
-        spin: list[float],
-    ) -> None:
+    def _place(self, body: int, *state: list[float]) -> None:
+        """Set position, orientation, velocity and spin of a body."""
         client = self._client
-        pybullet.resetBasePositionAndOrientation(
-            body, position, orientation, physicsClientId=client
-        )
-        pybullet.resetBaseVelocity(body, velocity, spin, physicsClientId=client)
+        pybullet.resetBasePositionAndOrientation(body, *state[:2], physicsClientId=client)
+        pybullet.resetBaseVelocity(body, *state[2:], physicsClientId=client)
 
     def _set(self, body: int, **values: float | list[float]) -> None:
         pybullet.changeDynamics(body, -1, physicsClientId=self._client, **values)

@@ -102,7 +102,7 @@ class DropJob:
         the next.
         """
         assert self.motion is not None
-        times = (made + np.arange(steps + 1)) * self.time_step
+        times = np.arange(made, made + steps + 1, dtype=np.float64) * self.time_step
         position, orientation = self.motion.pose(times)
         velocity, spin = self.motion.velocity(times + self.time_step / 2)
         unit, radius = self.time_unit, self.radius

@@ -1,5 +1,6 @@
 """Starts of reorientation: parts at rest in their aspects, and what is done to them."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,8 +10,10 @@ from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.geometry.hull import convex_hull
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array, angle_between, orientation_with_down
+from resting_aspects_ros.simulation.actions import Action
 from resting_aspects_ros.simulation.impulses import Disturbance
 from resting_aspects_ros.simulation.starts import Body, Impulse, RestStarts
+from resting_aspects_ros.simulation.vibration import Vibration
 
 # Maximum lift height of a disturbance, m.
 MAX_LIFT = 1.0
@@ -34,6 +37,20 @@ def rest_starts(part: Part, aspects: Sequence[Aspect], impulse: Impulse) -> Rest
     """Return parts at rest in these aspects, a row for each, to which an impulse is applied."""
     orientations, weights = zip(*(_rests(aspect) for aspect in aspects), strict=True)
     return RestStarts(orientations, weights, impulse, body_of(part))
+
+
+def action_starts(
+    part: Part, aspects: Sequence[Aspect], action: Action, gravity: float
+) -> RestStarts:
+    """Return parts at rest in these aspects, a row for each, to which an action is applied.
+
+    ``gravity`` is in m/s2.
+    """
+    del gravity
+    starts = rest_starts(part, aspects, action)
+    if isinstance(action, Vibration):
+        return dataclasses.replace(starts, motion=action)
+    return starts
 
 
 def disturbance_starts(
@@ -85,14 +102,3 @@ def _rests(aspect: Aspect) -> tuple[Array, Array]:
         for end in (one, other):
             np.add.at(weights, end, angle)
     return np.array([orientation_with_down(d) for d in down]), weights / weights.sum()
-
-
-def action_starts(
-    part: Part, aspects: Sequence[Aspect], action: Impulse, gravity: float
-) -> RestStarts:
-    """Return parts at rest in these aspects, a row for each, to which an action is applied.
-
-    ``gravity`` is in m/s2.
-    """
-    del gravity
-    return rest_starts(part, aspects, action)

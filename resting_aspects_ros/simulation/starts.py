@@ -13,7 +13,7 @@ import numpy.typing as npt
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.rotations import Array, canonical, product, rotate
 from resting_aspects_ros.simulation.motion import Motion
-from resting_aspects_ros.simulation.quantity import check_quantities, quantity
+from resting_aspects_ros.simulation.noise import Noise
 
 Indices = npt.NDArray[np.int64]
 
@@ -53,34 +53,6 @@ class Starts(Protocol):
 
     def states(self, index: Indices, generator: np.random.Generator) -> States:
         """Return the states of the drops of a chunk, whose indices (n,) are consecutive."""
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Standard deviations of normal errors of given states, for each component in tray axes."""
-
-    orientation: float = quantity(
-        'orientation noise', 'rad', 'noise of the orientation', high=10.0, default=0.0
-    )
-    velocity: float = quantity(
-        'velocity noise', 'm/s', 'noise of the velocity', high=100.0, default=0.0
-    )
-    spin: float = quantity('spin noise', 'rad/s', 'noise of the spin', high=1e4, default=0.0)
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
-    def added(self, states: States, generator: np.random.Generator) -> States:
-        """Return the states with independent errors."""
-        shape = states.position.shape
-        turn = generator.standard_normal(shape) * self.orientation
-        velocity = states.velocity + generator.standard_normal(shape) * self.velocity
-        spin = states.spin + generator.standard_normal(shape) * self.spin
-        angle = np.linalg.norm(turn, axis=1, keepdims=True)
-        # sinc(x) is sin(pi x) / (pi x), which has no division by zero.
-        vector = turn / 2 * np.sinc(angle / 2 / np.pi)
-        orientation = product(np.hstack([vector, np.cos(angle / 2)]), states.orientation)
-        return States(states.position, orientation, velocity, spin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +136,20 @@ class GivenStarts:
         """Return the states of some drops; see Starts."""
         row, s = index % self.rows, self._states
         chosen = States(s.position[row], s.orientation[row], s.velocity[row], s.spin[row])
-        return self._noise.added(chosen, generator)
+        return _with_noise(chosen, self._noise, generator)
+
+
+def _with_noise(states: States, noise: Noise, generator: np.random.Generator) -> States:
+    """Return the states with independent errors."""
+    shape = states.position.shape
+    turn = generator.standard_normal(shape) * noise.orientation
+    velocity = states.velocity + generator.standard_normal(shape) * noise.velocity
+    spin = states.spin + generator.standard_normal(shape) * noise.spin
+    angle = np.linalg.norm(turn, axis=1, keepdims=True)
+    # sinc(x) is sin(pi x) / (pi x), which has no division by zero.
+    vector = turn / 2 * np.sinc(angle / 2 / np.pi)
+    orientation = product(np.hstack([vector, np.cos(angle / 2)]), states.orientation)
+    return States(states.position, orientation, velocity, spin)
 
 
 @dataclass(frozen=True, eq=False)

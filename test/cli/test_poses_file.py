@@ -133,7 +133,7 @@ def test_decimal_comma_is_refused(refusal):
 
 def test_unknown_status_is_refused(refusal):
     assert refusal('qx,qy,qz,qw,Status\n0,0,0,1,ok\n') == (
-        "invalid Status 'ok' in p.csv line 2: expected one of SETTLED, UNSETTLED, FAILED"
+        "invalid Status 'ok' in p.csv line 2: expected one of SETTLED, UNSETTLED, FAILED, LOST"
     )
 
 

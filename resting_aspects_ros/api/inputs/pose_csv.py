@@ -40,7 +40,7 @@ class PoseTable:
     line : (n,) int
         Its line in the file, from 1; without a file its index plus one.
     unsettled, failed : int
-        Number of poses with another status, which are left out.
+        Number of poses with another status, which are left out. Lost parts are unsettled.
     source : str
         The file; empty without one.
     """
@@ -108,7 +108,7 @@ def read_pose_csv(path: Path, min_poses: int) -> PoseTable:
         canonical(xyzw),
         np.frombuffer(index, dtype=np.int64),
         np.frombuffer(lines, dtype=np.int64),
-        unsettled=count[RestStatus.UNSETTLED],
+        unsettled=count[RestStatus.UNSETTLED] + count[RestStatus.LOST],
         failed=count[RestStatus.FAILED],
         source=str(path),
     )

@@ -1,10 +1,5 @@
-"""Read the JSON document of a distribution that `drop`, `request` or `classify` printed.
+"""Read the JSON document of a distribution that `drop`, `request` or `classify` printed."""
 
-The models are the schema, which pydantic checks. Only features that pydantic 1.10, in Ubuntu
-24.04, and 2 have in common are used.
-"""
-
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import fields
@@ -18,16 +13,20 @@ from pydantic import (
     StrictFloat,
     StrictInt,
     StrictStr,
-    ValidationError,
     conint,
     create_model,
 )
 
 from resting_aspects_ros.api.convergence import Convergence
 from resting_aspects_ros.api.inputs.counts import MAX_COUNTED, CountedDrops
+from resting_aspects_ros.api.inputs.json_document import (
+    file_text,
+    invalid_field,
+    parse_json,
+    validated,
+)
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
-from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
-from resting_aspects_ros.core.input_file import MAX_PATH
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.part import is_valid_name
 from resting_aspects_ros.core.statistics.comparison import REST, DropCounts
 from resting_aspects_ros.core.statistics.distribution import METHOD
@@ -137,42 +136,33 @@ class RunDocument(CountsDocument):
 
 def read_document(path: Path, text: str) -> CountsDocument:
     """Return the checked document; raises InvalidValueError with file and field."""
-    try:
-        document = json.loads(
-            text, parse_constant=_finite, parse_float=_finite, parse_int=_integer
-        )
-    except (ValueError, RecursionError) as error:
-        raise InvalidValueError(f'{_file(path)} is not JSON: {one_line(str(error))}') from None
-    if not isinstance(document, dict):
-        raise _wrong(path, 'document', document, 'a JSON object')
+    document = parse_json(path, text)
     method = document.get('method', METHOD)
     if 'runs' in document or method != METHOD:
         kind = 'merged runs' if 'runs' in document else f'method {shown(method)}'
         raise InvalidValueError(
-            f'{_file(path)} is of {kind}: expected a JSON document of one run of drops'
+            f'{file_text(path)} is of {kind}: expected a JSON document of one run of drops'
         )
-    try:
-        model = RunDocument if 'run_id' in document else CountsDocument
-        return model(**document)
-    except ValidationError as error:
-        raise _refusal(path, document, error.errors()[0]) from None
+    return validated(path, document, RunDocument if 'run_id' in document else CountsDocument)
 
 
 def counts_of(path: Path, document: CountsDocument) -> CountedDrops:
     """Return the counts in a document; raises InvalidValueError for contradictions."""
     if document.part and not is_valid_name(document.part):
-        raise _wrong(path, 'part', document.part, 'a name of lower case letters, digits and _')
+        raise invalid_field(
+            path, 'part', document.part, 'a name of lower case letters, digits and _'
+        )
     aspects = sorted(document.aspects, key=lambda each: each.id)
     ids = tuple(aspect.id for aspect in aspects)
     if len(set(ids)) < len(ids):
-        raise _wrong(path, 'ids', ids, 'each aspect once')
+        raise invalid_field(path, 'ids', ids, 'each aspect once')
     counts = np.array([aspect.count for aspect in aspects], dtype=np.int64)
     down = [[math.nan] * 3 if aspect.rolls else aspect.down_in_part for aspect in aspects]
     classes = [aspect.symmetry_class for aspect in aspects]
     try:
         run = document.description() if isinstance(document, RunDocument) else None
     except InvalidValueError as error:
-        raise InvalidValueError(f'invalid conditions in {_file(path)}: {error}') from None
+        raise InvalidValueError(f'invalid conditions in {file_text(path)}: {error}') from None
     given = CountedDrops(
         str(path),
         ids,
@@ -185,44 +175,5 @@ def counts_of(path: Path, document: CountsDocument) -> CountedDrops:
         tuple(each for each in classes if each is not None) if None not in classes else None,
     )
     if document.drops != given.drops:
-        raise _wrong(path, 'drops', document.drops, f'{given.drops}, the sum of all counts')
+        raise invalid_field(path, 'drops', document.drops, f'{given.drops}, the sum of all counts')
     return given
-
-
-def _finite(text: str) -> float:
-    if math.isfinite(number := float(text)):
-        return number
-    raise ValueError(f'{text} is not a finite number')
-
-
-def _integer(text: str) -> int:
-    _finite(text)  # the number may be converted to a float
-    return int(text)
-
-
-def _refusal(path: Path, document: Any, error: Any) -> InvalidValueError:
-    """Return the first error of pydantic with the value, which version 1 does not report."""
-    name, value = '', document
-    for step in error['loc']:
-        place = f'[{step}]' if isinstance(step, int) else f'.{step}'
-        try:
-            value = value[step]
-        except (KeyError, IndexError, TypeError):
-            if 'missing' in error['type']:
-                return InvalidValueError(f'{_file(path)} has no {(name + place).lstrip(".")}')
-            break  # a branch of a union
-        name += place
-    expected = error['msg']
-    for start in ('Input should be ', 'ensure this value is ', 'value is not '):
-        expected = expected.removeprefix(start)
-    return _wrong(path, name.lstrip('.'), value, expected)
-
-
-def _wrong(path: Path, name: str, value: object, expected: str) -> InvalidValueError:
-    return InvalidValueError(
-        f'invalid {name} {shown(value)} in {_file(path)}: expected {expected}'
-    )
-
-
-def _file(path: Path) -> str:
-    return shown(str(path), MAX_PATH)

@@ -10,9 +10,12 @@ from resting_aspects_ros.cli.options import (
     add_part,
     add_run,
     add_workers,
+    parse_integer,
     parse_share,
 )
 from resting_aspects_ros.simulation.interruption import Interruption
+from resting_aspects_ros.simulation.noise import Noise
+from resting_aspects_ros.simulation.quantity import quantities_of
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
 
 DESCRIPTION = """Drop a part many times in simulation and show in which aspects it comes
@@ -24,6 +27,7 @@ EXAMPLES = """examples:
   resting_aspects drop t_prism --precision 0.02
   resting_aspects drop washer --drops 5000 --check-convergence
   resting_aspects drop l_bracket --drops 1000000 --scheduler tcp://10.0.0.5:8786
+  resting_aspects drop die --initial-states tosses.csv --replicates 24
   resting_aspects drop --from-log out/logs/hex_nut_20250131T120000Z_4f1c2d3e4f50
   resting_aspects drop hex_nut --height 100mm --friction 0.4 --json > nut.json
 """
@@ -40,6 +44,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'are the same',
     )
     add_run(parser, str(DEFAULT_SEED))
+    states = parser.add_argument_group('given initial states, instead of random releases')
+    states.add_argument(
+        '--initial-states',
+        metavar='FILE.csv',
+        type=Path,
+        help='start from the poses and velocities in a CSV with the columns z_com_m, qx, qy, qz, '
+        'qw and, if needed, x_m, y_m, vx, vy, vz, wx, wy, wz',
+    )
+    states.add_argument(
+        '--replicates',
+        metavar='N',
+        type=parse_integer,
+        help='number of drops from each state (1)',
+    )
+    for name, quantity in quantities_of(Noise).items():
+        states.add_argument(
+            f'--noise-{name}',
+            metavar=quantity.unit.upper(),
+            help=f'standard deviation of the {quantity.text} in each axis (0)',
+        )
     parser.add_argument(
         '--interval',
         choices=('wilson', 'simultaneous'),

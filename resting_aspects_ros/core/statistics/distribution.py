@@ -23,8 +23,8 @@ class Distribution:
     counts : (k,) int
         Drops at rest in each aspect, by id from 1.
     unclassified, unsettled, failed : int
-        Drops at rest in no aspect, drops not at rest within the time limit, and drops with
-        numerical errors.
+        Drops at rest in no aspect, drops not at rest on the surface within the time limit, and
+        drops with numerical errors. Lost parts, which only actions have, are unsettled.
     interval : str
         Method of the intervals, one of intervals.METHODS.
     confidence : float
@@ -132,7 +132,7 @@ def count_poses(
         aspects,
         by_id[1:],
         unclassified=int(by_id[0]),
-        unsettled=int((poses.status == RestStatus.UNSETTLED).sum()),
+        unsettled=int(np.isin(poses.status, (RestStatus.UNSETTLED, RestStatus.LOST)).sum()),
         failed=int((poses.status == RestStatus.FAILED).sum()),
         energy_growth=float(poses.energy_growth.max(initial=0.0)),
     )
