@@ -9,7 +9,14 @@ import pytest
 NAME = 'resting_aspects_ros'
 PACKAGE = Path(__file__).resolve().parents[1] / NAME
 # Which other rooms a room may import. `core` is its modules beside the rooms in it.
-DOMAIN = {'core', 'core.geometry', 'core.aspects', 'core.statistics', 'core.estimators'}
+DOMAIN = {
+    'core',
+    'core.geometry',
+    'core.aspects',
+    'core.statistics',
+    'core.estimators',
+    'core.reorientation',
+}
 COMPOSED = DOMAIN | {'simulation', 'logs', 'report', 'api'}
 ON_ROS = COMPOSED | {'ros'}
 ROOMS = {
@@ -18,6 +25,7 @@ ROOMS = {
     'core.aspects': {'core', 'core.geometry'},
     'core.statistics': {'core', 'core.geometry', 'core.aspects'},
     'core.estimators': {'core', 'core.geometry', 'core.aspects', 'core.statistics'},
+    'core.reorientation': {'core', 'core.geometry', 'core.aspects', 'core.statistics'},
     'simulation': DOMAIN,
     'logs': DOMAIN,
     'report': DOMAIN,

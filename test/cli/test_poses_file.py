@@ -81,11 +81,12 @@ def test_own_pose_file_reads_settled_and_counts_other_poses(read):
         '2,nan,nan,nan,nan,nan,nan,nan,FAILED,STILLNESS,nan,0.0,0',
         '',
         f'3,9,9,9,0,0,0,-1, settled ,{rest}',
+        f'4,9,9,9,{X},{Y},{Z},{W},LOST,{rest}',
     ]
     poses = read('\n'.join(rows))
     assert poses.orientation.tolist()[1] == [0, 0, 0, 1]
     assert (poses.index.tolist(), poses.line.tolist()) == ([0, 3], [2, 6])
-    assert (poses.unsettled, poses.failed, poses.drops) == (1, 1, 4)
+    assert (poses.unsettled, poses.failed, poses.drops) == (2, 1, 5)
 
 
 def test_numbers_as_other_programs_write_them(read):

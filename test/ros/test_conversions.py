@@ -52,12 +52,14 @@ RUN = RunDescription(
 )
 POSES = Poses(
     first_drop=2**40,
-    position=np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.0, 0.0, 0.0]]),
-    orientation=np.array([[0.1, -0.3, 0.5, 0.8062257748298549], [0, 0, 0, 1.0], [1.0, 0, 0, 0]]),
+    position=np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.0, 0.0, 0.0], [0.7, 0.8, 0.9]]),
+    orientation=np.array(
+        [[0.1, -0.3, 0.5, 0.8062257748298549], [0, 0, 0, 1.0], [1.0, 0, 0, 0], [0, 0, 0.6, 0.8]]
+    ),
     status=np.array(list(RestStatus), dtype=np.uint8),
-    decided_by=np.array([DecidedBy.ENERGY, DecidedBy.STILLNESS, DecidedBy.ENERGY], dtype=np.uint8),
-    time_to_rest=np.array([0.7, 1.9, math.nan]),
-    energy_growth=np.array([0.0, 0.02, 0.4]),
+    decided_by=np.array([DecidedBy.ENERGY, *[DecidedBy.STILLNESS] * 3], dtype=np.uint8),
+    time_to_rest=np.array([0.7, 1.9, math.nan, 0.3]),
+    energy_growth=np.array([0.0, 0.02, 0.4, 0.01]),
 )
 
 
@@ -116,7 +118,7 @@ def test_batch_without_poses_round_trip():
         # Settled drops would need valid poses.
         st.tuples(
             *[st.floats(allow_nan=False)] * 9,
-            st.sampled_from([RestStatus.UNSETTLED, RestStatus.FAILED]),
+            st.sampled_from([RestStatus.UNSETTLED, RestStatus.FAILED, RestStatus.LOST]),
         ),
         max_size=4,
     )
