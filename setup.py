@@ -36,7 +36,7 @@ setup(
     ],
     # pip installs the packages of requirements.txt, and rosdep those of package.xml.
     install_requires=['setuptools'],
-    extras_require={'dask': ['distributed'], 'bodies': ['manifold3d']},
+    extras_require={'dask': ['distributed'], 'bodies': ['manifold3d'], 'pieces': ['coacd']},
     zip_safe=True,
     entry_points={
         'console_scripts': [

@@ -26,6 +26,7 @@ DEPENDENCIES = {
     'ament_index_python': ('ros-jazzy-rclpy', 'ament_index_python'),
     'builtin_interfaces': (MESSAGES, 'builtin_interfaces'),
     'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg'),
+    'coacd': ('coacd', None),  # rosdep has no key for it
     'diagnostic_msgs': (MESSAGES, 'diagnostic_msgs'),
     'domain_coordinator': ('ros-domain-coordinator', 'domain_coordinator'),
     'geometry_msgs': (MESSAGES, 'geometry_msgs'),
@@ -60,7 +61,7 @@ DEPENDENCIES = {
 # thing.
 OPTIONAL = {'dask': {'distributed'}}
 # What make setup installs and rosdep cannot, so that it is an extra too.
-NO_ROSDEP_KEY = {'bodies': {'manifold3d'}}
+NO_ROSDEP_KEY = {'bodies': {'manifold3d'}, 'pieces': {'coacd'}}
 # Used without an import: the time limit of tests in pyproject.toml.
 NEVER_IMPORTED = {'python3-pytest-timeout'}
 

@@ -1,6 +1,6 @@
 """The files of a report on a result."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.estimate import recommended_method
 from resting_aspects_ros.api.inputs.counts import CountedDrops, counted_by_class_of
 from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.estimators.estimate import METHODS, estimate_each
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.core.input_file import printable
@@ -17,9 +18,10 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.comparison import DropCounts, compare
 from resting_aspects_ros.core.statistics.intervals import Array
 from resting_aspects_ros.report.comparison_text import ReferenceCounts
-from resting_aspects_ros.report.page import ENDINGS, FIGURES, PAGE, Report, report_files
+from resting_aspects_ros.report.page import FILES, PAGE, Report, report_files
 from resting_aspects_ros.report.rounding import size_text
 from resting_aspects_ros.report.table import symmetry_text
+from resting_aspects_ros.simulation.run_description import RunDescription
 
 # Seed of the Monte Carlo p values, so that equal inputs give equal reports.
 SEED = 1
@@ -32,26 +34,32 @@ def default_folder(part: str) -> Path:
 
 def check_report(flag: str, folder: Path) -> None:
     """Make the folder; raises InvalidValueError if it, or a file in it, cannot be written."""
+    check_files(flag, folder, FILES)
+
+
+def check_files(flag: str, folder: Path, names: Sequence[str]) -> None:
+    """Make the folder; raises InvalidValueError if it, or a file in it, cannot be written."""
     make_folder(flag, folder)
-    for name in (PAGE, *_figure_files()):
+    for name in names:
         check_output(flag, folder / name)
-
-
-def _figure_files() -> list[str]:
-    return [f'{figure}.{ending}' for figure in FIGURES for ending in ENDINGS]
 
 
 def write_report(result: DropResult, folder: Path, against: CountedDrops | None = None) -> Path:
     """Write the report and return the path of the page. Raises OutputError."""
+    write_files(folder, report_files(_report(result, against)), FILES)
+    return folder / PAGE
+
+
+def write_files(folder: Path, files: Iterable[tuple[str, bytes]], names: Sequence[str]) -> None:
+    """Write the files, and remove those of ``names`` that an earlier report had in addition."""
     written = set()
-    for name, data in report_files(_report(result, against)):
+    for name, data in files:
         with whole_file(folder / name) as file:
             file.write_bytes(data)
         written.add(name)
-    for name in _figure_files():
-        if name not in written:  # a figure of an earlier report
+    for name in names:
+        if name not in written:
             (folder / name).unlink(missing_ok=True)
-    return folder / PAGE
 
 
 def _report(result: DropResult, against: CountedDrops | None) -> Report:
@@ -100,16 +108,40 @@ def _notes(result: DropResult) -> Iterator[str]:
             'no analytic estimates.'
         )
     else:
-        yield from (f'{warning[0].upper()}{warning[1:]}.' for warning in result.part.warnings)
+        yield from warning_notes(result.part)
+
+
+def warning_notes(part: Part) -> list[str]:
+    """Return the warnings of a part as sentences."""
+    return [f'{warning[0].upper()}{warning[1:]}.' for warning in part.warnings]
 
 
 def _facts(result: DropResult) -> dict[str, list[tuple[str, str]]]:
-    run = result.run
+    run, distribution = result.run, result.distribution
+    return {
+        'Part': part_facts(result.part, run, distribution.aspects),
+        'Conditions': [
+            ('surface', surface_text(run.conditions)),
+            *condition_facts(run.conditions),
+        ],
+        'Run': [
+            *run_facts(run, distribution.drops, 'drops'),
+            (
+                'maximum energy gain in a drop',
+                energy_text(distribution.energy_growth, result.part),
+            ),
+        ],
+    }
+
+
+def run_facts(run: RunDescription, done: int, what: str) -> list[tuple[str, str]]:
+    """Return label and value of each property of a run; ``what`` was done ``done`` times."""
     requested = f'{run.drops}' if not run.precision else f'up to {run.drops}'
-    drops = [('number of drops', f'{result.distribution.drops} of {requested}')]
+    facts = [(f'number of {what}', f'{done} of {requested}')]
     if run.precision:
-        drops.append(('required precision', f'intervals of at most ±{run.precision:g}'))
-    drops += [
+        facts.append(('required precision', f'intervals of at most ±{run.precision:g}'))
+    return [
+        *facts,
         ('seed', str(run.seed)),
         *([('index of the first drop', str(run.first_drop))] if run.first_drop else []),
         ('engine', f'{run.engine} {run.engine_version}'),
@@ -117,31 +149,24 @@ def _facts(result: DropResult) -> dict[str, list[tuple[str, str]]]:
         ('resting_aspects_ros', run.suite_version),
         ('date', when_text(run.started)),
         ('run id', run.run_id),
-        ('maximum energy gain in a drop', _energy_text(result)),
     ]
-    return {
-        'Part': _part_facts(result.part, result),
-        'Conditions': [
-            ('surface', surface_text(run.conditions)),
-            *condition_facts(run.conditions),
-        ],
-        'Run': drops,
-    }
 
 
-def _energy_text(result: DropResult) -> str:
-    """Return the energy that the engine added in a drop, as the rise of the part it equals."""
-    growth = result.distribution.energy_growth  # as a height, hull radii
-    if result.part is None:
-        return f'equal to a rise by {growth:.2g} of the part radius'
-    return f'equal to a rise by {1000 * growth * result.part.hull_radius:.2g} mm'
-
-
-def _part_facts(part: Part | None, result: DropResult) -> list[tuple[str, str]]:
-    hashes = [('part sha256', result.run.part_sha256)]
+def energy_text(growth: float, part: Part | None) -> str:
+    """Return the energy that the engine added, m g R, as the rise of the part that it equals."""
     if part is None:
-        return [('name', result.run.part), *hashes]
-    symmetry = result.distribution.aspects.symmetry
+        return f'equal to a rise by {growth:.2g} of the part radius'
+    return f'equal to a rise by {1000 * growth * part.hull_radius:.2g} mm'
+
+
+def part_facts(
+    part: Part | None, run: RunDescription, aspects: AspectSet
+) -> list[tuple[str, str]]:
+    """Return label and value of each property of a part, which may not be available."""
+    hashes = [('part sha256', run.part_sha256)]
+    if part is None:
+        return [('name', run.part), *hashes]
+    symmetry = aspects.symmetry
     return [
         ('name', part.name),
         ('size along the mesh axes', size_text(part)),

@@ -1,6 +1,7 @@
 """Print and save the results of `resting_aspects reorient`."""
 
 import dataclasses
+import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,6 +26,7 @@ from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES
 from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
+from resting_aspects_ros.report.reorientation_report import suffix_of
 from resting_aspects_ros.report.reorientation_table import (
     long_run_table,
     long_run_text,
@@ -32,6 +34,7 @@ from resting_aspects_ros.report.reorientation_table import (
     wanted_table,
 )
 from resting_aspects_ros.report.transition_table import table_rows, transition_table
+from resting_aspects_ros.simulation.interruption import catch
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,11 +135,17 @@ def _check_text(check: MeasuredComparison) -> str:
 
 
 def save_answer(
-    answer: Answer, simulated: Sequence[ReorientResult], out: Path, part: Part
+    answer: Answer,
+    simulated: Sequence[ReorientResult],
+    out: Path,
+    part: Part,
+    *,
+    pictures: bool = True,
 ) -> list[Path]:
     """Write documents, graphs and pictures, which take longest, and return their paths.
 
     The roadmap has the matrices of ``simulated``, in which no row is replaced by measured trials.
+    With a page, which has the same pictures, none are needed here; see save_page.
     """
     written = [out / DOCUMENT]
     with whole_file(written[0]) as file:
@@ -151,15 +160,32 @@ def save_answer(
         document = roadmap_document(part, answer.results[0].drop, weights, matrices)
         file.write_text(to_json(document), encoding='utf-8')
     for result in answer.results:
-        suffix = '' if len(answer.results) == 1 else f'_{result.action.name}'
-        files = {f'transitions{suffix}.png': result.save_picture}
+        suffix = suffix_of(result.action.name, [each.action.name for each in answer.results])
+        files = {f'transitions{suffix}.png': result.save_picture} if pictures else {}
         if result.long_run is not None:
-            files = {
-                f'transitions{suffix}.graphml': result.save_graphml,
-                **files,
-                f'flow{suffix}.png': result.save_flow,
-            }
+            files = {f'transitions{suffix}.graphml': result.save_graphml, **files}
+            if pictures:
+                files[f'flow{suffix}.png'] = result.save_flow
         for name, save in files.items():
             save(out / name)
             written.append(out / name)
     return written
+
+
+def save_page(answer: Answer, simulated: Sequence[ReorientResult], out: Path) -> Path:
+    """Write the page with its figures and return its path; raises OutputError.
+
+    It is to be called when everything else is saved, because Ctrl-C then ends it at once.
+    """
+    catch(signal.default_int_handler)
+    # This import is slow, and only needed for a page.
+    from resting_aspects_ros.api.reorientation_files import write_reorientation_report
+
+    return write_reorientation_report(
+        answer.results,
+        out,
+        wanted=answer.wanted,
+        plan=answer.plan if len(answer.results) > 1 else None,
+        checks=answer.checks,
+        simulated=simulated,
+    )

@@ -2,20 +2,28 @@
 
 import argparse
 from contextlib import ExitStack
+from typing import TYPE_CHECKING
 
-from resting_aspects_ros.simulation.chunks import Workers
-from resting_aspects_ros.simulation.process_workers import ProcessWorkers, default_workers
+if TYPE_CHECKING:
+    from resting_aspects_ros.simulation.chunks import Workers
 
 
-def start_workers(arguments: argparse.Namespace, stack: ExitStack) -> Workers:
-    """Return worker processes, or those of a Dask cluster; the stack stops them."""
-    if arguments.scheduler is None:
-        count = default_workers() if arguments.workers is None else arguments.workers
-        processes = ProcessWorkers(count)
-        stack.callback(processes.stop)
-        return processes
-    from resting_aspects_ros.simulation.dask_workers import ClusterWorkers
+def start_workers(arguments: argparse.Namespace, stack: ExitStack) -> 'Workers':
+    """Return worker processes, or those of a Dask cluster; the stack stops them.
 
-    cluster = ClusterWorkers(arguments.scheduler)
-    stack.callback(cluster.stop)
-    return cluster
+    Raises InvalidValueError or EngineError. The processes import the engine while the caller goes
+    on.
+    """
+    # These imports are slow because of NumPy.
+    if arguments.scheduler is not None:
+        from resting_aspects_ros.simulation.dask_workers import ClusterWorkers
+
+        cluster = ClusterWorkers(arguments.scheduler)
+        stack.callback(cluster.stop)
+        return cluster
+    from resting_aspects_ros.simulation.process_workers import ProcessWorkers, default_workers
+
+    count = default_workers() if arguments.workers is None else arguments.workers
+    processes = ProcessWorkers(count)
+    stack.callback(processes.stop)
+    return processes

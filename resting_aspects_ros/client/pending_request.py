@@ -13,7 +13,7 @@ from resting_aspects_interfaces.action import DropPart
 
 from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.ros.callbacks import sleep_for, steady_timer, wait_for
-from resting_aspects_ros.ros.drop_part_client import drop_result
+from resting_aspects_ros.ros.goal_client import goal_result
 from resting_aspects_ros.ros.interface import (
     ASPECT_CLASSIFIER,
     DROP_PART,
@@ -129,7 +129,7 @@ class PendingRequest:
         start = f'start {DROP_SIMULATOR}'
         await self._ready(DROP_SIMULATOR, topic, client.server_is_ready, SIMULATOR_TIMEOUT, start)
         try:
-            return await drop_result(
+            return await goal_result(
                 self._node,
                 client,
                 goal,

@@ -16,6 +16,7 @@ from resting_aspects_ros.core.yaml_file import parse_yaml
 POSES_TYPE = 'resting_aspects_interfaces/msg/RestingPoses'
 PART_TYPE = 'resting_aspects_interfaces/msg/PartDescription'
 DISTRIBUTION_TYPE = 'resting_aspects_interfaces/msg/AspectDistribution'
+TRANSITIONS_TYPE = 'resting_aspects_interfaces/msg/TransitionMatrix'
 
 # The names that rmw uses on Jazzy; the default of ROS comes first. A rosbag2 player does not
 # offer a topic with any other name.

@@ -105,6 +105,8 @@ def flow_figure(
         By aspect.
     part : Part or None
         Without the part, the nodes have no pictures.
+    title : str
+        Without a title, the figure has no explanation either; see flow_note.
     """
     from matplotlib.patches import Polygon
 
@@ -112,9 +114,8 @@ def flow_figure(
     g = len(found.groups)
     node, picture = (NODE, PICTURE) if g <= MANY else (NODE_OF_MANY, PICTURE_OF_MANY)
     places, angles = node_places(g, node)
-    left = float(long_run.shares @ np.nan_to_num(matrix.left))
     width = 2 * round(np.abs(places[:, 0]).max(initial=0.0) + node + BESIDE)
-    header = Header(title, _note(found, left), width)
+    header = Header(title, flow_note(matrix, long_run) if title else '', width)
     above, below = (
         round(ends.max(initial=0.0) + node + ABOVE) for ends in (places[:, 1], -places[:, 1])
     )
@@ -134,7 +135,10 @@ def flow_figure(
     return figure
 
 
-def _note(found: Flows, left: float) -> str:
+def flow_note(matrix: TransitionMatrix, long_run: LongRun) -> str:
+    """Return the text that explains the figure, in one to three lines."""
+    found = flows(matrix, long_run)
+    left = float(long_run.shares @ np.nan_to_num(matrix.left))
     about = (
         'Beside each aspect is its long-run share. The width of an arrow is the share of all '
         'parts that moves this way in one action (long-run share times transition probability)'

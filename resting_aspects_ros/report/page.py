@@ -1,10 +1,7 @@
 """Write a distribution as one self-contained HTML page, and its figures as files."""
 
-import base64
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +17,7 @@ from resting_aspects_ros.report.comparison_text import (
     comparison_text,
     difference_texts,
 )
-from resting_aspects_ros.report.figure_style import inline_svg, png_bytes, svg_text
+from resting_aspects_ros.report.figure_style import inline_svg, svg_text
 from resting_aspects_ros.report.figures import (
     bands,
     comparison_figure,
@@ -28,6 +25,14 @@ from resting_aspects_ros.report.figures import (
     estimates_figure,
 )
 from resting_aspects_ros.report.page_rows import largest_rows, row_texts, unseen_text
+from resting_aspects_ros.report.page_template import (
+    ENDINGS,
+    figure_files,
+    picture_uri,
+    read_file,
+    render_page,
+    script_uri,
+)
 from resting_aspects_ros.report.picture import distribution_figure
 from resting_aspects_ros.report.pie import pie_figure
 from resting_aspects_ros.report.posed_part import (
@@ -47,9 +52,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAGE = 'report.html'
-# Names and endings of the figure files.
 FIGURES = ('distribution', 'pie', 'convergence', 'estimates', 'comparison')
-ENDINGS = ('png', 'svg')
+FILES = (PAGE, *(f'{figure}.{ending}' for figure in FIGURES for ending in ENDINGS))
 # Side of a picture in a row, twice its size on the page for high-resolution screens. Pages with
 # more than MANY_ROWS rows have smaller pictures; see page.css.
 PIXELS, PIXELS_OF_MANY_ROWS, MANY_ROWS = 320, 192, 12
@@ -99,8 +103,7 @@ def report_files(report: Report) -> Iterator[tuple[str, bytes]]:
     svgs = {name: svg_text(figure) for name, figure in figures.items()}
     narrow = {name: svg_text(each) for name, each in _responsive_figures(report, drawn, NARROW)}
     for name, figure in figures.items():
-        yield f'{name}.png', png_bytes(figure)
-        yield f'{name}.svg', svgs[name].encode()
+        yield from figure_files(name, figure, svgs[name])
     yield PAGE, _page(report, drawn, svgs, narrow).encode()
 
 
@@ -168,18 +171,15 @@ def _responsive_figures(
 def _page(
     report: Report, drawn: _DrawnRows, svgs: Mapping[str, str], narrow: Mapping[str, str]
 ) -> str:
-    # The import takes 0.2 s, and no other command needs it.
-    import jinja2
-
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    # The template marks the scripts and the style as safe: they contain no data.
-    template = environment.from_string(_read_file('page.html'))
     rows = [*drawn.rows, *drawn.outside]
     small = {
         k: downsample(image, len(image) // SMALL_PIXELS) for k, image in drawn.oblique.items()
     }
     views = (drawn.oblique, drawn.above, small)
-    pictures = [[_picture_uri(images, k) for images in views] for k in range(len(rows))]
+    pictures = [
+        [picture_uri(images[k]) if k in images else '' for images in views]
+        for k in range(len(rows))
+    ]
     labels = {
         'pie': 'Pie chart of the shares of all drops',
         'distribution': 'Bar chart of the probabilities with intervals',
@@ -188,7 +188,8 @@ def _page(
         'comparison': 'Bar chart of the simulated and the measured shares',
     }
     texts = row_texts(report.distribution, rows, pictures, report.part)
-    return template.render(
+    return render_page(
+        'page.html',
         report=report,
         drops=report.distribution.drops,
         confidence=f'{100 * report.distribution.confidence:g}',
@@ -207,11 +208,10 @@ def _page(
         },
         simplified=_triangle_counts(report.part, drawn.part),
         scene=drawn.scene(),
-        style=_read_file('page.css'),
-        script=_read_file('page.js'),
+        script=read_file('page.js'),
         modules={
-            'three': _script_uri('three.module.min.js'),
-            'OrbitControls': _script_uri('OrbitControls.js'),
+            'three': script_uri('three.module.min.js'),
+            'OrbitControls': script_uri('OrbitControls.js'),
         },
     )
 
@@ -225,26 +225,3 @@ def _triangle_counts(part: Part | None, shown: Part | None) -> tuple[int, int] |
     if part is None or shown is None or len(part.faces) == len(shown.faces):
         return None
     return len(part.faces), len(shown.faces)
-
-
-def _picture_uri(images: Mapping[int, Image], row: int) -> str:
-    """Return the picture of a row as a data URI; empty if the row has no picture."""
-    from matplotlib.image import imsave
-
-    if row not in images:
-        return ''
-    file = io.BytesIO()
-    imsave(file, images[row], format='png')
-    return _data_uri('image/png', file.getvalue())
-
-
-def _read_file(name: str) -> str:
-    return (resources.files(__package__) / 'page_files' / name).read_text(encoding='utf-8')
-
-
-def _script_uri(name: str) -> str:
-    return _data_uri('text/javascript', _read_file(name).encode())
-
-
-def _data_uri(media_type: str, data: bytes) -> str:
-    return f'data:{media_type};base64,{base64.b64encode(data).decode("ascii")}'

@@ -166,6 +166,25 @@ def retention_table(curves: Sequence[RetentionCurve], title: str) -> Table:
     return table
 
 
+def retention_counts_table(curves: Sequence[RetentionCurve], title: str) -> Table:
+    """Return a table of how many parts left each aspect at each lift height."""
+    headings = ['lift\nheight\n(mm)', 'parts', 'left', 'probability', 'interval']
+    table = titled_table(title, 'aspect', *headings)
+    for curve in curves:
+        columns = (curve.lift, curve.parts, curve.left, curve.probability, *curve.bounds())
+        for lift, parts, left, *values in zip(*(each.tolist() for each in columns), strict=True):
+            chance = Interval(*values)
+            table.add_row(
+                str(curve.aspect),
+                millimetres_text(lift),
+                str(parts),
+                str(left),
+                probability_text(chance),
+                interval_text(chance),
+            )
+    return table
+
+
 def millimetres_text(length: float) -> str:
     """Return a length, m, in mm with three significant digits."""
     return _number_text(1000 * length) if length else '0'

@@ -82,12 +82,14 @@ def retention_figure(
         The aspects of the part, to which the ids of the curves refer.
     part : Part or None
         Without the part, the figure has no pictures.
+    title : str
+        Without a title, the figure has no explanation either; see retention_note.
     """
     lines = retention_lines(curves, aspects)
     basins = [sum(aspect.basin_share for aspect in line.group.aspects) for line in lines]
     order = sorted(range(len(lines)), key=lambda k: -basins[k])
     shown = [lines[k] for k in sorted(order[:MAX_LINES])]
-    header = Header(title, _note(shown, len(lines)), WIDTH)
+    header = Header(title, retention_note(curves, aspects) if title else '', WIDTH)
     room = max(HEIGHT, LABEL * len(shown))
     height = BOTTOM + room + header.height + 24
     figure, canvas = pixel_axes(WIDTH, height)
@@ -105,15 +107,17 @@ def retention_figure(
     return figure
 
 
-def _note(shown: Sequence[Line], count: int) -> str:
-    confidence = f'{100 * shown[0].curve.confidence:g} %'
+def retention_note(curves: Sequence[RetentionCurve], aspects: AspectSet) -> str:
+    """Return the text that explains the figure."""
+    count = len(retention_lines(curves, aspects))
+    confidence = f'{100 * curves[0].confidence:g} %'
     note = (
         'Probability that a part leaves its aspect after a disturbance whose energy would lift '
         f'its centre of mass by this height. Bands: {confidence} intervals (Wilson). '
         'Dashed: barrier, the minimum lift height with which the part can leave the aspect.'
     )
-    if count > len(shown):
-        note += f' The {len(shown)} of {count} curves with the largest basins are shown.'
+    if count > MAX_LINES:
+        note += f' The {MAX_LINES} of {count} curves with the largest basins are shown.'
     return note
 
 

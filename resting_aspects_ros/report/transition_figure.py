@@ -56,9 +56,10 @@ def transition_figure(matrix: TransitionMatrix, part: Part | None, title: str) -
         By aspect.
     part : Part or None
         Without the part, the figure has no pictures.
+    title : str
+        Without a title, the figure has no explanation either; see transition_note.
     """
-    k = len(matrix.aspects)
-    groups = aspect_groups(matrix.aspects, matrix.counts[:, :k].sum(axis=0).astype(float))
+    groups = _groups(matrix)
     grouped = _grouped(matrix, groups)
     outcomes = [j for j in range(len(OUTCOMES)) if grouped.counts[:, len(groups) + j].any()]
     columns = len(groups) + len(outcomes)
@@ -66,7 +67,7 @@ def transition_figure(matrix: TransitionMatrix, part: Part | None, title: str) -
     left = MARGIN + NAMES + (side if part else 0) + BESIDE
     width = left + side * columns + GAP * bool(outcomes) + ACTIONS + MARGIN
     width = max(width, MIN_WIDTH)
-    header = Header(title, _note(matrix, groups), width)
+    header = Header(title, transition_note(matrix) if title else '', width)
     lines = max((_name(group.name).count('\n') + 1 for group in groups), default=1)
     above = (side if part else 0) + LINE * max(lines, 2) + 2 * BESIDE
     figure, axes = pixel_axes(width, header.height + above + side * len(groups) + MARGIN)
@@ -95,18 +96,24 @@ def _grouped(matrix: TransitionMatrix, groups: Sequence[Group]) -> TransitionMat
     return dataclasses.replace(matrix, counts=np.hstack([inside, counts[:, k:]]))
 
 
-def _note(matrix: TransitionMatrix, groups: Sequence[Group]) -> str:
+def transition_note(matrix: TransitionMatrix) -> str:
+    """Return the text that explains the figure."""
     note = (
         'Probability in % that one action takes a part from the aspect of the row to the aspect '
         f'of the column, with {100 * matrix.confidence:g} % interval '
         f'({matrix.interval.capitalize()}).'
     )
-    if others := [group for group in groups if not group.alike]:
+    if others := [group for group in _groups(matrix) if not group.alike]:
         note += (
             f' The aspects to which most actions lead are shown; {len(others[0].aspects)} others '
             'share a row and a column.'
         )
     return note
+
+
+def _groups(matrix: TransitionMatrix) -> list[Group]:
+    arrivals = matrix.counts[:, : len(matrix.aspects)].sum(axis=0)
+    return aspect_groups(matrix.aspects, arrivals.astype(float))
 
 
 def _draw_axes(

@@ -53,14 +53,18 @@ def transition_table(matrix: TransitionMatrix, by_class: bool, title: str) -> Ta
     title : str
         Plain text, shown above the table.
     """
-    rows = table_rows(matrix.aspects, by_class=by_class)
-    cells = _Cells(matrix.by_class() if by_class else matrix, rows)
+    cells = _cells(matrix, by_class)
     layouts: tuple[Callable[[_Cells, str], Table], ...] = (_with_intervals, _with_widest)
     for layout in layouts:
         table = layout(cells, title)
         if _width(table) <= WIDTH:
             return table
     return _listed(cells, title)
+
+
+def interval_table(matrix: TransitionMatrix, by_class: bool) -> Table:
+    """Return the table that has the interval below each probability, however wide; no title."""
+    return _with_intervals(_cells(matrix, by_class), '')
 
 
 def titled_table(title: str, *headings: str, caption: str = '') -> Table:
@@ -103,6 +107,11 @@ class _Cells:
     def widest(self, row: int) -> Interval:
         """Return the widest interval of a row."""
         return max(self._intervals[row], key=lambda each: each.upper - each.lower)
+
+
+def _cells(matrix: TransitionMatrix, by_class: bool) -> _Cells:
+    rows = table_rows(matrix.aspects, by_class=by_class)
+    return _Cells(matrix.by_class() if by_class else matrix, rows)
 
 
 def _with_intervals(cells: _Cells, title: str) -> Table:

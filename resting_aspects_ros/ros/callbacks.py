@@ -143,8 +143,8 @@ async def sleep_for(node: Node, seconds: float, group: CallbackGroup | None = No
     await wait_for(node, Future(executor=node.executor), seconds, group)
 
 
-async def await_future(node: Node, future: 'PoolFuture[Any]') -> Any:
-    """Return the result of a future of another thread or process, or raise its error."""
+def ros_future(node: Node, future: 'PoolFuture[Any]') -> Future:
+    """Return a future that is done when a future of another thread or process is done."""
     done = Future(executor=node.executor)
 
     def wake(_: object) -> None:
@@ -154,7 +154,12 @@ async def await_future(node: Node, future: 'PoolFuture[Any]') -> Any:
             executor.wake()
 
     future.add_done_callback(wake)
-    await done
+    return done
+
+
+async def await_future(node: Node, future: 'PoolFuture[Any]') -> Any:
+    """Return the result of a future of another thread or process, or raise its error."""
+    await ros_future(node, future)
     return future.result()
 
 

@@ -1,46 +1,25 @@
 """Conversions between distributions over aspects and ROS messages."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point32, Polygon, Quaternion, Vector3
 from rclpy.serialization import deserialize_message
-from resting_aspects_interfaces.msg import (
-    Aspect,
-    AspectDistribution,
-    RunDescription,
-    SymmetryClass,
-)
+from resting_aspects_interfaces.msg import AspectDistribution, RunDescription, SymmetryClass
 from std_msgs.msg import Header
 
-from resting_aspects_ros.core.aspects import aspect_set
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
-from resting_aspects_ros.core.aspects.aspect_set import AspectSet, Sweep
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.estimators.estimate import Estimate
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
 from resting_aspects_ros.core.statistics.intervals import Interval
+from resting_aspects_ros.ros.aspect_conversions import aspect_msgs, aspects_from, share_fields
 from resting_aspects_ros.ros.conversions import run_from, run_msg
 from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.simulation.run_description import RunDescription as Run
-
-# Indexed by their codes in the message Aspect.
-SWEEPS = (Sweep.POINT, Sweep.ARC, Sweep.RING, Sweep.DOME, Sweep.SPHERE)
-# Fields with the same name and type in Aspect and its message.
-_ASPECT_FIELDS = [
-    'id',
-    'symmetry_class',
-    'multiplicity',
-    'rolls',
-    'com_height',
-    'min_barrier',
-    'neighbour',
-    'basin_share',
-]
 
 
 def distribution_msg(
@@ -63,8 +42,8 @@ def distribution_msg(
         complete=complete,
         **_rows(
             distribution.aspects,
-            _shares(distribution.counts.tolist(), distribution.intervals()),
-            _shares(classes.counts.tolist(), classes.intervals()),
+            share_fields(distribution.counts.tolist(), distribution.intervals()),
+            share_fields(classes.counts.tolist(), classes.intervals()),
         ),
     )
 
@@ -78,7 +57,7 @@ def estimate_msg(
         sum(single[each.id - 1] for each in members) for members in prediction.aspects.classes()
     ]
     shares = [
-        _shares([0] * len(each), [Interval(p, math.nan, math.nan) for p in each])
+        share_fields([0] * len(each), [Interval(p, math.nan, math.nan) for p in each])
         for each in (single, summed)
     ]
     return AspectDistribution(
@@ -94,15 +73,10 @@ def estimate_msg(
 def estimate_from(msg: AspectDistribution) -> Estimate:
     """Return the prediction in a message whose method is the name of an estimator."""
     return Estimate(
-        _aspects_from(msg), msg.method, np.array([aspect.probability for aspect in msg.aspects])
+        aspects_from(msg.run.part_sha256, msg.aspects),
+        msg.method,
+        np.array([aspect.probability for aspect in msg.aspects]),
     )
-
-
-def _shares(counts: list[int], intervals: Sequence[Interval]) -> list[dict[str, object]]:
-    return [
-        {'count': k, 'probability': i.probability, 'lower': i.lower, 'upper': i.upper}
-        for k, i in zip(counts, intervals, strict=True)
-    ]
 
 
 def _rows(
@@ -110,10 +84,7 @@ def _rows(
 ) -> dict[str, object]:
     """Return the fields `aspects` and `classes` of a distribution."""
     return {
-        'aspects': [
-            Aspect(**_aspect_fields(aspect), **share)
-            for aspect, share in zip(aspects.aspects, shares, strict=True)
-        ],
+        'aspects': aspect_msgs(aspects, shares),
         'classes': [
             SymmetryClass(
                 symmetry_class=members[0].symmetry_class,
@@ -122,19 +93,6 @@ def _rows(
             )
             for members, share in zip(aspects.classes(), class_shares, strict=True)
         ],
-    }
-
-
-def _aspect_fields(aspect: aspect_set.Aspect) -> dict[str, object]:
-    orientation = aspect.orientation.tolist()
-    points = [Point32(x=x, y=y) for x, y in aspect.support.tolist()]
-    return {
-        **{name: getattr(aspect, name) for name in _ASPECT_FIELDS},
-        'sweep': SWEEPS.index(aspect.sweep),
-        'axis': _vector_msg(aspect.axis),
-        'down_in_part': _vector_msg(aspect.down_in_part),
-        'orientation': Quaternion(**dict(zip('xyzw', orientation, strict=True))),
-        'support': Polygon(points=points),
     }
 
 
@@ -149,7 +107,7 @@ def distribution_from(msg: AspectDistribution) -> Distribution:
             f'invalid count {max(counts)}: expected at most the number of drops'
         )
     distribution = Distribution(
-        _aspects_from(msg),
+        aspects_from(msg.run.part_sha256, msg.aspects),
         np.array(counts, dtype=np.int64),
         unclassified=msg.unclassified,
         unsettled=msg.unsettled,
@@ -215,34 +173,3 @@ def serialized_distribution(data: bytes) -> tuple[Distribution, Run, bool]:
             f'{ASPECT_NUMBERING} ("resting_aspects report" and "merge" count the drops again)'
         )
     return distribution_from(msg), run_from(msg.run), msg.complete
-
-
-def _aspects_from(msg: AspectDistribution) -> AspectSet:
-    return AspectSet(msg.run.part_sha256, tuple(_aspect_from(a) for a in msg.aspects))
-
-
-def _aspect_from(msg: Aspect) -> aspect_set.Aspect:
-    if msg.sweep >= len(SWEEPS):
-        raise InvalidValueError(
-            f'invalid sweep {msg.sweep} of aspect {msg.id}: expected 0 to {len(SWEEPS) - 1}'
-        )
-    return aspect_set.Aspect(
-        **{name: getattr(msg, name) for name in _ASPECT_FIELDS},
-        sweep=SWEEPS[msg.sweep],
-        axis=_vector(msg.axis),
-        down_in_part=_vector(msg.down_in_part),
-        orientation=np.array([getattr(msg.orientation, axis) for axis in 'xyzw']),
-        support=np.array([(p.x, p.y) for p in msg.support.points]).reshape(-1, 2),
-        # The message does not contain the flat sides that approximate a curved side, since
-        # nothing is classified with the result.
-        directions=_vector(msg.down_in_part)[None],
-        links=np.zeros((0, 2), dtype=np.int64),
-    )
-
-
-def _vector_msg(vector: Array) -> Vector3:
-    return Vector3(**dict(zip('xyz', vector.tolist(), strict=True)))
-
-
-def _vector(msg: Vector3) -> Array:
-    return np.array([msg.x, msg.y, msg.z])

@@ -13,10 +13,10 @@ def count_text(number: int, one: str, more: str) -> str:
     return f'{number} {one if number == 1 else more}'
 
 
-def progress_text(run: RunDescription, drops: int) -> str:
+def progress_text(run: RunDescription, drops: int, unit: str = 'drops') -> str:
     """Return the progress of a run, such as '3000 of 20000 drops'."""
     bound = 'at most ' if run.precision else ''
-    return f'{drops} of {bound}{count_text(run.drops, "drop", "drops")}'
+    return f'{drops} of {bound}{count_text(run.drops, unit[:-1], unit)}'
 
 
 def active_runs_text(runs: Sequence[tuple[RunDescription, int]]) -> str:

@@ -10,12 +10,15 @@ DROP_RECORDER = 'drop_recorder'
 LOG_REPLAYER = 'log_replayer'
 
 DROP_PART = 'drop_part'
+REORIENT_PART = 'reorient_part'
 GET_DISTRIBUTION = 'get_distribution'
 CLASSIFY_POSE = 'classify_pose'
 LIST_PARTS = 'list_parts'
+GET_TRANSITIONS = 'get_transitions'
 PARTS = 'parts'  # + /<part>
 RESTING_POSES = 'resting_poses'
 ASPECT_DISTRIBUTIONS = 'aspect_distributions'  # + /<part>
+TRANSITIONS = 'transitions'  # + /<part>
 MARKERS = 'markers'
 RECORDED_RUNS = 'recorded_runs'
 # Absolute: ROS tools expect this name.

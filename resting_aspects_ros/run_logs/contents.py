@@ -1,10 +1,12 @@
-"""Content of a log: the run, its part, its poses and its counts."""
+"""Content of a log: the run, its part, its poses and its counts, or its transition matrix."""
 
 from collections.abc import Callable, Iterator
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
+
+from resting_aspects_interfaces.msg import TransitionMatrix
 
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.core.aspects.aspect import find_aspects
@@ -24,15 +26,21 @@ from resting_aspects_ros.logs.bag_metadata import Outcome
 from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
 from resting_aspects_ros.logs.message_reader import mcap_file, state_warning, typed_messages
 from resting_aspects_ros.logs.record_reader import LogFile
-from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE
+from resting_aspects_ros.logs.topic_metadata import (
+    DISTRIBUTION_TYPE,
+    PART_TYPE,
+    POSES_TYPE,
+    TRANSITIONS_TYPE,
+)
 from resting_aspects_ros.ros.conversions import serialized_batch, serialized_part, serialized_poses
 from resting_aspects_ros.ros.distribution_conversions import serialized_distribution
+from resting_aspects_ros.ros.transition_conversions import serialized_transitions
 from resting_aspects_ros.simulation.index_ranges import IndexRanges
 from resting_aspects_ros.simulation.merge_runs import RunPoses, merge_drops
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 T = TypeVar('T')
-TYPES = (POSES_TYPE, PART_TYPE, DISTRIBUTION_TYPE)
+TYPES = (POSES_TYPE, PART_TYPE, DISTRIBUTION_TYPE, TRANSITIONS_TYPE)
 
 
 class LoggedRun:
@@ -48,7 +56,7 @@ class LoggedRun:
     Attributes
     ----------
     run : RunDescription
-        None until a batch of poses was added.
+        None until a batch of poses was added, so also for a log of actions.
     seen : IndexRanges
         Drops of the run that are in the log.
     path, messages, finished, being_written
@@ -56,8 +64,8 @@ class LoggedRun:
     recorded : Outcome
         The outcome that the log records; None if it records none.
 
-    ``part`` and ``last_distribution`` are parsed from the last message of their type on first
-    access; LogError if it cannot be read.
+    ``part``, ``last_distribution`` and ``transitions`` are parsed from the last message of their
+    type on first access; LogError if it cannot be read.
     """
 
     def __init__(self, log: Path, *, keep_poses: bool = False) -> None:
@@ -98,12 +106,21 @@ class LoggedRun:
         data = self._last.get(DISTRIBUTION_TYPE)
         return None if data is None else self._read(serialized_distribution, data)
 
+    @cached_property
+    def transitions(self) -> TransitionMatrix | None:
+        """The message with the last transition matrix; None if the log has none."""
+        data = self._last.get(TRANSITIONS_TYPE)
+        return None if data is None else self._read(serialized_transitions, data)
+
     @property
     def outcome(self) -> Outcome:
-        """The number of drops, and whether the log has the part and all drops of its run."""
+        """The number of drops or actions, and whether the log has the part and all of its run."""
         if self.recorded is not None:
             return self.recorded
         run, part = self.run, self.part
+        if run is None and (matrix := self.transitions) is not None:
+            is_described = part is not None and part.part_sha256 == matrix.run.part_sha256
+            return Outcome(sum(matrix.actions), whole=matrix.ended and is_described)
         if run is None or part is None:
             return Outcome(len(self.seen), whole=False)
         # A log without the last batch can still have all drops, if a later run repeated the end.
@@ -181,7 +198,7 @@ def _read_by_index(run: LoggedRun) -> bool:
                     run.add(POSES_TYPE, message.data)
             elif batch := indexed.first(POSES_TYPE):
                 run.add(POSES_TYPE, batch)
-            for type_name in (PART_TYPE, DISTRIBUTION_TYPE):
+            for type_name in TYPES[1:]:
                 if data := indexed.last(type_name):
                     run.add(type_name, data)
             run.path, run.messages = indexed.path, indexed.message_count

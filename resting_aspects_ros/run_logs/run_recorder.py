@@ -26,10 +26,14 @@ class RunRecorder:
     messages are ignored. If earlier logs of the run are incomplete, a new log is written, with a
     number appended to its name. If an earlier log is whole, no log is written, and ``earlier`` is
     the folder of the earlier one. ``folder`` is the folder of the log.
+
+    unit : str
+        What the run consists of: drops, or actions, of which ``drops`` is then the number.
     """
 
-    def __init__(self, folder: Path, run: RunDescription) -> None:
+    def __init__(self, folder: Path, run: RunDescription, unit: str = 'drops') -> None:
         self.run = run
+        self.unit = unit
         self.error = ''
         self.reported = False  # whether the error was reported
         self.has_part = False
@@ -112,11 +116,11 @@ class RunRecorder:
         run = f'run {self.run.run_id} of {self.run.part}'
         if self._whole or self.drops >= self.run.drops:
             return (
-                f'all {self.drops} drops of {run} are recorded, but the log has no end: '
+                f'all {self.drops} {self.unit} of {run} are recorded, but the log has no end: '
                 f'{self.error}'
             )
         if self.drops:
-            return f'only {self.drops} drops of {run} are recorded: {self.error}'
+            return f'only {self.drops} {self.unit} of {run} are recorded: {self.error}'
         return f'{run} is not recorded: {self.error}'
 
     @property

@@ -12,13 +12,13 @@ from resting_aspects_ros.ros.interface import MIN_BATCH
 QUICK = {
     'aspect_classifier': {
         'nodes.run_tracking.tracker.CHECK_PERIOD': 0.2,
-        'ros.drop_part_client.RETRY_PERIOD': 1.0,
+        'ros.goal_client.RETRY_PERIOD': 1.0,
         'nodes.aspect_classifier.drop_part_requests.STARTUP_TIMEOUT': 1.0,
         'nodes.aspect_classifier.drop_part_requests.DISCOVERY_TIMEOUT': 1.0,
     },
     'drop_recorder': {
         'nodes.run_tracking.tracker.CHECK_PERIOD': 0.2,
-        'ros.drop_part_client.RETRY_PERIOD': 1.0,
+        'ros.goal_client.RETRY_PERIOD': 1.0,
         'run_logs.run_recorder.END_TIMEOUT': 2.0,
     },
 }
@@ -106,7 +106,7 @@ def test_missing_simulator_is_reported(suite):
     assert suite.processes['drop_simulator'].end(signal.SIGTERM) == 0
     suite.client.wait(asked.done, 'answer of the interrupted request')
     assert asked.result().status.code == Status.NOT_AVAILABLE
-    assert asked.result().status.message == ('the simulator stopped while it dropped tetrahedron')
+    assert asked.result().status.message == ('the simulator stopped while it simulated tetrahedron')
     answer = suite.client.ask(drops=5, seed=[46])
     assert answer.status.code == Status.NOT_AVAILABLE
     why, _, known_are = answer.status.message.partition('; known distributions: ')
@@ -141,7 +141,7 @@ def test_restarted_simulator_does_not_end_other_nodes(suite, counts):
     answer = asked.result()
     assert answer.status.code == Status.NOT_AVAILABLE
     assert answer.status.message == (
-        'the simulator was restarted while it dropped tetrahedron: try again'
+        'the simulator was restarted while it simulated tetrahedron: try again'
     )
     again = suite.client.ask('tetrahedron', 500, seed=[43])
     assert again.status.code == Status.OK

@@ -13,6 +13,7 @@ from resting_aspects_ros.cli.options import (
     parse_integer,
     parse_share,
 )
+from resting_aspects_ros.cli.start_workers import start_workers
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.noise import Noise
 from resting_aspects_ros.simulation.quantity import quantities_of
@@ -113,26 +114,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Drop and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with Interruption() as stop, ExitStack() as stack:
         confidence = parse_share('--confidence', arguments.confidence)
+        # The workers are stopped last, so that the result is written even if stopping them fails.
+        workers = start_workers(arguments, stack)
         # These imports are slow because of NumPy.
-        from resting_aspects_ros.simulation.chunks import Workers
-        from resting_aspects_ros.simulation.process_workers import ProcessWorkers, default_workers
-
-        workers: Workers | None = None
-        if arguments.scheduler is None:
-            # The worker processes import the engine while this process reads the part. They are
-            # stopped last, so that the result is written even if stopping them fails.
-            count = default_workers() if arguments.workers is None else arguments.workers
-            workers = processes = ProcessWorkers(count)
-            stack.callback(processes.stop)
         from resting_aspects_ros.cli.drop_request import requested_drops
         from resting_aspects_ros.cli.drop_run import drop_and_show
 
         request = requested_drops(arguments)
-        if workers is None:
-            from resting_aspects_ros.simulation.dask_workers import ClusterWorkers
-
-            workers = cluster = ClusterWorkers(arguments.scheduler)
-            stack.callback(cluster.stop)
         if not arguments.force:
             request.check_height()
         return drop_and_show(arguments, request, workers, confidence, stop)

@@ -18,11 +18,15 @@ from resting_aspects_ros.report.document import (
     plain,
     to_json,
 )
+from resting_aspects_ros.ros.conversions import run_from
+from resting_aspects_ros.ros.transition_conversions import action_from
 from resting_aspects_ros.run_logs.contents import LoggedRun, read_logged_run, rest_of_run
+from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 DESCRIPTION = """Show the part, the conditions, the seed, the versions, the number of poses
-and the distribution in a log. The log may be unfinished."""
+and the distribution in a log, or the action of a log of reorient_part. The log
+may be unfinished."""
 EXAMPLES = """examples:
   resting_aspects info out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
   resting_aspects info run_0.mcap --json
@@ -58,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _lines(found: LoggedRun) -> Iterator[tuple[str, str]]:
     yield 'log', f'{found.path}, {found.path.stat().st_size / 1e6:.3g} MB'
     yield '', f'{_state(found)}, {found.messages} messages'
-    run = found.run
+    run = _run(found)
     if run is None:
         yield 'drops', 'none'
         return
@@ -71,10 +75,28 @@ def _lines(found: LoggedRun) -> Iterator[tuple[str, str]]:
     yield 'conditions', surface_text(run.conditions)
     yield from (('', f'{name} {value}') for name, value in condition_facts(run.conditions))
     yield 'seed', str(run.seed)
-    yield 'drops', _drops(run, found)
+    if (action := _action(found)) is not None:
+        yield 'action', f'{action.name}: {action.text}'
+        yield 'actions', _drops(run, found)
+    else:
+        yield 'drops', _drops(run, found)
     yield 'started', f'{when_text(run.started)} with {run.engine} {run.engine_version}'
     yield '', f'time step {run.time_step:.3g} s, resting_aspects_ros {run.suite_version}'
     yield 'run id', run.run_id
+
+
+def _run(found: LoggedRun) -> RunDescription | None:
+    """Return the run in a log, of drops or of actions."""
+    if found.run is None and found.transitions is not None:
+        return run_from(found.transitions.run)
+    return found.run
+
+
+def _action(found: LoggedRun) -> NamedAction | None:
+    """Return the action if the log is of a run of actions."""
+    if found.run is None and found.transitions is not None:
+        return action_from(found.transitions.action)
+    return None
 
 
 def _state(found: LoggedRun) -> str:
@@ -95,21 +117,24 @@ def _drops(run: RunDescription, found: LoggedRun) -> str:
 
 
 def _document(found: LoggedRun) -> dict[str, object]:
-    run, part = found.run, found.part
+    run, part, action = _run(found), found.part, _action(found)
     log = {
         'path': str(found.path),
         'messages': found.messages,
         'finished': found.finished,
         'being_written': found.being_written,
         'whole': found.outcome.whole,
-        'poses': found.outcome.drops,
+        'poses': found.outcome.drops if action is None else 0,
     }
     fields: dict[str, object] = {}
     if run is not None:
         fields = {name: plain(value) for name, value in dataclasses.asdict(run).items()}
     if part is not None:
         fields['mesh_sha256'] = part.mesh_sha256
-    if run is not None:
+    if action is not None:
+        fields |= {'action': action.values, 'actions_asked': fields.pop('drops')}
+        log['actions'] = found.outcome.drops
+    elif run is not None:
         fields['drops_asked'] = run.drops
     if found.last_distribution is None:
         return {'schema_version': SCHEMA_VERSION, **fields, 'log': log}

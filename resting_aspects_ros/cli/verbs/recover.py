@@ -11,9 +11,9 @@ from resting_aspects_ros.run_logs.contents import TYPES, LoggedRun, rest_of_run
 
 DESCRIPTION = """Rebuild index, summary and metadata.yaml of logs whose recorder was killed.
 Every complete message in the file is kept, and a classifier that starts later
-uses the drops. Logs that are closed or being written are not changed. A file
-that is damaged before its end is refused: "mcap recover", of the MCAP command
-line tool, copies its readable messages."""
+uses the drops or the transitions. Logs that are closed or being written are
+not changed. A file that is damaged before its end is refused: "mcap recover",
+of the MCAP command line tool, copies its readable messages."""
 EXAMPLES = """examples:
   resting_aspects recover out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
   resting_aspects recover out/logs/*
@@ -59,11 +59,15 @@ def _recover(log: Path) -> str:
 
 
 def _metadata(logged: LoggedRun) -> dict[str, dict[str, str]]:
-    return {} if logged.run is None else {OUTCOME: logged.outcome.record()}
+    empty = logged.run is None and logged.transitions is None
+    return {} if empty else {OUTCOME: logged.outcome.record()}
 
 
 def _drops(logged: LoggedRun) -> str:
-    """Return a text with the number of drops in a log."""
+    """Return a text with the number of drops or actions in a log."""
+    if logged.run is None and (matrix := logged.transitions) is not None:
+        run, name = matrix.run, matrix.action.name
+        return f'{logged.outcome.drops} of {run.drops} actions of {run.part}, {name}'
     if logged.run is None:
         return 'no drops'
     outcome = logged.outcome

@@ -13,6 +13,7 @@ from resting_aspects_ros.cli.options import (
     parse_integer,
     parse_share,
 )
+from resting_aspects_ros.cli.start_workers import start_workers
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, DEFAULT_SEED
 
@@ -116,7 +117,6 @@ def run(arguments: argparse.Namespace) -> int:
         confidence = parse_share('--confidence', arguments.confidence)
         # These imports are slow because of NumPy.
         from resting_aspects_ros.cli.reorient_run import reorient_and_show
-        from resting_aspects_ros.cli.start_workers import start_workers
 
         workers = start_workers(arguments, stack)
         return reorient_and_show(arguments, workers, confidence, stop)

@@ -14,6 +14,7 @@ from resting_aspects_ros.cli.options import (
     parse_quantity,
     parse_share,
 )
+from resting_aspects_ros.cli.start_workers import start_workers
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
 
@@ -81,7 +82,6 @@ def run(arguments: argparse.Namespace) -> int:
         from resting_aspects_ros.api.retention import retention
         from resting_aspects_ros.cli.console import make_console, show_table
         from resting_aspects_ros.cli.options import requested_conditions
-        from resting_aspects_ros.cli.start_workers import start_workers
         from resting_aspects_ros.report.reorientation_table import retention_table
 
         conditions = requested_conditions(arguments, shipped_surfaces())

@@ -12,7 +12,7 @@ from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.ros.callbacks import sleep_for, wait_for
-from resting_aspects_ros.ros.drop_part_client import drop_result
+from resting_aspects_ros.ros.goal_client import goal_result
 from resting_aspects_ros.ros.interface import ACTION_SERVICES, DROP_PART
 from resting_aspects_ros.ros.liveliness import LivelinessMonitor
 from resting_aspects_ros.ros.status import NotAvailableError, status_error
@@ -59,7 +59,7 @@ class DropRequests:
     async def drop(self, goal: DropPart.Goal) -> 'RunCounts':
         """Return the counts of a run of these drops; raises the error of the simulator."""
         await self.wait_for_simulator()
-        result = await drop_result(self._node, self._client, goal)
+        result = await goal_result(self._node, self._client, goal)
         if result.status.code != Status.OK:
             raise status_error(result.status)
         finished = self._finished(result.run_id)

@@ -1,4 +1,4 @@
-"""Distributions of earlier runs, read from their logs when a node starts."""
+"""Results of earlier runs, read from their logs when a node starts."""
 
 import re
 import time
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
-from resting_aspects_interfaces.msg import AspectDistribution
+from resting_aspects_interfaces.msg import AspectDistribution, TransitionMatrix
 
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.core.errors import LogError, RestingAspectsError
@@ -17,13 +17,20 @@ from resting_aspects_ros.core.statistics.distribution import Distribution, count
 from resting_aspects_ros.logs.bag_metadata import Outcome
 from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
 from resting_aspects_ros.logs.message_reader import is_being_written, messages
-from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE
+from resting_aspects_ros.logs.topic_metadata import (
+    DISTRIBUTION_TYPE,
+    PART_TYPE,
+    POSES_TYPE,
+    TRANSITIONS_TYPE,
+)
 from resting_aspects_ros.nodes.aspect_classifier.distribution_store import DistributionStore
+from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
 from resting_aspects_ros.ros.callbacks import guarded_task
 from resting_aspects_ros.ros.conversions import run_from, serialized_part, serialized_poses
 from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.formatting import count_text
+from resting_aspects_ros.ros.transition_conversions import serialized_transitions
 from resting_aspects_ros.simulation.merge_runs import merge_drops
 from resting_aspects_ros.simulation.run_description import RunDescription
 
@@ -61,21 +68,25 @@ def logs_in(folder: Path) -> list[Path]:
     return sorted(rank, key=lambda path: rank[path])
 
 
-def read_log(log: Path) -> LoggedRun | None:
-    """Return a run and its distribution, or None if the log is being written.
+def read_log(log: Path) -> LoggedRun | TransitionMatrix | None:
+    """Return a run and its distribution, or a matrix, or None if the log is being written.
 
     Runs in a FileWorker. The result is the distribution in the log if it counts all drops of the
     run and uses the current aspect numbering; otherwise the consecutive drops from the first one
-    on are counted. Raises RestingAspectsError if the log contains neither.
+    on are counted. From a log of actions, it is the last matrix, which is that of an unfinished
+    run if the log was cut off. Raises RestingAspectsError if the log contains none of these.
     """
     try:
         with IndexedLog(log) as indexed:
             outcome = Outcome.of(indexed.read_metadata())
             last = indexed.last(DISTRIBUTION_TYPE)
+            matrix = None if last is not None else indexed.last(TRANSITIONS_TYPE)
     except NoIndexError:
         if is_being_written(log):
             return None
         raise LogError('it is not closed: repair it with "resting_aspects recover"') from None
+    if matrix is not None:
+        return serialized_transitions(matrix)
     if outcome is not None and outcome.whole and last is not None:
         message = deserialize_message(last, AspectDistribution)
         if message.complete and message.aspect_numbering == ASPECT_NUMBERING:
@@ -114,15 +125,22 @@ class LogLoader:
     folder : folder of the logs; None: read nothing
     files : reads the logs, so that a file cannot block the node
     known : receives the distributions
+    transitions : receives the transition matrices
     """
 
     def __init__(
-        self, node: Node, folder: Path | None, files: FileWorker, known: DistributionStore
+        self,
+        node: Node,
+        folder: Path | None,
+        files: FileWorker,
+        known: DistributionStore,
+        transitions: TransitionStore,
     ) -> None:
         self._node = node
         self._folder = folder
         self._files = files
         self._known = known
+        self._transitions = transitions
         self._unused: dict[str, str] = {}  # reasons by name
         self._used = 0
         self.ready = False
@@ -154,10 +172,12 @@ class LogLoader:
 
     async def _read(self, log: Path) -> None:
         try:
-            logged: LoggedRun | None = await self._files.run(read_log, log)
-            if logged is not None:
+            logged: LoggedRun | TransitionMatrix | None = await self._files.run(read_log, log)
+            if isinstance(logged, TransitionMatrix):
+                self._transitions.add(logged)
+            elif logged is not None:
                 self._known.add(*logged)
-                self._used += 1
+            self._used += logged is not None
         except RestingAspectsError as error:
             self._unused[printable(log.name)] = str(error)
 
@@ -165,6 +185,9 @@ class LogLoader:
         if not logs:
             return
         known = count_text(len(self._known), 'distribution is', 'distributions are')
+        if matrices := len(self._transitions):
+            matrix = count_text(matrices, 'transition matrix', 'transition matrices')
+            known = f'{matrix} and {known}'
         self._node.get_logger().info(
             f'{self._used} of {count_text(logs, "log of an earlier run", "logs of earlier runs")} '
             f'in {self._folder} read in {seconds:.1f} s: {known} known'

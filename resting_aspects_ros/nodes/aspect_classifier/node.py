@@ -10,7 +10,7 @@ from typing import Any
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import PartDescription, PartSummary, Status
-from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, ListParts
+from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, GetTransitions, ListParts
 
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.nodes.aspect_classifier.classify_pose import answer_pose
@@ -24,6 +24,7 @@ from resting_aspects_ros.nodes.aspect_classifier.publishers import (
     DistributionPublisher,
 )
 from resting_aspects_ros.nodes.aspect_classifier.run_counting import RunCounter
+from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
 from resting_aspects_ros.nodes.run_tracking.health import RunHealth
 from resting_aspects_ros.ros.callbacks import guarded_task, steady_timer
 from resting_aspects_ros.ros.conversions import status
@@ -34,6 +35,7 @@ from resting_aspects_ros.ros.interface import (
     ASPECT_CLASSIFIER,
     CLASSIFY_POSE,
     GET_DISTRIBUTION,
+    GET_TRANSITIONS,
     LIST_PARTS,
     PARTS,
     SERVICES,
@@ -59,10 +61,10 @@ PARAMETERS = (
 
 
 class AspectClassifier(Node):
-    """Subscribes to resting_poses, parts/* and default_conditions.
+    """Subscribes to resting_poses, transitions/*, parts/* and default_conditions.
 
-    Publishes aspect_distributions/<part>, markers and current_poses.
-    Serves get_distribution, classify_pose and list_parts.
+    Publishes aspect_distributions/<part>, markers and current_poses, and known transitions/<part>.
+    Serves get_distribution, get_transitions, classify_pose and list_parts.
     """
 
     def __init__(self) -> None:
@@ -73,7 +75,8 @@ class AspectClassifier(Node):
         self._parts = PartRegistry(self, self._files, self._on_part_read, self._on_part_rejected)
         self._known = DistributionStore(self._parts.aspects)
         folder = Path(values['log_folder']) if values['log_folder'] else None
-        self._logs = LogLoader(self, folder, self._files, self._known)
+        self._transitions = TransitionStore(self, self._parts)
+        self._logs = LogLoader(self, folder, self._files, self._known, self._transitions)
         self._outputs = DistributionPublisher(self, self._parts)
         self._runs = RunCounter(self, self._parts, self._known, self._outputs, self._logs)
         self._health = RunHealth(self, self._runs.tracker)
@@ -94,6 +97,7 @@ class AspectClassifier(Node):
             self.create_service, qos_profile=SERVICES, callback_group=ReentrantCallbackGroup()
         )
         serve(GetDistribution, GET_DISTRIBUTION, self._get_distribution)
+        serve(GetTransitions, GET_TRANSITIONS, self._get_transitions)
         serve(ClassifyPose, CLASSIFY_POSE, self._classify_pose)
         self.create_service(ListParts, LIST_PARTS, self._list_parts, qos_profile=SERVICES)
         self._start = steady_timer(self, 0.0, self._load_logs)
@@ -113,9 +117,9 @@ class AspectClassifier(Node):
         self._execute(self._logs.load, self._on_logs_read)
 
     def _on_logs_read(self) -> None:
-        """Publish known distributions and diagnostics, and log that the node is ready."""
-        for _, part_sha256 in self._parts.offered():
-            self._publish_known(part_sha256)
+        """Publish known results and diagnostics, and log that the node is ready."""
+        for name, part_sha256 in self._parts.offered():
+            self._publish_known(name, part_sha256)
         publish_diagnostics(self, self._diagnose, DuplicateNodeDetector(self, ASPECT_CLASSIFIER))
         self.get_logger().info('ready')
 
@@ -140,17 +144,19 @@ class AspectClassifier(Node):
                 f'ignored the log of run {run.run_id}: its aspects are not those of {part.name}'
             )
         self._outputs.offer(part.name)  # before the first run, so that no message is missed
-        self._publish_known(part.part_sha256)
+        self._publish_known(part.name, part.part_sha256)
         self._runs.part_changed(part.name)
 
     def _on_part_rejected(self, part_sha256: str, _: str) -> None:
         self._runs.part_rejected(part_sha256)
 
-    def _publish_known(self, part_sha256: str) -> None:
-        """Publish the distribution of an earlier run, unless a newer one is published."""
-        known = self._known.newest(part_sha256)
-        if known is not None and self._logs.ready:
+    def _publish_known(self, name: str, part_sha256: str) -> None:
+        """Publish the results of earlier runs, unless newer ones are published."""
+        if not self._logs.ready:
+            return
+        if (known := self._known.newest(part_sha256)) is not None:
             self._outputs.restore(*known)
+        self._transitions.publish(name)
 
     def _diagnose(self) -> Diagnosis:
         values = {
@@ -158,6 +164,7 @@ class AspectClassifier(Node):
             'drops per second': self._runs.drops.rate(),
             'drops not counted yet': self._runs.pending_drops(),
             'distributions known': len(self._known),
+            'transition matrices known': len(self._transitions),
             **self._health.values(),
         }
         return Diagnosis(self._health.state, values, self._health.warnings())
@@ -170,6 +177,17 @@ class AspectClassifier(Node):
         with status_from_errors(GET_DISTRIBUTION, response, self.get_logger().error):
             self._check_ready()
             response.distribution = await self._answers.answer(request)
+            response.status = status(Status.OK)
+        return response
+
+    async def _get_transitions(
+        self, request: GetTransitions.Request, response: GetTransitions.Response
+    ) -> GetTransitions.Response:
+        with status_from_errors(GET_TRANSITIONS, response, self.get_logger().error):
+            self._check_ready()
+            response.transitions = await self._transitions.answer(
+                request, self._requests.simulator_is_ready
+            )
             response.status = status(Status.OK)
         return response
 

@@ -1,4 +1,4 @@
-"""The node that writes a log of every run with its poses, its distributions, and the part."""
+"""The node that writes a log of every run, of drops or of actions, with its part."""
 
 import sys
 import time
@@ -15,6 +15,7 @@ from resting_aspects_ros.nodes.drop_recorder.log_folder import (
     check_log_folder,
 )
 from resting_aspects_ros.nodes.drop_recorder.status_publisher import RecordedRunsPublisher
+from resting_aspects_ros.nodes.drop_recorder.transition_recorder import TransitionRecorder
 from resting_aspects_ros.nodes.run_tracking.health import RunHealth
 from resting_aspects_ros.nodes.run_tracking.tracker import RunProgress, RunTracker
 from resting_aspects_ros.ros.callbacks import guarded, steady_timer, subscribe
@@ -54,7 +55,10 @@ CLOSE_PERIOD = 0.2
 
 
 class DropRecorder(Node):
-    """Records resting_poses, parts/* and aspect_distributions/* in one MCAP log for each run."""
+    """Records resting_poses, parts/*, aspect_distributions/* and transitions/*.
+
+    Each run of drop_part and of reorient_part has an MCAP log of its own.
+    """
 
     def __init__(self) -> None:
         super().__init__(DROP_RECORDER)
@@ -80,6 +84,12 @@ class DropRecorder(Node):
             self._record_distribution,
             raw=True,
             qos=ALL_LATCHED,
+        )
+        self._transitions = TransitionRecorder(
+            self,
+            lambda run: self._log(run, 'actions'),
+            self._reports,
+            self._tracker.is_abandoned,
         )
         self._poses = Topic(self.resolve_topic_name(RESTING_POSES), POSES_TYPE, offered_qos(POSES))
         subscribe(self, RestingPoses, RESTING_POSES, self._record_batch, POSES, raw=True)
@@ -113,7 +123,7 @@ class DropRecorder(Node):
         if (accepted := self._tracker.accept(message)) is None:
             return
         progress, new = accepted
-        log = self._log(progress)
+        log = self._log(progress.run)
         if new or not message.poses:
             drops = sum(end - first for first, end in new)
             stamp = nanoseconds(message.header.stamp)
@@ -121,11 +131,10 @@ class DropRecorder(Node):
             self._reports.written(log, always=message.last)
         self._tracker.settle(progress)
 
-    def _log(self, progress: RunProgress) -> RunRecorder:
-        """Return the log of a run; open it for the first batch."""
-        run = progress.run
+    def _log(self, run: RunDescription, unit: str = 'drops') -> RunRecorder:
+        """Return the log of a run; open it for the first message."""
         if run.run_id not in self._logs:
-            log = self._logs[run.run_id] = RunRecorder(self._folder, run)
+            log = self._logs[run.run_id] = RunRecorder(self._folder, run, unit)
             self._reports.started(log)
             if run.part in self._parts:
                 self._write_part(log, *self._parts[run.part])
@@ -178,6 +187,7 @@ class DropRecorder(Node):
         self._logs[progress.run.run_id].run_is_over(whole=progress.complete)
 
     def _close_finished(self) -> None:
+        self._transitions.end_abandoned()
         for run_id in [run_id for run_id, log in self._logs.items() if log.done]:
             self._close(run_id)
 

@@ -31,7 +31,7 @@ class RecordedRunsPublisher:
 
     def written(self, log: RunRecorder, *, always: bool = False) -> None:
         """Report the progress of a log if ``always``, and each error once."""
-        self._logger.debug(f'{log.drops} drops are in {log.folder}')
+        self._logger.debug(f'{log.drops} {log.unit} are in {log.folder}')
         new_error = bool(log.error) and not log.reported
         if new_error:
             log.reported = True
@@ -50,7 +50,8 @@ class RecordedRunsPublisher:
         text = f'is in {folder}'
         if not log.closed_whole:
             state = 'is incomplete' if log.run_over else 'was interrupted'
-            text = f'{state}: the closed log {folder} has {progress_text(log.run, log.drops)}'
+            progress = progress_text(log.run, log.drops, log.unit)
+            text = f'{state}: the closed log {folder} has {progress}'
         self._logger.info(f'run {log.run.run_id} of {log.run.part} {text}')
 
 

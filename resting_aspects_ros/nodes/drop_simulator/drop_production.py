@@ -1,8 +1,8 @@
 """Production of drops: the worker processes of a node, and the batches that it publishes."""
 
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Callable
 from concurrent.futures import Future as PoolFuture
-from contextlib import aclosing, closing, suppress
+from contextlib import aclosing, closing
 
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
@@ -13,9 +13,9 @@ from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import count_poses, no_drops
-from resting_aspects_ros.nodes.drop_simulator.shared_drops import GoalDrops
+from resting_aspects_ros.nodes.drop_simulator.shared_drops import CANCEL_PERIOD, GoalDrops
 from resting_aspects_ros.ros.batching import PoseBatches
-from resting_aspects_ros.ros.callbacks import advertise, await_future
+from resting_aspects_ros.ros.callbacks import advertise, ros_future, wait_for
 from resting_aspects_ros.ros.conversions import poses_msg
 from resting_aspects_ros.ros.diagnostics import RateCounter
 from resting_aspects_ros.ros.file_worker import FileWorker
@@ -48,28 +48,29 @@ class AsyncWorkers:
         self._processes.stop()
 
     async def chunks(
-        self, job: DropJob, requested: RunDescription
+        self,
+        job: DropJob,
+        requested: RunDescription,
+        stopped: Callable[[], bool] = lambda: False,
     ) -> AsyncGenerator[RestingPoses, None]:
-        """Yield chunks of drops in order; raises EngineError if the workers fail or die."""
-        try:
-            with closing(drop_chunks(job, requested, self._processes, self._warn)) as steps:
-                for step in steps:
-                    if isinstance(step, PoolFuture):
-                        await _done(self._node, step)
-                    else:
-                        yield step
-        except EngineError as error:
-            raise EngineError(f'{error}; the drops made before are kept') from error
+        """Yield chunks of drops in order; raises EngineError if the workers fail or die.
+
+        Ends early if ``stopped`` returns True, also while a chunk is simulated.
+        """
+        with closing(drop_chunks(job, requested, self._processes, self._warn)) as steps:
+            for step in steps:
+                if not isinstance(step, PoolFuture):
+                    yield step
+                    continue
+                done = ros_future(self._node, step)  # drop_chunks handles its exception
+                while not (stopped() or await wait_for(self._node, done, CANCEL_PERIOD)):
+                    pass
+                if stopped():
+                    return
 
     def _warn(self, death: str) -> None:
         self.deaths += 1
         self._node.get_logger().warning(death)
-
-
-async def _done(node: Node, chunk: 'PoolFuture[RestingPoses]') -> None:
-    """Wait for a worker; ``drop_chunks`` handles its exception."""
-    with suppress(Exception):
-        await await_future(node, chunk)
 
 
 class DropProducer:
@@ -118,6 +119,8 @@ class DropProducer:
                         raise CanceledError(
                             f'canceled after {progress_text(requested, done)}; these are kept'
                         )
+        except EngineError as error:
+            raise EngineError(f'{error}; the drops made before are kept') from error
         finally:
             self._publish(batches.remaining(requested.first_drop), run, last=is_new)
 

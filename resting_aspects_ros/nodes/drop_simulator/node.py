@@ -8,24 +8,27 @@ from pathlib import Path
 
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.task import Future
-from resting_aspects_interfaces.action import DropPart
-from resting_aspects_interfaces.msg import Status
+from resting_aspects_interfaces.action import DropPart, ReorientPart
 
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.input_file import is_folder
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.stopping import max_drops
 from resting_aspects_ros.nodes.drop_simulator.drop_production import AsyncWorkers, DropProducer
+from resting_aspects_ros.nodes.drop_simulator.goal_execution import (
+    MAX_GOALS,
+    RESULT_TIMEOUT,
+    execute_goal,
+)
 from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
+from resting_aspects_ros.nodes.drop_simulator.reorientation import ReorientServer
 from resting_aspects_ros.nodes.drop_simulator.shared_drops import (
     GoalDrops,
     PublishedRuns,
     SharedDrops,
 )
-from resting_aspects_ros.ros.conversions import status
 from resting_aspects_ros.ros.default_conditions import SURFACE, DefaultConditionsPublisher
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
 from resting_aspects_ros.ros.file_worker import FileWorker
@@ -39,12 +42,8 @@ from resting_aspects_ros.ros.interface import ACTION_SERVICES, DROP_PART, DROP_S
 from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, declare
 from resting_aspects_ros.ros.spin import run_node
-from resting_aspects_ros.ros.status import (
-    BusyError,
-    CanceledError,
-    error_status,
-    requested_conditions,
-)
+from resting_aspects_ros.ros.status import BusyError, CanceledError, requested_conditions
+from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.config_files import parts_folder, surfaces_file
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.plan import plan_run
@@ -59,14 +58,13 @@ PARAMETERS = (
     FRAME_ID,
     Parameter('workers', 0, 'worker processes; 0: one per core', (0, MAX_WORKERS)),
 )
-# Maximum number of concurrent goals; they share the workers chunk by chunk.
-MAX_GOALS = 16
-# Time for which a result is kept for a client that requests it late, s.
-RESULT_TIMEOUT = 300
 
 
 class DropSimulator(Node):
-    """Serves drop_part; publishes parts/<part>, resting_poses and default_conditions."""
+    """Serves drop_part and reorient_part.
+
+    Publishes parts/<part>, resting_poses, transitions/<part> and default_conditions.
+    """
 
     def __init__(self) -> None:
         super().__init__(DROP_SIMULATOR)
@@ -91,6 +89,9 @@ class DropSimulator(Node):
             result_timeout=RESULT_TIMEOUT,
             **ACTION_SERVICES,
         )
+        self._reorient = ReorientServer(
+            self, self._parts, self._workers, self._files, self._conditions, frame
+        )
         self._parts.ready.add_done_callback(self._on_parts_read)
 
     def destroy_node(self) -> None:
@@ -98,6 +99,7 @@ class DropSimulator(Node):
         self._workers.stop()
         self._files.stop()
         self._server.destroy()
+        self._reorient.destroy()
         super().destroy_node()
 
     def _on_parts_read(self, _: Future) -> None:
@@ -108,26 +110,8 @@ class DropSimulator(Node):
         self.get_logger().info(f'ready: {parts}, {workers}')
 
     async def _execute(self, handle: ServerGoalHandle) -> DropPart.Result:
-        result = DropPart.Result(run_id=handle.request.run_id)
-        try:
-            result, error = await self._drop(handle)
-            if error is not None:
-                raise error
-            result.status = status(Status.OK)
-            handle.succeed()
-        except CanceledError as error:
-            result.status = error_status(error)
-            handle.canceled()
-        except RestingAspectsError as error:
-            result.status = error_status(error)
-            handle.abort()
-        except InvalidHandle:
-            result.status = status(Status.FAILED, 'the node has stopped')  # it cannot be sent
-        except Exception as error:  # noqa: BLE001 - the edge: a defect must not look like an answer
-            self.get_logger().error(f'drop_part failed: {error!r}')
-            result.status = status(Status.FAILED, f'unexpected error {error!r}')
-            handle.abort()
-        return result
+        nothing = DropPart.Result(run_id=handle.request.run_id)
+        return await execute_goal(self, DROP_PART, handle, nothing, self._drop)
 
     async def _drop(self, handle: ServerGoalHandle) -> tuple[DropPart.Result, Exception | None]:
         """Return the result of a goal; concurrent goals for the same drops share them."""
@@ -182,18 +166,24 @@ class DropSimulator(Node):
             'parts offered': len(self._parts),
             **run_values(runs),
             **truncated(rates),
+            **self._reorient.values(),
             **truncated({f'not offered: {name}': why for name, why in not_offered.items()}),
         }
         warning = count_text(len(not_offered), 'mesh is not offered', 'meshes are not offered')
-        return Diagnosis(active_runs_text(runs), values, [warning] if not_offered else [])
+        state = active_runs_text(runs) or self._reorient.state
+        return Diagnosis(state, values, [warning] if not_offered else [])
+
+    def _conditions(self, goal: DropPart.Goal | ReorientPart.Goal) -> DropConditions:
+        """Return the conditions that a goal requests."""
+        return requested_conditions(
+            self._surfaces, goal.surface, goal.conditions, self._default.conditions
+        )
 
     def _plan(self, goal: DropPart.Goal, part: Part) -> tuple[DropJob, RunDescription]:
         """Return the job and the requested drops of a goal."""
         return plan_run(
             part,
-            requested_conditions(
-                self._surfaces, goal.surface, goal.conditions, self._default.conditions
-            ),
+            self._conditions(goal),
             seed=goal.seed,
             drops=max_drops(goal.drops, goal.precision, MAX_DROPS),
             first_drop=goal.first_drop,

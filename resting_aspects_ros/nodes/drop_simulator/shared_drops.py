@@ -16,7 +16,7 @@ from resting_aspects_ros.ros.callbacks import wait_for
 from resting_aspects_ros.ros.status import CanceledError, NotAvailableError
 from resting_aspects_ros.simulation.run_description import RunDescription
 
-# Interval at which a goal that shares its drops checks whether it was canceled, s.
+# Interval at which a goal that waits checks whether it was canceled, s.
 CANCEL_PERIOD = 0.5
 # Maximum number of runs whose descriptions are kept, to publish drops of them again.
 MAX_RUNS = 10_000

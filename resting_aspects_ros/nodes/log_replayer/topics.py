@@ -18,6 +18,7 @@ from resting_aspects_ros.ros.interface import (
     PARTS,
     POSES,
     RESTING_POSES,
+    TRANSITIONS,
 )
 
 _MESSAGES = 'resting_aspects_interfaces/msg'
@@ -26,9 +27,11 @@ _SUITE = {
     RESTING_POSES: (f'{_MESSAGES}/RestingPoses', POSES),
     PARTS: (f'{_MESSAGES}/PartDescription', LATCHED),
     ASPECT_DISTRIBUTIONS: (f'{_MESSAGES}/AspectDistribution', LATCHED),
+    TRANSITIONS: (f'{_MESSAGES}/TransitionMatrix', LATCHED),
 }
 _SUITE_TOPIC = re.compile(
-    rf'(?P<namespace>(?:/\w+)*)/(?:{RESTING_POSES}|(?:{PARTS}|{ASPECT_DISTRIBUTIONS})/\w+)',
+    rf'(?P<namespace>(?:/\w+)*)/'
+    rf'(?:{RESTING_POSES}|(?:{PARTS}|{ASPECT_DISTRIBUTIONS}|{TRANSITIONS})/\w+)',
     re.ASCII,
 )
 # QoS of other topics if the log has none, as in rosbag2.

@@ -14,8 +14,8 @@ from resting_aspects_interfaces.msg import Status
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.ros.callbacks import guarded, steady_timer
 from resting_aspects_ros.ros.conversions import conditions_msg, run_from
-from resting_aspects_ros.ros.drop_part_client import drop_result
 from resting_aspects_ros.ros.formatting import count_text, progress_text
+from resting_aspects_ros.ros.goal_client import goal_result
 from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,
     DROP_PART,
@@ -186,12 +186,12 @@ class RunTracker:
 
     def _check(self) -> None:
         for progress in self._active():
-            if self._is_abandoned(progress.heard):
+            if self.is_abandoned(progress.heard):
                 progress.ended = progress.abandoned = True
             if progress.abandoned or not progress.repairing:
                 self.settle(progress)
 
-    def _is_abandoned(self, heard: float) -> bool:
+    def is_abandoned(self, heard: float) -> bool:
         """Return whether the simulator of a run, last received at ``heard``, is gone or replaced.
 
         If there never was a simulator or a replayer, the batches have another source.
@@ -227,7 +227,7 @@ class RunTracker:
     async def _request_again(self, progress: RunProgress, goal: DropPart.Goal) -> None:
         """Request drops again. The last batch can arrive later; _check then finds what is left."""
         try:
-            answer = (await drop_result(self._node, self._client, goal)).status
+            answer = (await goal_result(self._node, self._client, goal)).status
             code, reason = answer.code, answer.message
         except RestingAspectsError as error:
             code, reason = Status.NOT_AVAILABLE, str(error)

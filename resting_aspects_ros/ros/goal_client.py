@@ -1,7 +1,8 @@
-"""Client of one drop_part goal, which also detects that the simulator stopped or restarted."""
+"""Client of one goal of the simulator, which also detects that it stopped or restarted."""
 
 import time
 from collections.abc import Awaitable, Callable
+from typing import Any
 from uuid import uuid4
 
 from action_msgs.msg import GoalStatus
@@ -10,7 +11,6 @@ from rclpy.action.client import ClientGoalHandle
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
-from resting_aspects_interfaces.action import DropPart
 from unique_identifier_msgs.msg import UUID
 
 from resting_aspects_ros.ros.callbacks import wait_for
@@ -27,16 +27,16 @@ CHECK_PERIOD = 0.5
 RETRY_PERIOD = 5.0
 
 
-async def drop_result(
+async def goal_result(
     node: Node,
     client: ActionClient,
-    goal: DropPart.Goal,
+    goal: Any,
     *,
     group: CallbackGroup | None = None,
-    feedback: Callable[[DropPart.Feedback], object] = lambda _: None,
+    feedback: Callable[[Any], object] = lambda _: None,
     wanted: Callable[[], bool] = lambda: True,
-) -> DropPart.Result:
-    """Send a goal, wait for its result and return it.
+) -> Any:
+    """Send a goal of drop_part or reorient_part, wait for its result and return it.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ async def drop_result(
     """
     last_feedback = time.monotonic()
 
-    def on_feedback(message: DropPart.Impl.FeedbackMessage) -> None:
+    def on_feedback(message: Any) -> None:
         nonlocal last_feedback
         last_feedback = time.monotonic()
         feedback(message.feedback)
@@ -62,7 +62,7 @@ async def drop_result(
         if await wait_for(node, future, CHECK_PERIOD, group):
             return True
         if not client.server_is_ready():
-            raise NotAvailableError(f'the simulator stopped while it dropped {goal.part}')
+            raise NotAvailableError(f'the simulator stopped while it simulated {goal.part}')
         return False
 
     handle = await _accepted(client, goal, on_feedback, arrived)
@@ -70,7 +70,7 @@ async def drop_result(
     while not await arrived(answer):
         if not wanted():
             await arrived(handle.cancel_goal_async())
-            raise CanceledError(f'the drops of {goal.part} were canceled')
+            raise CanceledError(f'the simulation of {goal.part} was canceled')
         if time.monotonic() - last_feedback > RETRY_PERIOD:
             last_feedback = time.monotonic()
             again = handle.get_result_async()
@@ -78,16 +78,15 @@ async def drop_result(
                 answer = again
     if answer.result().status == GoalStatus.STATUS_UNKNOWN:
         raise NotAvailableError(
-            f'the simulator was restarted while it dropped {goal.part}: try again'
+            f'the simulator was restarted while it simulated {goal.part}: try again'
         )
-    result: DropPart.Result = answer.result().result
-    return result
+    return answer.result().result
 
 
 async def _accepted(
     client: ActionClient,
-    goal: DropPart.Goal,
-    on_feedback: Callable[[DropPart.Impl.FeedbackMessage], None],
+    goal: Any,
+    on_feedback: Callable[[Any], None],
     arrived: Callable[[Future], Awaitable[bool]],
 ) -> ClientGoalHandle:
     """Send the goal until the simulator accepts it; return the handle."""

@@ -1,0 +1,99 @@
+"""A goal of reorient_part: what it requests, and its progress."""
+
+import time
+
+from rclpy.action.server import ServerGoalHandle
+from resting_aspects_interfaces.action import ReorientPart
+from resting_aspects_interfaces.msg import FeederAction
+
+from resting_aspects_ros.api.condition_text import shipped_actions
+from resting_aspects_ros.api.drop import PlannedRun
+from resting_aspects_ros.api.drop import plan as plan_drops
+from resting_aspects_ros.api.reorient import PlannedActions, plan_actions
+from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.ros.status import CanceledError
+from resting_aspects_ros.ros.transition_conversions import BoundedLongRun, action_from
+from resting_aspects_ros.simulation.actions import KINDS, NamedAction
+from resting_aspects_ros.simulation.conditions import DropConditions
+
+
+def requested_action(action: FeederAction) -> NamedAction:
+    """Return the action that a goal requests; raises InvalidValueError."""
+    if not action.kind and action.name in KINDS:
+        action.kind = action.name
+    if action.kind:
+        return action_from(action)
+    if action.names or action.values:
+        raise InvalidValueError(
+            f'invalid values of action {shown(action.name)}: expected none without a kind'
+        )
+    return shipped_actions().get(action.name)
+
+
+def plan_goal(
+    part: Part,
+    action: NamedAction,
+    conditions: DropConditions,
+    goal: ReorientPart.Goal,
+) -> tuple[PlannedActions, PlannedRun]:
+    """Return the actions and the drops of a goal; runs in a FileWorker."""
+    actions = plan_actions(
+        part,
+        action,
+        conditions,
+        per_aspect=goal.per_aspect,
+        precision=goal.precision,
+        seed=goal.seed,
+    )
+    return actions, plan_drops(part, conditions, drops=goal.drops, seed=goal.seed)
+
+
+def bounded_long_run(result: ReorientResult) -> BoundedLongRun | None:
+    """Return the long-run shares of a result with their bounds; runs in a FileWorker."""
+    return None if result.long_run is None else (result.long_run, *result.long_run_bounds)
+
+
+class ReorientGoal:
+    """An active goal: its progress, of which it sends feedback."""
+
+    def __init__(self, handle: ServerGoalHandle) -> None:
+        self.request: ReorientPart.Goal = handle.request
+        self.feedback = ReorientPart.Feedback()
+        self._handle = handle
+        self._start: float | None = None
+
+    def canceled(self) -> bool:
+        """Return whether the goal was canceled."""
+        return bool(self._handle.is_cancel_requested)
+
+    def check(self) -> None:
+        """Raise CanceledError if the goal was canceled; describes the actions made."""
+        made = self.feedback.done
+        if self.canceled():
+            raise CanceledError(
+                f'canceled after {made} of {self.feedback.total} actions; these are kept'
+                if made
+                else 'canceled before the first action'
+            )
+
+    def add_drops(self, drops: int) -> None:
+        """Count drops, and send feedback."""
+        self.feedback.drops += drops
+        self._handle.publish_feedback(self.feedback)
+
+    def add_actions(self, actions: int) -> None:
+        """Count actions, and send feedback."""
+        now = time.monotonic()
+        self._start = now if self._start is None else self._start
+        self.feedback.done += actions
+        if now > self._start:
+            self.feedback.actions_per_second = self.feedback.done / (now - self._start)
+        self._handle.publish_feedback(self.feedback)
+
+    def __str__(self) -> str:
+        name = self.request.action.name or self.request.action.kind
+        return (
+            f'{self.request.part}, {name}: {self.feedback.done} of {self.feedback.total} actions'
+        )

@@ -1,0 +1,211 @@
+"""The action reorient_part: simulates actions on a part, and publishes their transitions."""
+
+import time
+from collections.abc import Callable
+from contextlib import aclosing
+
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from resting_aspects_interfaces.action import ReorientPart
+from resting_aspects_interfaces.msg import TransitionMatrix
+
+from resting_aspects_ros.api.drop import PlannedRun
+from resting_aspects_ros.api.reorient import PlannedActions
+from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.distribution import Distribution, count_poses
+from resting_aspects_ros.nodes.drop_simulator.drop_production import AsyncWorkers
+from resting_aspects_ros.nodes.drop_simulator.goal_execution import (
+    MAX_GOALS,
+    RESULT_TIMEOUT,
+    execute_goal,
+)
+from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublisher
+from resting_aspects_ros.nodes.drop_simulator.reorient_goal import (
+    ReorientGoal,
+    bounded_long_run,
+    plan_goal,
+    requested_action,
+)
+from resting_aspects_ros.ros.callbacks import advertise
+from resting_aspects_ros.ros.diagnostics import RateCounter
+from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
+from resting_aspects_ros.ros.formatting import truncated
+from resting_aspects_ros.ros.interface import (
+    ACTION_SERVICES,
+    LATCHED,
+    REORIENT_PART,
+    TRANSITIONS,
+)
+from resting_aspects_ros.ros.status import BusyError
+from resting_aspects_ros.ros.transition_conversions import BoundedLongRun, transitions_msg
+from resting_aspects_ros.simulation.conditions import DropConditions
+
+# Minimum time between two publications of the matrix of an active goal, s.
+PUBLISH_PERIOD = 1.0
+
+
+class ReorientServer:
+    """Serves reorient_part, and publishes transitions/<part>.
+
+    Goals share the workers with those of drop_part, chunk by chunk.
+
+    Parameters
+    ----------
+    files : finds aspects and long-run shares, so that a large mesh cannot block the node
+    conditions : returns the conditions that a goal requests
+    frame : frame of the aspects
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        parts: PartPublisher,
+        workers: AsyncWorkers,
+        files: FileWorker,
+        conditions: Callable[[ReorientPart.Goal], DropConditions],
+        frame: str,
+    ) -> None:
+        self._node = node
+        self._parts = parts
+        self._workers = workers
+        self._files = files
+        self._conditions = conditions
+        self._frame = frame
+        self._goals: list[ReorientGoal] = []
+        self._publishers: dict[str, Publisher] = {}
+        self._actions = RateCounter()
+        self._server = ActionServer(
+            node,
+            ReorientPart,
+            REORIENT_PART,
+            self._execute,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            result_timeout=RESULT_TIMEOUT,
+            **ACTION_SERVICES,
+        )
+
+    def destroy(self) -> None:
+        """Destroy the action server."""
+        self._server.destroy()
+
+    @property
+    def state(self) -> str:
+        """The progress of the first active goal; empty if there is none."""
+        return str(self._goals[0]) if self._goals else ''
+
+    def values(self) -> dict[str, object]:
+        """Return values for the diagnostics."""
+        goals = {f'reorientation {k}': str(goal) for k, goal in enumerate(self._goals, 1)}
+        return {
+            'actions made': self._actions.total,
+            'actions per second': self._actions.rate(),
+            'active reorientations': len(self._goals),
+            **truncated(goals),
+        }
+
+    async def _execute(self, handle: ServerGoalHandle) -> ReorientPart.Result:
+        nothing = ReorientPart.Result()
+        return await execute_goal(self._node, REORIENT_PART, handle, nothing, self._reorient)
+
+    async def _reorient(
+        self, handle: ServerGoalHandle
+    ) -> tuple[ReorientPart.Result, Exception | None]:
+        """Return the result of a goal, and the error that ended its actions, if any."""
+        if len(self._goals) >= MAX_GOALS:
+            raise BusyError(f'{MAX_GOALS} reorient_part goals are active, try again later')
+        goal = ReorientGoal(handle)
+        self._goals.append(goal)
+        try:
+            return await self._make(goal)
+        finally:
+            self._goals.remove(goal)
+
+    async def _make(self, goal: ReorientGoal) -> tuple[ReorientPart.Result, Exception | None]:
+        part = await self._parts.get(goal.request.part)
+        action = requested_action(goal.request.action)
+        conditions = self._conditions(goal.request)
+        planned, drops = await self._files.run(plan_goal, part, action, conditions, goal.request)
+        goal.feedback.total = planned.run.drops
+        self._offer(part.name)  # before the drops, so that subscribers miss no message
+        dropped = await self._drop(goal, drops)
+        error: Exception | None = None
+        try:
+            await self._act(goal, planned, part, dropped)
+        except Exception as raised:  # noqa: BLE001 - the result keeps the actions made before
+            error = raised
+        result = ReorientPart.Result()
+        if planned.counter.done:
+            made = _result(planned, part, dropped)
+            result.transitions = self._publish(
+                made, ended=True, long_run=await self._long_run(made)
+            )
+        if not action.action.has_effect:
+            result.status.message = f'{action.name} has no effect: every part stays where it is'
+        return result, error
+
+    async def _drop(self, goal: ReorientGoal, planned: PlannedRun) -> Distribution:
+        """Return the distribution of the drops of a goal."""
+        total = planned.empty
+        chunks = self._workers.chunks(planned.job, planned.run, goal.canceled)
+        async with aclosing(chunks):
+            async for chunk in chunks:
+                total += count_poses(total.aspects, chunk)
+                goal.add_drops(len(chunk))
+        goal.check()
+        return total
+
+    async def _act(
+        self, goal: ReorientGoal, planned: PlannedActions, part: Part, dropped: Distribution
+    ) -> None:
+        """Make and count the actions of a goal; raises CanceledError and EngineError."""
+        counter, published = planned.counter, time.monotonic()
+        chunks = self._workers.chunks(planned.job, planned.run, goal.canceled)
+        try:
+            async with aclosing(chunks):
+                async for chunk in chunks:
+                    counter.count(chunk)
+                    self._actions.add(len(chunk))
+                    goal.add_actions(len(chunk))
+                    if counter.complete:
+                        return
+                    if time.monotonic() - published >= PUBLISH_PERIOD:
+                        published = time.monotonic()
+                        self._publish(_result(planned, part, dropped), ended=False)
+        except EngineError as error:
+            raise EngineError(f'{error}; the actions made before are kept') from error
+        goal.check()
+
+    async def _long_run(self, result: ReorientResult) -> BoundedLongRun | None:
+        try:
+            found: BoundedLongRun | None = await self._files.run(bounded_long_run, result)
+        except FileLimitError as error:
+            self._node.get_logger().warning(f'no long-run shares of {result.run.part}: {error}')
+            return None
+        return found
+
+    def _publish(
+        self, result: ReorientResult, *, ended: bool, long_run: BoundedLongRun | None = None
+    ) -> TransitionMatrix:
+        """Publish the transitions of a goal; returns the message."""
+        stamp = self._node.get_clock().now().to_msg()
+        message = transitions_msg(result, stamp, ended=ended, long_run=long_run, frame=self._frame)
+        self._offer(result.run.part).publish(message)
+        return message
+
+    def _offer(self, part: str) -> Publisher:
+        """Return the publisher of a part; creates it with the first call."""
+        if part not in self._publishers:
+            topic = f'{TRANSITIONS}/{part}'
+            self._publishers[part] = advertise(self._node, TransitionMatrix, topic, LATCHED)
+        return self._publishers[part]
+
+
+def _result(planned: PlannedActions, part: Part, dropped: Distribution) -> ReorientResult:
+    counter = planned.counter
+    return ReorientResult(
+        counter.matrix, planned.action, planned.run, part, dropped, counter.complete
+    )

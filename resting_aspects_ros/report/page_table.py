@@ -1,0 +1,41 @@
+"""Tables of a page, with the same texts as the tables of a terminal."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rich.table import Table
+
+
+@dataclass(frozen=True)
+class PageTable:
+    """A table as text; the first cell of each row is its name.
+
+    rows : sequence of sequences of cells
+        A cell is a sequence of lines.
+    caption : str
+        Shown below the table; may be empty.
+    """
+
+    headings: Sequence[str]
+    rows: Sequence[Sequence[Sequence[str]]]
+    caption: str = ''
+
+
+def page_table(table: Table) -> PageTable:
+    """Return a terminal table as a table of a page, without its title.
+
+    Line breaks in headings and in the caption, which fit them to a terminal, are removed.
+    """
+    headings = [_joined(str(column.header)) for column in table.columns]
+    columns = [[str(cell).split('\n') for cell in column.cells] for column in table.columns]
+    caption = _joined(str(table.caption or ''))
+    return PageTable(headings, list(zip(*columns, strict=True)), caption)
+
+
+def text_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> PageTable:
+    """Return a table of texts; line breaks separate the lines of a cell."""
+    return PageTable(headings, [[cell.split('\n') for cell in row] for row in rows])
+
+
+def _joined(text: str) -> str:
+    return text.replace('-\n', '').replace('\n', ' ')

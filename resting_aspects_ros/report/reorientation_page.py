@@ -1,0 +1,156 @@
+"""Write transitions and retention curves as one self-contained HTML page, and as figures."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from resting_aspects_ros.report.figure_style import inline_svg, svg_text
+from resting_aspects_ros.report.flow_figure import flow_figure, flow_note
+from resting_aspects_ros.report.page_table import PageTable, page_table, text_table
+from resting_aspects_ros.report.page_template import figure_files, render_page
+from resting_aspects_ros.report.reorientation_report import (
+    FLOW,
+    HEAT_MAP,
+    MEASURED,
+    PAGE,
+    RETENTION,
+    ActionReport,
+    ReorientationReport,
+    Shares,
+    suffix_of,
+)
+from resting_aspects_ros.report.reorientation_table import (
+    long_run_table,
+    long_run_text,
+    plan_table,
+    retention_counts_table,
+    retention_table,
+    wanted_table,
+)
+from resting_aspects_ros.report.retention_figure import retention_figure, retention_note
+from resting_aspects_ros.report.rows import ids_text
+from resting_aspects_ros.report.transition_figure import transition_figure, transition_note
+from resting_aspects_ros.report.transition_table import Rows, interval_table, table_rows
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_CSS_PIXELS_PER_INCH = 96
+
+
+def reorientation_files(report: ReorientationReport) -> Iterator[tuple[str, bytes]]:
+    """Yield the name and the content of each file: the figures, then the page."""
+    actions = []
+    for number, action in enumerate(report.actions, start=1):
+        shown = dict(_figures(report, action))
+        suffix = suffix_of(action.name, [each.name for each in report.actions])
+        for name, figure in shown.items():
+            yield from figure_files(name + suffix, figure.draw(action.title))
+        inline = {name: figure.inline(f'{name}-{number}') for name, figure in shown.items()}
+        actions.append(_action_texts(report, action) | {'figures': inline})
+    retention = None
+    if report.curves:
+        curves = _Figure(
+            partial(retention_figure, report.curves, report.aspects, report.part),
+            'Line chart of the probability to leave each aspect against the lift height',
+            retention_note(report.curves, report.aspects),
+        )
+        yield from figure_files(RETENTION, curves.draw(f'{report.title}, {report.subtitle}'))
+        retention = {
+            'figure': curves.inline(RETENTION),
+            'levels': page_table(retention_table(report.curves, '')),
+            'counts': page_table(retention_counts_table(report.curves, '')),
+        }
+    page = render_page(
+        'reorientation.html',
+        report=report,
+        actions=actions,
+        wanted=_wanted_text(report),
+        plan=_plan(report),
+        retention=retention,
+        confidence=f'{100 * report.confidence:g}',
+    )
+    yield PAGE, page.encode()
+
+
+@dataclass(frozen=True, eq=False)
+class _Figure:
+    """A figure that is drawn with its title for a file, and without for the page.
+
+    label : str
+        Alternative text for screen readers.
+    note : str
+        The explanation, which the page shows below the figure.
+    """
+
+    draw: Callable[[str], 'Figure']
+    label: str
+    note: str
+
+    def inline(self, name: str) -> dict[str, Any]:
+        """Return what the macro ``figure`` shows; the name is unique in the page."""
+        figure = self.draw('')
+        return {
+            'svg': inline_svg(svg_text(figure), name, self.label),
+            'width': round(_CSS_PIXELS_PER_INCH * figure.get_figwidth()),
+            'label': self.label,
+            'caption': self.note,
+        }
+
+
+def _figures(report: ReorientationReport, action: ActionReport) -> Iterator[tuple[str, _Figure]]:
+    """Yield name and figure for those for which there are data."""
+    heat_map = partial(transition_figure, action.matrix, report.part)
+    label = f'Heat map of the transition probabilities of {action.name}'
+    yield HEAT_MAP, _Figure(heat_map, label, transition_note(action.matrix))
+    if action.shares is not None:
+        long_run = action.shares[1].long_run
+        graph = partial(flow_figure, action.matrix, long_run, report.part)
+        label = f'Graph of the flow between the aspects if {action.name} is repeated'
+        yield FLOW, _Figure(graph, label, flow_note(action.matrix, long_run))
+
+
+def _action_texts(report: ReorientationReport, action: ActionReport) -> dict[str, Any]:
+    by_class, by_aspect = (table_rows(report.aspects, by_class=each) for each in (True, False))
+    several = len(by_class) < len(by_aspect)
+    shares: list[PageTable] = []
+    if action.shares is not None:
+        of_class, of_aspect = action.shares
+        shares = [_shares_table(report, by_class, of_class)]
+        shares += [_shares_table(report, by_aspect, of_aspect)] if several else []
+    way = None
+    if action.way is not None:
+        found = action.way
+        table = wanted_table(by_aspect, found.wanted, found.probability, found.actions, '')
+        way = page_table(table)
+    return {
+        'report': action,
+        'matrix': [
+            page_table(interval_table(action.matrix, by_class=each))
+            for each in ((True, False) if several else (True,))
+        ],
+        'shares': shares,
+        'way': way,
+        'measured': text_table(MEASURED, action.measured) if action.measured else None,
+    }
+
+
+def _shares_table(report: ReorientationReport, rows: Rows, shares: Shares) -> PageTable:
+    found = shares.long_run
+    table = page_table(
+        long_run_table(rows, found, shares.lower, shares.upper, shares.drop, '', report.confidence)
+    )
+    return replace(table, caption=long_run_text(rows, found))
+
+
+def _plan(report: ReorientationReport) -> PageTable | None:
+    if report.plan is None:
+        return None
+    rows = table_rows(report.aspects, by_class=False)
+    return page_table(plan_table(rows, *report.plan, ''))
+
+
+def _wanted_text(report: ReorientationReport) -> str:
+    wanted = tuple(report.aspects.aspects[k - 1] for k in report.wanted)
+    return f'aspect{"s" * (len(wanted) > 1)} {ids_text(wanted)}' if wanted else ''

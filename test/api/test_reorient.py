@@ -1,0 +1,249 @@
+"""Reorientation, retention and given initial states in the Python interface."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.api.transition_counter import compare_matrices
+from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
+from resting_aspects_ros.simulation.noise import Noise
+from resting_aspects_ros.simulation.starts import GivenStates
+
+KICK = ra.Kick(speed=0.4, spin=15.0)
+
+
+@pytest.fixture(scope='module')
+def tetrahedron():
+    return ra.load_part('tetrahedron')
+
+
+@pytest.fixture(scope='module')
+def tapped(tetrahedron, workers):
+    return ra.reorient(tetrahedron, KICK, 50, drops=100, seed=3, workers=workers)
+
+
+@pytest.fixture(scope='module')
+def crate(tmp_path_factory):
+    """A box of 10 x 20 x 30 mm, whose aspects have three heights."""
+    path = tmp_path_factory.mktemp('box') / 'crate.stl'
+    trimesh.creation.box((10, 20, 30)).export(path)
+    return ra.load_part(path)
+
+
+def test_every_action_is_counted_once(tapped):
+    assert tapped.complete
+    assert tapped.matrix.actions.tolist() == [50] * 4
+    assert tapped.matrix.counts.sum() == 200
+    assert 0 < np.trace(tapped.matrix.counts) < 200
+
+
+def test_counts_do_not_depend_on_the_number_of_workers(tapped, tetrahedron):
+    again = ra.reorient(tetrahedron, KICK, 50, drops=100, seed=3, workers=1)
+    np.testing.assert_array_equal(again.matrix.counts, tapped.matrix.counts)
+    np.testing.assert_array_equal(again.drop.counts, tapped.drop.counts)
+
+
+def test_seeds_give_different_counts(tapped, tetrahedron, workers):
+    other = ra.reorient(tetrahedron, KICK, 50, drops=10, seed=4, workers=workers)
+    assert (other.matrix.counts != tapped.matrix.counts).any()
+
+
+def test_kick_without_energy_changes_nothing(tetrahedron, workers):
+    result = ra.reorient(tetrahedron, ra.Kick(), 10, drops=10, workers=workers)
+    np.testing.assert_array_equal(result.matrix.counts[:, :4], 10 * np.eye(4))
+    assert not result.action.action.has_effect
+    assert len(result.long_run.closed) == 4
+
+
+def test_part_stays_in_a_low_aspect_under_a_weak_kick(crate, workers):
+    """0.1 m/s lifts by 0.5 mm; the sides of 20 x 30 and 10 x 30 mm need 4.8 and 2.1 mm."""
+    weak = ra.Kick(speed=0.1, speed_spread=0.0, horizontal_spread=0.0)
+    result = ra.reorient(crate, weak, 20, drops=10, workers=workers)
+    assert result.matrix.counts[:4, :4].tolist() == (20 * np.eye(4)).tolist()
+
+
+def test_strong_kick_forgets_the_start(crate, workers):
+    """Total variation between rows by class, against what chance explains."""
+    n = 40
+    result = ra.reorient(crate, 'toss', n, drops=10, seed=2, workers=workers)
+    rows = result.matrix.by_class()
+    shares = rows.counts / rows.actions[:, None]
+    # Five standard errors of a difference of two shares near 1/2, of 2 n actions each.
+    limit = 5 * np.sqrt(2 * 0.25 / (2 * n))
+    assert np.abs(shares[:, None] - shares).max() < limit
+
+
+def test_precision_ends_the_actions(tetrahedron, workers):
+    # An action that is decided at once.
+    result = ra.reorient(tetrahedron, ra.Kick(), precision=0.1, drops=10, workers=workers)
+    lower, upper = result.matrix.bounds()
+    assert result.complete
+    assert (upper - lower).max() <= 0.2
+    assert result.matrix.by_precision
+    assert result.matrix.actions.min() >= 250
+
+
+def test_document_has_the_matrix_and_the_long_run(tapped):
+    document = json.loads(tapped.to_json([1, 2]))
+    assert document['columns'] == [1, 2, 3, 4, 'unclassified', 'unsettled', 'failed', 'lost']
+    assert document['counts'] == tapped.matrix.counts.tolist()
+    assert [sum(row) for row in document['probability']] == pytest.approx([1] * 4)
+    assert sum(document['long_run']) == pytest.approx(1)
+    assert document['action'] == {
+        'name': 'kick',
+        'kind': 'kick',
+        'time': 1.0,
+        'speed': 0.4,
+        'speed_spread': pytest.approx(0.08),
+        'horizontal_spread': pytest.approx(0.04),
+        'spin': 15.0,
+    }
+    assert [a['count'] for a in document['aspects']] == tapped.drop.counts.tolist()
+    assert document['wanted']['aspects'] == [1, 2]
+    assert document['wanted']['probability'][:2] == [1, 1]
+
+
+def test_classes_of_a_regular_part_look_the_same(tapped):
+    """All sides of the tetrahedron are one class."""
+    view = tapped.by_class()
+    assert view.matrix.actions.tolist() == [200]
+    assert view.matrix.counts[0, 0] == tapped.matrix.counts[:, :4].sum()
+    assert view.long_run.shares.tolist() == [1]
+
+
+def test_best_plan_prefers_the_quicker_way(tetrahedron, workers):
+    slow = ra.NamedAction('slow', KICK, time=10.0)
+    quick = ra.NamedAction('quick', KICK, time=1.0)
+    still = ra.NamedAction('still', ra.Kick(), time=0.1)
+    results = [
+        ra.reorient(tetrahedron, action, 8, drops=10, workers=workers)
+        for action in (slow, quick, still)
+    ]
+    found = ra.plan_reorientation(results, [1])
+    assert [found.names[k] for k in found.plan.action[1:]] == ['quick'] * 3
+    assert found.plan.time[0] == 0
+    alone = ra.plan_reorientation(results[2:], [1])
+    assert alone.plan.action.tolist() == [-1] * 4
+    assert np.isinf(alone.plan.time[1:]).all()
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'message'),
+    [
+        ({'action': 'jolt'}, "invalid action 'jolt': expected one of kick"),
+        ({'action': 3}, 'invalid action 3'),
+        ({'per_aspect': 0}, 'invalid number of actions per aspect 0'),
+        ({'per_aspect': 10**9}, 'invalid number of actions per aspect'),
+        ({'precision': 0.9}, 'invalid precision'),
+        ({'frition': 0.3}, 'frition'),
+        ({'surface': 'ice'}, 'invalid surface'),
+        ({'seed': -1}, 'invalid seed'),
+        ({'action': ra.Kick(speed=99.0)}, 'invalid impact speed'),
+    ],
+)
+def test_wrong_requests_are_named(tetrahedron, workers, wrong, message):
+    with pytest.raises((ra.InvalidValueError, TypeError), match=message):
+        ra.reorient(tetrahedron, **{'workers': workers, **wrong})
+
+
+@pytest.mark.parametrize('wanted', [[], [0], [5], [True, 9], ['1']])
+def test_unknown_wanted_aspects_are_named(tapped, wanted):
+    with pytest.raises(ra.InvalidValueError, match='invalid wanted aspect'):
+        tapped.reach(wanted)
+
+
+@pytest.mark.parametrize('value', [-0.1, float('nan'), 1e3, 'fast', None])
+def test_values_of_a_kick_are_checked(value):
+    with pytest.raises(ra.InvalidValueError, match='invalid speed'):
+        ra.Kick(speed=value)
+
+
+def test_convergence_shows_the_entry_that_moves_most(tapped):
+    coarse = tapped.matrix
+    counts = 1000 * coarse.counts
+    names = ['aspect 1', 'unclassified', 'unsettled', 'failed', 'lost']
+    many = TransitionMatrix(coarse.aspects, counts)
+    same = compare_matrices(many, many, 1e-5)
+    assert same.shift == 0
+    assert 'explained by chance' in same.text(names)
+    counts = np.roll(counts, 1, axis=1)  # each count in the next column, the last in the first
+    moved = compare_matrices(many, TransitionMatrix(coarse.aspects, counts), 1e-5)
+    assert (moved.row, moved.column) in [(0, 0), (0, 1)]
+    assert moved.lower <= moved.shift <= moved.upper
+    assert 'not explained by chance' in moved.text(names)
+
+
+def test_check_of_the_time_step_repeats_all_actions(tetrahedron, workers):
+    result = ra.reorient(tetrahedron, KICK, 5, drops=10, check_convergence=True, workers=workers)
+    assert result.convergence.actions == 20
+    assert result.convergence.time_step == result.run.time_step / 2
+
+
+# -- Retention ------------------------------------------------------------------------------------
+
+
+def test_no_part_leaves_below_its_barrier(crate, workers):
+    result = ra.retention(crate, 5, restitution=0.3, workers=workers)
+    assert result.complete
+    for curve in result.curves:
+        assert curve.parts.tolist() == [5] * len(curve.lift)
+        assert curve.left[curve.lift < 0.95 * curve.barrier].sum() == 0
+        assert curve.left[-4:].any()
+        assert curve.lift[-1] <= 2 * crate.hull_radius * (1 + 1e-12)
+        assert (np.diff(curve.lift) > 0).all()
+
+
+def test_retention_document_has_the_curves(crate, workers):
+    result = ra.retention(crate, 5, max_lift=0.01, workers=workers)
+    document = json.loads(result.to_json())
+    assert [curve['aspect'] for curve in document['curves']] == [1, 2, 3, 4, 5, 6]
+    assert all(curve['lift'][-1] == pytest.approx(0.01) for curve in document['curves'])
+    assert document['disturbances_asked'] == sum(
+        sum(curve['parts']) for curve in document['curves']
+    )
+
+
+def test_impossible_maximum_lift_is_named(crate, workers):
+    with pytest.raises(ra.InvalidValueError, match='invalid lift height'):
+        ra.retention(crate, 5, max_lift=-0.01, workers=workers)
+
+
+# -- Given initial states -------------------------------------------------------------------------
+
+
+def test_part_that_is_put_down_stays(crate, workers):
+    aspects = ra.find_aspects(crate).aspects
+    states = GivenStates(
+        position=[[0.1 * k, 0.2, a.com_height] for k, a in enumerate(aspects)],
+        orientation=[a.orientation for a in aspects],
+    )
+    result = ra.drop(crate, initial_states=states, replicates=3, workers=workers)
+    expected = np.hstack([3 * np.eye(6), np.zeros((6, 4))])
+    np.testing.assert_array_equal(result.by_state.counts, expected)
+    assert result.distribution.drops == 18
+    document = json.loads(result.to_json())
+    assert document['initial_states']['counts'] == expected.tolist()
+    # The poses are where the parts were put, in the order of the states.
+    centre = result.poses.position[:6]
+    assert np.abs(centre[:, 0] - [0.1 * k for k in range(6)]).max() < 0.04
+
+
+def test_replicates_differ_by_their_noise_only(crate, workers):
+    states = GivenStates([[0, 0, 0.05]], [[0.1, 0.2, 0.3, 0.9]], [[0.2, 0, 0]], [[3.0, 1, 2]])
+    same = ra.drop(crate, initial_states=states, replicates=4, workers=workers)
+    # The place of a part in the world changes roundings, so the poses agree only nearly.
+    assert same.by_state.counts.max() == 4
+    noisy = ra.drop(
+        crate, initial_states=states, replicates=40, noise=Noise(orientation=1.0), workers=workers
+    )
+    assert (noisy.by_state.counts[0] > 0).sum() > 1
+
+
+@pytest.mark.parametrize('wrong', [{'drops': 5}, {'precision': 0.1}, {'replicates': 0}])
+def test_states_exclude_other_numbers_of_drops(crate, workers, wrong):
+    states = GivenStates([[0, 0, 0.05]], [[0, 0, 0, 1]])
+    with pytest.raises(ra.InvalidValueError):
+        ra.drop(crate, initial_states=states, workers=workers, **wrong)

@@ -1,0 +1,225 @@
+"""The commands `reorient` and `retention`, and `drop` with initial states."""
+
+import csv
+import json
+
+import networkx as nx
+import pytest
+
+import resting_aspects_ros as ra
+
+WORDS = ('reorient', 'tetrahedron', '--per-aspect', 10, '--drops', 20, '--workers', 2)
+
+
+@pytest.fixture(scope='module')
+def saved(run_in, tmp_path_factory):
+    """Run with all files; returns the folder and the ended process."""
+    folder = tmp_path_factory.mktemp('reorient')
+    ended = run_in(folder, *WORDS, '--action', 'tap', '--wanted', '1', '--out', 'o')
+    assert ended.returncode == 0, ended.stderr
+    return folder / 'o', ended
+
+
+def test_tables_show_matrix_long_run_and_way(saved):
+    out = saved[1].stdout
+    for text in ('tap on rubber_mat, seed 1', 'kick, speed 0.3 m/s', 'in the\nlong', 'wanted'):
+        assert text.split('\n')[0] in out
+    assert max(len(line) for line in out.splitlines() if 'Written' not in line) <= 80
+
+
+def test_files_have_the_same_counts(saved):
+    folder = saved[0]
+    document = json.loads((folder / 'transitions.json').read_text())
+    graph = nx.read_graphml(folder / 'transitions.graphml')
+    roadmap = json.loads((folder / 'roadmap.json').read_text())
+    assert sum(map(sum, document['counts'])) == 40
+    assert sum(edge['count'] for _, _, edge in graph.edges(data=True)) == 40
+    assert len(roadmap['poses']) == 4
+    assert all(each['experimental']['status'] == 'untested' for each in roadmap['transitions'])
+    assert document['plan']['action'][0] is None
+    for name in ('transitions.png', 'flow.png'):
+        assert (folder / name).read_bytes().startswith(b'\x89PNG')
+
+
+def test_document_is_that_of_the_python_interface(run_in, tmp_path):
+    ended = run_in(tmp_path, *WORDS, '--action', 'kick', '--speed', '300mm/s', '--json')
+    document = json.loads(ended.stdout)
+    kick = ra.Kick(speed=0.3)
+    expected = json.loads(
+        ra.reorient('tetrahedron', kick, 10, drops=20, seed=1, workers=1).to_json()
+    )
+    for changing in ('run_id', 'started'):
+        del document[changing], expected[changing]
+    assert document == expected
+
+
+def test_several_actions_are_compared(run_in, tmp_path):
+    few = (*WORDS[:2], '--per-aspect', 3, '--drops', 10, '--workers', 2)
+    words = (*few, '--action', 'tap,toss', '--wanted-classes', '1', '--json')
+    document = json.loads(run_in(tmp_path, *words).stdout)
+    assert [each['action']['name'] for each in document['results']] == ['tap', 'toss']
+    assert document['plan'] == {
+        'wanted': [1, 2, 3, 4],
+        'action': [None] * 4,
+        'expected_time': [0.0] * 4,
+    }
+
+
+def test_measured_trials_replace_rows_with_enough(run_in, saved, tmp_path):
+    roadmap = json.loads((saved[0] / 'roadmap.json').read_text())
+    row = [each for each in roadmap['transitions'] if each['from_pose'] == 1]
+    for each in row:
+        each['experimental'] = {'status': 'tested', 'trials': 60, 'successes': 0}
+    row[0]['experimental']['successes'] = 60
+    (tmp_path / 'measured.json').write_text(json.dumps(roadmap))
+    words = (*WORDS, '--measured', 'measured.json', '--json')
+    document = json.loads(run_in(tmp_path, *words).stdout)
+    assert document['actions'] == [60, 10, 10, 10]
+    assert document['counts'][0][row[0]['to_pose'] - 1] == 60
+    assert len(document['measured']) == len(row)
+
+
+def test_folder_of_measured_trials_is_not_overwritten(run_in, saved):
+    before = (saved[0] / 'roadmap.json').read_bytes()
+    ended = run_in(saved[0], *WORDS, '--measured', 'roadmap.json', '--out', '.')
+    assert ended.returncode == 2
+    assert 'another folder' in ended.stderr
+    assert (saved[0] / 'roadmap.json').read_bytes() == before
+
+
+def test_action_without_effect_is_said(run_in, tmp_path):
+    ended = run_in(tmp_path, *WORDS, '--action', 'kick')
+    assert 'no effect' in ended.stdout
+
+
+def test_actions_of_a_file_are_simulated(run_in, tmp_path):
+    (tmp_path / 'mine.yaml').write_text('nudge: {kind: kick, speed: 0.01, time: 2}\n')
+    ended = run_in(tmp_path, *WORDS, '--actions', 'mine.yaml', '--json')
+    assert json.loads(ended.stdout)['action']['time'] == 2
+
+
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [
+        (('--action', 'jolt'), "invalid action 'jolt'"),
+        (('--action', 'tap,tap'), 'expected different names'),
+        (('--action', 'tap,toss', '--speed', '1'), 'expected a single action'),
+        (('--speed', '-1'), 'invalid speed'),
+        (('--speed', '1 furlong'), 'invalid --speed'),
+        (('--wanted', '9'), 'invalid wanted aspect 9: expected 1 to 4'),
+        (('--wanted', 'x'), "invalid --wanted 'x'"),
+        (('--wanted-classes', '2'), 'invalid wanted symmetry class 2: expected 1 to 1'),
+        (('--precision', '7'), 'invalid precision'),
+        (('--per-aspect', '0'), 'invalid number of actions per aspect 0'),
+        (('--actions', 'none.yaml'), 'does not exist'),
+        (('--measured', 'none.json'), 'does not exist'),
+        (('--action', 'nozzle'), 'missing impulse of a nozzle'),
+        (('--time', '0'), 'invalid time'),
+    ],
+)
+def test_wrong_requests_are_refused(run_in, tmp_path, words, message):
+    ended = run_in(tmp_path, 'reorient', 'tetrahedron', *words)
+    assert ended.returncode == 2
+    assert message in ended.stderr
+    assert ended.stderr.count('\n') == 1
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('', 'expected a mapping'),
+        ('tap: 3', 'expected a mapping with the key kind'),
+        ('tap: {kind: jump}', "invalid kind of action 'jump'"),
+        ('tap: {kind: kick, speed: fast}', "invalid speed 'fast'"),
+        ('tap: {kind: kick, sped: 1}', "invalid value 'sped'"),
+        ('tap: {kind: kick, time: -1}', 'invalid time'),
+        ('1: {kind: kick}', 'invalid name'),
+        ('tap: {kind: kick, source: 3}', 'invalid source'),
+        ('tap: [', 'not valid YAML'),
+    ],
+)
+def test_damaged_actions_file_is_refused(run_in, tmp_path, text, message):
+    (tmp_path / 'a.yaml').write_text(text)
+    ended = run_in(tmp_path, 'reorient', 'tetrahedron', '--actions', 'a.yaml')
+    assert ended.returncode == 2
+    assert message in ended.stderr
+
+
+def test_retention_shows_and_saves_curves(run_in, tmp_path):
+    words = ('retention', 'tetrahedron', '--per-height', 4, '--workers', 2, '--out', 'o')
+    ended = run_in(tmp_path, *words)
+    assert ended.returncode == 0, ended.stderr
+    assert '50 % leave' in ended.stdout
+    document = json.loads((tmp_path / 'o/retention.json').read_text())
+    assert len(document['curves']) == 4
+    assert (tmp_path / 'o/retention.png').read_bytes().startswith(b'\x89PNG')
+
+
+# -- Initial states -------------------------------------------------------------------------------
+
+
+def write_states(path, rows, header='z_com_m,qx,qy,qz,qw,vx'):
+    path.write_text('\n'.join([header, *rows]) + '\n')
+
+
+def test_drops_start_from_the_states_of_a_file(run_in, tmp_path):
+    """At rest on two different sides, so the parts stay there."""
+    aspects = ra.find_aspects(ra.load_part('tetrahedron')).aspects
+    rows = [','.join(map(str, [a.com_height, *a.orientation.tolist(), 0.0])) for a in aspects[:2]]
+    write_states(tmp_path / 's.csv', rows)
+    words = ('drop', 'tetrahedron', '--initial-states', 's.csv', '--replicates', 3)
+    ended = run_in(tmp_path, *words, '--workers', 1, '--json', '--poses', 'p.csv')
+    document = json.loads(ended.stdout)
+    assert document['drops'] == 6
+    assert [row[:4] for row in document['initial_states']['counts']] == [
+        [3, 0, 0, 0],
+        [0, 3, 0, 0],
+    ]
+    with (tmp_path / 'p.csv').open() as file:
+        assert [row['aspect'] for row in csv.DictReader(file)] == ['1', '2'] * 3
+
+
+@pytest.mark.parametrize(
+    ('rows', 'header', 'message'),
+    [
+        ([], 'z_com_m,qx,qy,qz,qw', 'expected at least one'),
+        (['0.1,0,0,0,1'], 'z,qx,qy,qz,qw', 'no column z_com_m'),
+        (['0.1,0,0,0,2'], 'z_com_m,qx,qy,qz,qw', 'a quaternion of length 1'),
+        (['a,0,0,0,1'], 'z_com_m,qx,qy,qz,qw', "invalid z_com_m 'a'"),
+        (['nan,0,0,0,1'], 'z_com_m,qx,qy,qz,qw', 'a finite number'),
+        (['0.1,0,0,1'], 'z_com_m,qx,qy,qz,qw', 'invalid number of columns 4'),
+        (['0.1,0,0,0,1,1'], 'z_com_m,qx,qy,qz,qw,qw', 'several columns qw'),
+        (['0.1,0,0,0,1,1e9'], 'z_com_m,qx,qy,qz,qw,vx', 'invalid impact speed'),
+    ],
+)
+def test_damaged_states_are_refused(run_in, tmp_path, rows, header, message):
+    write_states(tmp_path / 's.csv', rows, header)
+    ended = run_in(tmp_path, 'drop', 'tetrahedron', '--initial-states', 's.csv')
+    assert ended.returncode == 2
+    assert message in ended.stderr
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ('--drops', 5),
+        ('--precision', 0.1),
+        ('--log', 'logs'),
+        ('--from-log', 'log'),
+        ('--replicates', 0),
+        ('--noise-spin', '-1'),
+    ],
+)
+def test_flags_that_contradict_states_are_refused(run_in, tmp_path, words):
+    write_states(tmp_path / 's.csv', ['0.1,0,0,0,1,0'])
+    part = () if words[0] == '--from-log' else ('tetrahedron',)
+    ended = run_in(tmp_path, 'drop', *part, '--initial-states', 's.csv', *words)
+    assert ended.returncode == 2
+    assert ended.stderr.startswith('error: invalid ')
+
+
+@pytest.mark.parametrize('words', [('--replicates', 2), ('--noise-velocity', 0.1)])
+def test_flags_that_need_states_are_refused(run_in, tmp_path, words):
+    ended = run_in(tmp_path, 'drop', 'tetrahedron', *words)
+    assert ended.returncode == 2
+    assert 'expected only with --initial-states' in ended.stderr
