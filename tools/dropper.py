@@ -20,15 +20,15 @@ class Dropper:
     """The example parts, the shipped surfaces, and workers that simulate drops."""
 
     def __init__(self, workers: Workers) -> None:
-        self._workers = workers
+        self.workers = workers
         self.surfaces = Surfaces.read(ROOT / 'config' / 'surfaces.yaml')
         library = PartLibrary(ROOT / 'config' / 'parts')
         self.parts = [library.load(name) for name in library.names()]
 
     def poses(self, job: DropJob, drops: int) -> Iterator[RestingPoses]:
         """Yield the first drops of a job in chunks."""
-        for future in submit_drops(job, 0, drops, self._workers):
-            yield self._workers.result(future)
+        for future in submit_drops(job, 0, drops, self.workers):
+            yield self.workers.result(future)
 
     def distribution(self, part: Part, job: DropJob, drops: int) -> Distribution:
         """Return the distribution of the first drops of a job."""

@@ -1,6 +1,6 @@
-"""Validation of the drops: time step, decision by energy, and comparison with measurements.
+"""Validation of drops and actions: time step, decision by energy, comparison with measurements.
 
-Prints tables and writes docs/explanation/validation.md. Takes about an hour on two cores.
+Prints tables and writes docs/explanation/validation.md. Takes about three hours on two cores.
 `tools/validate.py world` prints only one section.
 """
 
@@ -13,6 +13,8 @@ from importlib.metadata import version
 from dropper import ROOT, SEED, Dropper
 from rich.console import Console
 from validate_engine import decision, time_step
+from validate_reorientation import reorientation
+from validate_tosses import tosses
 from validate_world import world
 
 from resting_aspects_ros.simulation.plan import ENGINE, ENGINE_VERSION
@@ -23,6 +25,8 @@ SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
     'time_step': time_step,
     'decision': decision,
     'world': world,
+    'tosses': tosses,
+    'reorientation': reorientation,
 }
 
 

@@ -83,6 +83,7 @@ def write_reorientation_report(
     """
     first = results[0]
     names = [result.action.name for result in results]
+    runs = [f'Run of {name}' for name in names] if len(names) > 1 else ['Run']
     report = ReorientationReport(
         title=first.run.part,
         subtitle=f'{", ".join(names)} on {surface_text(first.run.conditions)}, '
@@ -100,7 +101,7 @@ def write_reorientation_report(
         facts={
             'Part': part_facts(first.part, first.run, first.matrix.aspects),
             **_condition_facts(first.run.conditions),
-            **dict(_run_facts(simulated or results)),
+            **dict(zip(runs, map(_run_facts, simulated or results), strict=True)),
         },
     )
     write_files(folder, reorientation_files(report), reorientation_file_names(names))
@@ -111,7 +112,7 @@ def write_retention_report(result: RetentionResult, folder: Path) -> Path:
     """Write a report on retention curves, and return the path of the page. Raises OutputError."""
     run, part = result.run, result.part
     done = sum(int(curve.parts.sum()) for curve in result.curves)
-    conditions = _condition_facts(run.conditions)
+    each = max(int(curve.parts.max(initial=0)) for curve in result.curves)
     notes = [] if result.complete else [_incomplete(done, run.drops, 'disturbances')]
     report = ReorientationReport(
         title=run.part,
@@ -123,13 +124,10 @@ def write_retention_report(result: RetentionResult, folder: Path) -> Path:
         notes=[*notes, *warning_notes(part)],
         facts={
             'Part': part_facts(part, run, result.aspects),
-            'Conditions': conditions['Conditions'],
+            'Conditions': _condition_facts(run.conditions)['Conditions'],
             'Run': [
                 *run_facts(run, done, 'disturbances'),
-                (
-                    'disturbances from each aspect at each lift height',
-                    str(max(int(curve.parts.max(initial=0)) for curve in result.curves)),
-                ),
+                ('disturbances from each aspect at each lift height', str(each)),
             ],
         },
     )
@@ -223,19 +221,13 @@ def _condition_facts(conditions: DropConditions) -> dict[str, Facts]:
     }
 
 
-def _run_facts(results: Sequence[ReorientResult]) -> Iterator[tuple[str, Facts]]:
-    for result in results:
-        heading = 'Run' if len(results) == 1 else f'Run of {result.action.name}'
-        growth = energy_text(result.matrix.energy_growth, result.part)
-        done = int(result.matrix.actions.sum())
-        yield (
-            heading,
-            [
-                *run_facts(result.run, done, 'actions'),
-                ('number of drops', str(result.drop.drops)),
-                ('maximum energy gain in an action', growth),
-            ],
-        )
+def _run_facts(result: ReorientResult) -> Facts:
+    growth = energy_text(result.matrix.energy_growth, result.part)
+    return [
+        *run_facts(result.run, int(result.matrix.actions.sum()), 'actions'),
+        ('number of drops', str(result.drop.drops)),
+        ('maximum energy gain in an action', growth),
+    ]
 
 
 def _check_cells(check: MeasuredComparison) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from resting_aspects_ros.core.errors import (
 from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.ros.distribution_conversions import probability_of
 from resting_aspects_ros.ros.status import BusyError, CanceledError, NotAvailableError
+from resting_aspects_ros.ros.transition_conversions import transition_matrix_from
 from resting_aspects_ros.simulation.conditions import DropConditions
 
 __all__ = [
@@ -34,4 +35,5 @@ __all__ = [
     'RestingAspectsError',
     'UnknownPartError',
     'probability_of',
+    'transition_matrix_from',
 ]

@@ -2,35 +2,38 @@
 
 import math
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import numpy.typing as npt
 from geometry_msgs.msg import Quaternion
-from rclpy.action import ActionClient
-from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.node import Node
 from rclpy.task import Future
-from resting_aspects_interfaces.action import DropPart
-from resting_aspects_interfaces.msg import AspectDistribution, PartSummary, Status
+from resting_aspects_interfaces.action import DropPart, ReorientPart
+from resting_aspects_interfaces.msg import (
+    AspectDistribution,
+    PartSummary,
+    Status,
+    TransitionMatrix,
+)
 from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, ListParts
 
+from resting_aspects_ros.client.client_base import ClientBase
 from resting_aspects_ros.client.pending_request import AnswerTimeoutError, PendingRequest
-from resting_aspects_ros.client.private_node import CLOSED, ClientUseError
 from resting_aspects_ros.client.request_messages import (
     check_progress,
-    check_timeout,
     distribution_request,
     pose_request,
+    reorient_goal,
+    transitions_request,
 )
 from resting_aspects_ros.ros.interface import (
-    ACTION_SERVICES,
     CLASSIFY_POSE,
     DROP_PART,
     GET_DISTRIBUTION,
+    GET_TRANSITIONS,
     LIST_PARTS,
-    SERVICES,
+    REORIENT_PART,
 )
 from resting_aspects_ros.ros.status import NotAvailableError, status_error
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
@@ -39,30 +42,8 @@ from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
 COUNT_TIMEOUT = 120.0
 
 
-class AsyncClient:
-    """The requests of RestingAspectsClient that return a Future at once.
-
-    warn : called with the text of each warning; None: the node logs warnings
-    """
-
-    def __init__(self, node: Node, warn: Callable[[str], object] | None) -> None:
-        self._node = node
-        self._warn = warn or node.get_logger().warning
-        # Callbacks in the default group of the node may await responses, so that requests need
-        # another group. It is reentrant, since requests wait in it.
-        self._group = ReentrantCallbackGroup()
-        self._services = {
-            name: self._node.create_client(
-                kind, name, qos_profile=SERVICES, callback_group=self._group
-            )
-            for name, kind in (
-                (GET_DISTRIBUTION, GetDistribution),
-                (CLASSIFY_POSE, ClassifyPose),
-                (LIST_PARTS, ListParts),
-            )
-        }
-        self._drop_part: ActionClient | None = None
-        self._open: set[PendingRequest] = set()
+class AsyncClient(ClientBase):
+    """The requests of RestingAspectsClient that return a Future at once."""
 
     def get_distribution_async(
         self,
@@ -105,6 +86,45 @@ class AsyncClient:
 
         return self._start(f'the aspect of a pose of {part}', timeout, ask)
 
+    def reorient_part_async(
+        self,
+        part: str,
+        *arguments: Any,
+        timeout: float | None = None,
+        progress: Callable[[int], None] | None = None,
+        **options: Any,
+    ) -> Future:
+        """Return a Future of the result of RestingAspectsClient.reorient_part.
+
+        arguments, options : the other parameters of reorient_part
+        """
+        self._check(timeout)
+        check_progress(progress)
+        goal = reorient_goal(part, *arguments, **options)
+
+        async def ask(pending: PendingRequest) -> TransitionMatrix:
+            client = self._action_client(REORIENT_PART, ReorientPart)
+            report = progress or (lambda _: None)
+            result = await pending.simulate(REORIENT_PART, client, goal, report)
+            _check_ok(result.status)
+            return result.transitions
+
+        return self._start(f'the transitions of {part}', timeout, ask)
+
+    def get_transitions_async(
+        self, part: str, action: str = '', *, timeout: float | None = None
+    ) -> Future:
+        """Return a Future of the result of get_transitions."""
+        self._check(timeout)
+        request = transitions_request(part, action)
+
+        async def ask(pending: PendingRequest) -> TransitionMatrix:
+            response = await pending.call(self._services[GET_TRANSITIONS], request)
+            _check_ok(response.status)
+            return response.transitions
+
+        return self._start(f'the known transitions of {part}', timeout, ask)
+
     def list_parts_async(self, *, timeout: float | None = None) -> Future:
         """Return a Future of the result of list_parts."""
         self._check(timeout)
@@ -115,35 +135,6 @@ class AsyncClient:
             return list(response.parts)
 
         return self._start('the list of parts', timeout, ask)
-
-    def close(self) -> None:
-        """End all requests with a ClientUseError and destroy the ROS clients."""
-        for pending in list(self._open):
-            pending.fail(ClientUseError(CLOSED))
-            pending.answer.exception()  # otherwise rclpy logs an exception that is never retrieved
-        for service in self._services.values():
-            self._node.destroy_client(service)
-        self._services.clear()
-        if self._drop_part is not None:
-            self._drop_part.destroy()
-            self._drop_part = None
-
-    def _check(self, timeout: float | None) -> None:
-        """Raise RestingAspectsError for an invalid timeout or a closed client."""
-        check_timeout(timeout)
-        if not self._services:
-            raise ClientUseError(CLOSED)
-
-    def _start(
-        self,
-        description: str,
-        timeout: float | None,
-        work: Callable[[PendingRequest], Awaitable[Any]],
-    ) -> Future:
-        pending = PendingRequest(self._node, self._group, description, timeout, work, self._warn)
-        self._open.add(pending)
-        pending.finished.add_done_callback(lambda _: self._open.discard(pending))
-        return pending.answer
 
     async def _find_or_drop(
         self,
@@ -178,7 +169,8 @@ class AsyncClient:
             seed=seed,
         )
         try:
-            result = await pending.drop(self._action_client(), goal, report)
+            client = self._action_client(DROP_PART, DropPart)
+            result = await pending.simulate(DROP_PART, client, goal, report)
         except AnswerTimeoutError as error:
             if pending.state:
                 raise
@@ -198,14 +190,6 @@ class AsyncClient:
             await pending.pause(GET_DISTRIBUTION)
         _check_ok(response.status)
         return response.distribution
-
-    def _action_client(self) -> ActionClient:
-        """Return the action client; the first request that needs it creates it."""
-        if self._drop_part is None:
-            self._drop_part = ActionClient(
-                self._node, DropPart, DROP_PART, callback_group=self._group, **ACTION_SERVICES
-            )
-        return self._drop_part
 
 
 def _check_ok(status: Status) -> None:

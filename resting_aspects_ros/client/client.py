@@ -1,33 +1,36 @@
 """The client of the suite, for programs with a node and for programs without one."""
 
-from collections.abc import Callable, Sequence
-from types import TracebackType
-from typing import Any
+from collections.abc import Callable
 
 import numpy.typing as npt
 from geometry_msgs.msg import Quaternion
-from rclpy.node import Node
-from rclpy.task import Future
-from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, PartSummary
+from resting_aspects_interfaces.msg import (
+    AspectDistribution,
+    PartDescription,
+    PartSummary,
+    TransitionMatrix,
+)
 from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
 from resting_aspects_interfaces.srv import ClassifyPose
 
+from resting_aspects_ros.api.reorient import DEFAULT_ACTION
 from resting_aspects_ros.client.async_client import AsyncClient
 from resting_aspects_ros.client.pending_request import AnswerTimeoutError
-from resting_aspects_ros.client.private_node import ClientUseError, PrivateNode
 from resting_aspects_ros.client.request_messages import check_name, missing_part_error
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.ros.conversions import conditions_from, part_from
 from resting_aspects_ros.ros.interface import DEFAULT_CONDITIONS, PARTS
+from resting_aspects_ros.simulation.actions import Action, NamedAction
 from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, DEFAULT_SEED
 
 # Timeout for a latched message, s.
 PART_TIMEOUT = 5.0
 
 
 class RestingAspectsClient(AsyncClient):
-    """Client of a running suite, with get_distribution, classify_pose and list_parts.
+    """Client of a running suite: distributions, transitions, aspects of poses, and parts.
 
     Without a node, the client creates a private node and spins it while it waits::
 
@@ -70,20 +73,6 @@ class RestingAspectsClient(AsyncClient):
         AnswerTimeoutError is a subclass of it. BusyError, CanceledError and others report the
         status that the suite returns. ClientUseError means that a wait would never end.
     """
-
-    def __init__(
-        self,
-        node: Node | None = None,
-        *,
-        ros_args: Sequence[str] | None = None,
-        warn: Callable[[str], object] | None = None,
-        check: Callable[[], None] = lambda: None,
-    ) -> None:
-        self._own: PrivateNode | None = None
-        if node is None:
-            self._own = PrivateNode(ros_args, check)
-            node = self._own.node
-        super().__init__(node, warn)
 
     def get_distribution(
         self,
@@ -148,6 +137,71 @@ class RestingAspectsClient(AsyncClient):
             )
         )
 
+    def reorient_part(
+        self,
+        part: str,
+        action: str | Action | NamedAction = DEFAULT_ACTION,
+        per_aspect: int | None = None,
+        *,
+        precision: float = 0.0,
+        drops: int = DEFAULT_DROPS,
+        surface: str = '',
+        conditions: DropConditions | None = None,
+        seed: int = DEFAULT_SEED,
+        timeout: float | None = None,
+        progress: Callable[[int], None] | None = None,
+    ) -> TransitionMatrix:
+        """Simulate an action on a part at rest in each aspect, and return the transitions.
+
+        Parameters
+        ----------
+        part, surface, conditions, timeout
+            As for get_distribution.
+        action : str, Kick, Nozzle, Vibration, Step or NamedAction
+            The name of an action of the suite, or an action.
+        per_aspect : int, optional
+            Number of actions from each aspect. None: 400; with a precision as many as it needs.
+        precision : float
+            Required half width of all intervals of the matrix, 0.001 to 0.25; 0: no precision.
+        drops : int
+            Number of drops, whose distribution replaces parts that leave the aspects.
+        seed : int
+            Seed of the drops and of the actions.
+        progress : callable, optional
+            Called with the number of actions made.
+
+        Returns
+        -------
+        TransitionMatrix
+            The message, as on transitions/<part>; transition_matrix_from returns its arrays.
+        """
+        return self._wait(
+            lambda: self.reorient_part_async(
+                part,
+                action,
+                per_aspect,
+                precision=precision,
+                drops=drops,
+                surface=surface,
+                conditions=conditions,
+                seed=seed,
+                timeout=timeout,
+                progress=progress,
+            )
+        )
+
+    def get_transitions(
+        self, part: str, action: str = '', *, timeout: float | None = None
+    ) -> TransitionMatrix:
+        """Return the newest known transitions of a part; simulates nothing.
+
+        Parameters
+        ----------
+        action : str
+            Name of the action; empty: any.
+        """
+        return self._wait(lambda: self.get_transitions_async(part, action, timeout=timeout))
+
     def classify_pose(
         self,
         part: str,
@@ -193,41 +247,3 @@ class RestingAspectsClient(AsyncClient):
                 f'the default surface is unknown, name a surface or start drop_simulator: {error}'
             ) from None
         return conditions_from(message)
-
-    def close(self) -> None:
-        """End all requests with a ClientUseError, and destroy the private node."""
-        super().close()
-        if self._own is not None:
-            self._own.close()
-
-    def __enter__(self) -> 'RestingAspectsClient':  # noqa: PYI034 - Self is newer than Python 3.10
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
-    def _check(self, timeout: float | None) -> None:
-        super()._check(timeout)
-        if self._own is not None and not self._own.is_waiting:
-            raise ClientUseError(
-                'this client spins only while it waits, so that the future would never be done: '
-                'use the method without _async, or RestingAspectsClient(node) with a node that '
-                'you spin'
-            )
-
-    def _wait(self, ask: Callable[[], Future]) -> Any:
-        return self._waiting_node().wait(ask, lambda: self._open)
-
-    def _waiting_node(self) -> PrivateNode:
-        if self._own is None:
-            raise ClientUseError(
-                f'this client does not spin the node {self._node.get_name()!r}, so that waiting '
-                'could block forever: await the method that ends in _async, or use '
-                'RestingAspectsClient() without a node'
-            )
-        return self._own

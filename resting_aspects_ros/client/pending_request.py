@@ -9,7 +9,6 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.task import Future
-from resting_aspects_interfaces.action import DropPart
 
 from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.ros.callbacks import sleep_for, steady_timer, wait_for
@@ -115,14 +114,15 @@ class PendingRequest:
             for each in responses:
                 client.remove_pending_request(each)
 
-    async def drop(
-        self, client: ActionClient, goal: DropPart.Goal, progress: Callable[[int], object]
-    ) -> DropPart.Result:
-        """Return the result of a drop_part goal, which is canceled with the request."""
-        topic = self._node.resolve_service_name(DROP_PART)
+    async def simulate(
+        self, action: str, client: ActionClient, goal: Any, progress: Callable[[int], object]
+    ) -> Any:
+        """Return the result of a goal of drop_part or reorient_part, canceled with the request."""
+        topic = self._node.resolve_service_name(action)
+        unit = 'drops' if action == DROP_PART else 'actions'
 
-        def on_feedback(feedback: DropPart.Feedback) -> None:
-            self.state = f'{feedback.done} drops are done'
+        def on_feedback(feedback: Any) -> None:
+            self.state = f'{feedback.done} {unit} are done'
             if not self.ended:
                 progress(feedback.done)
 

@@ -7,9 +7,11 @@ import numpy as np
 import numpy.typing as npt
 from geometry_msgs.msg import Quaternion
 from rclpy.node import Node
-from resting_aspects_interfaces.msg import PartDescription
-from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution
+from resting_aspects_interfaces.action import ReorientPart
+from resting_aspects_interfaces.msg import FeederAction, PartDescription
+from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, GetTransitions
 
+from resting_aspects_ros.api.reorient import DEFAULT_ACTION, DEFAULT_PER_ASPECT, named_action
 from resting_aspects_ros.client.pending_request import AnswerTimeoutError
 from resting_aspects_ros.core.aspects.pose_query import unit_orientation
 from resting_aspects_ros.core.errors import (
@@ -19,14 +21,17 @@ from resting_aspects_ros.core.errors import (
 )
 from resting_aspects_ros.core.part import MAX_NAME, is_valid_name
 from resting_aspects_ros.core.statistics.distribution import METHOD
-from resting_aspects_ros.core.statistics.stopping import max_drops
+from resting_aspects_ros.core.statistics.stopping import check_precision, max_drops
 from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, PARTS
 from resting_aspects_ros.ros.status import requested_estimator, unknown_part
 from resting_aspects_ros.ros.topic_discovery import published_parts
+from resting_aspects_ros.ros.transition_conversions import action_msg
+from resting_aspects_ros.simulation.actions import Action, NamedAction
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.run_description import (
     DEFAULT_DROPS,
+    DEFAULT_SEED,
     MAX_DROPS,
     check_drops,
     check_seed,
@@ -50,8 +55,7 @@ def distribution_request(
     """
     check_name(part)
     _check_text('method', method)
-    _check_text('surface', surface)
-    _check_conditions(conditions)
+    _check_surface(surface, conditions)
     drops, precision, seed = _plain(drops), _plain(precision), _plain(seed)
     only_known = _plain(only_known)
     if not isinstance(only_known, bool):
@@ -62,23 +66,66 @@ def distribution_request(
         )
     if requested_estimator(method) is not None:
         return GetDistribution.Request(part=part, method=method)
-    if surface and conditions is not None:
-        raise InvalidValueError(
-            f'invalid surface {surface!r}: expected no surface together with conditions'
-        )
     drops = _requested_drops(drops, precision, only_known=only_known)
     if seed is not None:
         check_seed(seed)
     return GetDistribution.Request(
         part=part,
         method=method,
-        surface=surface if conditions is None else conditions.surface,
-        conditions=[] if conditions is None else [conditions_msg(conditions)],
+        **_surface_fields(surface, conditions),
         drops=drops,
         precision=float(precision),
         seed=[] if seed is None else [seed],
         only_known=only_known,
     )
+
+
+def reorient_goal(
+    part: str,
+    action: str | Action | NamedAction = DEFAULT_ACTION,
+    per_aspect: int | None = None,
+    *,
+    precision: float = 0.0,
+    drops: int = DEFAULT_DROPS,
+    surface: str = '',
+    conditions: DropConditions | None = None,
+    seed: int = DEFAULT_SEED,
+) -> ReorientPart.Goal:
+    """Return the validated goal for the parameters of RestingAspectsClient.reorient_part."""
+    check_name(part)
+    if isinstance(action, str):
+        _check_text('action', action)
+        requested = FeederAction(name=action)
+    else:
+        requested = action_msg(named_action(action))
+    _check_surface(surface, conditions)
+    precision, drops, seed = _plain(precision), _plain(drops), _plain(seed)
+    if precision != 0:
+        check_precision(precision)
+    default = 0 if precision else DEFAULT_PER_ASPECT
+    per_aspect = default if per_aspect is None else _plain(per_aspect)
+    if type(per_aspect) is not int or not 0 <= per_aspect <= MAX_DROPS:
+        raise InvalidValueError(
+            f'invalid per_aspect {per_aspect!r}: expected an integer from 0 to {MAX_DROPS}'
+        )
+    check_drops(drops)
+    check_seed(seed)
+    return ReorientPart.Goal(
+        part=part,
+        action=requested,
+        **_surface_fields(surface, conditions),
+        per_aspect=per_aspect,
+        precision=float(precision),
+        drops=drops,
+        seed=seed,
+    )
+
+
+def transitions_request(part: str, action: str = '') -> GetTransitions.Request:
+    """Return the validated request for the parameters of RestingAspectsClient.get_transitions."""
+    check_name(part)
+    _check_text('action', action)
+    return GetTransitions.Request(part=part, action=action)
 
 
 def pose_request(part: str, orientation: Quaternion | npt.ArrayLike) -> ClassifyPose.Request:
@@ -148,7 +195,9 @@ def _requested_drops(drops: int | None, precision: float, *, only_known: bool) -
     return drops
 
 
-def _check_conditions(conditions: object) -> None:
+def _check_surface(surface: object, conditions: object) -> None:
+    """Raise InvalidValueError for an invalid surface or conditions, or if both are given."""
+    _check_text('surface', surface)
     if conditions is None:
         return
     if not isinstance(conditions, DropConditions):
@@ -156,6 +205,16 @@ def _check_conditions(conditions: object) -> None:
             f'invalid conditions {conditions!r}: expected DropConditions, or None'
         )
     _check_text('surface of conditions', conditions.surface)
+    if surface:
+        raise InvalidValueError(
+            f'invalid surface {surface!r}: expected no surface together with conditions'
+        )
+
+
+def _surface_fields(surface: str, conditions: DropConditions | None) -> dict[str, Any]:
+    if conditions is None:
+        return {'surface': surface}
+    return {'surface': conditions.surface, 'conditions': [conditions_msg(conditions)]}
 
 
 def _check_text(name: str, text: object) -> None:

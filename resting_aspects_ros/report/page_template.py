@@ -7,10 +7,11 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.report.figure_style import png_bytes, svg_text
-from resting_aspects_ros.report.posed_part import Image
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # these imports are slow: matplotlib is imported when a picture is written
     from matplotlib.figure import Figure
+
+    from resting_aspects_ros.report.posed_part import Image
 
 # Endings of the files of a figure.
 ENDINGS = ('png', 'svg')
@@ -36,7 +37,7 @@ def figure_files(name: str, figure: 'Figure', svg: str = '') -> Iterator[tuple[s
     yield f'{name}.svg', (svg or svg_text(figure)).encode()
 
 
-def picture_uri(image: Image) -> str:
+def picture_uri(image: 'Image') -> str:
     """Return a picture as a data URI."""
     from matplotlib.image import imsave
 

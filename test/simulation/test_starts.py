@@ -57,7 +57,7 @@ def test_parts_start_in_their_aspects_with_uniform_yaw(box, aspects):
     # The direction of an axis of the part that is horizontal in each aspect.
     for row, aspect in enumerate(aspects):
         side = np.roll(np.abs(aspect.down_in_part).round(), 1)
-        x, y, _ = rotation(states)[MANY % 6 == row].apply(side).T
+        x, y, _ = rotation(states)[row == MANY % 6].apply(side).T
         assert kstest((np.arctan2(y, x) + np.pi) / (2 * np.pi), 'uniform').pvalue > LEVEL
 
 

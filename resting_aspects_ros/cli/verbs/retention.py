@@ -1,9 +1,11 @@
 """`resting_aspects retention`: how strong a disturbance makes a part leave each aspect."""
 
 import argparse
+import signal
 import sys
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from resting_aspects_ros.cli.options import (
     add_contact_conditions,
@@ -15,8 +17,11 @@ from resting_aspects_ros.cli.options import (
     parse_share,
 )
 from resting_aspects_ros.cli.start_workers import start_workers
-from resting_aspects_ros.simulation.interruption import Interruption
+from resting_aspects_ros.simulation.interruption import Interruption, catch
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.api.retention import RetentionResult
 
 DESCRIPTION = """Disturb a part at rest in each aspect with rising energy, and show at which
 energy it leaves the aspect. The energy is given as a lift height: the height by
@@ -24,6 +29,7 @@ which it would lift the centre of mass. No ROS nodes are needed."""
 EXAMPLES = """examples:
   resting_aspects retention l_bracket
   resting_aspects retention my_part.stl --per-height 1000 --out result
+  resting_aspects retention l_bracket --report
   resting_aspects retention hex_nut --max-lift 20mm --friction 0.4 --json
 """
 DOCUMENT, PICTURE = 'retention.json', 'retention.png'
@@ -65,6 +71,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help='write retention.json and retention.png into this folder',
     )
+    parser.add_argument(
+        '--report',
+        action='store_true',
+        help='also write reorientation.html, a page with the curves and all conditions, into the '
+        'folder of --out (out/ and the part)',
+    )
     add_output(parser, each=False)
     add_contact_conditions(parser)
 
@@ -78,17 +90,12 @@ def run(arguments: argparse.Namespace) -> int:
         # These imports are slow because of NumPy.
         from resting_aspects_ros.api.condition_text import shipped_surfaces
         from resting_aspects_ros.api.load_part import load_part
-        from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
         from resting_aspects_ros.api.retention import retention
-        from resting_aspects_ros.cli.console import make_console, show_table
         from resting_aspects_ros.cli.options import requested_conditions
-        from resting_aspects_ros.report.reorientation_table import retention_table
 
         conditions = requested_conditions(arguments, shipped_surfaces())
         part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
-        if arguments.out is not None:
-            make_folder('--out', arguments.out)
-            check_output('--out', arguments.out / DOCUMENT)
+        out = _folder(arguments, part.name)
         result = retention(
             part,
             arguments.per_height,
@@ -100,17 +107,63 @@ def run(arguments: argparse.Namespace) -> int:
             progress=True,
             stopped=lambda: stop.asked,
         )
-        if arguments.json:
-            sys.stdout.write(result.to_json())
-        else:
-            show_table(make_console(), retention_table(result.curves, result.title))
-        if arguments.out is not None:
-            with whole_file(arguments.out / DOCUMENT) as file:
-                file.write_text(result.to_json(), encoding='utf-8')
-            result.save_picture(arguments.out / PICTURE)
-            if not arguments.json:
-                print(f'Written: {arguments.out / DOCUMENT}, {arguments.out / PICTURE}')
+        _write(result, out, arguments)
         if not result.complete:
             print('interrupted; the curves have fewer disturbances', file=sys.stderr)
             return INTERRUPTED
         return 0
+
+
+def _folder(arguments: argparse.Namespace, part: str) -> Path | None:
+    """Return the folder of the result, None if it is not saved.
+
+    Raises InvalidValueError if the folder cannot be written.
+    """
+    from resting_aspects_ros.api.output_files import check_output, make_folder
+
+    flag, out = '--out', arguments.out
+    if arguments.report:
+        # This import is slow, and only needed for a report.
+        from resting_aspects_ros.api.reorientation_files import check_reorientation_report
+        from resting_aspects_ros.api.report_files import default_folder
+
+        if out is None:
+            flag, out = '--report', default_folder(part)
+        check_reorientation_report(flag, out, ())
+    if out is not None:
+        make_folder(flag, out)
+        for name in (DOCUMENT, PICTURE):
+            check_output(flag, out / name)
+    return out
+
+
+def _write(result: 'RetentionResult', out: Path | None, arguments: argparse.Namespace) -> None:
+    """Save and print the result, even if a step fails; the slow report is last."""
+    from resting_aspects_ros.api.output_files import whole_file
+    from resting_aspects_ros.cli.console import make_console, show_table
+    from resting_aspects_ros.report.reorientation_table import retention_table
+
+    written = []
+    try:
+        if out is not None:
+            with whole_file(out / DOCUMENT) as file:
+                file.write_text(result.to_json(), encoding='utf-8')
+            written.append(out / DOCUMENT)
+            if not arguments.report:
+                result.save_picture(out / PICTURE)
+                written.append(out / PICTURE)
+    finally:
+        if arguments.json:
+            sys.stdout.write(result.to_json())
+        else:
+            show_table(make_console(), retention_table(result.curves, result.title))
+    if written and not arguments.json:
+        print(f'Written: {", ".join(str(path) for path in written)}', flush=True)
+    if arguments.report and out is not None:
+        # Everything else is saved, so Ctrl-C may end the report at once.
+        catch(signal.default_int_handler)
+        from resting_aspects_ros.api.reorientation_files import write_retention_report
+
+        page = write_retention_report(result, out)
+        if not arguments.json:
+            print(f'Report: {page}')
