@@ -6,6 +6,7 @@ Prints tables, and writes out/bench.json and docs/explanation/bench.md.
 import json
 import os
 
+from bench_actions import actions
 from bench_case import example_job
 from bench_command import command
 from bench_estimators import estimators
@@ -33,6 +34,7 @@ def main() -> None:
     sections = []
     for measure in (
         lambda: ways(console, workers),
+        actions,
         command,
         lambda: _scaling(workers),
         geometry,
