@@ -1,6 +1,5 @@
 """The files of a report on transitions, or on retention curves."""
 
-import dataclasses
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -24,6 +23,7 @@ from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.report.reorientation_page import reorientation_files
 from resting_aspects_ros.report.reorientation_report import (
     PAGE,
+    RETENTION_PAGE,
     ActionReport,
     ReorientationReport,
     Shares,
@@ -132,7 +132,7 @@ def write_retention_report(result: RetentionResult, folder: Path) -> Path:
         },
     )
     write_files(folder, reorientation_files(report), reorientation_file_names(()))
-    return folder / PAGE
+    return folder / RETENTION_PAGE
 
 
 def _action_report(
@@ -201,12 +201,9 @@ def _incomplete(done: int, requested: int, what: str) -> str:
 
 
 def _action_facts(action: NamedAction) -> Iterator[tuple[str, str]]:
-    known = quantities_of(action.action)
-    for name, value in dataclasses.asdict(action.action).items():
-        if name in known:
-            yield known[name].label, f'{value:g} {known[name].unit}'.rstrip()
-        else:
-            yield name.replace('_', ' '), str(value)
+    for name, quantity in quantities_of(action.action).items():
+        value = getattr(action.action, name)
+        yield quantity.label, f'{value:g} {quantity.unit}'.rstrip()
     yield TIME.text, f'{action.time:g} {TIME.unit}'
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 from dataclasses import dataclass
+from pathlib import Path
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.load_part import load_part
@@ -29,6 +30,8 @@ class ReorientRequest:
         Ids of the wanted aspects; empty without any.
     by_class : bool
         Whether tables have a row for each symmetry class.
+    out : Path or None
+        Folder of the result; None if it is not saved.
     """
 
     part: Part
@@ -37,6 +40,7 @@ class ReorientRequest:
     wanted: tuple[int, ...]
     by_class: bool
     measured: MeasuredTrials | None
+    out: Path | None
 
 
 def requested_reorientation(arguments: argparse.Namespace, confidence: float) -> ReorientRequest:
@@ -69,12 +73,9 @@ def requested_reorientation(arguments: argparse.Namespace, confidence: float) ->
         for action in actions
     )
     wanted = _wanted(arguments, planned[0])
-    if arguments.out is not None:
-        make_folder('--out', arguments.out)
-        check_output('--out', arguments.out / DOCUMENT)
-        _check_trials_are_kept(arguments)
+    out = _folder(arguments, part.name, [action.name for action in actions])
     by_class = not arguments.each and arguments.wanted is None
-    return ReorientRequest(part, conditions, planned, wanted, by_class, measured)
+    return ReorientRequest(part, conditions, planned, wanted, by_class, measured, out)
 
 
 def _wanted(arguments: argparse.Namespace, planned: PlannedActions) -> tuple[int, ...]:
@@ -92,13 +93,36 @@ def _wanted(arguments: argparse.Namespace, planned: PlannedActions) -> tuple[int
     return tuple(sorted({a.id for number in numbers for a in classes[number - 1]}))
 
 
-def _check_trials_are_kept(arguments: argparse.Namespace) -> None:
+def _folder(arguments: argparse.Namespace, part: str, actions: list[str]) -> Path | None:
+    """Return the folder of the result, None if it is not saved.
+
+    Raises InvalidValueError if the folder cannot be written, or has the file of measured trials.
+    """
+    flag, out = '--out', arguments.out
+    if arguments.report and out is None:
+        from resting_aspects_ros.api.report_files import default_folder
+
+        flag, out = '--report', default_folder(part)
+    if out is None:
+        return None
+    _check_trials_are_kept(arguments.measured, flag, out)
+    make_folder(flag, out)
+    check_output(flag, out / DOCUMENT)
+    if arguments.report:
+        # This import is slow, and only needed for a report.
+        from resting_aspects_ros.api.reorientation_files import check_reorientation_report
+
+        check_reorientation_report(flag, out, actions)
+    return out
+
+
+def _check_trials_are_kept(measured: Path | None, flag: str, out: Path) -> None:
     """Raise InvalidValueError if the file of measured trials would be replaced."""
-    measured, roadmap = arguments.measured, arguments.out / ROADMAP
+    roadmap = out / ROADMAP
     if measured is not None and roadmap.exists() and measured.samefile(roadmap):
         raise InvalidValueError(
-            f'invalid --out {str(arguments.out)!r}: expected another folder than that of '
-            '--measured, whose trials would be lost'
+            f'invalid {flag} {str(out)!r}: expected another folder than that of --measured, whose '
+            'trials would be lost'
         )
 
 

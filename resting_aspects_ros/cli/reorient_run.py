@@ -12,7 +12,7 @@ from resting_aspects_ros.api.measured_trials import (
 from resting_aspects_ros.api.reorient import drop_for_start, make_actions
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.cli.reorient_request import ReorientRequest, requested_reorientation
-from resting_aspects_ros.cli.reorient_show import Answer, print_answer, save_answer
+from resting_aspects_ros.cli.reorient_show import Answer, print_answer, save_answer, save_page
 from resting_aspects_ros.core.errors import warn
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption
@@ -51,15 +51,22 @@ def reorient_and_show(
     results, checks = _with_trials(request, simulated)
     answer = Answer(tuple(results), request.wanted, tuple(checks))
     print_answer(answer, by_class=request.by_class, as_json=arguments.json)
-    if arguments.out is not None:
-        written = save_answer(answer, simulated, arguments.out, request.part)
-        if not arguments.json:
-            print(f'Written: {", ".join(str(path) for path in written)}')
+    if request.out is not None:
+        pictures = not arguments.report
+        written = save_answer(answer, simulated, request.out, request.part, pictures=pictures)
+        _print(f'Written: {", ".join(str(path) for path in written)}', arguments)
+        if arguments.report:
+            _print(f'Report: {save_page(answer, simulated, request.out)}', arguments)
     if not all(result.complete for result in results):
         done = sum(int(result.matrix.actions.sum()) for result in results)
         print(f'interrupted; the result has {done} actions', file=sys.stderr)
         return INTERRUPTED
     return 0
+
+
+def _print(line: str, arguments: argparse.Namespace) -> None:
+    if not arguments.json:
+        print(line, flush=True)
 
 
 def _with_trials(

@@ -14,6 +14,7 @@ from resting_aspects_ros.report.reorientation_report import (
     HEAT_MAP,
     MEASURED,
     PAGE,
+    RETENTION_PAGE,
     RETENTION,
     ActionReport,
     ReorientationReport,
@@ -71,7 +72,7 @@ def reorientation_files(report: ReorientationReport) -> Iterator[tuple[str, byte
         retention=retention,
         confidence=f'{100 * report.confidence:g}',
     )
-    yield PAGE, page.encode()
+    yield PAGE if report.actions else RETENTION_PAGE, page.encode()
 
 
 @dataclass(frozen=True, eq=False)

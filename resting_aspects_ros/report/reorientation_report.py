@@ -15,7 +15,8 @@ from resting_aspects_ros.core.reorientation.transition_matrix import TransitionM
 from resting_aspects_ros.core.statistics.intervals import Array
 from resting_aspects_ros.report.page_template import ENDINGS
 
-PAGE = 'reorientation.html'
+# The page on actions, and that on retention curves.
+PAGE, RETENTION_PAGE = 'reorientation.html', 'retention.html'
 HEAT_MAP, FLOW, RETENTION = 'transitions', 'flow', 'retention'
 MEASURED = ('from', 'to', 'measured', 'simulated', 'difference in points', 'verdict')
 
@@ -117,7 +118,8 @@ def reorientation_file_names(actions: Sequence[str]) -> list[str]:
     figures = [
         figure + suffix_of(name, actions) for name in actions for figure in (HEAT_MAP, FLOW)
     ]
-    return [PAGE, *(f'{each}.{ending}' for each in figures or [RETENTION] for ending in ENDINGS)]
+    page = PAGE if actions else RETENTION_PAGE
+    return [page, *(f'{each}.{ending}' for each in figures or [RETENTION] for ending in ENDINGS)]
 
 
 def suffix_of(action: str, actions: Sequence[str]) -> str:

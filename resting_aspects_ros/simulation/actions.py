@@ -10,11 +10,12 @@ from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.yaml_file import read_yaml
 from resting_aspects_ros.simulation.impulses import Kick, Nozzle
 from resting_aspects_ros.simulation.quantity import Quantity, quantities_of
+from resting_aspects_ros.simulation.step_action import Step
 from resting_aspects_ros.simulation.vibration import Vibration
 
-Action = Kick | Nozzle | Vibration
-KINDS: dict[str, type[Kick] | type[Nozzle] | type[Vibration]] = {
-    each.kind: each for each in (Kick, Nozzle, Vibration)
+Action = Kick | Nozzle | Vibration | Step
+KINDS: dict[str, type[Kick] | type[Nozzle] | type[Vibration] | type[Step]] = {
+    each.kind: each for each in (Kick, Nozzle, Vibration, Step)
 }
 # The time that an action takes, with the time until parts are at rest again.
 TIME = Quantity('time', 's', 'time from one action to the next', high=3600.0, above=True)

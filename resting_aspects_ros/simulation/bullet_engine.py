@@ -68,7 +68,11 @@ def drop_chunk(job: DropJob, first_drop: int, end: int) -> RestingPoses:
         )
     slots = np.arange(first_drop - chunk * CHUNK, end - chunk * CHUNK)
     states = initial_states(job, chunk)
-    return resting_poses(job, first_drop, _World(job).drop(states, slots))
+    if job.edge is None:
+        return resting_poses(job, first_drop, _World(job).drop(states, slots))
+    from resting_aspects_ros.simulation.bullet_edge import fall_over_edge
+
+    return resting_poses(job, first_drop, fall_over_edge(job, states, slots))
 
 
 class _World:
@@ -166,7 +170,9 @@ class _World:
         # On a surface that moves, the position decides how it moves below a part.
         origins = _slot_origins(slots) * (self._job.motion is None)
         bodies = self._add(states, slots, origins)
-        settling = Settling(self._job, states, slots)
+        return self._settled(bodies, origins, Settling(self._job, states, slots))
+
+    def _settled(self, bodies: list[int], origins: Array, settling: Settling) -> Settling:
         steps = round(CHECK_INTERVAL * self._job.steps_per_t)
         checks = 0
         while len(settling.moving):

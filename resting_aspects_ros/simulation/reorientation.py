@@ -7,12 +7,14 @@ import numpy as np
 
 from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.geometry.decomposition import convex_pieces
 from resting_aspects_ros.core.geometry.hull import convex_hull
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array, angle_between, orientation_with_down
 from resting_aspects_ros.simulation.actions import Action
 from resting_aspects_ros.simulation.impulses import Disturbance
 from resting_aspects_ros.simulation.starts import Body, Impulse, RestStarts
+from resting_aspects_ros.simulation.step_action import OnBelt, Step
 from resting_aspects_ros.simulation.vibration import Vibration
 
 # Maximum lift height of a disturbance, m.
@@ -46,7 +48,11 @@ def action_starts(
 
     ``gravity`` is in m/s2.
     """
-    del gravity
+    if isinstance(action, Step):
+        pieces = convex_pieces(part).corners
+        edge = action.edge(tuple(corners - part.centre_of_mass for corners in pieces))
+        starts = rest_starts(part, aspects, OnBelt(edge, gravity))
+        return dataclasses.replace(starts, edge=edge)
     starts = rest_starts(part, aspects, action)
     if isinstance(action, Vibration):
         return dataclasses.replace(starts, motion=action)

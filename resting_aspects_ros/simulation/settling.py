@@ -92,7 +92,7 @@ class Settling:
         self.growth = np.zeros(n)
         self._elapsed = states.elapsed[slots]
         motion = job.motion
-        self._limit = TIME_LIMIT + states.flight
+        self._limit = TIME_LIMIT + (states.flight if job.edge is None else 0.0)
         if motion is not None:
             self._limit += motion.duration / job.time_unit
         self._now = 0.0
@@ -125,7 +125,8 @@ class Settling:
         lost = self._left(place[~failed])
         self.status[sound[lost]] = RestStatus.LOST
         if not (self._job.until_still or shaken):
-            self._decide(sound[~lost])
+            clear = self._job.clear_of_wall(states.position[~failed, 0], now)
+            self._decide(sound[~lost & clear])
         decided = self.minimum[sound] >= 0
         still &= ~lost
         self.status[sound[still | decided]] = RestStatus.SETTLED

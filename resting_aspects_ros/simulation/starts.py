@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.rotations import Array, canonical, product, rotate
+from resting_aspects_ros.simulation.edge import Edge
 from resting_aspects_ros.simulation.motion import Motion
 from resting_aspects_ros.simulation.noise import Noise
 
@@ -50,6 +51,10 @@ class Starts(Protocol):
     @property
     def motion(self) -> Motion | None:
         """Motion of the surface, on which the positions then are; None: it stays at rest."""
+
+    @property
+    def edge(self) -> Edge | None:
+        """Edge that the parts pass before they are on the surface; None: there is none."""
 
     def states(self, index: Indices, generator: np.random.Generator) -> States:
         """Return the states of the drops of a chunk, whose indices (n,) are consecutive."""
@@ -117,6 +122,7 @@ class GivenStarts:
     """Given states with noise. Every replicate of a state has its own noise."""
 
     motion: Motion | None = None
+    edge: Edge | None = None
 
     def __init__(self, given: GivenStates, noise: Noise, gravity: float, radius: float) -> None:
         self._states = States(
@@ -199,6 +205,7 @@ class RestStarts:
     impulse : Impulse
     body : Body
     motion : Motion or None
+    edge : Edge or None
     """
 
     orientations: tuple[Array, ...]
@@ -206,6 +213,7 @@ class RestStarts:
     impulse: Impulse
     body: Body
     motion: Motion | None = None
+    edge: Edge | None = None
 
     @property
     def rows(self) -> int:

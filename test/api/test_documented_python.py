@@ -24,7 +24,7 @@ def workers():
 def run(workers, tmp_path, monkeypatch, capsys):
     """Run code in an empty folder, in one namespace; returns what it printed."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr('resting_aspects_ros.api.drop.ProcessWorkers', lambda _: workers)
+    monkeypatch.setattr('resting_aspects_ros.api.chunk_loop.ProcessWorkers', lambda _: workers)
     namespace = {}
 
     def run(text, page):

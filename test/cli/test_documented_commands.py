@@ -21,9 +21,21 @@ from resting_aspects_ros.simulation.part_library import read_part_yaml
 
 PARTS = ROOT / 'config' / 'parts'
 FEW_DROPS = ['--drops', '50']
+# What makes the commands quick whose output is not compared.
+FEW = {
+    'drop': FEW_DROPS,
+    'reorient': ['--per-aspect', '20', *FEW_DROPS],
+    'retention': ['--per-height', '10'],
+}
+OTHER_NUMBERS = {'--precision', '--from-log', '--initial-states'}
 PROGRAM = '.venv/bin/resting_aspects'
 LOG = 'out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50'
-TUTORIAL = 'docs/tutorials/first_part.md'
+# With a file that each of them makes.
+TUTORIALS = {
+    'docs/tutorials/first_part.md': 'out/bracket/report.html',
+    'docs/tutorials/reorientation.md': 'out/actions/flow_tap.png',
+}
+REORIENT = 'docs/how_to/reorient_parts.md'
 # The nodes run until they are stopped. Other tests cover them.
 NODE_VERBS = {'nodes', 'request', 'replay'}
 
@@ -47,7 +59,7 @@ COMMANDS = {
 RUN_HERE = [
     pytest.param(arguments, id=f'{Path(page).stem}: {line.removeprefix(PROGRAM).strip()}')
     for (page, line), arguments in COMMANDS.items()
-    if arguments[0] not in NODE_VERBS and page != TUTORIAL
+    if arguments[0] not in NODE_VERBS and page not in TUTORIALS
 ]
 
 
@@ -76,6 +88,13 @@ def folder(printed, tmp_path_factory):
     rows = [f'{aspect["id"]},{aspect["count"]}' for aspect in document['aspects']]
     (folder / 'manual.csv').write_text('\n'.join(['aspect,count', *rows]))
     printed(folder, 'drop', 'l_bracket', *FEW_DROPS, '--log', 'out/logs')
+    (actions,), (tosses,) = code(REORIENT, 'yaml'), code(REORIENT, 'csv')
+    (folder / 'my_actions.yaml').write_text(actions)
+    (folder / 'tosses.csv').write_text(tosses)
+    printed(folder, 'drop', 'l_bracket', '--initial-states', 'tosses.csv', '--out', 'out/tosses')
+    printed(folder, 'reorient', 'l_bracket', *FEW['reorient'], '--out', 'out/tap')
+    for text in code(REORIENT, 'python'):
+        run_program([sys.executable, '-c', text], cwd=folder)
     return folder
 
 
@@ -106,11 +125,15 @@ def test_other_programs_are_known_to_tests():
 
 @pytest.mark.parametrize('arguments', RUN_HERE)
 def test_command(arguments, printed, folder):
-    few = []
-    if arguments[0] == 'drop' and not {'--precision', '--from-log'} & {*arguments}:
-        few = FEW_DROPS
+    few = [] if OTHER_NUMBERS & {*arguments} else FEW.get(arguments[0], [])
     table = printed(folder, *with_files(folder, arguments), *few)
-    assert few == [] or '50' in table
+    assert few == [] or few[1] in table
+
+
+def test_measured_trials_are_compared(folder, printed):
+    few = FEW['reorient']
+    out = printed(folder, 'reorient', 'l_bracket', '--measured', 'measured.json', *few)
+    assert 'tap 5 -> 5: measured 35 of 60, simulated ' in out
 
 
 def test_files_of_a_report(folder, printed):
@@ -139,10 +162,11 @@ def test_the_table_of_the_readme_is_what_is_printed(folder, printed):
     assert_shown(f'{shown}...\n', printed(folder, 'drop', 'l_bracket'))
 
 
-def test_the_tutorial_prints_what_it_shows(printed, tmp_path):
+@pytest.mark.parametrize('page', TUTORIALS)
+def test_the_tutorial_prints_what_it_shows(page, printed, tmp_path):
     shutil.copy(PARTS / 'l_bracket.stl', tmp_path / 'bracket.stl')
     out = ''
-    for language, text in code_blocks(TUTORIAL, 'bash', 'text', 'csv'):
+    for language, text in code_blocks(page, 'bash', 'text', 'csv'):
         if language == 'csv':
             (tmp_path / 'counted.csv').write_text(text)
         elif language == 'text':
@@ -151,7 +175,7 @@ def test_the_tutorial_prints_what_it_shows(printed, tmp_path):
             for line in text.splitlines():
                 arguments = arguments_of(line)
                 out = printed(tmp_path, *arguments) if arguments else out
-    assert (tmp_path / 'out' / 'bracket' / 'report.html').is_file()
+    assert (tmp_path / TUTORIALS[page]).is_file()
 
 
 def test_nodes_request_and_the_python_client(tmp_path):

@@ -9,11 +9,15 @@ import re
 import pytest
 from doc_pages import PAGES, code, first_cells, section
 
+from resting_aspects_ros.api.condition_text import shipped_actions
 from resting_aspects_ros.api.inputs.count_files import read_counts
+from resting_aspects_ros.api.inputs.state_csv import NEEDED, OPTIONAL
 from resting_aspects_ros.cli import main
 from resting_aspects_ros.core.estimators.estimate import METHODS
+from resting_aspects_ros.simulation.actions import KINDS
 from resting_aspects_ros.simulation.conditions import QUANTITIES, HeightOf
 from resting_aspects_ros.simulation.part_library import KEYS
+from resting_aspects_ros.simulation.quantity import quantities_of
 from resting_aspects_ros.simulation.run_description import MAX_DROPS
 
 COMMANDS = 'docs/reference/commands.md'
@@ -102,6 +106,24 @@ def test_every_condition_is_listed_with_its_bounds():
     assert rows[-1] == ('height_of', ', '.join(each.name for each in HeightOf))
 
 
+def test_every_shipped_action_is_listed():
+    listed = first_cells(section('docs/how_to/reorient_parts.md', '## Use a shipped action'))
+    assert listed == [f'`{name}`' for name in shipped_actions().names()]
+
+
+def test_every_kind_of_action_is_listed():
+    (kinds,) = re.findall(r'^\| `kind` \| (.*?) \|', section(FILES, '## Actions'), re.MULTILINE)
+    assert kinds.split(', ') == list(KINDS)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_every_value_of_an_action_is_listed_with_its_bounds(kind):
+    _, found, text = section(FILES, '## Actions').partition(f'\nKeys of `{kind}`:\n\n')
+    assert found
+    rows = re.findall(r'^\| `(\w+)` \| (.*?) \|', text.partition('\n\n')[0], re.MULTILINE)
+    assert rows == [(name, each.allowed()) for name, each in quantities_of(KINDS[kind]).items()]
+
+
 def test_every_key_of_a_part_is_listed():
     assert keys(FILES, '## Part description') == list(KEYS)
 
@@ -115,6 +137,23 @@ def test_every_key_of_a_result_is_listed(run):
     assert keys(FILES, '## Result', 1) == list(document['aspects'][0])
     (row,) = re.findall(r'^\| `classes` \|.*$', section(FILES, '## Result'), re.MULTILINE)
     assert re.findall(r'`(\w+)`', row)[1:] == list(document['classes'][0])
+
+
+def test_every_key_of_transitions_is_listed(run):
+    few = ['--per-aspect', '5', '--drops', '10', '--check-convergence']
+    ended = run('reorient', 'tetrahedron', '--wanted', '1', *few, '--json')
+    assert set(keys(FILES, '## Transitions')) == {*json.loads(ended.stdout), 'measured'}
+
+
+def test_every_key_of_retention_is_listed(run):
+    ended = run('retention', 'tetrahedron', '--per-height', '2', '--json')
+    document = json.loads(ended.stdout)
+    assert set(keys(FILES, '## Retention')) == set(document)
+    assert keys(FILES, '## Retention', 1) == list(document['curves'][0])
+
+
+def test_every_column_of_the_initial_states_is_listed():
+    assert sorted(keys(FILES, '## Initial states')) == sorted([*NEEDED, *OPTIONAL])
 
 
 def test_every_column_of_the_poses_is_listed(run, tmp_path):

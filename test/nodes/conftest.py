@@ -31,9 +31,9 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import parameter_value_to_python
 from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
-from resting_aspects_interfaces.action import DropPart
-from resting_aspects_interfaces.msg import RestingPoses
-from resting_aspects_interfaces.srv import GetDistribution, ListParts
+from resting_aspects_interfaces.action import DropPart, ReorientPart
+from resting_aspects_interfaces.msg import FeederAction, RestingPoses
+from resting_aspects_interfaces.srv import GetDistribution, GetTransitions, ListParts
 
 from resting_aspects_ros.client import pending_request
 from resting_aspects_ros.core.poses import RestingPoses as Poses
@@ -303,7 +303,7 @@ def start(processes):
 
 
 class Drop:
-    """An active drop_part goal."""
+    """An active goal of drop_part or reorient_part."""
 
     def __init__(self, client, goal):
         self.feedback = []
@@ -355,9 +355,12 @@ class Client:
         self._list = self.node.create_client(ListParts, 'list_parts')
         self._met = set()
         self._drop = ActionClient(self.node, DropPart, 'drop_part', **ACTION_SERVICES)
+        self._reorient = self._transitions = None
 
     def destroy(self):
         self._drop.destroy()
+        if self._reorient is not None:
+            self._reorient.destroy()
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.try_shutdown(context=self._context)
@@ -433,6 +436,31 @@ class Client:
         drop = self.dropping(part, drops, **fields)
         self.wait(lambda: drop.done, f'drop of {part}')
         return drop
+
+    def reorienting(self, part='tetrahedron', action='tap', per_aspect=60, drops=100, **fields):
+        """Start a goal; the action is a name or a FeederAction."""
+        if self._reorient is None:
+            self._reorient = ActionClient(
+                self.node, ReorientPart, 'reorient_part', **ACTION_SERVICES
+            )
+        send = functools.partial(self._reorient.send_goal_async, ReorientPart.Goal())
+        self.meet('reorient_part', self._reorient.server_is_ready, send)
+        action = FeederAction(name=action) if isinstance(action, str) else action
+        fields |= {'part': part, 'action': action, 'per_aspect': per_aspect, 'drops': drops}
+        return Drop(self._reorient, ReorientPart.Goal(**fields))
+
+    def reorient(self, *arguments, **fields):
+        goal = self.reorienting(*arguments, **fields)
+        self.wait(lambda: goal.done, 'transitions')
+        return goal
+
+    def transitions(self, part='tetrahedron', action=''):
+        """Return the response of get_transitions."""
+        if self._transitions is None:
+            self._transitions = self.node.create_client(
+                GetTransitions, 'get_transitions', qos_profile=SERVICES
+            )
+        return self.call(self._transitions, GetTransitions.Request(part=part, action=action))
 
     def poses(self):
         return self.listen(RestingPoses, RESTING_POSES, POSES)

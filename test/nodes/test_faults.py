@@ -106,7 +106,7 @@ def test_missing_simulator_is_reported(suite):
     assert suite.processes['drop_simulator'].end(signal.SIGTERM) == 0
     suite.client.wait(asked.done, 'answer of the interrupted request')
     assert asked.result().status.code == Status.NOT_AVAILABLE
-    assert asked.result().status.message == ('the simulator stopped while it simulated tetrahedron')
+    assert asked.result().status.message == 'the simulator stopped while it simulated tetrahedron'
     answer = suite.client.ask(drops=5, seed=[46])
     assert answer.status.code == Status.NOT_AVAILABLE
     why, _, known_are = answer.status.message.partition('; known distributions: ')

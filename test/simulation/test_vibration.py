@@ -120,15 +120,15 @@ def test_acceleration_of_ramps_hardly_exceeds_that_of_the_sine():
 
 
 def riding(part, conditions, vibration, slots=1):
-    """Positions of centres of mass and orientations on the plate, each fourth step, in m."""
+    """Positions of centres of mass and orientations on the plate, each eighth step, in m."""
     job = vibration_job(part, conditions, vibration, aspects=1)
     world = bullet_engine._World(job)
     which, origins = np.arange(slots), np.zeros((slots, 3))
     bodies = world._add(initial_state.initial_states(job, 0), which, origins)
     places, turns, made = [], [], 0
     while job.in_motion(made / job.steps_per_t):
-        world._advance(made, 4)
-        made += 4
+        world._advance(made, 8)
+        made += 8
         seen = world._states(bodies, origins, which)
         at, turned = vibration.pose(np.array([made * job.time_step]))
         back = Rotation.from_quat(turned[0]).inv()
@@ -245,15 +245,17 @@ def test_actions_do_not_depend_on_other_actions(part, mat, assert_same_poses):
 
 def test_lost_parts_left_the_plate_and_are_counted(part, mat):
     shape = part('l_bracket')
-    small = dataclasses.replace(STRONG, plate_size=0.05)
+    # While the plate moves along, its edge does, too.
+    small = dataclasses.replace(STRONG, plate_size=0.05, horizontal_amplitude=0.0)
     aspects = find_aspects(shape)
     starts = action_starts(shape, aspects.aspects, small, mat.gravity)
     job, run = plan_run(shape, mat, seed=1, drops=25, run_id='', started=0, starts=starts)
     poses = drop_chunk(job, 0, 25)
     centre = poses.position + rotate(poses.orientation, shape.centre_of_mass)
-    outside = np.abs(centre[:, :2]).max(axis=1) > 0.05 / 2
+    beyond = np.abs(centre[:, :2]).max(axis=1) - 0.05 / 2
     lost = poses.status == RestStatus.LOST
-    np.testing.assert_array_equal(outside, lost)
+    assert beyond[lost].min() > -1e-4  # it tilts
+    assert beyond[~lost].max() < 0
     assert 3 < lost.sum() < 25
     assert (poses.status[~lost] == RestStatus.SETTLED).all()
     counter = TransitionCounter(no_actions(aspects), run, 0.0)
@@ -324,7 +326,7 @@ def test_time_step_resolves_the_vibration(part, mat):
     quick = Vibration(400.0, 0.1, 0.1, vertical_amplitude=1e-5, rocking_x=1e-5)
     assert vibration_job(shape, mat, quick).time_step <= 1 / (400.0 * STEPS_PER_PERIOD)
     slow = vibration_job(shape, mat, dataclasses.replace(STRONG, frequency=25.0))
-    assert slow.steps_per_t == drop_job.STEPS_PER_T
+    assert slow.steps_per_t == drop_job.MOTION_STEPS_PER_T
     wide = Vibration(10.0, 1.0, 0.1, vertical_amplitude=0.1, rocking_x=1e-5)
     job = vibration_job(shape, mat, wide)
     travel = 3 * 0.1 * 2 * math.pi * 10.0 * job.time_step / job.radius

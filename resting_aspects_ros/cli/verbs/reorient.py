@@ -25,6 +25,7 @@ EXAMPLES = """examples:
   resting_aspects reorient l_bracket
   resting_aspects reorient l_bracket --action kick --speed 0.5 --spin 20
   resting_aspects reorient t_prism --action tap,toss --wanted 1,3
+  resting_aspects reorient l_bracket --action tap,hard_tap --report
   resting_aspects reorient my_part.stl --actions my_actions.yaml --action jolt
   resting_aspects reorient hex_nut --precision 0.05 --out result
   resting_aspects reorient l_bracket --action hard_tap --json > transitions.json
@@ -100,6 +101,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help='write transitions.json, pictures of the matrix and of the flow, transitions.graphml '
         'and roadmap.json into this folder',
+    )
+    parser.add_argument(
+        '--report',
+        action='store_true',
+        help='also write reorientation.html, a page with the figures, all numbers and all '
+        'conditions, into the folder of --out (out/ and the part)',
     )
     parser.add_argument(
         '--check-convergence',

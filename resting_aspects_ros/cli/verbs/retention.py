@@ -74,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--report',
         action='store_true',
-        help='also write reorientation.html, a page with the curves and all conditions, into the '
+        help='also write retention.html, a page with the curves and all conditions, into the '
         'folder of --out (out/ and the part)',
     )
     add_output(parser, each=False)

@@ -147,7 +147,7 @@ def _cut(part: Part, faces: Faces) -> tuple[Array, ...]:
     near = KDTree(vertices)
     pieces = []
     for corners, _ in found:
-        distance, which = near.query(corners)
+        distance, which = (np.asarray(each) for each in near.query(corners))
         snapped = np.where(distance[:, None] < SNAP, vertices[which], corners)
         snapped = np.unique(snapped, axis=0)
         try:

@@ -1,0 +1,253 @@
+"""The edge of an upper belt in Bullet: parts move over it until they are beyond it.
+
+Bullet keeps contact points, with their normals, while a part turns about an edge. A plate then
+slides too little and leaves the edge with 10 % too much spin. Therefore the contacts with the
+roller are made anew in each step, and the roller consists of short capsules, because Bullet finds
+one contact of two convex shapes in each step. A static body with a velocity moves the parts that
+touch it and stays where it is. The velocity of a roller that turns is tangential everywhere; that
+of a box that moves would push a tilted part off the edge.
+"""
+
+import math
+import tempfile
+
+import numpy as np
+import numpy.typing as npt
+import pybullet
+
+from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.core.poses import RestStatus
+from resting_aspects_ros.core.rotations import Array, product, rotate
+from resting_aspects_ros.simulation.bullet_engine import (
+    _PART_GROUP,
+    _SURFACE_GROUP,
+    SLOT_SPACING,
+    _World,
+)
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.initial_state import CHUNK, REST_MARGIN, InitialState, depth_of
+from resting_aspects_ros.simulation.settling import MAX_DEPTH, BodyStates, Settling
+
+# Time between checks of the parts, T.
+CHECK_INTERVAL = 0.25
+# A part is beyond the edge if its hull is further than this, R, from the plane of the wall.
+CLEARANCE = 0.02
+# A part that is not beyond the edge after this time, T, stays there. A part of 2 R on the slowest
+# belt needs 200 T.
+TIME_LIMIT = 400.0
+# Minimum radius of the roller, R: that of a sharp edge.
+MIN_RADIUS = 0.02
+# Capsules of the roller (PyBullet ignores all shapes of a compound after the 16th) and their
+# length, R. Beyond them is one long capsule on each side, for parts that drift.
+CAPSULES = 14
+CAPSULE_LENGTH = 0.25
+# Extent of the bodies, R: more than parts can drift.
+FAR = 20.0
+# Length of the strip of belt behind the roller whose contacts are made anew in each step, R. Old
+# contacts at the end of the belt proper, further back, are open when a part tilts.
+STRIP = 0.1
+
+_NO_TURN = [0.0, 0.0, 0.0, 1.0]
+_ALONG_Y = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
+# Quarter turn that makes the direction x point up.
+_X_UP = [0.0, -math.sqrt(0.5), 0.0, math.sqrt(0.5)]
+
+
+def fall_over_edge(job: DropJob, states: InitialState, slots: npt.NDArray[np.int64]) -> Settling:
+    """Move the parts in some slots over the edge, and step until they are at rest on the lower belt.
+
+    The states are relative to the wall below the edge, and the ends to the lower belt.
+    """
+    passed, status = EdgeWorld(job).pass_over(states, slots)
+    return _WallWorld(job).settled(passed, slots, status)
+
+
+class _EdgeBodies(_World):
+    """A world in which boxes can be added that belong to the upper belt."""
+
+    def _add_of_edge(self, shape: int) -> int:
+        edge = self._job.edge
+        assert edge is not None
+        body = self._add_static(shape)
+        self._set(body, lateralFriction=edge.friction_factor, restitution=edge.restitution_factor)
+        return body
+
+    def _add_box(
+        self, back: float, front: float, top: float, velocity: list[float], width: float = FAR
+    ) -> int:
+        """Add a static box from ``back`` to ``front`` in x, with its top at the height ``top``."""
+        half = [(front - back) / 2, width, FAR / 2]
+        shape = pybullet.createCollisionShape(
+            pybullet.GEOM_BOX, halfExtents=half, physicsClientId=self._client
+        )
+        body = self._add_of_edge(shape)
+        middle = [(front + back) / 2, 0.0, top - FAR / 2]
+        self._place(body, middle, _NO_TURN, velocity, [0.0] * 3)
+        return body
+
+
+class _WallWorld(_EdgeBodies):
+    """A world with the lower belt, at rest, and the wall, which moves if that belt moves."""
+
+    def __init__(self, job: DropJob) -> None:
+        super().__init__(job)
+        edge = job.edge
+        assert edge is not None
+        self._speed = -edge.lower_speed * job.time_unit / job.radius
+        self._top = edge.height / job.radius
+        velocity = [self._speed, 0.0, 0.0]
+        self._wall = self._add_box(-FAR, 0.0, self._top, velocity, CHUNK * SLOT_SPACING)
+
+    def settled(
+        self, states: InitialState, slots: npt.NDArray[np.int64], status: npt.NDArray[np.uint8]
+    ) -> Settling:
+        """Step until all parts that passed the edge are at rest; see pass_over for ``status``."""
+        origins = np.stack([0 * slots, slots, 0 * slots], axis=1) * SLOT_SPACING
+        settling = Settling(self._job, states, slots)
+        passed = status == RestStatus.SETTLED
+        settling.moving = np.flatnonzero(passed)
+        settling.status = np.where(passed, settling.status, status)
+        settling.time = states.elapsed[slots]
+        settling.time[status == RestStatus.FAILED] = math.nan
+        bodies = self._add(states, slots, origins)
+        for i in np.flatnonzero(~passed):
+            pybullet.removeBody(bodies[i], physicsClientId=self._client)
+        return self._settled(bodies, origins, settling)
+
+    def _advance(self, made: int, steps: int) -> None:
+        if self._speed == 0:
+            super()._advance(made, steps)
+            return
+        for step in range(made, made + steps):
+            front = self._speed * step * self._step
+            middle = [front - FAR / 2, 0.0, self._top - FAR / 2]
+            self._place(self._wall, middle, _NO_TURN, [self._speed, 0.0, 0.0], [0.0] * 3)
+            pybullet.stepSimulation(physicsClientId=self._client)
+
+
+class EdgeWorld(_EdgeBodies):
+    """A world with both belts and the wall, in which all parts start at the same place."""
+
+    def __init__(self, job: DropJob) -> None:
+        super().__init__(job)
+        edge = job.edge
+        assert edge is not None
+        speed = job.time_unit / job.radius
+        self._belt, self._lower = edge.belt_speed * speed, edge.lower_speed * speed
+        self._place(self._ground, [0.0] * 3, _NO_TURN, [self._lower, 0.0, 0.0], [0.0] * 3)
+        radius = max(edge.radius / job.radius, MIN_RADIUS)
+        self._shape = _compound(_obj_text(_in_body(job)), self._client)
+        self._add_bodies(radius, edge.height / job.radius)
+
+    def _add_bodies(self, radius: float, height: float) -> None:
+        ahead = [self._belt, 0.0, 0.0]
+        self._add_box(-FAR, -radius - STRIP / 2, height, ahead)
+        self._add_box(-FAR, 0.0, height - radius, [0.0] * 3)
+        strip = self._add_box(-radius - STRIP, -radius, height, ahead)
+        middle = (np.arange(CAPSULES) - (CAPSULES - 1) / 2) * CAPSULE_LENGTH
+        end = CAPSULES * CAPSULE_LENGTH / 2
+        places = [*middle.tolist(), -(end + FAR) / 2, (end + FAR) / 2]
+        lengths = [CAPSULE_LENGTH] * CAPSULES + [FAR - end] * 2
+        shape = pybullet.createCollisionShapeArray(
+            shapeTypes=[pybullet.GEOM_CAPSULE] * len(places),
+            radii=[radius] * len(places),
+            lengths=lengths,
+            collisionFramePositions=[[0.0, y, 0.0] for y in places],
+            collisionFrameOrientations=[_ALONG_Y] * len(places),
+            physicsClientId=self._client,
+        )
+        roller = self._add_of_edge(shape)
+        turn = [0.0, self._belt / radius, 0.0]
+        self._place(roller, [-radius, 0.0, height - radius], _NO_TURN, [0.0] * 3, turn)
+        self._renewed = (strip, roller)
+
+    def pass_over(
+        self, states: InitialState, slots: npt.NDArray[np.int64]
+    ) -> tuple[InitialState, npt.NDArray[np.uint8]]:
+        """Move the parts in some slots over the edge.
+
+        Returns the states when they are beyond it, relative to the lower belt and to the wall, and
+        for each of the slots SETTLED, or UNSETTLED or FAILED for a part that did not get there.
+        """
+        names = ('position', 'orientation', 'velocity', 'spin', 'elapsed')
+        ends = InitialState(*(getattr(states, name).copy() for name in names))
+        position = states.position + np.array([0.0, 0.0, REST_MARGIN])
+        starts = InitialState(
+            position, states.orientation, states.velocity, states.spin, states.elapsed
+        )
+        origins = np.zeros((len(slots), 3))
+        bodies = self._add(starts, slots, origins)
+        status = np.full(len(slots), RestStatus.UNSETTLED, dtype=np.uint8)
+        steps = round(CHECK_INTERVAL * self._job.steps_per_t)
+        moving, now = np.arange(len(slots)), 0.0
+        while len(moving) and now < TIME_LIMIT:
+            self._advance_renewed(steps)
+            now += steps * self._step
+            at = self._states(bodies, origins, moving)
+            sound, beyond = self._sound(at), self._beyond(at)
+            status[moving[~sound]] = RestStatus.FAILED
+            passed = moving[sound & beyond]
+            status[passed] = RestStatus.SETTLED
+            rows, now_at = slots[moving[sound]], at.select(sound)
+            ends.position[rows], ends.orientation[rows] = now_at.position, now_at.orientation
+            ends.velocity[rows] = now_at.velocity - np.array([self._lower, 0.0, 0.0])
+            ends.spin[rows], ends.elapsed[rows] = now_at.spin, now
+            for i in moving[~sound | beyond]:
+                pybullet.removeBody(bodies[i], physicsClientId=self._client)
+            moving = moving[sound & ~beyond]
+        return ends, status
+
+    def _advance_renewed(self, steps: int) -> None:
+        for _ in range(steps):
+            for body in self._renewed:
+                # Setting the mask discards the contacts of a body, although it is the same mask.
+                self._collide(body, _SURFACE_GROUP, _PART_GROUP)
+            pybullet.stepSimulation(physicsClientId=self._client)
+
+    def _beyond(self, at: BodyStates) -> npt.NDArray[np.bool_]:
+        """Return which parts (n,) have their whole hull beyond the wall."""
+        turned = product(np.tile(_X_UP, (len(at.orientation), 1)), at.orientation)
+        return np.asarray(at.position[:, 0] - depth_of(turned, self._job.hull) > CLEARANCE)
+
+    def _sound(self, at: BodyStates) -> npt.NDArray[np.bool_]:
+        numbers = (at.position, at.orientation, at.velocity, at.spin)
+        sound = np.isfinite(np.hstack(numbers)).all(axis=1)
+        return np.asarray(sound & (at.position[:, 2] > -MAX_DEPTH))
+
+
+def _in_body(job: DropJob) -> tuple[Array, ...]:
+    """Return the corners of the pieces of the part in the body frame, R."""
+    assert job.edge is not None
+    inverse = job.axes * [-1, -1, -1, 1]
+    return tuple(rotate(inverse, corners) / job.radius for corners in job.edge.pieces)
+
+
+def _obj_text(pieces: tuple[Array, ...]) -> str:
+    """Return the content of an OBJ file with each piece as an object.
+
+    The triangles only name all corners: Bullet makes the convex hull of each object.
+    """
+    lines, first = [], 1
+    for k, corners in enumerate(pieces):
+        n = len(corners)
+        lines.append(f'o {k}')
+        lines += [f'v {x!r} {y!r} {z!r}' for x, y, z in corners.tolist()]
+        lines += [f'f {first + i} {first + (i + 1) % n} {first + (i + 2) % n}' for i in range(n)]
+        first += n
+    return '\n'.join(lines) + '\n'
+
+
+def _compound(text: str, client: int) -> int:
+    """Return a shape of the objects in an OBJ file, each of which is convex.
+
+    PyBullet reads a compound of more than one set of corners only from a file.
+    """
+    with tempfile.NamedTemporaryFile('w', suffix='.obj') as file:
+        file.write(text)
+        file.flush()
+        shape: int = pybullet.createCollisionShape(
+            pybullet.GEOM_MESH, fileName=file.name, physicsClientId=client
+        )
+    if shape < 0:
+        raise EngineError('Bullet cannot read the convex pieces of the part')
+    return shape

@@ -1,0 +1,322 @@
+"""The action reorient_part, its latched matrices, and the service get_transitions."""
+
+import dataclasses
+import math
+import re
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message
+from resting_aspects_interfaces.msg import (
+    DropConditions,
+    FeederAction,
+    PartDescription,
+    Status,
+    TransitionMatrix,
+)
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.client import (
+    InvalidValueError,
+    NotAvailableError,
+    RestingAspectsClient,
+    transition_matrix_from,
+)
+from resting_aspects_ros.logs.bag_metadata import Outcome, recorded_outcome
+from resting_aspects_ros.logs.message_reader import messages
+from resting_aspects_ros.logs.topic_metadata import PART_TYPE, POSES_TYPE, TRANSITIONS_TYPE
+from resting_aspects_ros.ros.conversions import conditions_msg, run_from
+from resting_aspects_ros.ros.interface import LATCHED
+from resting_aspects_ros.simulation.impulses import Kick
+
+SEED = 5
+FAST_KICK = FeederAction(kind='kick', names=['speed', 'spin'], values=[0.6, 20.0])
+
+
+@pytest.fixture(scope='module')
+def goal(suite):
+    """Return a finished goal."""
+    return suite.client.reorient('tetrahedron', 'tap', 60, drops=100, seed=SEED)
+
+
+@pytest.fixture(scope='module')
+def found(goal):
+    """Return the matrix of the goal."""
+    assert (goal.outcome, goal.result.status) == ('succeeded', Status(code=Status.OK))
+    return goal.result.transitions
+
+
+@pytest.fixture(scope='module')
+def expected(part):
+    """Return the result of the Python interface."""
+    return ra.reorient(part('tetrahedron'), 'tap', 60, drops=100, seed=SEED, workers=1)
+
+
+@pytest.fixture
+def client(suite):
+    """Return the Python client, with a private node."""
+    with RestingAspectsClient(ros_args=['-r', f'__ns:={suite.namespace}']) as client:
+        yield client
+
+
+def test_counts_are_those_of_the_python_interface(found, expected):
+    assert list(found.counts) == expected.matrix.counts.ravel().tolist()
+    assert list(found.actions) == [60, 60, 60, 60]
+    assert [aspect.count for aspect in found.aspects] == expected.drop.counts.tolist()
+    assert found.drops == 100
+    assert (found.complete, found.ended) == (True, True)
+    np.testing.assert_array_equal(
+        transition_matrix_from(found).probability, expected.matrix.probability
+    )
+
+
+def test_run_is_that_of_the_python_interface(found, expected):
+    run = run_from(found.run)
+    of_run = {'run_id': run.run_id, 'started': run.started}
+    assert run == dataclasses.replace(expected.run, **of_run)
+    assert (run.drops, run.seed, run.conditions.surface) == (240, SEED, 'rubber_mat')
+    assert dict(zip(found.action.names, found.action.values, strict=True)) == {
+        name: value
+        for name, value in expected.action.values.items()
+        if name not in ('name', 'kind')
+    }
+    assert (found.action.name, found.action.kind) == ('tap', 'kick')
+
+
+def test_long_run_is_that_of_the_python_interface(found, expected):
+    lower, upper = expected.long_run_bounds
+    assert list(found.long_run) == expected.long_run.shares.tolist()
+    assert list(found.long_run_lower) == lower.tolist()
+    assert list(found.long_run_upper) == upper.tolist()
+
+
+def test_feedback_counts_drops_then_actions(goal):
+    progress = [(each.drops, each.done) for each in goal.feedback]
+    assert progress == sorted(set(progress))
+    assert progress[0] == (100, 0)
+    assert progress[-1][1] <= 240
+    assert {each.total for each in goal.feedback} == {240}
+
+
+def test_late_subscriber_receives_the_matrix(suite, found):
+    late = suite.client.listen(TransitionMatrix, 'transitions/tetrahedron', LATCHED)
+    suite.client.wait(lambda: late, 'latched matrix')
+    assert late[0] == found
+
+
+@pytest.mark.parametrize('action', ['', 'tap'])
+def test_service_returns_the_matrix(suite, found, action):
+    def known():
+        answer = suite.client.transitions('tetrahedron', action)
+        return answer.status.code == Status.OK and answer.transitions
+
+    assert suite.client.wait(known, 'known matrix') == found
+
+
+@pytest.mark.parametrize(
+    ('part', 'action', 'code', 'message'),
+    [
+        ('tetrahedron', 'toss', Status.NOT_AVAILABLE, "by action 'toss' are known, .*: tap"),
+        ('washer', '', Status.NOT_AVAILABLE, "no transitions of 'washer' are known, request"),
+        ('no_such_part', '', Status.UNKNOWN_PART, "part 'no_such_part' is not known; known "),
+    ],
+)
+def test_service_reports_what_is_not_known(suite, found, part, action, code, message):
+    assert found.drops
+    suite.client.wait(
+        lambda: suite.client.transitions('tetrahedron').status.code == Status.OK, 'known matrix'
+    )
+    status = suite.client.transitions(part, action).status
+    assert status.code == code
+    assert re.search(message, status.message)
+
+
+def test_log_has_the_matrix_and_the_part(suite, found, part):
+    folder = suite.log_of(found.run.run_id)
+    logged = [deserialize_message(data, TransitionMatrix) for data in recorded(folder)]
+    assert logged[-1] == found
+    described = [
+        deserialize_message(data, PartDescription) for data in messages(folder, PART_TYPE)
+    ]
+    assert [each.part_sha256 for each in described] == [part('tetrahedron').part_sha256]
+    assert recorded_outcome(folder) == Outcome(240, whole=True)
+    assert list(messages(folder, POSES_TYPE)) == []
+
+
+def recorded(folder):
+    return messages(folder, TRANSITIONS_TYPE)
+
+
+def test_replayed_matrix_is_latched_and_known(suite, found, replay, start, connect, namespace):
+    log = suite.log_of(found.run.run_id)
+    start('aspect_classifier', namespace, {'log_folder': "''"})
+    replay(log)
+    client = connect(namespace)
+
+    def known():
+        answer = client.transitions('tetrahedron', 'tap')
+        return answer.status.code == Status.OK and answer.transitions
+
+    assert client.wait(known, 'replayed matrix') == found
+    late = client.listen(TransitionMatrix, 'transitions/tetrahedron', LATCHED)
+    client.wait(lambda: late, 'latched matrix')
+    assert late == [found]
+
+
+def test_own_action_on_own_conditions(suite, part, surfaces):
+    conditions = surfaces.get('steel').changed(friction=0.31)
+    goal = suite.client.reorient(
+        't_prism', FAST_KICK, 20, drops=30, conditions=[conditions_msg(conditions)]
+    )
+    expected = ra.reorient(
+        part('t_prism'), Kick(speed=0.6, spin=20.0), 20, drops=30, surface=conditions, seed=0
+    )
+    found = goal.result.transitions
+    assert list(found.counts) == expected.matrix.counts.ravel().tolist()
+    assert found.action.name == 'kick'
+    assert run_from(found.run).conditions == conditions
+
+
+def test_run_stops_at_the_precision(suite, part):
+    goal = suite.client.reorient('t_prism', 'tap', 0, drops=30, precision=0.25)
+    found = goal.result.transitions
+    expected = ra.reorient(part('t_prism'), 'tap', drops=30, precision=0.25, seed=0)
+    assert list(found.counts) == expected.matrix.counts.ravel().tolist()
+    half = np.subtract(found.upper, found.lower) / 2
+    assert (found.complete, half.max() <= 0.25) == (True, True)
+
+
+def test_action_without_effect_is_stated(suite):
+    still = FeederAction(name='nothing', kind='kick')
+    goal = suite.client.reorient('tetrahedron', still, 5, drops=10)
+    matrix = transition_matrix_from(goal.result.transitions)
+    np.testing.assert_array_equal(matrix.transitions, np.eye(4))
+    assert goal.result.status == Status(
+        code=Status.OK, message='nothing has no effect: every part stays where it is'
+    )
+
+
+@pytest.mark.parametrize(
+    ('fields', 'code', 'message'),
+    [
+        ({'part': 'no_part'}, Status.UNKNOWN_PART, "part 'no_part' is not known; known parts"),
+        ({'action': 'no_action'}, Status.INVALID, "invalid action 'no_action': expected one of"),
+        ({'action': ''}, Status.INVALID, "invalid action '': expected one of"),
+        (
+            {'action': FeederAction(kind='kick', names=['speed'], values=[101.0])},
+            Status.INVALID,
+            'invalid speed 101.0: expected 0 to 100 m/s',
+        ),
+        (
+            {'action': FeederAction(name='tap', names=['speed'], values=[1.0])},
+            Status.INVALID,
+            "invalid values of action 'tap': expected none without a kind",
+        ),
+        ({'surface': 'ice'}, Status.INVALID, "invalid surface 'ice': expected"),
+        (
+            {'conditions': [DropConditions(friction=math.nan)]},
+            Status.INVALID,
+            'expected',
+        ),
+        ({'per_aspect': 0}, Status.INVALID, 'actions per aspect 0: expected 1 to 500000 for 4'),
+        ({'per_aspect': 2**64 - 1}, Status.INVALID, f'per aspect {2**64 - 1}: expected 1 to 5'),
+        ({'drops': 0}, Status.INVALID, 'invalid drops 0: expected an integer from 1 to 2000000'),
+        ({'precision': math.nan}, Status.INVALID, 'invalid precision nan: expected'),
+        ({'precision': 1e-9, 'per_aspect': 0}, Status.INVALID, 'invalid precision 1e-09: expec'),
+    ],
+)
+def test_invalid_goal_is_aborted_with_a_message(suite, fields, code, message):
+    goal = suite.client.reorient(**fields)
+    assert (goal.outcome, goal.result.status.code) == ('aborted', code)
+    assert message in goal.result.status.message
+    assert goal.result.transitions == TransitionMatrix()
+    assert suite.alive
+
+
+def test_actions_before_a_cancel_are_kept(suite):
+    received = suite.client.listen(TransitionMatrix, 'transitions/hex_nut', LATCHED)
+    goal = suite.client.reorienting('hex_nut', 'tap', 100_000, drops=20, seed=SEED)
+    suite.client.wait(lambda: goal.feedback and goal.feedback[-1].done, 'first actions')
+    goal.cancel()
+    suite.client.wait(lambda: goal.done, 'canceled goal')
+    found, status = goal.result.transitions, goal.result.status
+    made = sum(found.actions)
+    assert (goal.outcome, status.code) == ('canceled', Status.CANCELED)
+    assert status.message == f'canceled after {made} of 800000 actions; these are kept'
+    assert made > 0
+    assert (found.complete, found.ended, len(found.long_run)) == (False, True, 8)
+    suite.client.wait(lambda: received and received[-1].ended, 'last matrix')
+    assert received[-1] == found
+    assert recorded_outcome(suite.log_of(found.run.run_id)) == Outcome(made, whole=True)
+
+
+def test_cancel_during_the_drops(suite):
+    goal = suite.client.reorienting('tetrahedron', 'tap', 60, drops=2_000_000)
+    suite.client.wait(lambda: goal.feedback, 'first drops')
+    goal.cancel()
+    suite.client.wait(lambda: goal.done, 'canceled goal')
+    assert goal.outcome == 'canceled'
+    assert goal.result.status.message == 'canceled before the first action'
+    assert goal.result.transitions == TransitionMatrix()
+
+
+def test_diagnostics_state_the_progress(suite, diagnostics_of):
+    diagnostics = diagnostics_of(suite.client)
+    goal = suite.client.reorienting('hex_nut', 'tap', 100_000, drops=20)
+    _, message, values = diagnostics.wait(
+        'drop_simulator', lambda _, __, v: v['active reorientations'] == '1', 'its progress'
+    )
+    assert re.fullmatch(r'hex_nut, tap: \d+ of (0|800000) actions', message)
+    assert values['reorientation 1'] == message
+    goal.cancel()
+    suite.client.wait(lambda: goal.done, 'canceled goal')
+
+
+# The Python client
+
+
+def test_client_returns_transitions(client, expected):
+    done = []
+    found = client.reorient_part('tetrahedron', drops=20, per_aspect=60, progress=done.append)
+    assert (found.action.name, found.run.seed, sum(found.actions)) == ('tap', 1, 240)
+    assert done == sorted(done)
+    fast = client.reorient_part('t_prism', Kick(speed=0.6), 10, drops=20, seed=3, surface='steel')
+    assert run_from(fast.run).conditions.surface == 'steel'
+    assert dict(zip(fast.action.names, fast.action.values, strict=True))['speed'] == 0.6
+
+
+def test_client_returns_known_transitions(client, wait):
+    made = client.reorient_part('u_bracket', 'toss', 5, drops=20)
+
+    def known():
+        with suppress(NotAvailableError):  # the matrix can arrive after the result
+            return client.get_transitions('u_bracket')
+
+    assert wait(known, 'known matrix') == made
+    with pytest.raises(NotAvailableError, match=r'no transitions of .* are known'):
+        client.get_transitions('u_bracket', 'tap')
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({'action': 7}, 'invalid action 7: expected a name or one of kick'),
+        ({'action': 'a\0'}, 'invalid action .*: expected printable text'),
+        ({'per_aspect': -1}, 'invalid per_aspect -1: expected an integer from 0 to 2000000'),
+        ({'per_aspect': 1.5}, 'invalid per_aspect 1.5: expected an integer'),
+        ({'drops': 0}, 'invalid drops 0: expected an integer from 1'),
+        ({'precision': 'x'}, "invalid precision 'x': expected 0.001 to 0.25"),
+        ({'seed': -1}, 'invalid seed -1: expected'),
+        ({'surface': 3}, 'invalid surface 3: expected printable text'),
+        ({'progress': 3}, 'invalid progress 3: expected a function'),
+    ],
+)
+def test_client_rejects_wrong_values(client, options, message):
+    with pytest.raises(InvalidValueError, match=message):
+        client.reorient_part('tetrahedron', **options)
+
+
+def test_client_reports_the_error_of_the_simulator(client):
+    with pytest.raises(InvalidValueError, match="invalid action 'no_action': expected one of"):
+        client.reorient_part('tetrahedron', 'no_action', 5)

@@ -1,0 +1,209 @@
+"""Round trips between actions, transition matrices and ROS messages, through real CDR."""
+
+import math
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+from resting_aspects_interfaces.msg import FeederAction
+from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
+
+from resting_aspects_ros.api.condition_text import shipped_actions
+from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING, find_aspects
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, TransitionMatrix
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.ros.conversions import run_from, time_msg
+from resting_aspects_ros.ros.transition_conversions import (
+    action_from,
+    action_msg,
+    check_transitions,
+    serialized_transitions,
+    transition_matrix_from,
+    transitions_msg,
+)
+from resting_aspects_ros.simulation.actions import NamedAction
+from resting_aspects_ros.simulation.impulses import Kick
+from resting_aspects_ros.simulation.plan import plan_run
+
+ACTION = NamedAction('own_tap', Kick(speed=0.31, spin=11.0), 0.7)
+
+
+def over_the_wire(message):
+    return deserialize_message(serialize_message(message), type(message))
+
+
+@pytest.fixture(scope='module')
+def result(part, surfaces):
+    """Return a result with the given counts of the tetrahedron."""
+    tetrahedron = part('tetrahedron')
+    aspects = find_aspects(tetrahedron)
+    _, run = plan_run(
+        tetrahedron, surfaces.get(), seed=3, drops=400, run_id='4f1c', started=10**18
+    )
+
+    def result(counts, dropped=(5, 6, 7, 8), **changes):
+        matrix = TransitionMatrix(aspects, np.array(counts), energy_growth=0.02, **changes)
+        drop = Distribution(aspects, np.array(dropped), unclassified=1, unsettled=2, failed=3)
+        return ReorientResult(matrix, ACTION, run, tetrahedron, drop, True)
+
+    return result
+
+
+@pytest.fixture(scope='module')
+def message(result):
+    """Return the message of distinct counts, as received."""
+    made = result(np.arange(1, 33).reshape(4, 8), confidence=0.9)
+    return over_the_wire(transitions_msg(made, time_msg(17), ended=False, frame='cell'))
+
+
+@pytest.mark.parametrize('name', [*shipped_actions().names(), ACTION.name])
+def test_action_round_trip(name):
+    action = ACTION if name == ACTION.name else shipped_actions().get(name)
+    message = over_the_wire(action_msg(action))
+    assert message.name == name
+    assert len(message.names) == len(message.units) == len(message.values)
+    again = action_from(message)
+    assert again.values == action.values
+
+
+def test_values_of_an_action_have_units():
+    message = action_msg(ACTION)
+    rows = list(zip(message.names, message.values, message.units, strict=True))
+    assert rows[0] == ('time', 0.7, 's')
+    assert ('speed', 0.31, 'm/s') in rows
+    assert ('spin', 11.0, 'rad/s') in rows
+
+
+def test_values_that_are_left_out_have_their_defaults():
+    action = action_from(FeederAction(kind='kick', names=['speed'], values=[0.5]))
+    assert action == NamedAction('kick', Kick(speed=0.5))
+
+
+@pytest.mark.parametrize(
+    ('changes', 'expected'),
+    [
+        ({'kind': 'no_kind'}, "invalid kind of action 'no_kind': expected one of kick, "),
+        ({'name': 'a b'}, "invalid name 'a b' of an action: expected up to 64 letters"),
+        ({'name': 'a' * 65}, ' of an action: expected up to 64 letters'),
+        ({'values': [1.0]}, 'expected a different one for each of 1 values'),
+        ({'names': ['spin', 'spin']}, 'expected a different one for each of 2 values'),
+        ({'names': ['spin', 'mass']}, "invalid value 'mass' of a kick: expected "),
+        ({'values': [1.0, math.nan]}, 'invalid spin nan: expected 0 to '),
+        ({'names': ['spin', 'time']}, 'invalid time 1000000.0: expected more than 0 '),
+    ],
+)
+def test_invalid_action_is_rejected(changes, expected):
+    fields = {'kind': 'kick', 'names': ['speed', 'spin'], 'values': [0.5, 1e6]} | changes
+    if 'names' in changes and 'time' not in changes['names']:
+        fields['values'] = [0.5, 1.0]
+    with pytest.raises(InvalidValueError) as error:
+        action_from(FeederAction(**fields))
+    assert expected in str(error.value)
+
+
+def test_matrix_round_trip(message, result, part):
+    made = result(np.arange(1, 33).reshape(4, 8), confidence=0.9)
+    assert (message.header.stamp, message.header.frame_id) == (time_msg(17), 'cell')
+    assert (message.complete, message.ended) == (True, False)
+    assert run_from(message.run) == made.run
+    assert action_from(message.action) == ACTION
+    assert (message.confidence, message.interval) == (0.9, 'wilson')
+    assert list(message.actions) == made.matrix.actions.tolist()
+    lower, upper = made.matrix.bounds()
+    for name, expected in (
+        ('probability', made.matrix.probability),
+        ('lower', lower),
+        ('upper', upper),
+    ):
+        np.testing.assert_array_equal(np.reshape(getattr(message, name), (4, 8)), expected)
+    again = transition_matrix_from(message)
+    np.testing.assert_array_equal(again.counts, made.matrix.counts)
+    assert (again.interval, again.confidence, again.energy_growth) == ('wilson', 0.9, 0.02)
+    np.testing.assert_array_equal(again.by_class().counts, made.matrix.by_class().counts)
+    assert [aspect.id for aspect in again.aspects.aspects] == [1, 2, 3, 4]
+    assert again.aspects.part_sha256 == part('tetrahedron').part_sha256
+
+
+def test_aspects_have_the_counts_of_the_drops(message, result):
+    drop = result(np.zeros((4, 8), dtype=int)).drop
+    assert message.drops == drop.drops == 32
+    assert [aspect.count for aspect in message.aspects] == [5, 6, 7, 8]
+    assert [aspect.upper for aspect in message.aspects] == [i.upper for i in drop.intervals()]
+
+
+def test_row_without_actions_has_no_probability(result):
+    counts = np.zeros((4, 8), dtype=int)
+    counts[1, 1] = 3
+    message = over_the_wire(transitions_msg(result(counts), time_msg(1), ended=True))
+    probability = np.reshape(message.probability, (4, 8))
+    assert np.isnan(probability[0]).all()
+    assert probability[1].tolist() == [0, 1, 0, 0, 0, 0, 0, 0]
+    assert list(message.long_run) == []
+    assert transition_matrix_from(message).actions.tolist() == [0, 3, 0, 0]
+
+
+def test_constants_are_the_columns_after_the_aspects():
+    kind = TransitionMatrixMsg
+    codes = (kind.UNCLASSIFIED, kind.UNSETTLED, kind.FAILED, kind.LOST)
+    assert codes == tuple(range(kind.OUTCOMES))
+    assert OUTCOMES == ('unclassified', 'unsettled', 'failed', 'lost')
+
+
+def test_long_run_describes_each_closed_class(result):
+    """Aspects 1 and 2 alternate, 3 stays, and parts leave 4 for both; none is dropped into 3."""
+    counts = np.zeros((4, 8), dtype=int)
+    counts[0, 1] = counts[1, 0] = counts[2, 2] = 10
+    counts[3, [0, 2]] = 5
+    made = result(counts, dropped=(1, 0, 0, 1))
+    bounded = (made.long_run, *made.long_run_bounds)
+    message = over_the_wire(transitions_msg(made, time_msg(1), ended=True, long_run=bounded))
+    np.testing.assert_allclose(message.long_run, [0.375, 0.375, 0.25, 0])
+    assert list(message.closed_class) == [1, 1, 2, 0]
+    np.testing.assert_allclose(message.closed_class_share, [0.5, 0.5, 1, 0])
+    np.testing.assert_allclose(message.closed_class_weight, [0.75, 0.25])
+    assert list(message.unreachable) == []
+    lower, upper = made.long_run_bounds
+    assert list(message.long_run_lower) == lower.tolist()
+    assert list(message.long_run_upper) == upper.tolist()
+
+
+def test_unreachable_aspects_are_listed(result):
+    counts = np.hstack([10 * np.eye(4, dtype=int), np.zeros((4, 4), dtype=int)])
+    made = result(counts, dropped=(1, 1, 0, 0))
+    bounded = (made.long_run, *made.long_run_bounds)
+    message = transitions_msg(made, time_msg(1), ended=True, long_run=bounded)
+    assert list(message.unreachable) == [3, 4]
+
+
+@pytest.mark.parametrize(
+    ('field', 'value', 'expected'),
+    [
+        ('counts', [1] * 31, 'invalid transition matrix of run '),
+        ('counts', [2**63] * 32, 'invalid transition matrix of run '),
+        ('actions', [1, 2, 3, 4], 'invalid transition matrix of run '),
+        ('aspects', [], 'expected a row for each aspect'),
+        ('interval', '', "invalid interval '': expected"),
+        ('confidence', 7.0, 'invalid confidence 7.0: expected'),
+        ('action', FeederAction(), "invalid kind of action '': expected"),
+        ('run.part', 'l_bracket', 'of part l_bracket: expected tetrahedron'),
+        ('run.run_id', '../x', "invalid run_id '../x': expected"),
+    ],
+)
+def test_inconsistent_matrix_is_rejected(message, field, value, expected):
+    changed = over_the_wire(message)
+    *path, name = field.split('.')
+    setattr(getattr(changed, path[0]) if path else changed, name, value)
+    check_transitions(message, 'tetrahedron')
+    with pytest.raises(InvalidValueError) as error:
+        check_transitions(changed, 'tetrahedron')
+    assert expected in str(error.value)
+
+
+def test_matrix_of_another_numbering_is_rejected(message):
+    changed = over_the_wire(message)
+    changed.aspect_numbering = ASPECT_NUMBERING + 1
+    assert serialized_transitions(serialize_message(message)) == message
+    with pytest.raises(InvalidValueError, match=f'expected {ASPECT_NUMBERING}'):
+        serialized_transitions(serialize_message(changed))
