@@ -114,7 +114,7 @@ def retention(
     """Disturb a part at rest in each aspect with rising energy, and count how often it leaves.
 
     The energy of a disturbance is fixed, and its direction is uniform on the unit sphere of the
-    six mass-weighted velocities, upwards; see REORIENTATION in the explanation of the physics.
+    six mass-weighted velocities, upwards; see docs/explanation/reorientation.md.
 
     Parameters
     ----------

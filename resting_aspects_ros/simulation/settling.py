@@ -25,6 +25,9 @@ CHECK_INTERVAL = 0.5
 # 60 T gave the same aspects (L bracket, T prism, hex nut; 500 drops of each).
 REST_WINDOW = 2.0
 REST_MOTION = 1e-4
+# A part slides on the surface if its distance from it, R, its vertical speed, R / T, and its rates
+# of tilting, 1 / T, are at most this. Slower impacts than 0.05 R / T do not bounce.
+MAX_SLIDE_MOTION = 0.01
 # A drop has failed if its centre of mass is further below the surface than this, R. The
 # penetration of an impact is at most the travel of one step, a tenth of this limit.
 MAX_DEPTH = 0.5
@@ -125,8 +128,9 @@ class Settling:
         lost = self._left(place[~failed])
         self.status[sound[lost]] = RestStatus.LOST
         if not (self._job.until_still or shaken):
-            clear = self._job.clear_of_wall(states.position[~failed, 0], now)
-            self._decide(sound[~lost & clear])
+            clear = ~lost & self._job.clear_of_wall(states.position[~failed, 0], now)
+            self._decide(sound[clear])
+            self._decide_sliding(sound[clear], states.select(~failed).select(clear))
         decided = self.minimum[sound] >= 0
         still &= ~lost
         self.status[sound[still | decided]] = RestStatus.SETTLED
@@ -194,6 +198,27 @@ class Settling:
         if len(low):
             down = down_in_part(part_from_body(self.orientation[low], self._job.axes))
             self.minimum[low] = rest.decided(down, self._energy[low])
+
+    def _decide_sliding(self, which: npt.NDArray[np.int64], states: BodyStates) -> None:
+        """Set the minima of undecided drops that slide on a flat side and cannot tip any more."""
+        job, v, spin = self._job, states.velocity, states.spin
+        height = depth_of(states.orientation, job.hull)
+        slides = (
+            (self.minimum[which] < 0)
+            & (np.abs(v[:, 2]) < MAX_SLIDE_MOTION)
+            & (np.abs(spin[:, :2]).max(axis=1) < MAX_SLIDE_MOTION)
+            & (states.position[:, 2] - height < MAX_SLIDE_MOTION)
+        )
+        which, height, spin = which[slides], height[slides], spin[slides]
+        if len(which):
+            down = down_in_part(part_from_body(self.orientation[which], job.axes))
+            # The moment of friction, and that of the inertia of a part that turns about an axis
+            # which is not a principal one; its products of inertia are at most half the
+            # difference of the principal moments.
+            products = np.ptp(job.moments) / 2
+            tipping = job.conditions.friction * height + products * spin[:, 2] ** 2
+            calm = height + 2 * MAX_SLIDE_MOTION
+            self.minimum[which] = job.rest.sliding(down, tipping, calm)
 
     def _energies(self, states: BodyStates) -> Array:
         """Return the sum, (n,), of kinetic energy and height above the surface, m g R."""

@@ -14,7 +14,7 @@ from resting_aspects_ros.simulation.starts import Body, Indices, States
 
 # Periods in which the amplitudes rise from zero, and in which they fall to zero. A sine that
 # begins at full amplitude is a jump of the velocity. With 5 periods the acceleration exceeds that
-# of the full amplitude by at most 0.2 % during a ramp, with 3 periods by 0.9 %.
+# of the full amplitude by at most 0.2 % during a ramp, with 3 periods by 0.6 %.
 RAMP_PERIODS = 5
 # Minimum number of time steps per period.
 STEPS_PER_PERIOD = 40
@@ -134,7 +134,7 @@ class Vibration:
         self, states: States, row: Indices, _body: Body, generator: np.random.Generator, /
     ) -> States:
         """Return the states at random places of the plate; see Impulse."""
-        place = states.position + 0.0
+        place = states.position.copy()
         place[:, :2] = (generator.random((len(row), 2)) - 0.5) * self.plate_size
         return States(place, states.orientation, states.velocity, states.spin)
 

@@ -39,6 +39,7 @@ LOG = 'out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50'
 TOPICS = {
     interface.RESTING_POSES: interface.POSES,
     f'{interface.ASPECT_DISTRIBUTIONS}/<part>': interface.LATCHED,
+    f'{interface.TRANSITIONS}/<part>': interface.LATCHED,
     f'{interface.PARTS}/<part>': interface.LATCHED,
     interface.MARKERS: interface.LATCHED,
     interface.RECORDED_RUNS: interface.ALL_LATCHED,
@@ -53,6 +54,7 @@ SNIPPETS = {
     GUIDE: [
         'create_subscription',
         'ReentrantCallbackGroup',
+        'transition_matrix_from',
         'list_parts',
         'remove_pending_request',
         'CancelGoal',
@@ -81,7 +83,9 @@ def run_snippet(run_script, suite):
 
 @pytest.fixture(scope='module')
 def dropped(suite):
-    """A run of 50 drops."""
+    """A run of 50 drops; there are transitions of the part too."""
+    goal = suite.client.reorient('l_bracket', 'tap', 2, drops=5)
+    assert goal.outcome == 'succeeded'
     return suite.client.ask('l_bracket', 50, seed=[5050]).distribution
 
 
@@ -119,6 +123,19 @@ def test_the_controller_of_the_tutorial_follows_a_distribution(suite, run_snippe
     assert re.search(r'\]: \d+\.\d% can be picked \(.*% to .*%\), \d+ drops', process.output)
     assert process.end() == 0
     assert 'Traceback' not in process.output
+
+
+def test_client_requests_the_transitions_of_an_action(suite, run_snippet):
+    code = snippet('transition_matrix_from')
+    process = run_snippet(code.replace('per_aspect=100', 'per_aspect=4, drops=20'))
+    suite.client.wait(lambda: not process.running, 'the end')
+    matrix, shares = process.output.splitlines()
+    rows = ast.literal_eval(matrix.removeprefix('tap '))
+    assert [len(row) for row in rows] == [9] * 5
+    assert all(row == pytest.approx(1, abs=0.05) for row in map(sum, rows))
+    assert sum(ast.literal_eval(shares.removeprefix('in the long run '))) == pytest.approx(
+        1, abs=0.05
+    )
 
 
 def test_client_without_a_node_uses_the_given_namespace(suite, run_command):
@@ -247,7 +264,9 @@ def test_documented_interface_is_complete():
         interface.GET_DISTRIBUTION,
         interface.CLASSIFY_POSE,
         interface.LIST_PARTS,
+        interface.GET_TRANSITIONS,
         interface.DROP_PART,
+        interface.REORIENT_PART,
         interface.DIAGNOSTICS,
         interface.PAUSE.replace('~', 'log_replayer'),
         interface.RESUME.replace('~', 'log_replayer'),

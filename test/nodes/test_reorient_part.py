@@ -26,6 +26,7 @@ from resting_aspects_ros.client import (
 from resting_aspects_ros.logs.bag_metadata import Outcome, recorded_outcome
 from resting_aspects_ros.logs.message_reader import messages
 from resting_aspects_ros.logs.topic_metadata import PART_TYPE, POSES_TYPE, TRANSITIONS_TYPE
+from resting_aspects_ros.nodes.drop_simulator.goal_execution import MAX_GOALS
 from resting_aspects_ros.ros.conversions import conditions_msg, run_from
 from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.simulation.impulses import Kick
@@ -232,6 +233,17 @@ def test_invalid_goal_is_aborted_with_a_message(suite, fields, code, message):
     assert message in goal.result.status.message
     assert goal.result.transitions == TransitionMatrix()
     assert suite.alive
+
+
+def test_too_many_goals_are_rejected(suite):
+    goals = [suite.client.reorienting(drops=2_000_000, seed=k) for k in range(MAX_GOALS + 1)]
+    (rejected,) = suite.client.wait(lambda: [each for each in goals if each.done], 'one rejected')
+    assert rejected.result.status == Status(
+        code=Status.BUSY, message='16 reorient_part goals are active, try again later'
+    )
+    for each in goals:
+        each.cancel()
+    suite.client.wait(lambda: all(each.done for each in goals), 'canceled goals')
 
 
 def test_actions_before_a_cancel_are_kept(suite):

@@ -208,7 +208,8 @@ def test_parts_start_at_uniform_places_of_the_plate(part, mat):
     # Four standard errors of the mean and of the mean square of a uniform number.
     assert np.abs(place.mean(axis=0)).max() < 4 / math.sqrt(12 * CHUNK)
     assert np.abs((place**2).mean(axis=0) - 1 / 12).max() < 4 * math.sqrt(1 / 180 / CHUNK)
-    assert not (states.velocity.any() or states.spin.any())
+    assert not states.velocity.any()
+    assert not states.spin.any()
 
 
 def test_weak_vibration_leaves_parts_in_their_aspect(part, mat):
@@ -365,7 +366,7 @@ def test_too_long_or_too_fast_vibration_of_a_part_is_rejected(part, mat):
     most = dataclasses.replace(STRONG, duration=0.999 * longest)
     assert vibration_job(shape, mat, most, refinement=2).refinement == 2
     wild = Vibration(0.5, 20.0, 0.1, vertical_amplitude=0.1, rocking_x=1e-5)
-    with pytest.raises(InvalidValueError, match='^invalid impact speed '):
+    with pytest.raises(InvalidValueError, match=r'^invalid impact speed '):
         vibration_job(shape, mat.changed(gravity=1e-5), wild)
 
 

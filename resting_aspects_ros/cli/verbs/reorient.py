@@ -39,7 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--action',
         metavar='NAME',
         help='an action of config/actions.yaml or of --actions, such as tap, or a kind of action '
-        'with the values below; several separated by commas are compared (tap)',
+        'with the values below; several separated by commas are compared (tap; with --actions all '
+        'of the file)',
     )
     parser.add_argument(
         '--actions', metavar='FILE', type=Path, help='file of named actions (config/actions.yaml)'
@@ -75,8 +76,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     wanted.add_argument(
         '--wanted',
         metavar='IDS',
-        help='wanted aspects, such as 1,3: show how likely and how soon they are reached, and the '
-        'best action in each other aspect',
+        help='wanted aspects, such as 1,3: show how likely and how soon they are reached, and '
+        'with several actions the best one in each other aspect',
     )
     wanted.add_argument(
         '--wanted-classes', metavar='NUMBERS', help='the same for symmetry classes'

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.geometry.polyhedron import Indices
+from resting_aspects_ros.core.geometry.polyhedron import SAME_FACET, Indices
 from resting_aspects_ros.core.rotations import Array
 
 if TYPE_CHECKING:
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 # Required distance below the saddle, m g R, because an engine can add energy at impacts. Without
 # it 3 of 800 drops of an L bracket were decided incorrectly, with it none.
 ENERGY_MARGIN = 0.01
+# Maximum angle, rad, between the direction of gravity and that of the flat side of a part that
+# lies on it while it slides.
+FLAT_ANGLE = 0.005
 
 
 class RestRule:
@@ -28,6 +31,9 @@ class RestRule:
         For each minimum of the landscape the energy above the surface, m g R, below which a part
         in its basin stays in the aspect. It is minus infinity where the barrier is below twice the
         margin: there only the stillness of the part decides.
+    margins : (k,) float
+        For each minimum the distance, R, on the surface from the point below the centre of mass
+        to the nearest edge of the flat side on which the part lies.
     """
 
     def __init__(self, landscape: Landscape, aspects: 'list[JoinedMinima]') -> None:
@@ -43,6 +49,7 @@ class RestRule:
             np.minimum.at(over, side[between], saddles.heights[between] / landscape.radius)
         low = np.array([landscape.heights[a.minima].min() for a in aspects]) / landscape.radius
         too_shallow = over - low < 2 * ENERGY_MARGIN
+        self.margins: Array = _margins(landscape)
         self.exits: Array = np.where(too_shallow, -np.inf, over - ENERGY_MARGIN)[aspect]
 
     @property
@@ -59,7 +66,37 @@ class RestRule:
         minima = self._landscape.descend(down)
         return np.where(energy < self.exits[minima], minima, -1)
 
+    def sliding(self, down: Array, tipping: Array, energy: Array) -> Indices:
+        """Return the minimum (n,) in which a flat sliding part stays, or -1 if it is undecided.
+
+        The surface pushes such a part with its weight at a distance below the centre of mass, and
+        friction turns it with at most ``tipping``. While the distance at which the weight balances
+        this is less than half of that to the nearest edge, the part cannot tip over the edge.
+
+        Parameters
+        ----------
+        down : (n, 3) float
+            Directions of gravity, part frame, unit vectors.
+        tipping : (n,) float
+            Maximum tipping moment on a part, m g R.
+        energy : (n,) float
+            Height above the surface and kinetic energy without that of the sliding, m g R.
+        """
+        minima = self._landscape.descend(down)
+        flat = (self.directions[minima] * down).sum(axis=1) > np.cos(FLAT_ANGLE)
+        stays = flat & (tipping < self.margins[minima] / 2) & (energy < self.exits[minima])
+        return np.where(stays, minima, -1)
+
     @cached_property
     def highest(self) -> float:
         """The maximum of ``exits``."""
         return float(self.exits.max())
+
+
+def _margins(landscape: Landscape) -> Array:
+    hull = landscape.hull
+    edges = hull.angles > SAME_FACET
+    found = np.full(len(hull.normals), np.inf)
+    for side in (0, 1):
+        np.minimum.at(found, hull.sides[edges, side], hull.margins[edges, side])
+    return np.asarray(found[landscape.minima])

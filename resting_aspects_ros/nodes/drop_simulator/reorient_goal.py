@@ -56,7 +56,7 @@ def bounded_long_run(result: ReorientResult) -> BoundedLongRun | None:
 
 
 class ReorientGoal:
-    """An active goal: its progress, of which it sends feedback."""
+    """An active goal, which sends feedback of its progress."""
 
     def __init__(self, handle: ServerGoalHandle) -> None:
         self.request: ReorientPart.Goal = handle.request
