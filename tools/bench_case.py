@@ -14,6 +14,7 @@ from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import (
     CHUNK,
+    BodyStates,
     InitialState,
     depth_of,
     initial_states,
@@ -26,7 +27,6 @@ from resting_aspects_ros.simulation.settling import (
     REST_MOTION,
     REST_WINDOW,
     TIME_LIMIT,
-    BodyStates,
     Settling,
 )
 from resting_aspects_ros.simulation.surfaces import Surfaces

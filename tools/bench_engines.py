@@ -14,11 +14,11 @@ from scipy.spatial import ConvexHull
 from resting_aspects_ros.core.rotations import Array, rotate, wxyz_from_xyzw, xyzw_from_wxyz
 from resting_aspects_ros.simulation.bullet_engine import PENETRATION_TIME
 from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.initial_state import BodyStates
 from resting_aspects_ros.simulation.settling import (
     CHECK_INTERVAL,
     REST_MOTION,
     TIME_LIMIT,
-    BodyStates,
 )
 
 # Names of the packages for pip. A Blender package supports one version of Python, this one 3.11.

@@ -21,12 +21,11 @@ from bench_case import (
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation import bullet_engine
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.initial_state import CHUNK, BodyStates
 from resting_aspects_ros.simulation.settling import (
     REST_MOTION,
     REST_WINDOW,
     TIME_LIMIT,
-    BodyStates,
 )
 
 # The last import, because the import of the engine suppresses the message that pybullet prints.

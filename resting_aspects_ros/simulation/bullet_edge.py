@@ -13,6 +13,7 @@ themselves.
 
 import math
 import tempfile
+from dataclasses import fields, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -28,16 +29,23 @@ from resting_aspects_ros.simulation.bullet_engine import (
     _World,
 )
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import CHUNK, REST_MARGIN, InitialState, depth_of
-from resting_aspects_ros.simulation.settling import MAX_DEPTH, BodyStates, Settling
+from resting_aspects_ros.simulation.initial_state import (
+    CHUNK,
+    REST_MARGIN,
+    BodyStates,
+    InitialState,
+    depth_of,
+)
+from resting_aspects_ros.simulation.settling import MAX_DEPTH, Settling
 
 # Time between checks of the parts, T.
 CHECK_INTERVAL = 0.25
 # A part is beyond the edge if its hull is further than this, R, from the plane of the wall.
 CLEARANCE = 0.02
-# A part that is not beyond the edge after this time, T, stays there. A part of 2 R on the slowest
-# belt needs 200 T.
+# A part stays at the edge if it is not beyond it after TIME_LIMIT, T, and the time in which the belt
+# moves by CARRIED, R. Parts need up to 5 T, and a belt carries them by at most 4 R.
 TIME_LIMIT = 20.0
+CARRIED = 4.0
 # Minimum radius of the roller, R: that of a sharp edge.
 MIN_RADIUS = 0.02
 # Capsules of the roller (PyBullet ignores all shapes of a compound after the 16th) and their
@@ -105,7 +113,7 @@ class _WallWorld(_EdgeBodies):
         super().__init__(job)
         edge = job.edge
         assert edge is not None
-        self._speed = -edge.lower_speed * job.time_unit / job.radius
+        self._speed = job.wall_speed
         self._top = edge.height / job.radius
         velocity = [self._speed, 0.0, 0.0]
         self._wall = self._add_box(-FAR, 0.0, self._top, velocity, CHUNK * SLOT_SPACING)
@@ -153,6 +161,7 @@ class EdgeWorld(_EdgeBodies):
         radius = max(edge.radius / job.radius, MIN_RADIUS)
         self._shape = _compound(_obj_text(_in_body(job)), self._client)
         self._add_bodies(radius, edge.height / job.radius, belt)
+        self._limit = TIME_LIMIT + CARRIED / belt
 
     def _add_bodies(self, radius: float, height: float, speed: float) -> None:
         ahead = [speed, 0.0, 0.0]
@@ -182,18 +191,14 @@ class EdgeWorld(_EdgeBodies):
         Returns the states when they are beyond it, relative to the lower belt and to the wall, and
         for each of the slots SETTLED, or UNSETTLED or FAILED for a part that did not get there.
         """
-        names = ('position', 'orientation', 'velocity', 'spin', 'elapsed')
-        ends = InitialState(*(getattr(states, name).copy() for name in names))
-        position = states.position + np.array([0.0, 0.0, REST_MARGIN])
-        starts = InitialState(
-            position, states.orientation, states.velocity, states.spin, states.elapsed
-        )
+        ends = InitialState(*(getattr(states, f.name).copy() for f in fields(states)))
+        starts = replace(states, position=states.position + [0.0, 0.0, REST_MARGIN])
         origins = np.zeros((len(slots), 3))
         bodies = self._add(starts, slots, origins)
         status = np.full(len(slots), RestStatus.UNSETTLED, dtype=np.uint8)
         steps = round(CHECK_INTERVAL * self._job.steps_per_t)
         moving, now = np.arange(len(slots)), 0.0
-        while len(moving) and now < TIME_LIMIT:
+        while len(moving) and now < self._limit:
             self._advance_renewed(steps)
             now += steps * self._step
             at = self._states(bodies, origins, moving)

@@ -17,10 +17,14 @@ from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.initial_state import CHUNK, InitialState, initial_states
+from resting_aspects_ros.simulation.initial_state import (
+    CHUNK,
+    BodyStates,
+    InitialState,
+    initial_states,
+)
 from resting_aspects_ros.simulation.settling import (
     CHECK_INTERVAL,
-    BodyStates,
     Settling,
     resting_poses,
 )

@@ -117,13 +117,18 @@ class DropJob:
     def clear_of_wall(self, x: Array, now: float) -> npt.NDArray[np.bool_]:
         """Return whether parts (n,) at x, R, cannot touch the wall below an edge when they roll.
 
-        ``now`` is the time after they passed the edge, T. The wall moves in the frame of the lower
-        belt. Without an edge there is no wall.
+        ``now`` is the time after they passed the edge, T. Without an edge there is no wall.
         """
         if self.edge is None:
             return np.ones(len(x), dtype=np.bool_)
-        wall = -self.edge.lower_speed * self.time_unit / self.radius * now
-        return np.asarray(x - wall > WALL_DISTANCE)
+        return np.asarray(x - self.wall_speed * now > WALL_DISTANCE)
+
+    @property
+    def wall_speed(self) -> float:
+        """Speed of the wall below an edge in the frame of the lower belt, R / T; 0 without one."""
+        if self.edge is None:
+            return 0.0
+        return -self.edge.lower_speed * self.time_unit / self.radius
 
     @property
     def motion(self) -> Motion | None:

@@ -1,6 +1,7 @@
 """Initial states of drops: random or given, but determined by seed and index of each drop."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +38,29 @@ class InitialState:
         up = self.velocity[:, 2]
         longest: float = (up + np.sqrt(up**2 + 2 * np.abs(self.position[:, 2]))).max()
         return longest
+
+
+@dataclass(frozen=True, eq=False)
+class BodyStates:
+    """States of n bodies, in R and T, in tray axes.
+
+    position, velocity : (n, 3)
+        Of the centre of mass, relative to the origin of the slot.
+    orientation : (n, 4)
+        Tray from body.
+    spin : (n, 3)
+    """
+
+    position: Array
+    orientation: Array
+    velocity: Array
+    spin: Array
+
+    def select(self, which: npt.NDArray[Any]) -> 'BodyStates':
+        """Return the states of some of the bodies."""
+        return BodyStates(
+            self.position[which], self.orientation[which], self.velocity[which], self.spin[which]
+        )
 
 
 def initial_states(job: DropJob, chunk: int) -> InitialState:

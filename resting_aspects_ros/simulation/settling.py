@@ -1,8 +1,6 @@
 """Detection of the end of a drop: at rest, decided by its energy, lost, failed or timed out."""
 
 import math
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +9,7 @@ from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import Array, canonical, down_in_part, rotate, turned_down
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import (
+    BodyStates,
     InitialState,
     body_from_part,
     depth_of,
@@ -38,29 +37,6 @@ TIME_LIMIT = 500.0
 # impacts (Kane and Levinson 1985): with restitution 0.8 and friction 0.5 by a fraction of up to
 # 0.05 between checks, with 0.95 and 1 by 0.2. Numerical failures grow without bounds.
 MAX_GROWTH = 0.5
-
-
-@dataclass(frozen=True, eq=False)
-class BodyStates:
-    """States of n bodies, in R and T, in tray axes.
-
-    position, velocity : (n, 3)
-        Of the centre of mass, relative to the origin of the slot.
-    orientation : (n, 4)
-        Tray from body.
-    spin : (n, 3)
-    """
-
-    position: Array
-    orientation: Array
-    velocity: Array
-    spin: Array
-
-    def select(self, which: npt.NDArray[Any]) -> 'BodyStates':
-        """Return the states of some of the bodies."""
-        return BodyStates(
-            self.position[which], self.orientation[which], self.velocity[which], self.spin[which]
-        )
 
 
 class Settling:
@@ -181,9 +157,13 @@ class Settling:
         self, which: npt.NDArray[np.int64], states: BodyStates, *, restart: bool
     ) -> npt.NDArray[np.bool_]:
         """Update positions and orientations; returns which drops were still for REST_WINDOW."""
+        moved = np.abs(states.position - self.position[which])
+        # A part that a wall pushes along is at rest, too.
+        pushed = states.position[:, 0] - self.position[which, 0]
+        pushed -= self._job.wall_speed * CHECK_INTERVAL
+        moved[:, 0] = np.minimum(moved[:, 0], np.abs(pushed))
         motion = np.maximum(
-            np.abs(states.position - self.position[which]).max(axis=1),
-            np.abs(states.orientation - self.orientation[which]).max(axis=1),
+            moved.max(axis=1), np.abs(states.orientation - self.orientation[which]).max(axis=1)
         )
         self.position[which] = states.position
         self.orientation[which] = states.orientation
