@@ -55,7 +55,7 @@ CORE_ONLY_IN = {
 CORE_NEVER = {'random', 'time', 'datetime', 'os', 'subprocess', 'socket', 'threading'}
 ROS = ('ros/', 'client/', 'nodes/', 'run_logs/', 'examples/')
 ONLY_IN = {
-    'pybullet': ('simulation/bullet_engine.py',),
+    'pybullet': ('simulation/bullet_',),
     'distributed': ('simulation/dask_workers.py',),
     'dask': (),
     'mcap': ('logs/',),

@@ -22,15 +22,10 @@ import pybullet
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.rotations import Array, product, rotate
-from resting_aspects_ros.simulation.bullet_engine import (
-    _PART_GROUP,
-    _SURFACE_GROUP,
-    SLOT_SPACING,
-    _World,
-)
+from resting_aspects_ros.simulation.bullet_engine import _PART_GROUP, _SURFACE_GROUP
+from resting_aspects_ros.simulation.bullet_wall import FAR, NO_TURN, WallWorld, WorldWithEdge
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import (
-    CHUNK,
     REST_MARGIN,
     BodyStates,
     InitialState,
@@ -42,8 +37,8 @@ from resting_aspects_ros.simulation.settling import MAX_DEPTH, Settling
 CHECK_INTERVAL = 0.25
 # A part is beyond the edge if its hull is further than this, R, from the plane of the wall.
 CLEARANCE = 0.02
-# A part stays at the edge if it is not beyond it after TIME_LIMIT, T, and the time in which the belt
-# moves by CARRIED, R. Parts need up to 5 T, and a belt carries them by at most 4 R.
+# A part stays at the edge if it is not beyond it after TIME_LIMIT, T, and the time in which the
+# belt moves by CARRIED, R. Parts need up to 5 T, and a belt carries them by at most 4 R.
 TIME_LIMIT = 20.0
 CARRIED = 4.0
 # Minimum radius of the roller, R: that of a sharp edge.
@@ -52,100 +47,29 @@ MIN_RADIUS = 0.02
 # length, R. Beyond them is one long capsule on each side, for parts that drift.
 CAPSULES = 8
 CAPSULE_LENGTH = 0.5
-# Extent of the bodies, R: more than parts can drift.
-FAR = 20.0
-# Distance of the wall below the axis of the roller, R. A part that lies on the belt is not near it,
-# which saves time.
+# Distance of the wall below the axis of the roller, R. A part that lies on the belt is not near
+# it, which saves time.
 DROP = 0.05
 
 # As SOLVER_RESIDUAL, while parts are at the edge. They have many contacts with it, and a smaller
 # residual doubles the time without a change of the spin of a plate by more than 0.1 %.
 RESIDUAL = 1e-7
 
-_NO_TURN = [0.0, 0.0, 0.0, 1.0]
 _ALONG_Y = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
 # Quarter turn that makes the direction x point up.
 _X_UP = [0.0, -math.sqrt(0.5), 0.0, math.sqrt(0.5)]
 
 
 def fall_over_edge(job: DropJob, states: InitialState, slots: npt.NDArray[np.int64]) -> Settling:
-    """Move the parts in some slots over the edge, and step until they are at rest on the lower belt.
+    """Move parts over the edge, and step until they are at rest on the lower belt.
 
     The states are relative to the wall below the edge, and the ends to the lower belt.
     """
     passed, status = EdgeWorld(job).pass_over(states, slots)
-    return _WallWorld(job).settled(passed, slots, status)
+    return WallWorld(job).settled(passed, slots, status)
 
 
-class _EdgeBodies(_World):
-    """A world in which boxes can be added that belong to the upper belt."""
-
-    def __init__(self, job: DropJob) -> None:
-        super().__init__(job)
-        self._boxes: dict[int, tuple[list[float], ...]] = {}  # states when they were added
-
-    def _add_of_edge(self, shape: int) -> int:
-        edge = self._job.edge
-        assert edge is not None
-        body = self._add_static(shape)
-        self._set(body, lateralFriction=edge.friction_factor, restitution=edge.restitution_factor)
-        return body
-
-    def _add_box(
-        self, back: float, front: float, top: float, velocity: list[float], width: float = FAR
-    ) -> int:
-        """Add a static box from ``back`` to ``front`` in x, with its top at the height ``top``."""
-        half = [(front - back) / 2, width, FAR / 2]
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_BOX, halfExtents=half, physicsClientId=self._client
-        )
-        body = self._add_of_edge(shape)
-        middle = [(front + back) / 2, 0.0, top - FAR / 2]
-        self._boxes[body] = (middle, _NO_TURN, velocity, [0.0] * 3)
-        self._place(body, *self._boxes[body])
-        return body
-
-
-class _WallWorld(_EdgeBodies):
-    """A world with the lower belt, at rest, and the wall, which moves if that belt moves."""
-
-    def __init__(self, job: DropJob) -> None:
-        super().__init__(job)
-        edge = job.edge
-        assert edge is not None
-        self._speed = job.wall_speed
-        self._top = edge.height / job.radius
-        velocity = [self._speed, 0.0, 0.0]
-        self._wall = self._add_box(-FAR, 0.0, self._top, velocity, CHUNK * SLOT_SPACING)
-
-    def settled(
-        self, states: InitialState, slots: npt.NDArray[np.int64], status: npt.NDArray[np.uint8]
-    ) -> Settling:
-        """Step until all parts that passed the edge are at rest; see pass_over for ``status``."""
-        origins = np.stack([0 * slots, slots, 0 * slots], axis=1) * SLOT_SPACING
-        settling = Settling(self._job, states, slots)
-        passed = status == RestStatus.SETTLED
-        settling.moving = np.flatnonzero(passed)
-        settling.status = np.where(passed, settling.status, status)
-        settling.time = states.elapsed[slots]
-        settling.time[status == RestStatus.FAILED] = math.nan
-        bodies = self._add(states, slots, origins)
-        for i in np.flatnonzero(~passed):
-            pybullet.removeBody(bodies[i], physicsClientId=self._client)
-        return self._settled(bodies, origins, settling)
-
-    def _advance(self, made: int, steps: int) -> None:
-        if self._speed == 0:
-            super()._advance(made, steps)
-            return
-        for step in range(made, made + steps):
-            front = self._speed * step * self._step
-            middle = [front - FAR / 2, 0.0, self._top - FAR / 2]
-            self._place(self._wall, middle, _NO_TURN, [self._speed, 0.0, 0.0], [0.0] * 3)
-            pybullet.stepSimulation(physicsClientId=self._client)
-
-
-class EdgeWorld(_EdgeBodies):
+class EdgeWorld(WorldWithEdge):
     """A world with both belts and the wall, in which all parts start at the same place."""
 
     def __init__(self, job: DropJob) -> None:
@@ -157,7 +81,7 @@ class EdgeWorld(_EdgeBodies):
         assert edge is not None
         speed = job.time_unit / job.radius
         belt, self._lower = edge.belt_speed * speed, edge.lower_speed * speed
-        self._place(self._ground, [0.0] * 3, _NO_TURN, [self._lower, 0.0, 0.0], [0.0] * 3)
+        self._place(self._ground, [0.0] * 3, NO_TURN, [self._lower, 0.0, 0.0], [0.0] * 3)
         radius = max(edge.radius / job.radius, MIN_RADIUS)
         self._shape = _compound(_obj_text(_in_body(job)), self._client)
         self._add_bodies(radius, edge.height / job.radius, belt)
@@ -181,7 +105,7 @@ class EdgeWorld(_EdgeBodies):
         )
         self._roller = self._add_of_edge(shape)
         turn = [0.0, speed / radius, 0.0]
-        self._place(self._roller, [-radius, 0.0, height - radius], _NO_TURN, [0.0] * 3, turn)
+        self._place(self._roller, [-radius, 0.0, height - radius], NO_TURN, [0.0] * 3, turn)
 
     def pass_over(
         self, states: InitialState, slots: npt.NDArray[np.int64]
@@ -192,7 +116,7 @@ class EdgeWorld(_EdgeBodies):
         for each of the slots SETTLED, or UNSETTLED or FAILED for a part that did not get there.
         """
         ends = InitialState(*(getattr(states, f.name).copy() for f in fields(states)))
-        starts = replace(states, position=states.position + [0.0, 0.0, REST_MARGIN])
+        starts = replace(states, position=states.position + np.array([0.0, 0.0, REST_MARGIN]))
         origins = np.zeros((len(slots), 3))
         bodies = self._add(starts, slots, origins)
         status = np.full(len(slots), RestStatus.UNSETTLED, dtype=np.uint8)

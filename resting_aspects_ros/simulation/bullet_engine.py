@@ -23,11 +23,7 @@ from resting_aspects_ros.simulation.initial_state import (
     InitialState,
     initial_states,
 )
-from resting_aspects_ros.simulation.settling import (
-    CHECK_INTERVAL,
-    Settling,
-    resting_poses,
-)
+from resting_aspects_ros.simulation.settling import CHECK_INTERVAL, Settling, resting_poses
 from resting_aspects_ros.simulation.silenced_stderr import silenced_stderr
 
 with silenced_stderr():  # pybullet prints its build time on import, in every process

@@ -24,9 +24,10 @@ CHECK_INTERVAL = 0.5
 # 60 T gave the same aspects (L bracket, T prism, hex nut; 500 drops of each).
 REST_WINDOW = 2.0
 REST_MOTION = 1e-4
-# A part slides on the surface if its distance from it, R, its vertical speed, R / T, and its rates
-# of tilting, 1 / T, are at most this. Slower impacts than 0.05 R / T do not bounce.
-MAX_SLIDE_MOTION = 0.01
+# A part slides on the surface if its distance from it, R, is at most this, and its vertical speed,
+# R / T, and its rates of tilting, 1 / T, are below that at which impacts begin to bounce.
+MAX_SLIDE_GAP = 0.01
+MAX_SLIDE_RATE = 0.05
 # A drop has failed if its centre of mass is further below the surface than this, R. The
 # penetration of an impact is at most the travel of one step, a tenth of this limit.
 MAX_DEPTH = 0.5
@@ -96,7 +97,9 @@ class Settling:
         shaken = self._job.in_motion(self._now)  # at some time since the last check
         self._now = now
         place = self._on_surface(states.position, now)
-        failed = self._failed(states, place[:, 2], restart=shaken)
+        clear = self._job.clear_of_wall(states.position[:, 0], now)
+        gains = np.full(len(moving), shaken) | (~clear & (self._job.wall_speed != 0))
+        failed = self._failed(states, place[:, 2], gains)
         self.status[moving[failed]] = RestStatus.FAILED
         self.time[moving[failed]] = math.nan
         sound = moving[~failed]
@@ -104,9 +107,9 @@ class Settling:
         lost = self._left(place[~failed])
         self.status[sound[lost]] = RestStatus.LOST
         if not (self._job.until_still or shaken):
-            clear = ~lost & self._job.clear_of_wall(states.position[~failed, 0], now)
-            self._decide(sound[clear])
-            self._decide_sliding(sound[clear], states.select(~failed).select(clear))
+            free = ~lost & clear[~failed]
+            self._decide(sound[free])
+            self._decide_sliding(sound[free], states.select(~failed).select(free))
         decided = self.minimum[sound] >= 0
         still &= ~lost
         self.status[sound[still | decided]] = RestStatus.SETTLED
@@ -132,12 +135,12 @@ class Settling:
         return motion.left(place * self._job.radius)
 
     def _failed(
-        self, states: BodyStates, height: Array, *, restart: bool
+        self, states: BodyStates, height: Array, gains: npt.NDArray[np.bool_]
     ) -> npt.NDArray[np.bool_]:
         """Update the energies; returns which of the moving drops failed numerically.
 
-        ``height`` (n,) is that above the surface. With ``restart`` no growth of the energy is
-        counted before this check.
+        ``height`` (n,) is that above the surface. For parts that can gain energy from what moves,
+        ``gains`` (n,), no growth is counted up to this check.
         """
         numbers = (states.position, states.orientation, states.velocity, states.spin)
         sound = np.isfinite(np.hstack(numbers)).all(axis=1)
@@ -146,8 +149,8 @@ class Settling:
         sound &= height >= -MAX_DEPTH
         seen = self.moving[sound]
         energy = self._energies(states.select(sound))
-        before = energy if restart else self._energy[seen]
-        lowest = energy if restart else np.minimum(self._min_energy[seen], energy)
+        before = np.where(gains[sound], energy, self._energy[seen])
+        lowest = np.where(gains[sound], energy, np.minimum(self._min_energy[seen], energy))
         self._energy[seen], self._min_energy[seen] = energy, lowest
         self.growth[seen] = np.maximum(self.growth[seen], energy - before)
         sound[sound] = energy - lowest <= MAX_GROWTH * (lowest + 1)
@@ -185,9 +188,9 @@ class Settling:
         height = depth_of(states.orientation, job.hull)
         slides = (
             (self.minimum[which] < 0)
-            & (np.abs(v[:, 2]) < MAX_SLIDE_MOTION)
-            & (np.abs(spin[:, :2]).max(axis=1) < MAX_SLIDE_MOTION)
-            & (states.position[:, 2] - height < MAX_SLIDE_MOTION)
+            & (np.abs(v[:, 2]) < MAX_SLIDE_RATE)
+            & (np.abs(spin[:, :2]).max(axis=1) < MAX_SLIDE_RATE)
+            & (states.position[:, 2] - height < MAX_SLIDE_GAP)
         )
         which, height, spin = which[slides], height[slides], spin[slides]
         if len(which):
@@ -197,7 +200,7 @@ class Settling:
             # difference of the principal moments.
             products = np.ptp(job.moments) / 2
             tipping = job.conditions.friction * height + products * spin[:, 2] ** 2
-            calm = height + 2 * MAX_SLIDE_MOTION
+            calm = height + MAX_SLIDE_GAP + 1.5 * MAX_SLIDE_RATE**2
             self.minimum[which] = job.rest.sliding(down, tipping, calm)
 
     def _energies(self, states: BodyStates) -> Array:

@@ -185,6 +185,21 @@ def test_aspect_decided_by_energy_is_the_resting_aspect(drop, part, mat, name):
     assert len(np.unique(decided.orientation, axis=0)) == 2 * CHUNK
 
 
+@pytest.mark.slow
+def test_aspect_decided_while_sliding_is_the_resting_aspect(part, surfaces):
+    shape, n = part('l_bracket'), 60
+    aspects = find_aspects(shape)
+    ids, times = [], []
+    for until_still in (False, True):
+        poses = drop_chunk(
+            make_job(shape, surfaces.get('thrown'), 1, until_still=until_still), 0, n
+        )
+        ids.append(aspects.classify(poses.orientation).tolist())
+        times.append(poses.time_to_rest.mean())
+    assert ids[0] == ids[1]
+    assert times[0] < times[1] / 1.5
+
+
 # -- Rule 1: the same drops, bit for bit ----------------------------------------------------------
 
 

@@ -263,6 +263,35 @@ def test_energy_below_the_barrier_keeps_every_part(part, mat):
     assert np.hypot(*poses.position[:, :2].T).max() > margin
 
 
+def sliding_block(solid, mat, speed, friction, **how):
+    """Return the poses and the job of a flat block that starts to slide."""
+    block = solid(trimesh.creation.box([30.0, 30.0, 10.0]))
+    given = GivenStates([[0, 0, 0.005]], [[0, 0, 0, 1]], [[speed, 0, 0]], [[0, 0, 5.0]])
+    starts = GivenStarts(given, Noise(), GRAVITY, block.hull_radius)
+    conditions = mat.changed(restitution=0.0, friction=friction, rolling_friction=0.0)
+    job = make_job(block, conditions, 1, starts=starts, **how)
+    return drop_chunk(job, 0, 1), job
+
+
+def test_flat_sliding_part_is_decided_before_it_stops(solid, mat):
+    """It slides by v^2 / 2 mu g; its energy is far above the barrier for most of the way."""
+    speed, friction = 1.5, 0.1
+    decided, job = sliding_block(solid, mat, speed, friction)
+    still, _ = sliding_block(solid, mat, speed, friction, until_still=True)
+    assert speed**2 / (2 * GRAVITY * job.radius) > 5
+    assert decided.time_to_rest[0] < 3 * job.time_unit
+    # The spin lets it slide further, as its friction then partly acts against the spin.
+    distance = speed**2 / (2 * friction * GRAVITY)
+    assert distance < still.position[0, 0] < 1.2 * distance
+    down = [down_in_part(poses.orientation)[0] for poses in (decided, still)]
+    np.testing.assert_allclose(*down, atol=1e-3)
+
+
+def test_sliding_part_that_friction_can_tip_is_not_decided(solid, mat):
+    decided, job = sliding_block(solid, mat, 1.5, 1.5)
+    assert decided.time_to_rest[0] >= 2 * job.time_unit
+
+
 @pytest.mark.parametrize(('width', 'height'), [(20.0, 40.0), (12.0, 40.0), (20.0, 36.0)])
 def test_prism_tips_over_its_edge_at_the_energy_of_the_barrier(solid, mat, width, height):
     """Planar tipping: I w^2 / 2 > m g (r - h), within 2 % of the spin w."""

@@ -74,3 +74,18 @@ def test_ball_is_decided_immediately(rule_of):
     down = down_in_part(random_orientations(np.random.default_rng(1), 20))
     assert (rule.decided(down, np.full(20, 1e6)) >= 0).all()
     assert rule.highest == np.inf
+
+
+def test_sliding_box_stays_while_friction_cannot_tip_it(rule_of):
+    """On 20 x 30 mm the nearest edge is 10 mm from the middle; half of that is the limit."""
+    rule, radius = rule_of(trimesh.creation.box((10, 20, 30)))
+    down = np.tile([1.0, 0.0, 0.0], (4, 1))
+    limit = 10 / radius / 2
+    low = np.full(4, 5 / radius)
+    found = rule.sliding(down, np.array([0, 0.99, 1.01, 3]) * limit, low)
+    np.testing.assert_allclose(rule.directions[found[:2]], down[:2], atol=1e-9)
+    assert found[2:].tolist() == [-1, -1]
+    high = np.full(4, math.hypot(10, 20) / 2 / radius)
+    assert (rule.sliding(down, np.zeros(4), high) == -1).all()
+    tilted = np.array([[math.cos(0.01), math.sin(0.01), 0.0]])
+    assert rule.sliding(tilted, np.zeros(1), low[:1]) == -1

@@ -1,0 +1,85 @@
+"""The lower belt and the wall below an edge in Bullet: parts that passed the edge come to rest."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pybullet
+
+from resting_aspects_ros.core.poses import RestStatus
+from resting_aspects_ros.simulation.bullet_engine import SLOT_SPACING, _World
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.initial_state import CHUNK, InitialState
+from resting_aspects_ros.simulation.settling import Settling
+
+# Extent of the bodies, R: more than parts can drift.
+FAR = 20.0
+NO_TURN = [0.0, 0.0, 0.0, 1.0]
+
+
+class WorldWithEdge(_World):
+    """A world in which boxes can be added that belong to the upper belt."""
+
+    def __init__(self, job: DropJob) -> None:
+        super().__init__(job)
+        self._boxes: dict[int, tuple[list[float], ...]] = {}  # states when they were added
+
+    def _add_of_edge(self, shape: int) -> int:
+        edge = self._job.edge
+        assert edge is not None
+        body = self._add_static(shape)
+        self._set(body, lateralFriction=edge.friction_factor, restitution=edge.restitution_factor)
+        return body
+
+    def _add_box(
+        self, back: float, front: float, top: float, velocity: list[float], width: float = FAR
+    ) -> int:
+        """Add a static box from ``back`` to ``front`` in x, with its top at the height ``top``."""
+        half = [(front - back) / 2, width, FAR / 2]
+        shape = pybullet.createCollisionShape(
+            pybullet.GEOM_BOX, halfExtents=half, physicsClientId=self._client
+        )
+        body = self._add_of_edge(shape)
+        middle = [(front + back) / 2, 0.0, top - FAR / 2]
+        self._boxes[body] = (middle, NO_TURN, velocity, [0.0] * 3)
+        self._place(body, *self._boxes[body])
+        return body
+
+
+class WallWorld(WorldWithEdge):
+    """A world with the lower belt, at rest, and the wall, which moves if that belt moves."""
+
+    def __init__(self, job: DropJob) -> None:
+        super().__init__(job)
+        edge = job.edge
+        assert edge is not None
+        self._speed = job.wall_speed
+        self._top = edge.height / job.radius
+        velocity = [self._speed, 0.0, 0.0]
+        self._wall = self._add_box(-FAR, 0.0, self._top, velocity, CHUNK * SLOT_SPACING)
+
+    def settled(
+        self, states: InitialState, slots: npt.NDArray[np.int64], status: npt.NDArray[np.uint8]
+    ) -> Settling:
+        """Step until all parts that passed the edge are at rest; see pass_over for ``status``."""
+        origins = np.stack([0 * slots, slots, 0 * slots], axis=1) * SLOT_SPACING
+        settling = Settling(self._job, states, slots)
+        passed = status == RestStatus.SETTLED
+        settling.moving = np.flatnonzero(passed)
+        settling.status = np.where(passed, settling.status, status)
+        settling.time = states.elapsed[slots]
+        settling.time[status == RestStatus.FAILED] = math.nan
+        bodies = self._add(states, slots, origins)
+        for i in np.flatnonzero(~passed):
+            pybullet.removeBody(bodies[i], physicsClientId=self._client)
+        return self._settled(bodies, origins, settling)
+
+    def _advance(self, made: int, steps: int) -> None:
+        if self._speed == 0:
+            super()._advance(made, steps)
+            return
+        for step in range(made, made + steps):
+            front = self._speed * step * self._step
+            middle = [front - FAR / 2, 0.0, self._top - FAR / 2]
+            self._place(self._wall, middle, NO_TURN, [self._speed, 0.0, 0.0], [0.0] * 3)
+            pybullet.stepSimulation(physicsClientId=self._client)
