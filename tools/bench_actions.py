@@ -82,8 +82,8 @@ def _job(part: Part, action: Action, surfaces: Surfaces) -> DropJob:
 def _cost(job: DropJob) -> tuple[float, float]:
     """Return processor time, ms, and simulated time, T, of one drop."""
     drop_chunk(job, 0, 1)
-    begun = time.process_time()
+    started = time.process_time()
     poses = [drop_chunk(job, k * CHUNK, (k + 1) * CHUNK) for k in range(CHUNKS)]
-    seconds = time.process_time() - begun
+    seconds = time.process_time() - started
     mean = sum(float(each.time_to_rest.mean()) for each in poses) / CHUNKS
     return 1000 * seconds / (CHUNKS * CHUNK), mean / job.time_unit

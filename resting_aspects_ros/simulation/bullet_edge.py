@@ -61,12 +61,14 @@ _X_UP = [0.0, -math.sqrt(0.5), 0.0, math.sqrt(0.5)]
 
 
 def fall_over_edge(job: DropJob, states: InitialState, slots: npt.NDArray[np.int64]) -> Settling:
-    """Move parts over the edge, and step until they are at rest on the lower belt.
+    """Move parts over the edge, and step until those in some slots are at rest on the lower belt.
 
-    The states are relative to the wall below the edge, and the ends to the lower belt.
+    The states are relative to the wall below the edge, and the ends to the lower belt. All parts
+    of the chunk move over the edge: Bullet sorts the contacts of two compounds in an order that
+    depends on the other bodies, so that the motion of a part depends on which there are.
     """
-    passed, status = EdgeWorld(job).pass_over(states, slots)
-    return WallWorld(job).settled(passed, slots, status)
+    passed, status = EdgeWorld(job).pass_over(states)
+    return WallWorld(job).settled(passed, slots, status[slots])
 
 
 class EdgeWorld(WorldWithEdge):
@@ -80,15 +82,14 @@ class EdgeWorld(WorldWithEdge):
         edge = job.edge
         assert edge is not None
         speed = job.time_unit / job.radius
-        belt, self._lower = edge.belt_speed * speed, edge.lower_speed * speed
+        self._upper, self._lower = edge.belt_speed * speed, edge.lower_speed * speed
         self._place(self._ground, [0.0] * 3, NO_TURN, [self._lower, 0.0, 0.0], [0.0] * 3)
         radius = max(edge.radius / job.radius, MIN_RADIUS)
         self._shape = _compound(_obj_text(_in_body(job)), self._client)
-        self._add_bodies(radius, edge.height / job.radius, belt)
-        self._limit = TIME_LIMIT + CARRIED / belt
+        self._add_bodies(radius, edge.height / job.radius)
 
-    def _add_bodies(self, radius: float, height: float, speed: float) -> None:
-        ahead = [speed, 0.0, 0.0]
+    def _add_bodies(self, radius: float, height: float) -> None:
+        ahead = [self._upper, 0.0, 0.0]
         self._belt = self._add_box(-FAR, -radius, height, ahead)
         self._add_box(-FAR, 0.0, height - radius - DROP, [0.0] * 3)
         middle = (np.arange(CAPSULES) - (CAPSULES - 1) / 2) * CAPSULE_LENGTH
@@ -104,36 +105,34 @@ class EdgeWorld(WorldWithEdge):
             physicsClientId=self._client,
         )
         self._roller = self._add_of_edge(shape)
-        turn = [0.0, speed / radius, 0.0]
+        turn = [0.0, self._upper / radius, 0.0]
         self._place(self._roller, [-radius, 0.0, height - radius], NO_TURN, [0.0] * 3, turn)
 
-    def pass_over(
-        self, states: InitialState, slots: npt.NDArray[np.int64]
-    ) -> tuple[InitialState, npt.NDArray[np.uint8]]:
-        """Move the parts in some slots over the edge.
+    def pass_over(self, states: InitialState) -> tuple[InitialState, npt.NDArray[np.uint8]]:
+        """Move all parts of a chunk over the edge.
 
-        Returns the states when they are beyond it, relative to the lower belt and to the wall, and
-        for each of the slots SETTLED, or UNSETTLED or FAILED for a part that did not get there.
+        Returns their states when they are beyond it, relative to the lower belt and to the wall,
+        and for each SETTLED, or UNSETTLED or FAILED for a part that did not get there.
         """
         ends = InitialState(*(getattr(states, f.name).copy() for f in fields(states)))
         starts = replace(states, position=states.position + np.array([0.0, 0.0, REST_MARGIN]))
-        origins = np.zeros((len(slots), 3))
-        bodies = self._add(starts, slots, origins)
-        status = np.full(len(slots), RestStatus.UNSETTLED, dtype=np.uint8)
+        moving = np.arange(len(states.elapsed))
+        origins = np.zeros((len(moving), 3))
+        bodies = self._add(starts, moving, origins)
+        status = np.full(len(moving), RestStatus.UNSETTLED, dtype=np.uint8)
         steps = round(CHECK_INTERVAL * self._job.steps_per_t)
-        moving, now = np.arange(len(slots)), 0.0
-        while len(moving) and now < self._limit:
+        now, limit = 0.0, TIME_LIMIT + CARRIED / self._upper
+        while len(moving) and now < limit:
             self._advance_renewed(steps)
             now += steps * self._step
             at = self._states(bodies, origins, moving)
             sound, beyond = self._sound(at), self._beyond(at)
             status[moving[~sound]] = RestStatus.FAILED
-            passed = moving[sound & beyond]
-            status[passed] = RestStatus.SETTLED
-            rows, now_at = slots[moving[sound]], at.select(sound)
-            ends.position[rows], ends.orientation[rows] = now_at.position, now_at.orientation
-            ends.velocity[rows] = now_at.velocity - np.array([self._lower, 0.0, 0.0])
-            ends.spin[rows], ends.elapsed[rows] = now_at.spin, now
+            status[moving[sound & beyond]] = RestStatus.SETTLED
+            rows, found = moving[sound], at.select(sound)
+            ends.position[rows], ends.orientation[rows] = found.position, found.orientation
+            ends.velocity[rows] = found.velocity - np.array([self._lower, 0.0, 0.0])
+            ends.spin[rows], ends.elapsed[rows] = found.spin, now
             for i in moving[~sound | beyond]:
                 pybullet.removeBody(bodies[i], physicsClientId=self._client)
             moving = moving[sound & ~beyond]

@@ -20,6 +20,7 @@ KINDS = {
     'poses': f'{INTERFACES}/RestingPoses',
     'part': f'{INTERFACES}/PartDescription',
     'distribution': f'{INTERFACES}/AspectDistribution',
+    'transitions': f'{INTERFACES}/TransitionMatrix',
     'markers': 'visualization_msgs/msg/MarkerArray',
     'text': 'std_msgs/msg/String',
 }
@@ -56,16 +57,19 @@ def test_names_are_relative_to_the_recorded_namespace(recording, namespace):
         f'{namespace}/resting_poses': 'resting_poses',
         f'{namespace}/parts/nut': 'parts/nut',
         f'{namespace}/aspect_distributions/nut': 'aspect_distributions/nut',
+        f'{namespace}/transitions/nut': 'transitions/nut',
         f'{namespace}/markers': 'markers',
         f'{namespace}/camera/left/note': 'camera/left/note',
     }
-    kinds = ['poses', 'part', 'distribution', 'markers', 'text']
+    kinds = ['poses', 'part', 'distribution', 'transitions', 'markers', 'text']
     assert names(recording(*zip(expected, kinds, strict=True))) == (expected, [])
 
 
-@pytest.mark.parametrize('name', ['resting_poses', 'parts/nut', 'aspect_distributions/nut'])
+@pytest.mark.parametrize(
+    'name', ['resting_poses', 'parts/nut', 'aspect_distributions/nut', 'transitions/nut']
+)
 def test_every_suite_topic_determines_the_namespace(recording, name):
-    kind = {'r': 'poses', 'p': 'part', 'a': 'distribution'}[name[0]]
+    kind = {'r': 'poses', 'p': 'part', 'a': 'distribution', 't': 'transitions'}[name[0]]
     assert names(recording((f'/cell_1/{name}', kind)))[0] == {f'/cell_1/{name}': name}
 
 

@@ -1,0 +1,347 @@
+"""A step between two belts: the fall of a plate over the edge, and where parts come to rest."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pybullet
+import pytest
+import trimesh
+from scipy.integrate import solve_ivp
+
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
+from resting_aspects_ros.core.rotations import rotate
+from resting_aspects_ros.simulation import bullet_engine, drop_job, initial_state
+from resting_aspects_ros.simulation.actions import Actions, make_action
+from resting_aspects_ros.simulation.bullet_edge import MIN_RADIUS, EdgeWorld, _compound, _obj_text
+from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.config_files import actions_file
+from resting_aspects_ros.simulation.initial_state import (
+    REST_MARGIN,
+    InitialState,
+    initial_states,
+)
+from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.reorientation import action_starts
+from resting_aspects_ros.simulation.step_action import Step, _supported
+
+CHUNK = 25
+LOW = Step(belt_speed=0.2, step_height=0.02, lower_speed=0.3)
+
+
+@pytest.fixture(autouse=True)
+def small_chunks(monkeypatch):
+    """All parts of a chunk move over the edge, however few are asked for."""
+    for module in (bullet_engine, initial_state):
+        monkeypatch.setattr(module, 'CHUNK', CHUNK)
+
+
+def step_job(part, conditions, step, seed=1, **options):
+    aspects = find_aspects(part).aspects
+    starts = action_starts(part, aspects, step, conditions.gravity)
+    return make_job(part, conditions, seed, starts=starts, **options)
+
+
+def with_edge(job, **changes):
+    edge = dataclasses.replace(job.edge, **changes)
+    return dataclasses.replace(job, starts=dataclasses.replace(job.starts, edge=edge))
+
+
+def all_drops(job, n):
+    return RestingPoses.join([drop_chunk(job, k, min(k + CHUNK, n)) for k in range(0, n, CHUNK)])
+
+
+# -- A plate that falls over the edge -------------------------------------------------------------
+#
+# In a vertical plane, in units of R and T. The plate has the length L and the thickness h, and its
+# squared radius of gyration is k2. It lies on a roller with radius r, at the angle th below the
+# horizontal; s is the distance along the plate from the contact to its middle. With e along the
+# plate and n normal to it, its centre is at s e + (r + h / 2) n from the axis of the roller.
+
+
+def plate_motion(length, h, r, start, friction, belt):
+    """Integrate the motion until the plate leaves the roller; returns it until and after slip.
+
+    Each has the rows th, s, dth/dt, ds/dt.
+    """
+    k2, b = (length**2 + h**2) / 12, r + h / 2
+
+    def forces(y, sticks):
+        """Return d2s/dt2, d2th/dt2, the normal force and the friction along the plate."""
+        th, s, w, v = y
+        # Friction prevents the slip ds + r dth - belt, or is opposite to it.
+        last = [1, r, 0, 0] if sticks else [0, 0, friction, 1]
+        left = np.array([[1, b, 0, -1], [0, -s, -1, 0], [0, k2, -s, h / 2], last], dtype=float)
+        along = math.sin(th) + s * w**2
+        return np.linalg.solve(left, [along, 2 * v * w + b * w**2 - math.cos(th), 0, 0])
+
+    def motion(sticks):
+        return lambda _, y: [y[2], y[3], *forces(y, sticks)[1::-1]]
+
+    def slips(_, y):
+        return friction * forces(y, True)[2] + forces(y, True)[3]
+
+    def leaves(_, y):
+        return forces(y, False)[2]
+
+    slips.terminal = leaves.terminal = True
+    slips.direction = leaves.direction = -1
+    options = {'rtol': 1e-8, 'atol': 1e-10}
+    first = solve_ivp(motion(True), (0, 100), [0, start, 0, belt], events=slips, **options)
+    span = (first.t[-1], first.t[-1] + 100)
+    second = solve_ivp(motion(False), span, first.y[:, -1], events=leaves, **options)
+    return first.y, second.y
+
+
+@pytest.fixture(scope='module')
+def plate(solid):
+    return solid(trimesh.creation.box((18, 8, 0.5)))
+
+
+def simulated_plate(job, overhang, belt):
+    """The rows th, dth/dt, normal force and friction of a plate that moves over the edge."""
+    world, top = EdgeWorld(job), job.edge.height / job.radius
+    centre = [overhang, 0, top + job.min_height + REST_MARGIN]
+    state = (centre, (0, 0, 0, 1), (belt, 0, 0), (0, 0, 0))
+    start = InitialState(*(np.array([v], dtype=float) for v in state), elapsed=np.zeros(1))
+    origin, only = np.zeros((1, 3)), np.zeros(1, dtype=int)
+    (body,) = world._add(start, only, origin)
+    rows, angle = [], 0.0
+    while angle < 1.3:
+        world._advance_renewed(1)
+        now = world._states([body], origin, only)
+        along = rotate(now.orientation, np.array([1.0, 0, 0]))[0]
+        angle = math.atan2(-along[2], along[0])
+        contacts = pybullet.getContactPoints(body, physicsClientId=world._client)
+        friction = sum(c[10] * np.array(c[11]) + c[12] * np.array(c[13]) for c in contacts)
+        normal = sum(c[9] for c in contacts)
+        rows.append((angle, now.spin[0, 1], normal, np.linalg.norm(friction)))
+        assert abs(now.spin[0, [0, 2]]).max() < 0.02
+    return np.array(rows).T
+
+
+@pytest.mark.parametrize(
+    ('overhang', 'friction', 'belt', 'radius'),
+    [
+        (0.28, 0.5, 0, 0),
+        (0.08, 0.5, 0, 0),
+        (0.28, 0.3, 0, 0),
+        (0, 0.3, 0.3, 0),
+        (0, 0.3, 0.3, 0.1),
+    ],
+)
+def test_plate_falls_over_the_edge_as_computed(
+    plate, mat, monkeypatch, overhang, friction, belt, radius
+):
+    monkeypatch.setattr(drop_job, 'MAX_BELT_TIME', math.inf)
+    still = mat.changed(friction=friction, restitution=0.0, rolling_friction=0.0)
+    size = plate.hull_radius
+    step = Step(belt_speed=0.1, step_height=4 * size, edge_radius=radius * size)
+    job = step_job(plate, still, step)
+    job = with_edge(job, belt_speed=belt * job.radius / job.time_unit)
+    angle, spin, normal, tangential = simulated_plate(job, overhang, belt)
+
+    # Bullet's hulls have a margin, which makes the plate thicker.
+    length, h = 18e-3 / size, 0.5e-3 / size + 2 * REST_MARGIN
+    r = max(radius, MIN_RADIUS)
+    first, second = plate_motion(length, h, r, overhang + r, friction, belt)
+    on_roller = normal > 0
+    sticks = on_roller & (tangential < 0.99 * friction * normal)
+    # The first steps are those in which the contacts form. A friction of 0.99 of the maximum is
+    # reached 1 % before the slip.
+    slip = angle[sticks & (angle < second[0, -1])][-1]
+    assert slip == pytest.approx(first[0, -1], rel=0.03, abs=0.01)
+    # The last of the contact forces are small, so that the angle is less certain than the spin.
+    assert angle[on_roller][-1] == pytest.approx(second[0, -1], rel=0.06)
+    assert spin[-1] == pytest.approx(second[2, -1], rel=0.01)
+
+
+def test_thin_plate_on_a_sharp_edge_has_the_known_motion():
+    # Without thickness and roller: w^2 = 2 d sin(th) / (k2 + d^2), and
+    # tan(th) = friction k2 / (k2 + 3 d^2) at the slip.
+    length, d, friction = 1.8, 0.3, 0.5
+    first, _ = plate_motion(length, 0.0, 0.0, d, friction, 0.0)
+    k2 = length**2 / 12
+    angle, spin = first[0], first[2]
+    np.testing.assert_allclose(spin**2, 2 * d * np.sin(angle) / (k2 + d**2), atol=1e-7)
+    assert math.tan(angle[-1]) == pytest.approx(friction * k2 / (k2 + 3 * d**2), rel=1e-6)
+
+
+# -- Parts that fall from a belt ------------------------------------------------------------------
+
+
+def test_plate_keeps_its_side_on_a_low_step(solid, mat):
+    flat = solid(trimesh.creation.box((20, 16, 3)))
+    job = step_job(flat, mat.changed(restitution=0.3), Step(belt_speed=0.3, step_height=0.003))
+    aspects = find_aspects(flat)
+    n = 2 * len(aspects) * 10
+    ids = aspects.classify(all_drops(job, n).orientation)
+    rows = np.arange(n) % len(aspects) + 1
+    large = rows <= 2
+    assert (ids[large] == rows[large]).mean() > 0.9
+
+
+def test_subsets_of_drops_are_bit_identical(part, mat, assert_same_poses):
+    job = step_job(part('l_bracket'), mat, LOW)
+    whole = drop_chunk(job, 0, CHUNK)
+    drop_chunk(dataclasses.replace(job, seed=2), CHUNK, 2 * CHUNK)
+    assert_same_poses(drop_chunk(job, 0, CHUNK), whole)
+    assert_same_poses(drop_chunk(job, 0, 7), whole.between(0, 7))
+    assert_same_poses(drop_chunk(job, 11, 12), whole.between(11, 12))
+
+
+def test_parts_start_in_their_aspects_with_the_speed_of_the_belt(part, mat):
+    shape = part('u_bracket')
+    aspects = find_aspects(shape)
+    job = step_job(shape, mat, LOW)
+    states = job.starts.states(np.arange(CHUNK), np.random.default_rng(1))
+    rows = np.arange(CHUNK) % len(aspects)
+    np.testing.assert_array_equal(aspects.classify(states.orientation), rows + 1)
+    np.testing.assert_array_equal(states.velocity, np.tile([0.2, 0, 0], (CHUNK, 1)))
+    heights = np.array([aspect.com_height for aspect in aspects.aspects])
+    np.testing.assert_allclose(
+        states.position[:, 2], 0.02 + heights[rows], atol=1e-3 * shape.hull_radius
+    )
+    # On its back it tips when its middle is beyond the edge; on its legs, whose middle is in the
+    # air, when the first leg is.
+    front = states.position[:, 0] / shape.hull_radius
+    assert (front < 0).all()
+    assert {aspect.id for aspect in aspects.aspects} > {*(rows[front < -0.1] + 1)} != set()
+
+
+def test_support_needs_contacts_all_around_the_middle():
+    square = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]], dtype=float)
+    assert _supported([square], 0.1)
+    assert not _supported([square], -0.1)
+    legs = [square * 0.1 + [-0.9, 0], square * 0.1 + [0.9, 0]]
+    assert _supported(legs, 1.0)
+    assert _supported(legs, 0.9)
+    assert not _supported(legs, 0.5)
+
+
+@pytest.fixture(scope='module')
+def hooked(part, mat):
+    """A job of an L bracket that stands on its long leg: it can hook over a low step."""
+    shape = part('l_bracket')
+    job = step_job(shape, mat, dataclasses.replace(LOW, lower_speed=0.0))
+    standing = job.starts.orientations[3:4], job.starts.weights[3:4]
+    starts = dataclasses.replace(job.starts, orientations=standing[0], weights=standing[1])
+    return dataclasses.replace(job, starts=starts)
+
+
+def test_part_that_hooks_over_the_edge_is_unsettled(hooked):
+    poses = drop_chunk(hooked, 0, CHUNK)
+    stays = poses.status == RestStatus.UNSETTLED
+    assert 0 < stays.sum() < 20
+    # It ended at the edge, without a simulation of the belt below: 20 T and 4 R of belt.
+    limit = (20 + 4 * hooked.radius / hooked.time_unit / 0.2) * hooked.time_unit
+    assert poses.time_to_rest[stays] == pytest.approx(limit, abs=hooked.time_unit)
+
+
+def test_real_shape_of_the_part_counts_at_the_edge(hooked):
+    hull = rotate(hooked.axes, hooked.hull) * hooked.radius
+    convex = with_edge(hooked, pieces=(hull,))
+    assert (drop_chunk(convex, 0, CHUNK).status == RestStatus.SETTLED).all()
+
+
+def test_energy_decides_only_far_from_the_wall(part, mat):
+    shape = part('box_10x20x30')
+    far = step_job(shape, mat, dataclasses.replace(LOW, lower_speed=1.0))
+    near = step_job(shape, mat, dataclasses.replace(LOW, belt_speed=0.05, lower_speed=0.0))
+    assert (drop_chunk(far, 0, 12).decided_by == DecidedBy.ENERGY).all()
+    assert (drop_chunk(near, 0, 12).decided_by == DecidedBy.STILLNESS).any()
+
+
+def test_part_against_the_wall_of_a_belt_that_moves_backwards_settles(part, mat):
+    shape = part('box_10x20x30')
+    job = step_job(shape, mat, dataclasses.replace(LOW, lower_speed=-0.2))
+    poses = drop_chunk(job, 0, 12)
+    assert (poses.status == RestStatus.SETTLED).all()
+    # The wall gives energy to the parts that it pushes, which is no error of the engine.
+    assert poses.energy_growth.max() < 0.05
+
+
+def test_compound_has_all_pieces(mat, part):
+    # PyBullet ignores the shapes of a compound after the 16th, except in a file.
+    cube = trimesh.creation.box((0.1, 0.1, 0.1)).vertices
+    pieces = tuple(cube + np.array([k, 0, 0]) for k in range(40))
+    client = bullet_engine._World(make_job(part('box_10x20x30'), mat, 1))._client
+    shape = _compound(_obj_text(pieces), client)
+    body = pybullet.createMultiBody(0, shape, physicsClientId=client)
+    low, high = pybullet.getAABB(body, physicsClientId=client)
+    assert low[0] == pytest.approx(-0.05, abs=0.03)
+    assert high[0] == pytest.approx(39.05, abs=0.03)
+    ray = pybullet.rayTest([20, 0, 5], [20, 0, -5], physicsClientId=client)[0]
+    gap = pybullet.rayTest([20.5, 0, 5], [20.5, 0, -5], physicsClientId=client)[0]
+    assert (ray[0], gap[0]) == (body, -1)
+
+
+@pytest.mark.slow
+def test_finer_steps_give_the_same_shares(part, mat):
+    n = 40 * CHUNK
+    shape = part('u_bracket')
+    aspects = find_aspects(shape)
+    rows = np.arange(n) % len(aspects)
+
+    def shares(refinement):
+        job = step_job(shape, mat, LOW, refinement=refinement)
+        ids = aspects.classify(all_drops(job, n).orientation)
+        return np.array([(ids == k + 1).mean() for k in range(len(aspects))])
+
+    assert len(set(rows)) == len(aspects)
+    # Three standard errors of the difference of two shares of 1000 parts.
+    assert abs(shares(1) - shares(2)).max() < 3 * math.sqrt(2 * 0.25 / n)
+
+
+# -- Refused values -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('values', 'message'),
+    [
+        ({'belt_speed': 0}, 'invalid belt_speed 0: expected more than 0'),
+        ({'belt_speed': -0.1}, 'invalid belt_speed -0.1: expected more than 0'),
+        ({'belt_speed': math.nan}, 'invalid belt_speed nan'),
+        ({'step_height': 0}, 'invalid step_height 0: expected more than 0'),
+        ({'lower_speed': 101}, 'invalid lower_speed 101: expected -100 to 100 m/s'),
+        ({'friction_factor': -1}, 'invalid friction_factor -1: expected 0 to 100'),
+        ({'restitution_factor': '1'}, "invalid restitution_factor '1'"),
+        ({'edge_radius': 0.03}, 'invalid edge radius 0.03: expected at most the step height'),
+    ],
+)
+def test_value_out_of_bounds_is_refused(values, message):
+    with pytest.raises(InvalidValueError) as refused:
+        make_action('step', {'belt_speed': 0.2, 'step_height': 0.02, **values})
+    assert message in str(refused.value)
+
+
+def test_belt_that_is_too_slow_for_a_part_is_refused(part, mat):
+    with pytest.raises(InvalidValueError, match=r'invalid belt speed 0\.001 m/s: expected at'):
+        step_job(part('box_10x20x30'), mat, Step(belt_speed=0.001, step_height=0.02))
+
+
+def test_restitution_above_one_is_refused(part, mat):
+    step = dataclasses.replace(LOW, restitution_factor=2.0)
+    with pytest.raises(InvalidValueError, match=r'invalid restitution 1\.28 of the upper belt'):
+        step_job(part('box_10x20x30'), mat, step)
+
+
+def test_named_step_is_read_from_the_file():
+    named = Actions.read(actions_file()).get('step_down')
+    assert isinstance(named.action, Step)
+    assert named.source
+    assert named.action.has_effect
+    assert 'step, belt speed' in named.text
+
+
+def test_factors_of_the_upper_belt_change_its_friction_only(part, mat):
+    job = step_job(part('box_10x20x30'), mat, dataclasses.replace(LOW, friction_factor=0.5))
+    world = EdgeWorld(job)
+    found = [
+        pybullet.getDynamicsInfo(body, -1, physicsClientId=world._client)[1]
+        for body in (world._ground, world._belt, world._roller)
+    ]
+    assert found == [1, 0.5, 0.5]
+    assert initial_states(job, 0).velocity[:, 0] == pytest.approx(0.2 * job.time_unit / job.radius)
