@@ -206,7 +206,7 @@ def test_figures_in_the_page_have_selectable_text(page, text):
     words = page.words('text')
     assert words.count('aspect 3') == 1  # in the graph of the flow
     assert 'lift height (mm)' in words
-    # The page has the explanation as its own text, in which lines fit the screen.
+    # The explanation is text of the page, in which lines fit the screen.
     assert not any(each.startswith('Probability in %') for each in words)
     captions = page.words('figcaption')
     assert sum('Probability in % that one action' in each for each in captions) == 2
