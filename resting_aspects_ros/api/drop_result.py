@@ -87,7 +87,10 @@ class DropResult:
             ],
         }
         if self.by_state is not None:
-            fields['initial_states'] = self.by_state
+            fields['initial_states'] = {
+                'columns': self.by_state.columns,
+                'counts': self.by_state.counts,
+            }
         if self.convergence is not None:
             fields['convergence'] = self.convergence
         return to_json(distribution_document(self.distribution, fields, self.part))

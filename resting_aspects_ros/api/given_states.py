@@ -29,6 +29,11 @@ class CountsByState:
 
     counts: npt.NDArray[np.int64]
 
+    @property
+    def columns(self) -> list[int | str]:
+        """Ids of the aspects, then the names of the other outcomes."""
+        return [*range(1, self.counts.shape[1] - len(OUTCOMES) + 1), *OUTCOMES]
+
     def add(self, poses: RestingPoses, ids: npt.NDArray[np.int64]) -> None:
         """Count a chunk of poses, given the ids of their aspects."""
         aspects = self.counts.shape[1] - len(OUTCOMES)

@@ -1,5 +1,6 @@
 """Simulate an action on parts at rest in each aspect, and count the transitions."""
 
+import math
 import time
 import uuid
 from collections.abc import Callable
@@ -45,6 +46,9 @@ from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
 DEFAULT_ACTION = 'tap'
 # 385 actions give intervals of about +-0.05 in the worst case.
 DEFAULT_PER_ASPECT = 400
+# Stronger actions than those that lift a part by so many hull radii are probably mistakes of the
+# unit, and take minutes.
+MAX_LIFT = 200
 
 
 @dataclass(frozen=True)
@@ -99,10 +103,22 @@ def plan_actions(
         landscape=landscape,
         starts=action_starts(part, aspects.aspects, action.action, conditions.gravity),
     )
+    _check_speed(part, action, job)
     empty = no_actions(
         aspects, interval=interval, confidence=confidence, by_precision=precision > 0
     )
     return PlannedActions(action, job, run, TransitionCounter(empty, run, precision))
+
+
+def _check_speed(part: Part, action: NamedAction, job: DropJob) -> None:
+    """Raise InvalidValueError if the action is so strong that it is probably a mistake."""
+    limit = math.sqrt(2 * job.conditions.gravity * MAX_LIFT * part.hull_radius)
+    if job.impact_speed > limit:
+        raise InvalidValueError(
+            f'invalid action {action.name}: it moves {part.name} with up to '
+            f'{job.impact_speed:.3g} m/s; expected at most {limit:.3g} m/s, which lifts it by '
+            f'{MAX_LIFT} times its radius; all values are in SI units unless they have a unit'
+        )
 
 
 def reorient(

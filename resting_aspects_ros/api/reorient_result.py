@@ -160,6 +160,15 @@ class ReorientResult:
         if self.long_run is not None:
             aspects = self.matrix.aspects
             document |= long_run_fields(self.long_run, *self.long_run_bounds, aspects)
+            view = self.by_class()
+            assert view.long_run is not None
+            lower, upper = view.long_run_bounds
+            document['classes'] = {
+                **matrix_fields(self.matrix)['classes'],
+                'long_run': plain(view.long_run.shares),
+                'long_run_lower': plain(lower),
+                'long_run_upper': plain(upper),
+            }
         if wanted and (self.matrix.actions > 0).all():
             probability, number = self.reach(wanted)
             document['wanted'] = {

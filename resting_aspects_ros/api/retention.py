@@ -30,17 +30,20 @@ from resting_aspects_ros.report.transition_document import retention_fields
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.plan import plan_run
-from resting_aspects_ros.simulation.reorientation import disturbance_starts
+from resting_aspects_ros.simulation.reorientation import MAX_LIFT, disturbance_starts
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, RunDescription
 from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
 
-DEFAULT_PER_HEIGHT = 200
-# Lift heights of each curve, as multiples of the least barrier of the aspect. No part leaves below
-# the barrier, except for energy that the engine adds.
-HEIGHTS = np.array([0.9, 1.0, 1.1, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0, 20.0])
+# With 400 parts, of which none leaves, the upper bound of the probability is just below 1 %.
+DEFAULT_PER_HEIGHT = 400
+# Number of lift heights of each curve, and the lowest and by default the highest of them as
+# multiples of the least barrier. No part leaves below the barrier, except for energy that the
+# engine adds.
+HEIGHTS = 13
+LOWEST, HIGHEST = 0.9, 20.0
 # Barrier, as a share of R, that is assumed for the heights of an aspect without another one.
 NO_BARRIER = 0.1
-# By default, heights end at this multiple of R.
+# By default, heights are at most this multiple of R.
 MAX_HEIGHT = 2.0
 
 
@@ -121,11 +124,12 @@ def retention(
     part : Part, str or Path
         A part, or what `load_part` accepts.
     per_height : int
-        Number of disturbances at each of up to 13 energies.
+        Number of disturbances at each of 13 energies.
     surface : str or DropConditions
         Named conditions, or conditions; height, speeds and spin at release have no effect.
     max_lift : float, optional
-        Maximum energy as a lift height of the centre of mass, m; twice the hull radius by default.
+        Maximum energy as a lift height of the centre of mass, m; by default 20 times the barrier,
+        but not more than twice the hull radius.
     seed, confidence, workers, progress
         As for `drop`.
     stopped : callable
@@ -205,17 +209,19 @@ def retention(
 def lift_heights(aspects: AspectSet, radius: float, max_lift: float | None) -> Array:
     """Return the lift heights (a, m) of the curve of each aspect, m, ascending.
 
-    They are multiples of the least barrier; those above the maximum are replaced by equal steps
-    up to the maximum.
+    They have equal ratios, from just below the least barrier to the maximum.
     """
-    limit = MAX_HEIGHT * radius if max_lift is None else max_lift
+    if max_lift is not None and not 0 < max_lift <= MAX_LIFT:
+        raise InvalidValueError(
+            f'invalid maximum lift height {max_lift:g} m: expected more than 0 and at most '
+            f'{MAX_LIFT:g} m'
+        )
     rows = []
     for aspect in aspects.aspects:
         barrier = aspect.min_barrier if np.isfinite(aspect.min_barrier) else NO_BARRIER * radius
-        heights = np.minimum(barrier * HEIGHTS, limit)
-        above = np.flatnonzero(heights >= limit)
-        if len(above):
-            start = heights[above[0] - 1] if above[0] > 0 else 0.0
-            heights[above] = start + (limit - start) * np.arange(1, len(above) + 1) / len(above)
-        rows.append(heights)
+        limit = min(HIGHEST * barrier, MAX_HEIGHT * radius) if max_lift is None else max_lift
+        lowest = min(LOWEST * barrier, limit / HEIGHTS)
+        if limit > 2 * LOWEST * barrier:
+            lowest = LOWEST * barrier
+        rows.append(np.geomspace(lowest, limit, HEIGHTS))
     return np.array(rows)

@@ -79,10 +79,13 @@ def print_answer(answer: Answer, *, by_class: bool, as_json: bool) -> None:
         sys.stdout.write(answer.to_json())
         return
     console = make_console()
-    for result in answer.results:
+    for number, result in enumerate(answer.results):
+        if number:
+            console.print()
         _print_result(console, result, answer.wanted, by_class=by_class)
     if (plan := answer.plan) is not None and len(answer.results) > 1:
         rows = table_rows(answer.results[0].matrix.aspects, by_class=False)
+        console.print()
         show_table(console, plan_table(rows, plan.plan, plan.names, 'best plan'))
     for check in answer.checks:
         _say(console, _check_text(check))
@@ -106,12 +109,14 @@ def _print_result(
             f'{result.action.name}, repeated',
             result.matrix.confidence,
         )
+        console.print()
         show_table(console, table)
         _say(console, long_run_text(rows, view.long_run))
     if wanted and (view.matrix.actions > 0).all():
         mask = wanted_mask(wanted, len(result.matrix.counts))
         mask = np.array([mask[[aspect.id - 1 for aspect in row]].all() for row in rows])
         way = view.reach((np.flatnonzero(mask) + 1).tolist())
+        console.print()
         show_table(console, wanted_table(rows, mask, *way, 'the way to wanted aspects'))
     if result.convergence is not None:
         classes = result.matrix.aspects.classes()

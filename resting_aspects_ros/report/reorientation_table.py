@@ -77,7 +77,7 @@ def long_run_text(rows: Rows, long_run: LongRun) -> str:
     """
     lines = []
     if len(long_run.closed) > 1:
-        lines.append('No action leads from one closed class of aspects to another:')
+        lines.append('No simulated action led from one closed class of aspects to another:')
         lines += [
             f'  {number}: {_names(rows, members)}, in which {share_text(weight)} % of parts end'
             for number, (members, weight) in enumerate(
@@ -86,9 +86,11 @@ def long_run_text(rows: Rows, long_run: LongRun) -> str:
         ]
     unreachable = set(long_run.unreachable)
     if transient := [k for k in long_run.transient if k not in unreachable]:
-        lines.append(f'Repeated actions empty {_names(rows, transient)}.')
+        lines.append(f'In the long run no part is in {_names(rows, transient)}.')
     if unreachable:
-        lines.append(f'No drop and no action leads to {_names(rows, sorted(unreachable))}.')
+        lines.append(
+            f'No simulated drop and no action led to {_names(rows, sorted(unreachable))}.'
+        )
     return '\n'.join(lines)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.reorientation.retention import RetentionCurve
+from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.report.aspect_groups import Group, group_images, group_of
 from resting_aspects_ros.report.figure_style import FAINT, TEXT, percent_axis, plain_axes
 from resting_aspects_ros.report.pixel_axes import Header, draw_image, pixel_axes
@@ -50,7 +51,7 @@ def retention_lines(curves: Sequence[RetentionCurve], aspects: AspectSet) -> lis
     for curve in curves:
         aspect = aspects.aspects[curve.aspect - 1]
         for k, line in enumerate(lines):
-            if line.group.aspects[0].symmetry_class == aspect.symmetry_class and np.array_equal(
+            if line.group.aspects[0].symmetry_class == aspect.symmetry_class and _same_lift(
                 line.curve.lift, curve.lift
             ):
                 summed = dataclasses.replace(
@@ -63,6 +64,11 @@ def retention_lines(curves: Sequence[RetentionCurve], aspects: AspectSet) -> lis
         else:
             lines.append(Line(curve, group_of((aspect,))))
     return lines
+
+
+def _same_lift(one: Array, other: Array) -> bool:
+    """Return whether lift heights are the same but for rounding."""
+    return one.shape == other.shape and np.allclose(one, other, rtol=1e-6)
 
 
 def retention_figure(

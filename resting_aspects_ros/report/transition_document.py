@@ -1,6 +1,7 @@
 """JSON fields of transition matrices, long-run shares and retention curves, in SI units."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.reorientation.markov import LongRun
@@ -10,7 +11,7 @@ from resting_aspects_ros.core.statistics.intervals import Array
 from resting_aspects_ros.report.document import numbers, plain
 
 
-def matrix_fields(matrix: TransitionMatrix) -> dict[str, object]:
+def matrix_fields(matrix: TransitionMatrix) -> dict[str, Any]:
     """Return a matrix by aspect, and in ``classes`` by symmetry class, as plain JSON types.
 
     Parameters

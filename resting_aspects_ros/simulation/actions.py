@@ -46,7 +46,7 @@ class NamedAction:
         parts = [self.action.kind]
         for name, each in quantities_of(self.action).items():
             if value := getattr(self.action, name):
-                parts.append(f'{each.label} {value:g} {each.unit}')
+                parts.append(f'{each.label} {value:g} {each.unit}'.rstrip())
         return ', '.join(parts)
 
 
@@ -107,7 +107,9 @@ def make_action(kind: str, values: Mapping[str, Any]) -> Action:
 
 def _named_action(label: str, name: object, entry: object) -> NamedAction:
     if not isinstance(name, str) or not name.isidentifier():
-        raise InvalidValueError(f'{label}: invalid name {shown(name)} of an action: expected text')
+        raise InvalidValueError(
+            f'{label}: invalid name {shown(name)} of an action: expected a name such as my_tap'
+        )
     where = f'{label}, {name}'
     if not isinstance(entry, dict) or not isinstance(entry.get('kind'), str):
         raise InvalidValueError(f'{where}: expected a mapping with the key kind')

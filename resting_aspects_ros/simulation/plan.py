@@ -127,10 +127,10 @@ def make_job(
     )
     fastest = MAX_IMPACT * job.radius / job.time_unit
     if job.impact_speed > fastest:
-        source = 'release' if released else 'start'
+        source = 'height, speed and spin at release' if released else 'the state at the start'
         raise InvalidValueError(
             f'invalid impact speed {job.impact_speed:.4g} m/s of {part.name}, which follows from '
-            f'height, speed and spin at the {source}: expected at most '
+            f'{source}: expected at most '
             f'{fastest:.4g} m/s for its size and gravity'
         )
     return job

@@ -142,6 +142,7 @@ def test_best_plan_prefers_the_quicker_way(tetrahedron, workers):
         ({'surface': 'ice'}, 'invalid surface'),
         ({'seed': -1}, 'invalid seed'),
         ({'action': ra.Kick(speed=99.0)}, 'invalid impact speed'),
+        ({'action': ra.Kick(speed=20.0)}, 'invalid action kick: it moves tetrahedron with up to'),
     ],
 )
 def test_wrong_requests_are_named(tetrahedron, workers, wrong, message):
@@ -207,7 +208,7 @@ def test_retention_document_has_the_curves(crate, workers):
 
 
 def test_impossible_maximum_lift_is_named(crate, workers):
-    with pytest.raises(ra.InvalidValueError, match='invalid lift height'):
+    with pytest.raises(ra.InvalidValueError, match='invalid maximum lift height'):
         ra.retention(crate, 5, max_lift=-0.01, workers=workers)
 
 

@@ -43,13 +43,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--per-height',
         metavar='N',
         type=parse_integer,
-        default=200,
-        help='number of disturbances of each energy from each aspect (200)',
+        default=400,
+        help='number of disturbances of each energy from each aspect (400)',
     )
     parser.add_argument(
         '--max-lift',
         metavar='M',
-        help='maximum lift height, such as 20mm (twice the radius of the part)',
+        help='maximum lift height, such as 20mm (20 times the barrier of the aspect, at most '
+        'twice the radius of the part)',
     )
     parser.add_argument(
         '--seed',
