@@ -87,9 +87,9 @@ def plan_actions(
     if precision > 0:
         columns = len(aspects) + len(OUTCOMES)
         per_aspect = drops_for(precision, per_aspect or limit, columns, interval, confidence)
-    if not 1 <= per_aspect <= limit:
+    if not isinstance(per_aspect, int) or not 1 <= per_aspect <= limit:
         raise InvalidValueError(
-            f'invalid number of actions per aspect {per_aspect}: expected 1 to {limit} for '
+            f'invalid number of actions per aspect {per_aspect!r}: expected 1 to {limit} for '
             f'{len(aspects)} aspects'
         )
     job, run = plan_run(
@@ -253,6 +253,12 @@ def named_action(action: str | Action | NamedAction) -> NamedAction:
     if isinstance(action, NamedAction):
         return action
     if isinstance(action, str):
+        if action in KINDS:
+            raise InvalidValueError(
+                f'invalid action {action!r}, which is a kind of action: expected one with values, '
+                f'such as ra.{KINDS[action].__name__}(...), or one of '
+                f'{", ".join(shipped_actions().names())}'
+            )
         return shipped_actions().get(action)
     if not isinstance(action, tuple(KINDS.values())):
         raise InvalidValueError(

@@ -184,6 +184,19 @@ class ReorientResult:
         """Return the document as text."""
         return json_text(self.document(wanted))
 
+    def report(self, folder: str | Path, wanted: Sequence[int] = ()) -> Path:
+        """Write a page with figures and all numbers into a folder, which is made if necessary.
+
+        Returns the path of the page; raises OutputError if it cannot be written.
+        """
+        from resting_aspects_ros.api.reorientation_files import (
+            check_reorientation_report,
+            write_reorientation_report,
+        )
+
+        check_reorientation_report('folder', Path(folder), [self.action.name])
+        return write_reorientation_report([self], Path(folder), wanted=wanted)
+
     def save_graphml(self, path: str | Path) -> None:
         """Write a graph of aspects and transitions as GraphML; raises OutputError."""
         from resting_aspects_ros.api.graphml import save_graphml
@@ -247,12 +260,13 @@ class PlanResult:
 def plan_reorientation(results: Sequence[ReorientResult], wanted: Sequence[int]) -> PlanResult:
     """Return which action to take in which aspect, for the least expected time to wanted aspects.
 
-    A part that leaves the aspects is replaced by a dropped part, which takes no time.
+    A part that leaves the aspects is replaced by a dropped part, which takes no time. If whole
+    symmetry classes are wanted, the plan is that of the transitions by class.
 
     Parameters
     ----------
     results : sequence of ReorientResult
-        Results of different actions on the same part under the same conditions.
+        Results by aspect of different actions on the same part under the same conditions.
     wanted : sequence of int
         Ids of aspects.
 
@@ -273,10 +287,20 @@ def plan_reorientation(results: Sequence[ReorientResult], wanted: Sequence[int])
     names = tuple(each.action.name for each in results)
     if len(set(names)) < len(names):
         raise InvalidValueError(f'invalid actions {", ".join(names)}: expected different names')
-    mask = wanted_mask(wanted, len(results[0].matrix.counts))
-    chains = np.stack([each.chain for each in results])
+    mask = wanted_mask(wanted, len(first))
     times = np.array([each.action.time for each in results])
-    return PlanResult(names, tuple(sorted(set(wanted))), best_plan(chains, times, mask))
+    classes = [[aspect.id - 1 for aspect in members] for members in first.classes()]
+    if all(mask[members].all() or not mask[members].any() for members in classes):
+        # The aspects of a class have the same plan, which their common counts determine best.
+        chains = np.stack([each.by_class().chain for each in results])
+        found = best_plan(chains, times, np.array([mask[members[0]] for members in classes]))
+        number = np.empty(len(first), dtype=np.int64)
+        for k, members in enumerate(classes):
+            number[members] = k
+        plan = Plan(found.action[number], found.time[number])
+    else:
+        plan = best_plan(np.stack([each.chain for each in results]), times, mask)
+    return PlanResult(names, tuple(sorted(set(wanted))), plan)
 
 
 def wanted_mask(

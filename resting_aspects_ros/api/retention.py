@@ -91,6 +91,19 @@ class RetentionResult:
             }
         )
 
+    def report(self, folder: str | Path) -> Path:
+        """Write a page with the curves and all numbers into a folder, which is made if necessary.
+
+        Returns the path of the page; raises OutputError if it cannot be written.
+        """
+        from resting_aspects_ros.api.reorientation_files import (
+            check_reorientation_report,
+            write_retention_report,
+        )
+
+        check_reorientation_report('folder', Path(folder), ())
+        return write_retention_report(self, Path(folder))
+
     def save_picture(self, path: str | Path) -> None:
         """Write the curves as PNG; raises OutputError."""
         from resting_aspects_ros.report.figure_style import png_bytes
@@ -157,6 +170,8 @@ def retention(
     loaded = part if isinstance(part, Part) else load_part(part)
     for warning in loaded.warnings:
         warn(warning)
+    if not isinstance(per_height, int) or per_height < 1:
+        raise InvalidValueError(f'invalid per_height {per_height!r}: expected 1 or more')
     landscape = Landscape(loaded)
     aspects = find_aspects(loaded, landscape)
     if not len(aspects):
@@ -211,9 +226,10 @@ def lift_heights(aspects: AspectSet, radius: float, max_lift: float | None) -> A
 
     They have equal ratios, from just below the least barrier to the maximum.
     """
-    if max_lift is not None and not 0 < max_lift <= MAX_LIFT:
+    number = isinstance(max_lift, int | float)
+    if max_lift is not None and not (number and 0 < max_lift <= MAX_LIFT):
         raise InvalidValueError(
-            f'invalid maximum lift height {max_lift:g} m: expected more than 0 and at most '
+            f'invalid maximum lift height {max_lift!r} m: expected more than 0 and at most '
             f'{MAX_LIFT:g} m'
         )
     rows = []

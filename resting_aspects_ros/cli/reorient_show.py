@@ -108,6 +108,7 @@ def _print_result(
             view.drop_shares,
             f'{result.action.name}, repeated',
             result.matrix.confidence,
+            view.drop_shares / view.drop_shares.sum() @ view.chain,
         )
         console.print()
         show_table(console, table)

@@ -16,6 +16,7 @@ from resting_aspects_ros.report.table import NOTHING
 from resting_aspects_ros.report.transition_table import Rows, titled_table
 
 NEVER, WANTED = 'never', 'wanted'
+STANDARD_GRAVITY = 9.81  # m/s2
 # Probabilities closer to 1 differ from it by rounding errors only.
 _CERTAIN = 1 - 1e-9
 
@@ -28,6 +29,7 @@ def long_run_table(
     drop: Array,
     title: str,
     confidence: float = CONFIDENCE,
+    after: Array | None = None,
 ) -> Table:
     """Return a table of the shares that repeated actions lead to, beside the shares of a drop.
 
@@ -47,6 +49,8 @@ def long_run_table(
         Plain text, shown above the table.
     confidence : float
         Of the bounds.
+    after : (k,) float, optional
+        Shares after one action on dropped parts.
     """
     marks = _marks(long_run, len(rows))
     table = titled_table(
@@ -54,16 +58,20 @@ def long_run_table(
         _heading(rows),
         'in the\nlong run',
         f'{100 * confidence:g} % interval',
+        *([] if after is None else ['after one\naction']),
         'in a\ndrop',
         *(['closed\nclass'] if any(marks) else []),
     )
     values = zip(long_run.shares.tolist(), lower.tolist(), upper.tolist(), strict=True)
-    for row, value, dropped, mark in zip(rows, values, drop.tolist(), marks, strict=True):
+    once = [[]] * len(rows) if after is None else [[f'{share_text(x)} %'] for x in after.tolist()]
+    columns = zip(rows, values, once, drop.tolist(), marks, strict=True)
+    for row, value, one, dropped, mark in columns:
         interval = Interval(*value)
         table.add_row(
             ids_text(row),
             probability_text(interval),
             interval_text(interval),
+            *one,
             f'{share_text(dropped)} %',
             *([mark] if any(marks) else []),
         )
@@ -77,7 +85,10 @@ def long_run_text(rows: Rows, long_run: LongRun) -> str:
     """
     lines = []
     if len(long_run.closed) > 1:
-        lines.append('No simulated action led from one closed class of aspects to another:')
+        lines.append(
+            'No simulated action led out of any of these closed classes of aspects, so the long\n'
+            'run depends on the start. Ways out that are rare show with more actions:'
+        )
         lines += [
             f'  {number}: {_names(rows, members)}, in which {share_text(weight)} % of parts end'
             for number, (members, weight) in enumerate(
@@ -117,7 +128,7 @@ def wanted_table(
         Plain text, shown above the table.
     """
     table = titled_table(
-        title, 'from', 'reaches a\nwanted\naspect', 'expected\nnumber of\nactions'
+        title, 'from', 'reaches a\nwanted\naspect', 'expected\nactions,\nif it does'
     )
     columns = zip(rows, wanted.tolist(), probability.tolist(), actions.tolist(), strict=True)
     for row, is_wanted, reached, number in columns:
@@ -155,16 +166,23 @@ def plan_table(rows: Rows, plan: Plan, actions: Sequence[str], title: str) -> Ta
     return table
 
 
-def retention_table(curves: Sequence[RetentionCurve], title: str) -> Table:
+def retention_table(
+    curves: Sequence[RetentionCurve], title: str, gravity: float = STANDARD_GRAVITY
+) -> Table:
     """Return a table of the lift heights in mm at which 1, 10 and 50 % of parts leave an aspect.
 
-    The interval is below each height.
+    The interval is below each height. The barrier is also shown as the speed with the same energy,
+    sqrt(2 g h), for a gravity in m/s2.
     """
     headings = [f'{100 * level:g} % leave\nat (mm)' for level in LEVELS]
-    table = titled_table(title, 'aspect', 'barrier\n(mm)', *headings)
+    table = titled_table(title, 'aspect', 'barrier\n(mm)', 'as speed\n(m/s)', *headings)
     for curve in curves:
-        barrier = NOTHING if np.isinf(curve.barrier) else millimetres_text(curve.barrier)
-        table.add_row(str(curve.aspect), barrier, *(_level_text(curve, level) for level in LEVELS))
+        barrier = [NOTHING, NOTHING]
+        if np.isfinite(curve.barrier):
+            speed = _number_text(float(np.sqrt(2 * gravity * curve.barrier)))
+            barrier = [millimetres_text(curve.barrier), speed]
+        levels = (_level_text(curve, level) for level in LEVELS)
+        table.add_row(str(curve.aspect), *barrier, *levels)
     return table
 
 

@@ -32,6 +32,11 @@ class NamedAction:
     source: str = ''
 
     def __post_init__(self) -> None:
+        if not isinstance(self.action, tuple(KINDS.values())):
+            raise InvalidValueError(
+                f'invalid action {shown(self.action)} of {self.name}: expected one of '
+                f'{", ".join(each.__name__ for each in KINDS.values())}'
+            )
         object.__setattr__(self, 'time', TIME.check('time', self.time))
 
     @property

@@ -1,19 +1,21 @@
 """Impulses on parts at rest: kick, nozzle, and the disturbances of a retention curve."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.rotations import Array, rotate
+from resting_aspects_ros.core.rotations import Array, random_orientations, rotate
 from resting_aspects_ros.simulation.quantity import check_quantities, quantity
 from resting_aspects_ros.simulation.starts import Body, Indices, States
 
 # Default spreads of a kick as shares of its speed.
 SPEED_SPREAD = 0.2
 HORIZONTAL_SPREAD = 0.1
+# Number of orientations in which the speed after a jet is evaluated.
+SAMPLE = 300
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 
 
@@ -130,10 +132,15 @@ class Nozzle:
         return self.impulse > 0 or self.impulse_spread > 0
 
     def max_speed(self, body: Body) -> float:
-        """See Impulse; for 3 standard deviations and the longest lever arms."""
-        impulse = self.impulse + 3 * self.impulse_spread
-        moments, levers = _moments_and_levers(body)
-        return float(impulse * (1 / body.mass + (levers.max(axis=0) ** 2 / moments).sum()))
+        """See Impulse; for 3 standard deviations, the fastest of many random orientations."""
+        generator = np.random.default_rng(0)
+        zero = np.zeros((SAMPLE, 3))
+        states = States(zero, random_orientations(generator, SAMPLE), zero, zero)
+        strong = replace(self, impulse=self.impulse + 3 * self.impulse_spread, impulse_spread=0.0)
+        after = strong.applied(states, np.arange(SAMPLE), body, generator)
+        spin = rotate(after.orientation * _CONJUGATE, after.spin)
+        turning = np.linalg.norm(np.cross(spin[:, None], body.corners), axis=2).max(axis=1)
+        return float((np.linalg.norm(after.velocity, axis=1) + turning).max())
 
     def applied(
         self, states: States, row: Indices, body: Body, generator: np.random.Generator, /

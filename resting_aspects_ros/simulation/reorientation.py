@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.core.aspects.aspect_set import Aspect
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.geometry.decomposition import convex_pieces
 from resting_aspects_ros.core.geometry.hull import convex_hull
@@ -79,18 +79,6 @@ def disturbance_starts(
         )
     each = [aspect for aspect in aspects for _ in range(lift.shape[1])]
     return rest_starts(part, each, Disturbance(lift.ravel(), gravity))
-
-
-def selected_aspects(aspects: AspectSet, ids: Sequence[int] | None) -> list[Aspect]:
-    """Return the aspects with these ids, or all; InvalidValueError if an id is not known."""
-    if not aspects.aspects:
-        raise InvalidValueError('invalid part: expected a part with a stable aspect')
-    if ids is None:
-        return list(aspects.aspects)
-    for k in ids:
-        if not 1 <= k <= len(aspects):
-            raise InvalidValueError(f'invalid aspect {k!r}: expected 1 to {len(aspects)}')
-    return [aspects.aspects[k - 1] for k in ids]
 
 
 def _rests(aspect: Aspect) -> tuple[Array, Array]:

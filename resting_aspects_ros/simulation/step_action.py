@@ -12,9 +12,10 @@ from resting_aspects_ros.simulation.edge import Edge
 from resting_aspects_ros.simulation.quantity import check_quantities, quantity
 from resting_aspects_ros.simulation.starts import Body, Indices, States
 
-# Distance of the centre of mass from the line above the roller, R, at which a part is put onto the
-# upper belt, if it lies on it without tilting there.
+# A part is put onto the upper belt this distance, R, before it would tilt over the edge, which is
+# found by halving an interval of at most R.
 START_DISTANCE = 0.02
+HALVINGS = 6
 # Height above the lowest corner, R, up to which a corner of a piece touches the belt. The pieces
 # have errors of up to about 1e-3.
 CONTACT = 2e-3
@@ -122,11 +123,18 @@ class OnBelt:
         pieces = [rotate(orientation, corners) for corners in self.edge.pieces]
         depth = -min(float(corners[:, 2].min()) for corners in pieces)
         touching = [c[c[:, 2] < CONTACT * body.radius - depth, :2] for c in pieces]
-        distance = START_DISTANCE * body.radius
-        if not _supported(touching, distance):
-            # The part would tilt before: all its contacts are on the belt.
-            distance = max(distance, *(float(c[:, 0].max()) for c in touching if len(c)))
-        return -self.edge.radius - distance, self.edge.height + depth
+        distance, clear = 0.0, START_DISTANCE * body.radius
+        if not _supported(touching, clear):
+            # The part tilts before its centre of mass is at the edge.
+            supported = max(clear, *(float(c[:, 0].max()) for c in touching if len(c)))
+            for _ in range(HALVINGS):
+                middle = (distance + supported) / 2
+                if _supported(touching, middle):
+                    supported = middle
+                else:
+                    distance = middle
+            distance = supported
+        return -self.edge.radius - distance - clear, self.edge.height + depth
 
 
 def _supported(touching: list[Array], distance: float) -> bool:

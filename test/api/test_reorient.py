@@ -248,3 +248,23 @@ def test_states_exclude_other_numbers_of_drops(crate, workers, wrong):
     states = GivenStates([[0, 0, 0.05]], [[0, 0, 0, 1]])
     with pytest.raises(ra.InvalidValueError):
         ra.drop(crate, initial_states=states, workers=workers, **wrong)
+
+
+def test_wanted_classes_have_one_plan_for_their_aspects(crate, workers):
+    results = [
+        ra.reorient(crate, action, 10, drops=20, workers=workers) for action in ('tap', 'toss')
+    ]
+    plan = ra.plan_reorientation(results, [1, 2]).plan
+    assert plan.time[2] == plan.time[3]
+    assert plan.action[4] == plan.action[5]
+
+
+def test_page_is_written_from_python(tapped, tmp_path):
+    page = tapped.report(tmp_path / 'new')
+    assert 'kick' in page.read_text(encoding='utf-8')
+
+
+@pytest.mark.parametrize('wrong', ['tap', 3, None])
+def test_named_action_needs_an_action(wrong):
+    with pytest.raises(ra.InvalidValueError, match='invalid action'):
+        ra.NamedAction('mine', wrong)

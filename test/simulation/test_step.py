@@ -118,7 +118,8 @@ def simulated_plate(job, overhang, belt):
         friction = sum(c[10] * np.array(c[11]) + c[12] * np.array(c[13]) for c in contacts)
         normal = sum(c[9] for c in contacts)
         rows.append((angle, now.spin[0, 1], normal, np.linalg.norm(friction)))
-        assert abs(now.spin[0, [0, 2]]).max() < 0.02
+        # It stays in its plane, although Bullet finds only one contact with the belt in a step.
+        assert abs(now.spin[0, [0, 2]]).max() < 0.05
     return np.array(rows).T
 
 

@@ -157,7 +157,10 @@ def _write(result: 'RetentionResult', out: Path | None, arguments: argparse.Name
         if arguments.json:
             sys.stdout.write(result.to_json())
         else:
-            show_table(make_console(), retention_table(result.curves, result.title))
+            show_table(
+                make_console(),
+                retention_table(result.curves, result.title, result.run.conditions.gravity),
+            )
     if written and not arguments.json:
         print(f'Written: {", ".join(str(path) for path in written)}', flush=True)
     if arguments.report and out is not None:

@@ -62,10 +62,14 @@ class RetentionCurve:
         """Return the interval of `lift_at`, m.
 
         Its ends are the heights at which the upper and the lower bound of the probability first
-        reach the level. An end that is not reached up to the maximum height is NaN.
+        reach the level; the lower end is at least the barrier. An end that is not reached up to
+        the maximum height is NaN.
         """
         lower, upper = self.bounds()
-        return self._first_crossing(upper, level), self._first_crossing(lower, level)
+        lowest = self._first_crossing(upper, level)
+        if np.isfinite(self.barrier):
+            lowest = max(lowest, min(self.barrier, float(self.lift[-1])))
+        return lowest, self._first_crossing(lower, level)
 
     def _first_crossing(self, curve: Array, level: float) -> float:
         if not 0 < level < 1:
