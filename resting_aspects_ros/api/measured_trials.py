@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, TransitionMatrix
+from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
 from resting_aspects_ros.core.statistics.comparison import square_and_add
 from resting_aspects_ros.core.statistics.intervals import INTERVAL, Interval, intervals
 
@@ -147,12 +147,11 @@ def with_measured(
 
     The measured pairs of an action from one aspect are the outcomes of the same trials. So all
     pairs of a row must have the same number of trials n, which is also the number of trials of the
-    row, and their successes must not exceed n together. If n is at least ``min_trials``, all
-    counts of the simulated row are replaced: the count of each measured pair is its number of
-    successes, the count of unclassified parts is n minus the sum of all successes, and all other
-    counts are 0. Trials that ended in an aspect that is not listed, or whose pair is untested,
-    are therefore unclassified. A row with fewer trials, or without any, remains as simulated;
-    simulated and measured counts are never added. The maximum of the energy growth remains too.
+    row, and their successes must not exceed n together. If n is at least ``min_trials`` and each
+    trial ended in one of the pairs, all counts of the simulated row are replaced by the measured
+    successes. A row in which the outcome of some trials is not known, with fewer trials, or
+    without any, remains as simulated; simulated and measured counts of a row are never added. The
+    maximum of the energy growth remains too.
 
     Parameters
     ----------
@@ -191,14 +190,11 @@ def with_measured(
                 f'invalid sum of successes {successes} {where}: expected at most {n}, the number '
                 'of trials'
             )
-        if n >= min_trials:
+        if n >= min_trials and successes == n:
             counts[aspect - 1] = 0
             counts[aspect - 1, [pair.to_aspect - 1 for pair in pairs]] = [
                 pair.successes for pair in pairs
             ]
-            counts[aspect - 1, len(matrix.aspects) + OUTCOMES.index('unclassified')] = (
-                n - successes
-            )
     return dataclasses.replace(matrix, counts=counts)
 
 

@@ -1,5 +1,6 @@
 """Simulate an action on parts at rest in each aspect, and count the transitions."""
 
+import dataclasses
 import math
 import time
 import uuid
@@ -7,6 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from resting_aspects_ros.api.chunk_loop import given_workers
 from resting_aspects_ros.api.condition_text import shipped_actions, shipped_surfaces
@@ -33,6 +36,7 @@ from resting_aspects_ros.simulation.actions import KINDS, Action, NamedAction
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.impulses import Nozzle
 from resting_aspects_ros.simulation.plan import plan_run
 from resting_aspects_ros.simulation.reorientation import action_starts
 from resting_aspects_ros.simulation.run_description import (
@@ -49,6 +53,8 @@ DEFAULT_PER_ASPECT = 400
 # Stronger actions than those that lift a part by so many hull radii are probably mistakes of the
 # unit, and take minutes.
 MAX_LIFT = 200
+# Number of jets on each aspect with which is checked whether they meet the part.
+JETS = 20
 
 
 @dataclass(frozen=True)
@@ -104,6 +110,7 @@ def plan_actions(
         starts=action_starts(part, aspects.aspects, action.action, conditions.gravity),
     )
     _check_speed(part, action, job)
+    _warn_if_missed(action, job, len(aspects))
     empty = no_actions(
         aspects, interval=interval, confidence=confidence, by_precision=precision > 0
     )
@@ -119,6 +126,19 @@ def _check_speed(part: Part, action: NamedAction, job: DropJob) -> None:
             f'{job.impact_speed:.3g} m/s; expected at most {limit:.3g} m/s, which lifts it by '
             f'{MAX_LIFT} times its radius; all values are in SI units unless they have a unit'
         )
+
+
+def _warn_if_missed(action: NamedAction, job: DropJob, aspects: int) -> None:
+    """Warn of aspects in which no jet of a nozzle meets the part."""
+    if not isinstance(action.action, Nozzle) or not action.action.has_effect:
+        return
+    assert job.starts is not None
+    index = np.arange(JETS * aspects)
+    states = job.starts.states(index, np.random.default_rng(job.seed))
+    met = (states.velocity != 0).any(axis=1).reshape(JETS, aspects).any(axis=0)
+    if not met.all():
+        ids = ', '.join(str(k + 1) for k in np.flatnonzero(~met).tolist())
+        warn(f'the jet of {action.name} misses the part in aspect {ids}, where it has no effect')
 
 
 def reorient(
@@ -224,8 +244,14 @@ def make_actions(
         label = f'{label} with a finer time step'
         with DropProgress(label, counter.done, 'actions', shown=shown) as bar:
             convergence = check_in_finer_steps(counter, planned.job, workers, bar.update, stopped)
+    return dataclasses.replace(counted_result(planned, part, dropped), convergence=convergence)
+
+
+def counted_result(planned: PlannedActions, part: Part, dropped: Distribution) -> ReorientResult:
+    """Return the result of the actions that were counted so far."""
+    counter = planned.counter
     return ReorientResult(
-        counter.matrix, planned.action, planned.run, part, dropped, counter.complete, convergence
+        counter.matrix, planned.action, planned.run, part, dropped, counter.complete
     )
 
 

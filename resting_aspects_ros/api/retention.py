@@ -54,7 +54,7 @@ class RetentionResult:
     Attributes
     ----------
     curves : tuple of RetentionCurve
-        A curve for each aspect, by id.
+        A curve for each aspect that was disturbed, by id.
     aspects : AspectSet
     run : RunDescription
     part : Part
@@ -217,6 +217,7 @@ def retention(
             aspect.id, aspect.min_barrier, heights[n > 0], gone[n > 0], n[n > 0], confidence
         )
         for aspect, heights, gone, n in counted
+        if n.any()
     )
     return RetentionResult(curves, aspects, run, loaded, bool(parts.sum() >= run.drops))
 
@@ -235,9 +236,9 @@ def lift_heights(aspects: AspectSet, radius: float, max_lift: float | None) -> A
     rows = []
     for aspect in aspects.aspects:
         barrier = aspect.min_barrier if np.isfinite(aspect.min_barrier) else NO_BARRIER * radius
-        limit = min(HIGHEST * barrier, MAX_HEIGHT * radius) if max_lift is None else max_lift
-        lowest = min(LOWEST * barrier, limit / HEIGHTS)
-        if limit > 2 * LOWEST * barrier:
-            lowest = LOWEST * barrier
-        rows.append(np.geomspace(lowest, limit, HEIGHTS))
+        limit = max_lift
+        if limit is None:
+            limit = min(HIGHEST * barrier, MAX_HEIGHT * radius, MAX_LIFT)
+        above = limit > 2 * LOWEST * barrier
+        rows.append(np.geomspace(LOWEST * barrier if above else limit / HEIGHTS, limit, HEIGHTS))
     return np.array(rows)

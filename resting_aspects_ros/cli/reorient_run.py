@@ -9,11 +9,12 @@ from resting_aspects_ros.api.measured_trials import (
     compare_measured,
     with_measured,
 )
-from resting_aspects_ros.api.reorient import drop_for_start, make_actions
+from resting_aspects_ros.api.reorient import counted_result, drop_for_start, make_actions
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.cli.reorient_request import ReorientRequest, requested_reorientation
 from resting_aspects_ros.cli.reorient_show import Answer, print_answer, save_answer, save_page
-from resting_aspects_ros.core.errors import warn
+from resting_aspects_ros.core.errors import EngineError, warn
+from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption
 
@@ -36,30 +37,73 @@ def reorient_and_show(
         shown=True,
         stopped=lambda: stop.asked,
     )
-    simulated = [
-        make_actions(
-            planned,
-            request.part,
-            drop,
-            workers,
-            check=arguments.check_convergence,
-            shown=True,
-            stopped=lambda: stop.asked,
-        )
-        for planned in request.planned
-    ]
+    simulated, failure = _simulate(arguments, request, drop, workers, stop)
     results, checks = _with_trials(request, simulated)
+    replaced = any(
+        (one.matrix.counts != other.matrix.counts).any()
+        for one, other in zip(results, simulated, strict=True)
+    )
     answer = Answer(tuple(results), request.wanted, tuple(checks))
-    print_answer(answer, by_class=request.by_class, as_json=arguments.json)
+    # Measured rows are those of single aspects, which a class would mix with simulated ones.
+    by_class = request.by_class and not replaced
+    print_answer(answer, by_class=by_class, as_json=arguments.json)
     if request.out is not None:
         pictures = not arguments.report
         written = save_answer(answer, simulated, request.out, request.part, pictures=pictures)
         _print(f'Written: {", ".join(str(path) for path in written)}', arguments)
         if arguments.report:
+            print('writing the report ...', file=sys.stderr)
             _print(f'Report: {save_page(answer, simulated, request.out)}', arguments)
-    if not all(result.complete for result in results):
-        done = sum(int(result.matrix.actions.sum()) for result in results)
+    return _ended(arguments, request, simulated, failure)
+
+
+def _simulate(
+    arguments: argparse.Namespace,
+    request: ReorientRequest,
+    drop: Distribution,
+    workers: Workers,
+    stop: Interruption,
+) -> tuple[list[ReorientResult], EngineError | None]:
+    """Return the results, complete or not, and the error that ended the simulation early."""
+    results: list[ReorientResult] = []
+    for planned in request.planned:
+        try:
+            result = make_actions(
+                planned,
+                request.part,
+                drop,
+                workers,
+                check=arguments.check_convergence,
+                shown=True,
+                stopped=lambda: stop.asked,
+            )
+        except EngineError as error:
+            return [*results, counted_result(planned, request.part, drop)], error
+        results.append(result)
+    return results, None
+
+
+def _ended(
+    arguments: argparse.Namespace,
+    request: ReorientRequest,
+    simulated: list[ReorientResult],
+    failure: EngineError | None,
+) -> int:
+    """Return the exit code, and say what is missing; raises the failure."""
+    done = sum(int(result.matrix.actions.sum()) for result in simulated)
+    if failure is not None:
+        raise EngineError(f'{failure}; the result has {done} actions')
+    if not all(result.complete for result in simulated):
         print(f'interrupted; the result has {done} actions', file=sys.stderr)
+        return INTERRUPTED
+    for planned in request.planned:
+        if planned.counter.precision > 0 and not planned.counter.precise:
+            warn(
+                f'precision {planned.counter.precision:g} was not reached in '
+                f'{planned.counter.done} actions of {planned.action.name}, the requested maximum'
+            )
+    if arguments.check_convergence and any(each.convergence is None for each in simulated):
+        print('interrupted; convergence was not checked', file=sys.stderr)
         return INTERRUPTED
     return 0
 

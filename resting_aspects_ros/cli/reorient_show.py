@@ -25,7 +25,7 @@ from resting_aspects_ros.cli.reorient_request import DOCUMENT, ROADMAP
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES
-from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
+from resting_aspects_ros.report.document import SCHEMA_VERSION, plain, to_json
 from resting_aspects_ros.report.reorientation_report import suffix_of
 from resting_aspects_ros.report.reorientation_table import (
     long_run_table,
@@ -68,7 +68,8 @@ class Answer:
             document['plan'] = plan.document()
         if self.checks:
             document['measured'] = [
-                {**dataclasses.asdict(check), 'verdict': check.verdict} for check in self.checks
+                plain({**dataclasses.asdict(check), 'verdict': check.verdict})
+                for check in self.checks
             ]
         return to_json(document)
 
@@ -132,6 +133,8 @@ def _say(console: Console, text: str) -> None:
 
 def _check_text(check: MeasuredComparison) -> str:
     pair = check.pair
+    if not check.actions:
+        return f'{pair.action} {pair.from_aspect} -> {pair.to_aspect}: not simulated'
     return (
         f'{pair.action} {pair.from_aspect} -> {pair.to_aspect}: measured {pair.successes} of '
         f'{pair.trials}, simulated {100 * check.simulated.probability:.1f} %, difference '

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.rotations import Array, random_orientations, rotate
-from resting_aspects_ros.simulation.quantity import check_quantities, quantity
+from resting_aspects_ros.simulation.quantity import check_quantities, quantities_of, quantity
 from resting_aspects_ros.simulation.starts import Body, Indices, States
 
 # Default spreads of a kick as shares of its speed.
@@ -56,10 +56,10 @@ class Kick:
     )
 
     def __post_init__(self) -> None:
+        quantities_of(self)['speed'].check('speed', self.speed)
         derived = {'speed_spread': SPEED_SPREAD, 'horizontal_spread': HORIZONTAL_SPREAD}
         for name, share in derived.items():
-            number = isinstance(self.speed, int | float)
-            if getattr(self, name) is None and number:
+            if getattr(self, name) is None:
                 object.__setattr__(self, name, share * self.speed)
         check_quantities(self)
 
@@ -153,18 +153,13 @@ class Nozzle:
         push = np.where(met, np.maximum(impulse, 0.0), 0.0)[:, None] * along
         # In part axes, where the inertia is constant; solved row by row.
         torque = np.cross(point, push)
-        inertia = np.linalg.inv(body.inertia)
-        spin = np.stack([(torque * axis).sum(axis=1) for axis in inertia], axis=-1)
+        spin = np.stack([(torque * row).sum(axis=1) for row in body.compliance], axis=-1)
         return States(
             states.position,
             states.orientation,
             rotate(states.orientation, push / body.mass),
             rotate(states.orientation, spin),
         )
-
-    def meets(self, states: States, body: Body) -> npt.NDArray[np.bool_]:
-        """Return whether (n,) the middle line of the jet meets parts in these states."""
-        return self._hit(states, np.zeros(len(states.orientation)), body)[2]
 
     def _hit(
         self, states: States, aside: Array, body: Body
@@ -210,7 +205,7 @@ class Disturbance:
         direction /= np.sqrt((direction**2).sum(axis=1))[:, None]
         velocity = direction[:, :3] * np.sqrt(2 * self.gravity * self.lift[row])[:, None]
         velocity[:, 2] = np.abs(velocity[:, 2])
-        moments, axes = np.linalg.eigh(body.inertia)
+        moments, axes = body.moments, body.axes
         scale = np.sqrt(2 * body.mass * self.gravity * self.lift[row])[:, None] / np.sqrt(moments)
         rates = direction[:, 3:] * scale
         spin = np.stack([(rates * axis).sum(axis=1) for axis in axes], axis=-1)
@@ -221,10 +216,9 @@ class Disturbance:
 
 def _moments_and_levers(body: Body) -> tuple[Array, Array]:
     """Return the principal moments (3,) and the distances (k, 3) of the corners to their axes."""
-    moments, axes = np.linalg.eigh(body.inertia)
-    along = body.corners @ axes
+    along = body.corners @ body.axes
     squares = (along**2).sum(axis=1)[:, None] - along**2
-    return moments, np.sqrt(np.maximum(squares, 0.0))
+    return body.moments, np.sqrt(np.maximum(squares, 0.0))
 
 
 def _height(orientation: Array, body: Body) -> Array:

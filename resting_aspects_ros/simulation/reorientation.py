@@ -25,6 +25,7 @@ def body_of(part: Part) -> Body:
     """Return what impulses need to know of a part."""
     corners = part.hull_vertices - part.centre_of_mass
     triangles, normals = convex_hull(corners, part.name)[1:]
+    moments, axes = np.linalg.eigh(part.inertia)
     return Body(
         mass=part.mass,
         inertia=part.inertia,
@@ -32,12 +33,17 @@ def body_of(part: Part) -> Body:
         normals=normals,
         offsets=(corners[triangles[:, 0]] * normals).sum(axis=1),
         radius=part.hull_radius,
+        # Once for all workers, because the bits depend on the machine.
+        moments=moments,
+        axes=axes,
+        compliance=np.asarray(np.linalg.inv(part.inertia)),
     )
 
 
 def rest_starts(part: Part, aspects: Sequence[Aspect], impulse: Impulse) -> RestStarts:
     """Return parts at rest in these aspects, a row for each, to which an impulse is applied."""
-    orientations, weights = zip(*(_rests(aspect) for aspect in aspects), strict=True)
+    known = {aspect.id: _rests(aspect) for aspect in {each.id: each for each in aspects}.values()}
+    orientations, weights = zip(*(known[aspect.id] for aspect in aspects), strict=True)
     return RestStarts(orientations, weights, impulse, body_of(part))
 
 

@@ -171,6 +171,10 @@ class Body:
         centre of mass.
     radius : float
         Hull radius R, m.
+    moments, axes : (3,) and (3, 3)
+        Principal moments of inertia, and the principal axes as columns.
+    compliance : (3, 3)
+        Inverse of the inertia.
     """
 
     mass: float
@@ -179,6 +183,9 @@ class Body:
     normals: Array
     offsets: Array
     radius: float
+    moments: Array
+    axes: Array
+    compliance: Array
 
 
 class Impulse(Protocol):

@@ -402,23 +402,25 @@ def test_poses_that_are_not_the_aspects_are_refused(read, document, matrix, pose
 
 
 def test_a_row_with_enough_trials_is_replaced(read, document, matrix):
-    simulated = matrix({(1, 1): 80, (1, 2): 15, (1, 8): 5, (3, 3): 60}, energy_growth=0.01)
+    simulated = matrix({(1, 1): 80, (1, 2): 20, (2, 2): 7, (3, 3): 60}, energy_growth=0.01)
     given = read(
         with_trials(
             document,
             (1, 2, 'tap', 20, 4),
-            (1, 1, 'tap', 20, 13),
-            (3, 1, 'tap', 19, 3),
+            (1, 1, 'tap', 20, 16),
+            (2, 1, 'tap', 30, 29),
+            (3, 1, 'tap', 19, 19),
             (1, 2, 'toss', 50, 50),
         )
     )
     found = with_measured(given, simulated, 'tap', 20)
-    expected = matrix({(1, 1): 13, (1, 2): 4, (1, 7): 3, (3, 3): 60})
+    # Row 2 has enough trials, but the outcome of one is not known; row 3 has too few.
+    expected = matrix({(1, 1): 16, (1, 2): 4, (2, 2): 7, (3, 3): 60})
     assert found.counts.tolist() == expected.counts.tolist()
     assert found.energy_growth == 0.01
     assert simulated.counts[0, 0] == 80
     lower = with_measured(given, simulated, 'tap', 19)
-    assert lower.counts[2].tolist() == [3, 0, 0, 0, 0, 0, 16, 0, 0, 0]
+    assert lower.counts[2].tolist() == [19, 0, 0, 0, 0, 0, 0, 0, 0, 0]
 
 
 def test_contradicting_trials_of_a_row_are_refused(read, document, matrix):

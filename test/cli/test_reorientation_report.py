@@ -69,7 +69,18 @@ def test_page_has_the_runs_of_the_document(compared):
 def test_page_compares_with_measured_trials(compared, run, tmp_path):
     roadmap = json.loads((compared[0].parent / 'roadmap.json').read_text())
     tap = next(each for each in roadmap['transitions'] if each['action']['name'] == 'tap')
+    # All outcomes of the row are known: those of its other pairs, or else none but one.
+    row = [
+        each
+        for each in roadmap['transitions']
+        if each['action']['name'] == 'tap' and each['from_pose'] == tap['from_pose']
+    ]
+    other = next((each for each in row if each is not tap), None)
+    if other is None:
+        other = dict(tap, id='tap:other', to_pose=tap['to_pose'] % 4 + 1)
+        roadmap['transitions'].append(other)
     tap['experimental'] = {'status': 'tested', 'trials': 60, 'successes': 45}
+    other['experimental'] = {'status': 'tested', 'trials': 60, 'successes': 15}
     (tmp_path / 'm.json').write_text(json.dumps(roadmap))
     words = ('--measured', 'm.json', '--check-convergence', '--report', '--out', 'p')
     _, page = page_of(run(*REORIENT, *words), tmp_path)

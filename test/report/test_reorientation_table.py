@@ -64,7 +64,7 @@ def test_closed_classes_and_unreached_aspects_are_marked(rows):
     marks = [' '.join(row[9:]) for row in body(table)]
     assert marks == ['1', '1', '2', 'none', 'not reached']
     text = long_run_text(rows, found).splitlines()
-    assert text[1:] == [
+    assert text[2:] == [
         '  1: aspects 1 and 2, in which 25.0 % of parts end',
         '  2: aspect 3, in which 75.0 % of parts end',
         'In the long run no part is in aspect 4.',
@@ -118,7 +118,7 @@ def curve(aspect=1, barrier=0.0015, left=(0, 20, 40, 80), parts=400):
 
 def test_retention_has_lift_heights_with_intervals():
     value, interval, *_ = body(retention_table([curve()], 't'))
-    assert value[:4] == ['1', '1.50', '1.20', '4.00']
+    assert value[:5] == ['1', '1.50', '0.172', '1.20', '4.00']
     low, high = (1000 * end for end in curve().lift_interval(0.01))
     assert interval[:3] == [f'{low:#.3g}', 'to', f'{high:#.3g}']
 

@@ -108,6 +108,9 @@ def run(arguments: argparse.Namespace) -> int:
             progress=True,
             stopped=lambda: stop.asked,
         )
+        if not result.curves:
+            print('interrupted; no part was disturbed', file=sys.stderr)
+            return INTERRUPTED
         _write(result, out, arguments)
         if not result.complete:
             print('interrupted; the curves have fewer disturbances', file=sys.stderr)

@@ -17,7 +17,7 @@ levels = st.one_of(st.sampled_from(LEVELS), st.floats(0.001, 0.999))
 def curve(left, parts=100, lift=None, confidence=0.95):
     left = np.array(left, dtype=np.int64)
     lift = np.arange(1, len(left) + 1) / 1000 if lift is None else np.array(lift)
-    return RetentionCurve(1, 0.002, lift, left, np.full(len(left), parts), confidence)
+    return RetentionCurve(1, 0.0005, lift, left, np.full(len(left), parts), confidence)
 
 
 @st.composite
