@@ -191,6 +191,8 @@ def drop(
     for warning in loaded.warnings:
         warn(warning)
     starts: Starts | None = None
+    if initial_states is None and (replicates != 1 or noise != NO_NOISE):
+        raise InvalidValueError('invalid replicates or noise: expected only with initial_states')
     if initial_states is not None:
         if drops is not None or precision or log is not None:
             raise InvalidValueError(

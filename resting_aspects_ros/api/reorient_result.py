@@ -69,6 +69,10 @@ class ReorientResult:
 
     def by_class(self) -> 'ReorientResult':
         """Return the result over symmetry classes; their numbers replace the ids of aspects."""
+        return self._by_class
+
+    @cached_property
+    def _by_class(self) -> 'ReorientResult':
         return dataclasses.replace(self, matrix=self.matrix.by_class(), drop=self.drop.by_class())
 
     @property

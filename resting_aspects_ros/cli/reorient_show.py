@@ -24,6 +24,7 @@ from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.reorient_request import DOCUMENT, ROADMAP
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.reorientation.plan import Plan
 from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain, to_json
 from resting_aspects_ros.report.reorientation_report import suffix_of
@@ -85,9 +86,11 @@ def print_answer(answer: Answer, *, by_class: bool, as_json: bool) -> None:
             console.print()
         _print_result(console, result, answer.wanted, by_class=by_class)
     if (plan := answer.plan) is not None and len(answer.results) > 1:
-        rows = table_rows(answer.results[0].matrix.aspects, by_class=False)
+        rows = table_rows(answer.results[0].matrix.aspects, by_class=by_class)
+        first = np.array([row[0].id - 1 for row in rows])
+        shown = Plan(plan.plan.action[first], plan.plan.time[first])
         console.print()
-        show_table(console, plan_table(rows, plan.plan, plan.names, 'best plan'))
+        show_table(console, plan_table(rows, shown, plan.names, 'best plan'))
     for check in answer.checks:
         _say(console, _check_text(check))
 

@@ -37,8 +37,10 @@ def outside_aspects(distribution: Distribution) -> list[tuple[str, int]]:
 def decimals_of(interval: Interval) -> int:
     """Return the number of decimals of a percentage: two digits of the width of its interval.
 
-    An interval that is 5 % wide gives 27.8 %; more drops give more digits.
+    An interval that is 5 % wide gives 27.8 %; more drops give more digits. Exact values have none.
     """
+    if interval.upper == interval.lower:
+        return 0
     width = max(100 * (interval.upper - interval.lower), 1e-9)
     return max(math.ceil(-math.log10(width)) + 1, 0)
 

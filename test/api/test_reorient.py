@@ -268,3 +268,20 @@ def test_page_is_written_from_python(tapped, tmp_path):
 def test_named_action_needs_an_action(wrong):
     with pytest.raises(ra.InvalidValueError, match='invalid action'):
         ra.NamedAction('mine', wrong)
+
+
+def test_noise_without_initial_states_is_refused(crate, workers):
+    for wrong in ({'replicates': 5}, {'noise': ra.Noise(spin=1.0)}):
+        with pytest.raises(ra.InvalidValueError, match='only with initial_states'):
+            ra.drop(crate, 5, workers=workers, **wrong)
+
+
+def test_retention_that_is_stopped_at_once_has_no_curves(crate, workers):
+    result = ra.retention(crate, 5, workers=workers, stopped=lambda: True)
+    assert result.curves == ()
+    assert not result.complete
+
+
+def test_huge_integers_are_refused():
+    with pytest.raises(ra.InvalidValueError, match='invalid speed'):
+        ra.Kick(speed=10**400)

@@ -92,6 +92,25 @@ def test_action_without_effect_is_said(run_in, tmp_path):
     assert 'no effect' in ended.stdout
 
 
+def test_jet_that_misses_the_part_is_said(run_in, tmp_path):
+    words = (*WORDS, '--action', 'nozzle', '--impulse', '5mNs', '--height', '1')
+    ended = run_in(tmp_path, *words)
+    assert ended.returncode == 0
+    assert 'the jet of nozzle misses the part in aspect 1, 2, 3, 4' in ended.stderr
+
+
+def test_precision_that_is_not_reached_is_said(run_in, tmp_path):
+    ended = run_in(tmp_path, *WORDS, '--precision', '0.01')
+    assert ended.returncode == 0
+    assert 'precision 0.01 was not reached in 40 actions of tap' in ended.stderr
+
+
+def test_absurdly_strong_action_is_refused(run_in, tmp_path):
+    ended = run_in(tmp_path, *WORDS, '--action', 'kick', '--speed', '20')
+    assert ended.returncode == 2
+    assert 'expected at most' in ended.stderr
+
+
 def test_actions_of_a_file_are_simulated(run_in, tmp_path):
     (tmp_path / 'mine.yaml').write_text('nudge: {kind: kick, speed: 0.01, time: 2}\n')
     ended = run_in(tmp_path, *WORDS, '--actions', 'mine.yaml', '--json')

@@ -23,6 +23,8 @@ SUM_TOLERANCE = 1e-9
 # Lower limit of a sample of the gamma distribution. For transitions that were never seen, a sample
 # can be so small that it is rounded to 0.
 _MIN_SAMPLE = 1e-100
+# Number of sampled chains that are solved at once.
+BLOCK = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +163,10 @@ def long_run_bounds(
     drawn = np.maximum(drawn, _MIN_SAMPLE)
     drawn /= drawn.sum(axis=-1, keepdims=True)
     left = drawn[..., k:].sum(axis=-1, keepdims=True)
-    shares = stationary_shares(drawn[..., :k] + left * _drop_shares(drop))
+    chains = drawn[..., :k] + left * _drop_shares(drop)
+    # In blocks that fit the cache of the processor.
+    blocks = np.array_split(chains, -(-samples // BLOCK))
+    shares = np.concatenate([stationary_shares(block) for block in blocks])
     tail = (1 - confidence) / 2
     lower, upper = np.quantile(shares, [tail, 1 - tail], axis=0)
     actions = counts.sum(axis=1, keepdims=True)
