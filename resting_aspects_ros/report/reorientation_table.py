@@ -86,8 +86,8 @@ def long_run_text(rows: Rows, long_run: LongRun) -> str:
     lines = []
     if len(long_run.closed) > 1:
         lines.append(
-            'No simulated action led out of any of these closed classes of aspects, so the long\n'
-            'run depends on the start. Ways out that are rare show with more actions:'
+            'No simulated action led out of any of these closed classes of aspects, so the\n'
+            'long run depends on the start. Rare ways out show with more actions:'
         )
         lines += [
             f'  {number}: {_names(rows, members)}, in which {share_text(weight)} % of parts end'
