@@ -61,7 +61,8 @@ class LivelinessMonitor:
 
     def _on_matched(self, event: QoSSubscriptionMatchedInfo) -> None:
         self._matched = event.current_count
-        if self.was_seen and event.total_count_change > 0:
+        # A single event can report the first node and its replacement.
+        if event.total_count_change > (0 if self.was_seen else 1):
             self.replaced_at = time.monotonic()
         self.was_seen = True
 
