@@ -140,8 +140,10 @@ def test_restarted_simulator_does_not_end_other_nodes(suite, counts):
     suite.client.wait(asked.done, 'answer in words')
     answer = asked.result()
     assert answer.status.code == Status.NOT_AVAILABLE
-    assert answer.status.message == (
-        'the simulator was restarted while it simulated tetrahedron: try again'
+    # If the start takes longer than the killed one counts as alive, it has stopped first.
+    assert answer.status.message in (
+        'the simulator was restarted while it simulated tetrahedron: try again',
+        'the simulator stopped while it simulated tetrahedron',
     )
     again = suite.client.ask('tetrahedron', 500, seed=[43])
     assert again.status.code == Status.OK
