@@ -87,7 +87,11 @@ def test_matrices_are_known_and_latched_after_a_restart(suite, first):
 
 
 def test_canceled_run_does_not_hide_a_complete_one(suite, first):
-    complete = suite.client.transitions('tetrahedron').transitions
+    def known():
+        found = suite.client.transitions('tetrahedron').transitions
+        return found.complete and found
+
+    complete = suite.client.wait(known, 'complete matrix')
     received = suite.client.listen(TransitionMatrix, TOPIC, ALL_LATCHED)
     goal = suite.client.reorienting('tetrahedron', 'tap', 100_000, drops=20, seed=3)
     suite.client.wait(lambda: len([m for m in received if m.run.seed == 3]) > 2, 'matrices')
@@ -97,7 +101,6 @@ def test_canceled_run_does_not_hide_a_complete_one(suite, first):
     grown = [(sum(m.actions), m.ended) for m in received if m.run.seed == 3]
     assert grown == sorted(grown)
     assert [ended for _, ended in grown] == [False] * (len(grown) - 1) + [True]
-    assert complete.complete
     assert suite.client.transitions('tetrahedron').transitions == complete
     suite.log_of(goal.result.transitions.run.run_id)
 
