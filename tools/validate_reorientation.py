@@ -7,7 +7,8 @@ import numpy as np
 from dropper import SEED, Dropper
 
 from resting_aspects_ros.api.condition_text import shipped_actions
-from resting_aspects_ros.api.reorient import drop_for_start, plan_actions
+from resting_aspects_ros.api.plan_actions import plan_actions
+from resting_aspects_ros.api.reorient import drop_for_start
 from resting_aspects_ros.api.transition_counter import TransitionCounter, compare_matrices
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, TransitionMatrix

@@ -1,8 +1,9 @@
 """Named conditions and actions; conditions and times as text."""
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from datetime import datetime, timezone
+from typing import Any
 
 from resting_aspects_ros.core.errors import one_line
 from resting_aspects_ros.simulation.actions import Actions
@@ -17,6 +18,14 @@ _NANOSECONDS = 1_000_000_000
 def shipped_surfaces() -> Surfaces:
     """Return the surfaces of config/surfaces.yaml; the file is read once."""
     return Surfaces.read(surfaces_file())
+
+
+def given_conditions(surface: str | DropConditions, changes: Mapping[str, Any]) -> DropConditions:
+    """Return named or given conditions with the changes; raises InvalidValueError."""
+    conditions = (
+        surface if isinstance(surface, DropConditions) else shipped_surfaces().get(surface)
+    )
+    return conditions.changed(**changes) if changes else conditions
 
 
 @functools.cache

@@ -1,102 +1,38 @@
 """Drop a part, for the Python interface and the command line."""
 
-import time
-import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.api.chunk_loop import given_workers
-from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.condition_text import given_conditions
 from resting_aspects_ros.api.convergence import Convergence
 from resting_aspects_ros.api.drop_counter import Consumer, DropCounter, check_in_finer_steps
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.given_states import CountsByState, given_starts
-from resting_aspects_ros.api.load_part import load_part, mesh_file
+from resting_aspects_ros.api.load_part import given_part, mesh_file
+from resting_aspects_ros.api.plan_drops import plan_drops
 from resting_aspects_ros.api.progress import DropProgress
-from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.errors import InvalidValueError, LogError, warn
+from resting_aspects_ros.core.errors import InvalidValueError, LogError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution, no_drops
+from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.core.statistics.intervals import (
     CONFIDENCE,
     INTERVAL,
-    check_confidence,
-    check_method,
 )
-from resting_aspects_ros.core.statistics.stopping import max_drops
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.noise import Noise
-from resting_aspects_ros.simulation.plan import plan_run
 from resting_aspects_ros.simulation.run_description import (
     DEFAULT_DROPS,
     DEFAULT_SEED,
-    MAX_DROPS,
-    RunDescription,
 )
 from resting_aspects_ros.simulation.starts import GivenStates, Starts
 from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
 
 NO_NOISE = Noise()
-
-
-@dataclass(frozen=True)
-class PlannedRun:
-    """A run that is ready to be simulated; ``empty`` is its distribution without drops."""
-
-    job: DropJob
-    run: RunDescription
-    empty: Distribution
-
-
-def plan(
-    part: Part,
-    conditions: DropConditions,
-    *,
-    drops: int,
-    seed: int,
-    first_drop: int = 0,
-    precision: float = 0.0,
-    stop_at: float | None = None,
-    interval: str = INTERVAL,
-    confidence: float = CONFIDENCE,
-    starts: Starts | None = None,
-) -> PlannedRun:
-    """Find the aspects of a part and plan a run; raises InvalidValueError.
-
-    ``stop_at`` is the precision at which to stop, if it differs from that of the run. See
-    plan_run for ``starts``.
-    """
-    check_method(interval)
-    check_confidence(confidence)
-    landscape = Landscape(part)
-    empty = no_drops(
-        find_aspects(part, landscape),
-        interval=interval,
-        confidence=confidence,
-        by_precision=precision > 0,
-    )
-    stop_at = precision if stop_at is None else stop_at
-    count = max_drops(drops, stop_at, MAX_DROPS, len(empty.aspects), interval, confidence)
-    job, run = plan_run(
-        part,
-        conditions,
-        seed=seed,
-        drops=count,
-        first_drop=first_drop,
-        precision=precision,
-        run_id=uuid.uuid4().hex[:12],
-        started=time.time_ns(),
-        landscape=landscape,
-        starts=starts,
-    )
-    return PlannedRun(job, run, empty)
 
 
 def drop(
@@ -184,12 +120,9 @@ def drop(
     >>> result.poses.position.shape
     (100, 3)
     """
-    given = surface if isinstance(surface, DropConditions) else shipped_surfaces().get(surface)
-    given = given.changed(**conditions) if conditions else given
+    given = given_conditions(surface, conditions)
     mesh = mesh_file(part) if isinstance(part, str | Path) else None
-    loaded = part if isinstance(part, Part) else load_part(part)
-    for warning in loaded.warnings:
-        warn(warning)
+    loaded = given_part(part)
     starts: Starts | None = None
     if initial_states is None and (replicates != 1 or noise != NO_NOISE):
         raise InvalidValueError('invalid replicates or noise: expected only with initial_states')
@@ -201,7 +134,7 @@ def drop(
             )
         starts, drops = given_starts(loaded, initial_states, noise, given, replicates)
     count = (0 if precision else DEFAULT_DROPS) if drops is None else drops
-    planned = plan(
+    planned = plan_drops(
         loaded,
         given,
         drops=count,

@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError, shown
+from resting_aspects_ros.core.errors import InvalidValueError, UnknownPartError, shown, warn
 from resting_aspects_ros.core.geometry.mesh_file import FORMATS
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.part_loading import load_part as load_mesh
@@ -77,6 +77,14 @@ def load_part(
                 f'{here!r}'
             ) from None
         raise
+
+
+def given_part(part: Part | str | Path) -> Part:
+    """Return a part, or load it as load_part does, and warn of what is unusual about it."""
+    loaded = part if isinstance(part, Part) else load_part(part)
+    for warning in loaded.warnings:
+        warn(warning)
+    return loaded
 
 
 def mesh_file(text: str | Path | None) -> Path | None:

@@ -7,7 +7,8 @@ import numpy as np
 
 from resting_aspects_ros.api.condition_text import condition_facts, surface_text
 from resting_aspects_ros.api.measured_trials import MeasuredComparison
-from resting_aspects_ros.api.reorient_result import PlanResult, ReorientResult, wanted_mask
+from resting_aspects_ros.api.reorient_plan import PlanResult
+from resting_aspects_ros.api.reorient_result import ReorientResult, wanted_mask
 from resting_aspects_ros.api.report_files import (
     check_files,
     energy_text,
@@ -121,6 +122,7 @@ def write_retention_report(result: RetentionResult, folder: Path) -> Path:
         aspects=result.aspects,
         confidence=result.curves[0].confidence,
         curves=result.curves,
+        gravity=run.conditions.gravity,
         notes=[*notes, *warning_notes(part)],
         facts={
             'Part': part_facts(part, run, result.aspects),

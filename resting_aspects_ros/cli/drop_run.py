@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from resting_aspects_ros.api.convergence import Convergence
-from resting_aspects_ros.api.drop import plan, recorded
+from resting_aspects_ros.api.drop import recorded
 from resting_aspects_ros.api.drop_counter import DropCounter, check_in_finer_steps
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.given_states import CountsByState
@@ -21,6 +21,7 @@ from resting_aspects_ros.api.output_files import (
     poses_file,
     write_poses,
 )
+from resting_aspects_ros.api.plan_drops import plan_drops
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.cli.console import print_result
 from resting_aspects_ros.cli.drop_request import DropRequest
@@ -46,7 +47,7 @@ def drop_and_show(
     result if something failed.
     """
     part, stop_at = request.part, request.stop_at
-    planned = plan(
+    planned = plan_drops(
         part,
         request.conditions,
         drops=request.drops,

@@ -127,8 +127,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 code = int(arguments.run(arguments))
         finally:
             sys.stdout.flush()
-    except BrokenPipeError:
-        # The reader of the pipe closed it.
+    except BrokenPipeError:  # the reader of the pipe closed it
         _discard_output()
         return FAILED
     except KeyboardInterrupt as interrupt:
@@ -181,8 +180,8 @@ def _open_closed_streams() -> None:
             null = os.open(os.devnull, os.O_WRONLY if name == 'stderr' else os.O_RDONLY)
             os.dup2(null, number)
             os.set_inheritable(number, True)
-            mode = 'r' if name == 'stdin' else 'w'
-            setattr(sys, name, open(number, mode, encoding='utf-8', closefd=False))  # noqa: SIM115
+            stream = open(number, 'r' if name == 'stdin' else 'w', encoding='utf-8', closefd=False)
+            setattr(sys, name, stream)
 
 
 def _discard_output() -> None:
@@ -217,7 +216,7 @@ def _place(error: OSError) -> str:
     """Return the file or stream that could not be read or written."""
     if error.filename:
         return f'{error.filename!r}: '
-    if error.errno in _WRITE_ERRORS:  # the errors of all other files have a path
+    if error.errno in _WRITE_ERRORS:  # errors of other files have a path
         _discard_output()
         return 'standard output: '
     try:

@@ -8,7 +8,7 @@ from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.measured_trials import MeasuredTrials
 from resting_aspects_ros.api.output_files import check_output, make_folder
-from resting_aspects_ros.api.reorient import DEFAULT_PER_ASPECT, PlannedActions, plan_actions
+from resting_aspects_ros.api.plan_actions import DEFAULT_PER_ASPECT, PlannedActions, plan_actions
 from resting_aspects_ros.api.reorient_result import wanted_mask
 from resting_aspects_ros.api.roadmap import read_roadmap
 from resting_aspects_ros.cli.action_options import requested_actions

@@ -13,10 +13,9 @@ from rich.console import Console
 from resting_aspects_ros.api.estimate import estimate
 from resting_aspects_ros.api.measured_trials import MeasuredComparison
 from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.api.reorient_plan import PlanResult, plan_reorientation
 from resting_aspects_ros.api.reorient_result import (
-    PlanResult,
     ReorientResult,
-    plan_reorientation,
     wanted_mask,
 )
 from resting_aspects_ros.api.roadmap import roadmap_document

@@ -7,6 +7,7 @@ only the messages of the suite and resting_aspects_ros.client.
 
 import argparse
 import math
+import signal
 import sys
 
 import rclpy
@@ -167,10 +168,13 @@ def main() -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.parse_args(remove_ros_args(sys.argv)[1:])
+    # rclpy handles Ctrl-C. Python would also raise KeyboardInterrupt, in the middle of a callback,
+    # where the C++ code of rclpy turns it into other errors.
+    signal.signal(signal.SIGINT, lambda *_: None)
     try:
         rclpy.init()
         rclpy.spin(FeederExample())
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except ExternalShutdownException:
         pass  # the normal way to stop a node
     except (InvalidValueError, ParameterException, NameValidationException) as error:
         print('error:', ' '.join(str(error).split()), file=sys.stderr)

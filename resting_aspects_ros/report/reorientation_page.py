@@ -25,11 +25,10 @@ from resting_aspects_ros.report.reorientation_table import (
     long_run_table,
     long_run_text,
     plan_table,
-    retention_counts_table,
-    retention_table,
     wanted_table,
 )
 from resting_aspects_ros.report.retention_figure import retention_figure, retention_note
+from resting_aspects_ros.report.retention_table import retention_counts_table, retention_table
 from resting_aspects_ros.report.rows import ids_text
 from resting_aspects_ros.report.transition_figure import transition_figure, transition_note
 from resting_aspects_ros.report.transition_table import Rows, interval_table, table_rows
@@ -60,7 +59,7 @@ def reorientation_files(report: ReorientationReport) -> Iterator[tuple[str, byte
         yield from figure_files(RETENTION, curves.draw(f'{report.title}, {report.subtitle}'))
         retention = {
             'figure': curves.inline(RETENTION),
-            'levels': page_table(retention_table(report.curves, '')),
+            'levels': page_table(retention_table(report.curves, '', report.gravity)),
             'counts': page_table(retention_counts_table(report.curves, '')),
         }
     page = render_page(

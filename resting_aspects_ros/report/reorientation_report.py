@@ -96,6 +96,8 @@ class ReorientationReport:
         Ids of the wanted aspects.
     plan : (Plan, names of the actions) or None
     curves : sequence of RetentionCurve
+    gravity : float
+        With which the curves were simulated, m/s2.
     notes, facts
         As in Report.
     """
@@ -109,6 +111,7 @@ class ReorientationReport:
     wanted: tuple[int, ...] = ()
     plan: tuple[Plan, Sequence[str]] | None = None
     curves: Sequence[RetentionCurve] = ()
+    gravity: float = 9.81
     notes: Sequence[str] = ()
     facts: Mapping[str, Sequence[tuple[str, str]]] = field(default_factory=dict)
 

@@ -1,4 +1,4 @@
-"""Terminal tables of what follows from actions: long-run shares, plans, retention."""
+"""Terminal tables of what follows from actions: long-run shares, wanted aspects, plans."""
 
 from collections.abc import Sequence
 
@@ -8,15 +8,18 @@ from rich.table import Table
 
 from resting_aspects_ros.core.reorientation.markov import LongRun
 from resting_aspects_ros.core.reorientation.plan import Plan
-from resting_aspects_ros.core.reorientation.retention import LEVELS, RetentionCurve
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Array, Interval
-from resting_aspects_ros.report.rounding import interval_text, probability_text, share_text
+from resting_aspects_ros.report.rounding import (
+    interval_text,
+    number_text,
+    probability_text,
+    share_text,
+)
 from resting_aspects_ros.report.rows import ids_text
 from resting_aspects_ros.report.table import NOTHING
 from resting_aspects_ros.report.transition_table import Rows, titled_table
 
 NEVER, WANTED = 'never', 'wanted'
-STANDARD_GRAVITY = 9.81  # m/s2
 # Probabilities closer to 1 differ from it by rounding errors only.
 _CERTAIN = 1 - 1e-9
 
@@ -135,7 +138,7 @@ def wanted_table(
         if is_wanted:
             cells = WANTED, '0'
         else:
-            cells = _chance_text(reached), NEVER if np.isnan(number) else _number_text(number)
+            cells = _chance_text(reached), NEVER if np.isnan(number) else number_text(number)
         table.add_row(ids_text(row), *cells)
     return table
 
@@ -161,66 +164,9 @@ def plan_table(rows: Rows, plan: Plan, actions: Sequence[str], title: str) -> Ta
         elif np.isinf(time):
             cells = NOTHING, NEVER
         else:
-            cells = actions[action], _number_text(time)
+            cells = actions[action], number_text(time)
         table.add_row(ids_text(row), *cells)
     return table
-
-
-def retention_table(
-    curves: Sequence[RetentionCurve], title: str, gravity: float = STANDARD_GRAVITY
-) -> Table:
-    """Return a table of the lift heights in mm at which 1, 10 and 50 % of parts leave an aspect.
-
-    The interval is below each height. The barrier is also shown as the speed with the same energy,
-    sqrt(2 g h), for a gravity in m/s2.
-    """
-    headings = [f'{100 * level:g} % leave\nat (mm)' for level in LEVELS]
-    table = titled_table(title, 'aspect', 'barrier\n(mm)', 'as speed\n(m/s)', *headings)
-    for curve in curves:
-        barrier = [NOTHING, NOTHING]
-        if np.isfinite(curve.barrier):
-            speed = _number_text(float(np.sqrt(2 * gravity * curve.barrier)))
-            barrier = [millimetres_text(curve.barrier), speed]
-        levels = (_level_text(curve, level) for level in LEVELS)
-        table.add_row(str(curve.aspect), *barrier, *levels)
-    return table
-
-
-def retention_counts_table(curves: Sequence[RetentionCurve], title: str) -> Table:
-    """Return a table of how many parts left each aspect at each lift height."""
-    headings = ['lift\nheight\n(mm)', 'parts', 'left', 'probability', 'interval']
-    table = titled_table(title, 'aspect', *headings)
-    for curve in curves:
-        columns = (curve.lift, curve.parts, curve.left, curve.probability, *curve.bounds())
-        for lift, parts, left, *values in zip(*(each.tolist() for each in columns), strict=True):
-            chance = Interval(*values)
-            table.add_row(
-                str(curve.aspect),
-                millimetres_text(lift),
-                str(parts),
-                str(left),
-                probability_text(chance),
-                interval_text(chance),
-            )
-    return table
-
-
-def millimetres_text(length: float) -> str:
-    """Return a length, m, in mm with three significant digits."""
-    return _number_text(1000 * length) if length else '0'
-
-
-def _level_text(curve: RetentionCurve, level: float) -> str:
-    """Return the lift height at which a share of the parts leaves, and below it the interval."""
-    lift = curve.lift_at(level)
-    lower, upper = curve.lift_interval(level)
-    limit = f'{1000 * curve.lift[-1]:.4g} mm'
-    value = f'not reached\nup to {limit}' if np.isnan(lift) else millimetres_text(lift)
-    if np.isnan(lower):
-        return value
-    if np.isnan(upper):
-        return f'{value}\nat least {millimetres_text(lower)}'
-    return f'{value}\n{millimetres_text(lower)} to {millimetres_text(upper)}'
 
 
 def _marks(long_run: LongRun, count: int) -> list[str]:
@@ -253,8 +199,3 @@ def _chance_text(probability: float) -> str:
         return '100 %' if probability else '0 %'
     text = share_text(probability)
     return '> 99.9 %' if text == '100.0' else f'{text} %'
-
-
-def _number_text(number: float) -> str:
-    """Return a number with three significant digits, or as an integer from 100."""
-    return f'{number:.0f}' if number >= 99.95 else f'{number:#.3g}'

@@ -16,7 +16,7 @@ from resting_aspects_ros.report.aspect_groups import Group, group_images, group_
 from resting_aspects_ros.report.figure_style import FAINT, TEXT, percent_axis, plain_axes
 from resting_aspects_ros.report.pixel_axes import Header, draw_image, pixel_axes
 from resting_aspects_ros.report.posed_part import Image
-from resting_aspects_ros.report.reorientation_table import millimetres_text
+from resting_aspects_ros.report.retention_table import millimetres_text
 
 if TYPE_CHECKING:  # importing matplotlib takes 0.5 s: it is imported when a figure is made
     from matplotlib.axes import Axes

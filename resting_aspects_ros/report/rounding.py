@@ -116,3 +116,8 @@ def points(share: float, decimals: int) -> str:
 def _signed(value: float) -> str:
     text = f'{value:+.2f}'
     return ' 0.00' if text in ('+0.00', '-0.00') else text
+
+
+def number_text(number: float) -> str:
+    """Return a number with three significant digits, or as an integer from 100."""
+    return f'{number:.0f}' if number >= 99.95 else f'{number:#.3g}'

@@ -8,7 +8,8 @@ from typing import Any
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.yaml_file import read_yaml
-from resting_aspects_ros.simulation.impulses import Kick, Nozzle
+from resting_aspects_ros.simulation.impulses import Kick
+from resting_aspects_ros.simulation.nozzle import Nozzle
 from resting_aspects_ros.simulation.quantity import Quantity, quantities_of
 from resting_aspects_ros.simulation.step_action import Step
 from resting_aspects_ros.simulation.vibration import Vibration

@@ -12,9 +12,9 @@ from resting_aspects_ros.report.reorientation_table import (
     long_run_table,
     long_run_text,
     plan_table,
-    retention_table,
     wanted_table,
 )
+from resting_aspects_ros.report.retention_table import retention_table
 from resting_aspects_ros.report.transition_table import table_rows
 
 DROP = np.array([0.5, 0.25, 0.125, 0.1, 0.025])
@@ -117,20 +117,20 @@ def curve(aspect=1, barrier=0.0015, left=(0, 20, 40, 80), parts=400):
 
 
 def test_retention_has_lift_heights_with_intervals():
-    value, interval, *_ = body(retention_table([curve()], 't'))
+    value, interval, *_ = body(retention_table([curve()], 't', 9.81))
     assert value[:5] == ['1', '1.50', '0.172', '1.20', '4.00']
     low, high = (1000 * end for end in curve().lift_interval(0.01))
     assert interval[:3] == [f'{low:#.3g}', 'to', f'{high:#.3g}']
 
 
 def test_level_that_is_not_reached_is_stated():
-    value, limit, *_ = body(retention_table([curve()], 't'))
+    value, limit, *_ = body(retention_table([curve()], 't', 9.81))
     assert value[-2:] == ['not', 'reached']
     assert limit[-4:] == ['up', 'to', '20', 'mm']
 
 
 def test_interval_without_an_end_has_its_lower_bound():
-    rows_of_cell = body(retention_table([curve(left=(0, 10, 50, 195))], 't'))
+    rows_of_cell = body(retention_table([curve(left=(0, 10, 50, 195))], 't', 9.81))
     lower, upper = curve(left=(0, 10, 50, 195)).lift_interval(0.5)
     assert np.isnan(upper)
     assert rows_of_cell[1][-4:] == ['up', 'to', '20', 'mm']
@@ -139,5 +139,5 @@ def test_interval_without_an_end_has_its_lower_bound():
 
 def test_only_aspect_has_no_barrier_in_the_table():
     many = [curve(k, np.inf if k == 1 else 0.00811 * k) for k in range(1, 31)]
-    found = [row for row in body(retention_table(many, 't')) if row[0].isdigit()]
+    found = [row for row in body(retention_table(many, 't', 9.81)) if row[0].isdigit()]
     assert [row[:2] for row in found[:1] + found[-1:]] == [['1', '-'], ['30', '243']]

@@ -12,9 +12,10 @@ from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.rotations import down_in_part
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
-from resting_aspects_ros.simulation.impulses import Kick, Nozzle
+from resting_aspects_ros.simulation.impulses import Kick
 from resting_aspects_ros.simulation.initial_state import initial_states
 from resting_aspects_ros.simulation.noise import Noise
+from resting_aspects_ros.simulation.nozzle import Nozzle
 from resting_aspects_ros.simulation.plan import make_job
 from resting_aspects_ros.simulation.reorientation import (
     body_of,

@@ -7,9 +7,8 @@ from resting_aspects_interfaces.action import ReorientPart
 from resting_aspects_interfaces.msg import FeederAction
 
 from resting_aspects_ros.api.condition_text import shipped_actions
-from resting_aspects_ros.api.drop import PlannedRun
-from resting_aspects_ros.api.drop import plan as plan_drops
-from resting_aspects_ros.api.reorient import PlannedActions, plan_actions
+from resting_aspects_ros.api.plan_actions import PlannedActions, plan_actions
+from resting_aspects_ros.api.plan_drops import PlannedDrops, plan_drops
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.part import Part
@@ -37,7 +36,7 @@ def plan_goal(
     action: NamedAction,
     conditions: DropConditions,
     goal: ReorientPart.Goal,
-) -> tuple[PlannedActions, PlannedRun]:
+) -> tuple[PlannedActions, PlannedDrops]:
     """Return the actions and the drops of a goal; runs in a FileWorker."""
     actions = plan_actions(
         part,

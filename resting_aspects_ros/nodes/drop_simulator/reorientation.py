@@ -11,8 +11,8 @@ from rclpy.publisher import Publisher
 from resting_aspects_interfaces.action import ReorientPart
 from resting_aspects_interfaces.msg import TransitionMatrix
 
-from resting_aspects_ros.api.drop import PlannedRun
-from resting_aspects_ros.api.reorient import PlannedActions
+from resting_aspects_ros.api.plan_actions import PlannedActions
+from resting_aspects_ros.api.plan_drops import PlannedDrops
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.part import Part
@@ -147,7 +147,7 @@ class ReorientServer:
             result.status.message = f'{action.name} has no effect: every part stays where it is'
         return result, error
 
-    async def _drop(self, goal: ReorientGoal, planned: PlannedRun) -> Distribution:
+    async def _drop(self, goal: ReorientGoal, planned: PlannedDrops) -> Distribution:
         """Return the distribution of the drops of a goal."""
         total = planned.empty
         chunks = self._workers.chunks(planned.job, planned.run, goal.canceled)

@@ -1,0 +1,146 @@
+"""Plan an action on parts at rest in each aspect."""
+
+import math
+import time
+import uuid
+from dataclasses import dataclass
+
+import numpy as np
+
+from resting_aspects_ros.api.condition_text import shipped_actions
+from resting_aspects_ros.api.transition_counter import TransitionCounter
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.landscape import Landscape
+from resting_aspects_ros.core.errors import InvalidValueError, warn
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, no_actions
+from resting_aspects_ros.core.statistics.intervals import (
+    CONFIDENCE,
+    INTERVAL,
+    check_confidence,
+    check_method,
+)
+from resting_aspects_ros.core.statistics.stopping import drops_for
+from resting_aspects_ros.simulation.actions import KINDS, Action, NamedAction
+from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.nozzle import Nozzle
+from resting_aspects_ros.simulation.plan import plan_run
+from resting_aspects_ros.simulation.reorientation import action_starts
+from resting_aspects_ros.simulation.run_description import (
+    DEFAULT_SEED,
+    MAX_DROPS,
+    RunDescription,
+)
+
+DEFAULT_ACTION = 'tap'
+# 385 actions give intervals of about +-0.05 in the worst case.
+DEFAULT_PER_ASPECT = 400
+# Stronger actions than those that lift a part by so many hull radii are probably mistakes of the
+# unit, and take minutes.
+MAX_LIFT = 200
+# Number of jets on each aspect with which is checked whether they meet the part.
+JETS = 20
+
+
+@dataclass(frozen=True)
+class PlannedActions:
+    """Actions that are ready to be simulated."""
+
+    action: NamedAction
+    job: DropJob
+    run: RunDescription
+    counter: TransitionCounter
+
+
+def plan_actions(
+    part: Part,
+    action: NamedAction,
+    conditions: DropConditions,
+    *,
+    per_aspect: int = DEFAULT_PER_ASPECT,
+    precision: float = 0.0,
+    seed: int = DEFAULT_SEED,
+    interval: str = INTERVAL,
+    confidence: float = CONFIDENCE,
+    landscape: Landscape | None = None,
+) -> PlannedActions:
+    """Find the aspects of a part and plan an action from each; raises InvalidValueError.
+
+    With a precision, ``per_aspect`` is the maximum number of actions; 0: as many as needed.
+    """
+    check_method(interval)
+    check_confidence(confidence)
+    landscape = Landscape(part) if landscape is None else landscape
+    aspects = find_aspects(part, landscape)
+    if not len(aspects):
+        raise InvalidValueError(f'invalid part {part.name}: expected a part with an aspect')
+    limit = MAX_DROPS // len(aspects)
+    if precision > 0:
+        columns = len(aspects) + len(OUTCOMES)
+        per_aspect = drops_for(precision, per_aspect or limit, columns, interval, confidence)
+    if not isinstance(per_aspect, int) or not 1 <= per_aspect <= limit:
+        raise InvalidValueError(
+            f'invalid number of actions per aspect {per_aspect!r}: expected 1 to {limit} for '
+            f'{len(aspects)} aspects'
+        )
+    job, run = plan_run(
+        part,
+        conditions,
+        seed=seed,
+        drops=per_aspect * len(aspects),
+        precision=precision,
+        run_id=uuid.uuid4().hex[:12],
+        started=time.time_ns(),
+        landscape=landscape,
+        starts=action_starts(part, aspects.aspects, action.action, conditions.gravity),
+    )
+    _check_speed(part, action, job)
+    _warn_if_missed(action, job, len(aspects))
+    empty = no_actions(
+        aspects, interval=interval, confidence=confidence, by_precision=precision > 0
+    )
+    return PlannedActions(action, job, run, TransitionCounter(empty, run, precision))
+
+
+def _check_speed(part: Part, action: NamedAction, job: DropJob) -> None:
+    """Raise InvalidValueError if the action is so strong that it is probably a mistake."""
+    limit = math.sqrt(2 * job.conditions.gravity * MAX_LIFT * part.hull_radius)
+    if job.impact_speed > limit:
+        raise InvalidValueError(
+            f'invalid action {action.name}: it moves {part.name} with up to '
+            f'{job.impact_speed:.3g} m/s; expected at most {limit:.3g} m/s, which lifts it by '
+            f'{MAX_LIFT} times its radius; all values are in SI units unless they have a unit'
+        )
+
+
+def _warn_if_missed(action: NamedAction, job: DropJob, aspects: int) -> None:
+    """Warn of aspects in which no jet of a nozzle meets the part."""
+    if not isinstance(action.action, Nozzle) or not action.action.has_effect:
+        return
+    assert job.starts is not None
+    index = np.arange(JETS * aspects)
+    states = job.starts.states(index, np.random.default_rng(job.seed))
+    met = (states.velocity != 0).any(axis=1).reshape(JETS, aspects).any(axis=0)
+    if not met.all():
+        ids = ', '.join(str(k + 1) for k in np.flatnonzero(~met).tolist())
+        warn(f'the jet of {action.name} misses the part in aspect {ids}, where it has no effect')
+
+
+def named_action(action: str | Action | NamedAction) -> NamedAction:
+    """Return an action with its name; raises InvalidValueError if the name is not known."""
+    if isinstance(action, NamedAction):
+        return action
+    if isinstance(action, str):
+        if action in KINDS:
+            raise InvalidValueError(
+                f'invalid action {action!r}, which is a kind of action: expected one with values, '
+                f'such as ra.{KINDS[action].__name__}(...), or one of '
+                f'{", ".join(shipped_actions().names())}'
+            )
+        return shipped_actions().get(action)
+    if not isinstance(action, tuple(KINDS.values())):
+        raise InvalidValueError(
+            f'invalid action {action!r}: expected a name or one of {", ".join(KINDS)}'
+        )
+    return NamedAction(action.kind, action)

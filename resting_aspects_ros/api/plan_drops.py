@@ -1,0 +1,75 @@
+"""Plan drops of a part."""
+
+import time
+import uuid
+from dataclasses import dataclass
+
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.landscape import Landscape
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.distribution import Distribution, no_drops
+from resting_aspects_ros.core.statistics.intervals import (
+    CONFIDENCE,
+    INTERVAL,
+    check_confidence,
+    check_method,
+)
+from resting_aspects_ros.core.statistics.stopping import max_drops
+from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.plan import plan_run
+from resting_aspects_ros.simulation.run_description import MAX_DROPS, RunDescription
+from resting_aspects_ros.simulation.starts import Starts
+
+
+@dataclass(frozen=True)
+class PlannedDrops:
+    """A run that is ready to be simulated; ``empty`` is its distribution without drops."""
+
+    job: DropJob
+    run: RunDescription
+    empty: Distribution
+
+
+def plan_drops(
+    part: Part,
+    conditions: DropConditions,
+    *,
+    drops: int,
+    seed: int,
+    first_drop: int = 0,
+    precision: float = 0.0,
+    stop_at: float | None = None,
+    interval: str = INTERVAL,
+    confidence: float = CONFIDENCE,
+    starts: Starts | None = None,
+) -> PlannedDrops:
+    """Find the aspects of a part and plan a run; raises InvalidValueError.
+
+    ``stop_at`` is the precision at which to stop, if it differs from that of the run. See
+    plan_run for ``starts``.
+    """
+    check_method(interval)
+    check_confidence(confidence)
+    landscape = Landscape(part)
+    empty = no_drops(
+        find_aspects(part, landscape),
+        interval=interval,
+        confidence=confidence,
+        by_precision=precision > 0,
+    )
+    stop_at = precision if stop_at is None else stop_at
+    count = max_drops(drops, stop_at, MAX_DROPS, len(empty.aspects), interval, confidence)
+    job, run = plan_run(
+        part,
+        conditions,
+        seed=seed,
+        drops=count,
+        first_drop=first_drop,
+        precision=precision,
+        run_id=uuid.uuid4().hex[:12],
+        started=time.time_ns(),
+        landscape=landscape,
+        starts=starts,
+    )
+    return PlannedDrops(job, run, empty)
