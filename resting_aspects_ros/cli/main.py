@@ -132,9 +132,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return FAILED
     except KeyboardInterrupt as interrupt:
         # Block further signals: the interpreter removes its handlers as it ends, and the exit code
-        # would become that of the signal.
+        # would become that of the signal. Threads that libraries started are not blocked.
         signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-        # Threads that libraries started are not blocked; they ignore the signals.
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         return _end(INTERRUPTED, str(interrupt) or 'interrupted')
@@ -180,8 +179,8 @@ def _open_closed_streams() -> None:
             null = os.open(os.devnull, os.O_WRONLY if name == 'stderr' else os.O_RDONLY)
             os.dup2(null, number)
             os.set_inheritable(number, True)
-            stream = open(number, 'r' if name == 'stdin' else 'w', encoding='utf-8', closefd=False)
-            setattr(sys, name, stream)
+            mode = 'r' if name == 'stdin' else 'w'
+            setattr(sys, name, open(number, mode, encoding='utf-8', closefd=False))  # noqa: SIM115
 
 
 def _discard_output() -> None:
