@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 from rich.console import Console
 
 from resting_aspects_ros.api.estimate import estimate
@@ -28,12 +29,13 @@ from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain, to_json
 from resting_aspects_ros.report.reorientation_report import suffix_of
 from resting_aspects_ros.report.reorientation_table import (
+    actions_table,
     long_run_table,
     long_run_text,
     plan_table,
     wanted_table,
 )
-from resting_aspects_ros.report.transition_table import table_rows, transition_table
+from resting_aspects_ros.report.transition_table import Rows, table_rows, transition_table
 from resting_aspects_ros.simulation.interruption import catch
 
 
@@ -84,14 +86,28 @@ def print_answer(answer: Answer, *, by_class: bool, as_json: bool) -> None:
         if number:
             console.print()
         _print_result(console, result, answer.wanted, by_class=by_class)
-    if (plan := answer.plan) is not None and len(answer.results) > 1:
-        rows = table_rows(answer.results[0].matrix.aspects, by_class=by_class)
+    if len(answer.results) > 1:
+        _print_comparison(console, answer, by_class=by_class)
+    for check in answer.checks:
+        _say(console, _check_text(check))
+
+
+def _print_comparison(console: Console, answer: Answer, *, by_class: bool) -> None:
+    """Print the long-run shares of all actions side by side, and the best plan."""
+    views = {each.action.name: each.by_class() if by_class else each for each in answer.results}
+    rows = table_rows(answer.results[0].matrix.aspects, by_class=by_class)
+    shares = {name: v.long_run.shares for name, v in views.items() if v.long_run is not None}
+    if shares:
+        drop = next(iter(views.values())).drop_shares
+        mask = _wanted_rows(answer.results[0], answer.wanted, rows)
+        console.print()
+        title = 'in the long run, by action'
+        show_table(console, actions_table(rows, drop / drop.sum(), shares, mask, title))
+    if (plan := answer.plan) is not None:
         first = np.array([row[0].id - 1 for row in rows])
         shown = Plan(plan.plan.action[first], plan.plan.time[first])
         console.print()
         show_table(console, plan_table(rows, shown, plan.names, 'best plan'))
-    for check in answer.checks:
-        _say(console, _check_text(check))
 
 
 def _print_result(
@@ -117,8 +133,7 @@ def _print_result(
         show_table(console, table)
         _say(console, long_run_text(rows, view.long_run))
     if wanted and (view.matrix.actions > 0).all():
-        mask = wanted_mask(wanted, len(result.matrix.counts))
-        mask = np.array([mask[[aspect.id - 1 for aspect in row]].all() for row in rows])
+        mask = _wanted_rows(result, wanted, rows)
         way = view.reach((np.flatnonzero(mask) + 1).tolist())
         console.print()
         show_table(console, wanted_table(rows, mask, *way, 'the way to wanted aspects'))
@@ -126,6 +141,14 @@ def _print_result(
         classes = result.matrix.aspects.classes()
         names = [f'aspect {"+".join(str(a.id) for a in row)}' for row in classes]
         _say(console, result.convergence.text([*names, *OUTCOMES]))
+
+
+def _wanted_rows(
+    result: ReorientResult, wanted: Sequence[int], rows: Rows
+) -> npt.NDArray[np.bool_]:
+    """Return which rows have wanted aspects only, (rows,) bool."""
+    mask = wanted_mask(wanted, len(result.matrix.counts)) if wanted else np.zeros(0, dtype=bool)
+    return np.array([bool(wanted) and mask[[a.id - 1 for a in row]].all() for row in rows])
 
 
 def _say(console: Console, text: str) -> None:

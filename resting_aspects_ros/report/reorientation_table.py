@@ -1,6 +1,6 @@
 """Terminal tables of what follows from actions: long-run shares, wanted aspects, plans."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -78,6 +78,34 @@ def long_run_table(
             f'{share_text(dropped)} %',
             *([mark] if any(marks) else []),
         )
+    return table
+
+
+def actions_table(
+    rows: Rows, drop: Array, shares: Mapping[str, Array], wanted: npt.NDArray[np.bool_], title: str
+) -> Table:
+    """Return a table that compares the shares in a drop with those of several repeated actions.
+
+    Parameters
+    ----------
+    rows : sequence of tuples of Aspect
+        The aspects of each row: single aspects or symmetry classes; see table_rows.
+    drop : (k,) float
+        Probabilities of the rows after a drop.
+    shares : mapping of str to (k,) float
+        Long-run shares of each action by name.
+    wanted : (k,) bool
+        The wanted rows, whose sum is the last row of the table; none: no such row.
+    title : str
+        Plain text, shown above the table.
+    """
+    table = titled_table(title, _heading(rows), 'in a\ndrop', *shares)
+    columns = (drop, *shares.values())
+    for number, row in enumerate(rows):
+        table.add_row(ids_text(row), *(f'{share_text(column[number])} %' for column in columns))
+    if wanted.any():
+        sums = (f'{share_text(float(column[wanted].sum()))} %' for column in columns)
+        table.add_row(WANTED, *sums)
     return table
 
 

@@ -2,11 +2,15 @@
 
 import csv
 import json
+import signal
 
 import networkx as nx
 import pytest
 
 import resting_aspects_ros as ra
+from resting_aspects_ros.api import reorient
+from resting_aspects_ros.cli import reorient_run
+from resting_aspects_ros.core.errors import EngineError
 
 WORDS = ('reorient', 'tetrahedron', '--per-aspect', 10, '--drops', 20, '--workers', 2)
 
@@ -63,6 +67,51 @@ def test_several_actions_are_compared(run_in, tmp_path):
         'action': [None] * 4,
         'expected_time': [0.0] * 4,
     }
+
+
+def test_several_actions_are_compared_in_a_table(run_in, tmp_path):
+    few = (*WORDS[:2], '--per-aspect', 3, '--drops', 10, '--workers', 2)
+    out = run_in(tmp_path, *few, '--action', 'tap,toss', '--wanted', '1').stdout
+    table = out[out.index('in the long run, by action') :].splitlines()
+    assert table[2].split() == ['aspect', 'drop', 'tap', 'toss']
+    rows = {row.split()[0]: row.split()[1:] for row in table[4:9]}
+    assert rows['wanted'] == rows['1']
+
+
+def test_error_in_the_second_action_keeps_the_results(run_in, tmp_path, monkeypatch):
+    make = reorient_run.make_actions
+
+    def dies_in_toss(planned, *others, **options):
+        if planned.action.name == 'toss':
+            raise EngineError('the workers died')
+        return make(planned, *others, **options)
+
+    monkeypatch.setattr(reorient_run, 'make_actions', dies_in_toss)
+    ended = run_in(tmp_path, *WORDS, '--action', 'tap,toss', '--json', '--out', 'o')
+    assert ended.returncode == 1
+    assert ended.stderr.splitlines()[-1] == 'error: the workers died; the result has 40 actions'
+    assert (tmp_path / 'o' / 'transitions.json').read_text() == ended.stdout
+    results = json.loads(ended.stdout)['results']
+    assert [(each['complete'], sum(each['actions'])) for each in results] == [
+        (True, 40),
+        (False, 0),
+    ]
+
+
+def test_ctrl_c_in_the_check_keeps_the_result(run_in, tmp_path, monkeypatch):
+    check = reorient.check_in_finer_steps
+
+    def interrupted(*arguments):
+        signal.raise_signal(signal.SIGINT)
+        return check(*arguments)
+
+    monkeypatch.setattr(reorient, 'check_in_finer_steps', interrupted)
+    ended = run_in(tmp_path, *WORDS, '--check-convergence', '--json')
+    assert ended.returncode == 130
+    assert ended.stderr.splitlines()[-1] == 'interrupted; convergence was not checked'
+    document = json.loads(ended.stdout)
+    assert (document['complete'], sum(document['actions'])) == (True, 40)
+    assert 'convergence' not in document
 
 
 def test_measured_trials_replace_rows_with_enough(run_in, saved, tmp_path):
