@@ -1,11 +1,12 @@
 """Validation of drops and actions: time step, decision by energy, comparison with measurements.
 
-Prints tables and writes docs/explanation/validation.md. Takes about three hours on two cores.
-`tools/validate.py world` prints only one section.
+Prints tables and writes docs/explanation/validation.md. Takes about five hours on two cores.
+`tools/validate.py world` runs and replaces only one section.
 """
 
 import datetime as dt
 import platform
+import re
 import sys
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
@@ -30,35 +31,50 @@ SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
 }
 
 
-def _heading(workers: int) -> Iterator[str]:
+HEADING = """# Validation
+
+Written by `make validate`, section by section; each states when and with what. A section is replaced, for example, by
+`.venv/bin/python tools/validate.py tosses`.
+"""
+# Comments that separate the sections in the file.
+MARK = re.compile('^<!-- section: (\\w+) -->$', re.MULTILINE)
+
+
+def _written(workers: int) -> str:
     today = dt.datetime.now(tz=dt.timezone.utc).date()
-    yield '# Validation'
-    yield ''
-    yield (
-        f'Written by `make validate` on {today}: {ENGINE} {ENGINE_VERSION}, NumPy '
-        f'{version("numpy")}, Python {platform.python_version()}, {platform.machine()}, '
-        f'{workers} workers, seed {SEED}.'
+    return (
+        f'*{today}: {ENGINE} {ENGINE_VERSION}, NumPy {version("numpy")}, Python '
+        f'{platform.python_version()}, {platform.machine()}, {workers} workers, seed {SEED}.*'
     )
-    yield ''
+
+
+def _sections() -> dict[str, str]:
+    """Return the text of each section of the file, by name."""
+    _, *found = MARK.split(RESULT.read_text(encoding='utf-8')) if RESULT.exists() else ['']
+    return dict(zip(found[::2], found[1::2], strict=True))
+
+
+def _write(sections: dict[str, str]) -> None:
+    parts = [f'<!-- section: {k} -->{sections[k]}' for k in SECTIONS if k in sections]
+    RESULT.write_text('\n'.join([HEADING, *parts]).rstrip() + '\n', encoding='utf-8')
 
 
 def main() -> None:
     """Run all sections, or the sections given as arguments."""
     workers = ProcessWorkers(default_workers())
     console = Console()
-    lines = list(_heading(workers.count))
     try:
         dropper = Dropper(workers)
         for name in sys.argv[1:] or SECTIONS:
+            lines = []
             for line in SECTIONS[name](dropper):
                 console.print(line, highlight=False, soft_wrap=True)
                 lines.append(line)
-            if not sys.argv[1:]:  # written after each section, because each takes long
-                RESULT.write_text('\n'.join(lines), encoding='utf-8')
+            text = '\n'.join(['', _written(workers.count), '', *lines]).rstrip() + '\n'
+            _write(_sections() | {name: text})  # at once, because each section takes long
     finally:
         workers.stop()
-    if not sys.argv[1:]:
-        print(f'Written: {RESULT}')
+    print(f'Written: {RESULT}')
 
 
 if __name__ == '__main__':
