@@ -33,8 +33,8 @@ SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
 
 HEADING = """# Validation
 
-Written by `make validate`, section by section; each states when and with what. A section is replaced, for example, by
-`.venv/bin/python tools/validate.py tosses`.
+Written by `make validate`, section by section; each states when and with what. A section is
+replaced, for example, by `.venv/bin/python tools/validate.py tosses`.
 """
 # Comments that separate the sections in the file.
 MARK = re.compile('^<!-- section: (\\w+) -->$', re.MULTILINE)
