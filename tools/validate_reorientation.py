@@ -33,8 +33,8 @@ def reorientation(dropper: Dropper) -> Iterator[str]:
     yield (
         f'The named actions on {", ".join(PARTS)}, rubber_mat, with at least {PER_CLASS} actions '
         f'({VIBRATED_PER_CLASS} of a vibration) from each symmetry class and time step. Shown is '
-        'the entry of the matrix by symmetry class that changes most when the time step is halved; the intervals of all entries of a '
-        'matrix hold together. The aim is at most 0.01.'
+        'the entry of the matrix by symmetry class that changes most when the time step is '
+        'halved; the intervals of all entries of a matrix hold together. The aim is at most 0.01.'
     )
     yield ''
     yield '| part | action | actions | from class | to | shift | 95 % interval |'
