@@ -44,7 +44,7 @@ setup(
             f'drop_simulator = {NAME}.nodes.drop_simulator.node:main',
             f'aspect_classifier = {NAME}.nodes.aspect_classifier.node:main',
             f'drop_recorder = {NAME}.nodes.drop_recorder.node:main',
-            f'feeder_example = {NAME}.examples.feeder:main',
+            f'feeder_controller = {NAME}.nodes.feeder_controller.node:main',
             f'log_replayer = {NAME}.nodes.log_replayer.node:main',
         ],
     },

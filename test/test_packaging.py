@@ -30,6 +30,7 @@ DEPENDENCIES = {
     'diagnostic_msgs': (MESSAGES, 'diagnostic_msgs'),
     'domain_coordinator': ('ros-domain-coordinator', 'domain_coordinator'),
     'geometry_msgs': (MESSAGES, 'geometry_msgs'),
+    'ezdxf': ('ezdxf', 'python3-ezdxf'),
     'hypothesis': ('hypothesis', 'python3-hypothesis'),
     'jinja2': ('jinja2', 'python3-jinja2'),
     'launch': (None, 'launch'),  # with a ROS, where the launch file is used
@@ -49,6 +50,8 @@ DEPENDENCIES = {
     'rich': ('rich', 'python3-rich'),
     'rosbags': ('rosbags', 'python3-rosbags-pip'),
     'scipy': ('scipy', 'python3-scipy'),
+    'shapely': ('shapely', 'python3-shapely'),
+    'simpy': ('simpy', None),  # rosdep has no key for it
     'std_msgs': (MESSAGES, 'std_msgs'),
     'std_srvs': (MESSAGES, 'std_srvs'),
     'trimesh': ('trimesh', 'python3-trimesh-pip'),

@@ -14,6 +14,7 @@ from importlib.metadata import version
 from dropper import ROOT, SEED, Dropper
 from rich.console import Console
 from validate_engine import decision, time_step
+from validate_identification import identification
 from validate_reorientation import reorientation
 from validate_tosses import tosses
 from validate_world import world
@@ -28,6 +29,7 @@ SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
     'world': world,
     'tosses': tosses,
     'reorientation': reorientation,
+    'identification': lambda _: identification(),
 }
 
 

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
 from resting_aspects_ros import __version__
+from resting_aspects_ros.cli.verbs import COMMANDS
 from resting_aspects_ros.core.errors import (
     InvalidValueError,
     NoLogError,
@@ -42,24 +43,6 @@ _NO_MEMORY = re.compile(
 )
 _WRITE_ERRORS = {errno.EBADF, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
-# The help of each subcommand. Only the module of the requested one is imported.
-COMMANDS = {
-    'drop': 'drop a part and show how it comes to rest',
-    'reorient': 'show how an action brings a part from aspect to aspect',
-    'retention': 'show how strong a disturbance makes a part leave each aspect',
-    'report': 'write a page with pictures and charts of a result',
-    'estimate': 'predict the distribution from the shape, without drops',
-    'aspects': 'show the aspects of a part, without drops',
-    'classify': 'sort resting poses from a file into aspects',
-    'compare': 'compare two distributions, or one with a count by hand',
-    'request': 'ask the running ROS nodes for a distribution',
-    'nodes': 'run all ROS nodes in one process',
-    'demo': 'drop l_bracket 1000 times over ROS and show the result',
-    'info': 'show what is in a log',
-    'replay': 'publish a log again on the same topics',
-    'merge': 'count the drops of several logs together',
-    'recover': 'close logs that a crash left unfinished',
-}
 
 DESCRIPTION = """How a part comes to rest when it is dropped, and how probable each way is.
 Start with: resting_aspects drop l_bracket"""

@@ -81,7 +81,7 @@ class AsyncClient(ClientBase):
             response = await pending.call(self._services[CLASSIFY_POSE], request)
             # NOT_AVAILABLE with an angle is a result: no aspect matches.
             if response.status.code != Status.NOT_AVAILABLE or math.isnan(response.angle):
-                _check_ok(response.status)
+                check_ok(response.status)
             return response
 
         return self._start(f'the aspect of a pose of {part}', timeout, ask)
@@ -106,7 +106,7 @@ class AsyncClient(ClientBase):
             client = self._action_client(REORIENT_PART, ReorientPart)
             report = progress or (lambda _: None)
             result = await pending.simulate(REORIENT_PART, client, goal, report)
-            _check_ok(result.status)
+            check_ok(result.status)
             return result.transitions
 
         return self._start(f'the transitions of {part}', timeout, ask)
@@ -120,7 +120,7 @@ class AsyncClient(ClientBase):
 
         async def ask(pending: PendingRequest) -> TransitionMatrix:
             response = await pending.call(self._services[GET_TRANSITIONS], request)
-            _check_ok(response.status)
+            check_ok(response.status)
             return response.transitions
 
         return self._start(f'the known transitions of {part}', timeout, ask)
@@ -131,7 +131,7 @@ class AsyncClient(ClientBase):
 
         async def ask(pending: PendingRequest) -> list[PartSummary]:
             response = await pending.call(self._services[LIST_PARTS], ListParts.Request())
-            _check_ok(response.status)
+            check_ok(response.status)
             return list(response.parts)
 
         return self._start('the list of parts', timeout, ask)
@@ -149,7 +149,7 @@ class AsyncClient(ClientBase):
         response = await pending.call(service, request)
         unknown = (Status.NOT_AVAILABLE, Status.UNKNOWN_PART)
         if only_known or response.status.code not in unknown:
-            _check_ok(response.status)
+            check_ok(response.status)
             return response.distribution
         done = 0
 
@@ -175,7 +175,7 @@ class AsyncClient(ClientBase):
             if pending.state:
                 raise
             raise AnswerTimeoutError(f'{error}; {response.status.message}') from None
-        _check_ok(result.status)
+        check_ok(result.status)
         report(result.drops)
         pending.state = f'{result.drops} drops are done and being counted'
         # The batches were sent before the result, but may arrive after it.
@@ -188,10 +188,11 @@ class AsyncClient(ClientBase):
                     f'{COUNT_TIMEOUT:g} s: {response.status.message}'
                 )
             await pending.pause(GET_DISTRIBUTION)
-        _check_ok(response.status)
+        check_ok(response.status)
         return response.distribution
 
 
-def _check_ok(status: Status) -> None:
+def check_ok(status: Status) -> None:
+    """Raise the error that a status reports, unless it is OK."""
     if status.code != Status.OK:
         raise status_error(status)

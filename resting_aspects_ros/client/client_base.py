@@ -12,7 +12,9 @@ from resting_aspects_interfaces.srv import (
     ClassifyPose,
     GetDistribution,
     GetTransitions,
+    IdentifyPart,
     ListParts,
+    LocatePart,
 )
 
 from resting_aspects_ros.client.pending_request import PendingRequest
@@ -23,7 +25,9 @@ from resting_aspects_ros.ros.interface import (
     CLASSIFY_POSE,
     GET_DISTRIBUTION,
     GET_TRANSITIONS,
+    IDENTIFY_PART,
     LIST_PARTS,
+    LOCATE_PART,
     SERVICES,
 )
 
@@ -59,6 +63,8 @@ class ClientBase:
                 (GET_TRANSITIONS, GetTransitions),
                 (CLASSIFY_POSE, ClassifyPose),
                 (LIST_PARTS, ListParts),
+                (IDENTIFY_PART, IdentifyPart),
+                (LOCATE_PART, LocatePart),
             )
         }
         self._actions: dict[str, ActionClient] = {}

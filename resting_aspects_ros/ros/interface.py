@@ -8,6 +8,7 @@ DROP_SIMULATOR = 'drop_simulator'
 ASPECT_CLASSIFIER = 'aspect_classifier'
 DROP_RECORDER = 'drop_recorder'
 LOG_REPLAYER = 'log_replayer'
+FEEDER_CONTROLLER = 'feeder_controller'
 
 DROP_PART = 'drop_part'
 REORIENT_PART = 'reorient_part'
@@ -15,10 +16,13 @@ GET_DISTRIBUTION = 'get_distribution'
 CLASSIFY_POSE = 'classify_pose'
 LIST_PARTS = 'list_parts'
 GET_TRANSITIONS = 'get_transitions'
+IDENTIFY_PART = 'identify_part'
+LOCATE_PART = 'locate_part'
 PARTS = 'parts'  # + /<part>
 RESTING_POSES = 'resting_poses'
 ASPECT_DISTRIBUTIONS = 'aspect_distributions'  # + /<part>
 TRANSITIONS = 'transitions'  # + /<part>
+OUTLINES = 'outlines'  # + /<part>
 MARKERS = 'markers'
 RECORDED_RUNS = 'recorded_runs'
 # Absolute: ROS tools expect this name.
@@ -30,6 +34,9 @@ PAUSE = '~/pause'
 RESUME = '~/resume'
 CURRENT_POSES = 'current_poses'
 DEFAULT_CONDITIONS = 'default_conditions'
+DETECTIONS = 'detections'
+PICK_RESULT = 'pick_result'
+FEEDER_ADVICE = 'feeder_advice'  # + /<part>
 
 FRAME = 'tray'
 
@@ -50,6 +57,8 @@ ACTION_SERVICES = {
     'result_service_qos_profile': SERVICES,
     'cancel_service_qos_profile': SERVICES,
 }
+# Of the cell: detections and pick_result. An older one is of no use to a late subscriber.
+CELL = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 # Holds all batches of the largest run, on both sides: reliable QoS alone does not throttle a
 # publisher, so a slow or late subscriber would lose batches.
 POSES_DEPTH = 2000

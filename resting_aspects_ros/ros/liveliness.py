@@ -75,13 +75,17 @@ class DuplicateNodeDetector:
     """Announces a node, and detects other nodes of the same kind in its namespace.
 
     harmless_reason : why duplicates do no harm; empty: any of them may answer a request
+    part : the part of a node that is for one part only, of which there may be one for each part
     """
 
-    def __init__(self, node: Node, kind: str, harmless_reason: str = '') -> None:
-        announce(node, kind)
+    def __init__(
+        self, node: Node, kind: str, harmless_reason: str = '', *, part: str = ''
+    ) -> None:
+        topic = f'{kind}/{part}' if part else kind
+        announce(node, topic)
         self._node = node
-        self._kind = kind
-        self._monitor = LivelinessMonitor(node, kind)
+        self._kinds = f'{kind}s of {part}' if part else f'{kind}s'
+        self._monitor = LivelinessMonitor(node, topic)
         self.harmless_reason = harmless_reason
         self._since: float | None = None
         self._logged = False
@@ -99,7 +103,7 @@ class DuplicateNodeDetector:
         if now - self._since < DUPLICATE_DELAY:
             return ''
         problem = (
-            f'{self._monitor.count} {self._kind}s in namespace {self._node.get_namespace()}: '
+            f'{self._monitor.count} {self._kinds} in namespace {self._node.get_namespace()}: '
             f'{self.harmless_reason or "use another namespace or ROS_DOMAIN_ID"}'
         )
         if not self._logged:

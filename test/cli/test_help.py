@@ -9,7 +9,7 @@ from importlib import import_module
 import pytest
 
 from resting_aspects_ros import __version__
-from resting_aspects_ros.cli import main
+from resting_aspects_ros.cli import main, verbs
 from resting_aspects_ros.core.aspects.clusters import (
     DEFAULT_TOLERANCE_DEGREES,
     MAX_TOLERANCE_DEGREES,
@@ -43,7 +43,7 @@ def shown(run):
 def test_help_lists_commands_and_exit_codes(shown):
     text = shown()
     for word in (
-        *main.COMMANDS.values(),
+        *verbs.COMMANDS.values(),
         'exit codes',
         '0 done',
         '1 failure during the work; partial results are saved',
@@ -53,7 +53,7 @@ def test_help_lists_commands_and_exit_codes(shown):
         assert word in text
 
 
-@pytest.mark.parametrize('name', main.COMMANDS)
+@pytest.mark.parametrize('name', verbs.COMMANDS)
 def test_examples_of_each_command_are_parsed(shown, name):
     text = shown(name)
     module = import_module(f'resting_aspects_ros.cli.verbs.{name}')
@@ -84,8 +84,8 @@ def loaded_by(*words):
     )
     modules = ended.stdout.splitlines()[-1].split()
     prefix = 'resting_aspects_ros.cli.verbs.'
-    verbs = {name.removeprefix(prefix) for name in modules if name.startswith(prefix)}
-    return set(HEAVY) & set(modules), verbs & set(main.COMMANDS)
+    loaded = {name.removeprefix(prefix) for name in modules if name.startswith(prefix)}
+    return set(HEAVY) & set(modules), loaded & set(verbs.COMMANDS)
 
 
 def test_help_loads_no_subcommand_and_nothing_heavy():
@@ -94,8 +94,8 @@ def test_help_loads_no_subcommand_and_nothing_heavy():
 
 @pytest.mark.parametrize('name', ['drop', 'request', 'replay'])
 def test_only_the_requested_subcommand_is_loaded(name):
-    heavy, verbs = loaded_by(name, '--help')
-    assert verbs == {name}
+    heavy, loaded = loaded_by(name, '--help')
+    assert loaded == {name}
     assert heavy & {'pybullet', 'rclpy', 'matplotlib', 'distributed'} == set()
 
 

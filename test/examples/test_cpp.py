@@ -17,7 +17,6 @@ from resting_aspects_interfaces.msg import Aspect, AspectDistribution
 from resting_aspects_interfaces.srv import GetDistribution
 from scipy.stats import binomtest
 
-from resting_aspects_ros.examples.feeder import PARAMETERS
 from resting_aspects_ros.ros.interface import ASPECT_DISTRIBUTIONS, GET_DISTRIBUTION, SERVICES
 
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'cpp'
@@ -165,9 +164,10 @@ def test_subscription_matches_the_classifier():
     )
 
 
-def test_parameters_match_the_python_example():
+def test_parameters_are_those_of_the_usage():
     declared = re.findall(r'declare_parameter\("(\w+)"', SOURCE)
-    assert declared == [name for name, *_ in PARAMETERS]
+    usage = SOURCE.split('#include')[0]
+    assert declared == re.findall(r'-p (\w+):=', usage) != []
 
 
 def test_package_xml_and_cmake_agree():

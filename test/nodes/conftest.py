@@ -67,8 +67,8 @@ _serial = itertools.count()
 FORKSERVER = multiprocessing.get_context('forkserver')
 FORKSERVER.set_forkserver_preload(
     [
-        *(f'resting_aspects_ros.nodes.{node}.node' for node in (*SUITE, 'log_replayer')),
-        'resting_aspects_ros.examples.feeder',
+        f'resting_aspects_ros.nodes.{node}.node'
+        for node in (*SUITE, 'log_replayer', 'feeder_controller')
     ]
 )
 # First statements of a forked process; it also forks the process in which a node reads files.
@@ -93,7 +93,7 @@ file_worker.get_context = lambda _: multiprocessing.get_context('forkserver')
 
 def program_of(node):
     """Return the module of the program of a node."""
-    return 'examples.feeder' if node == 'feeder_example' else f'nodes.{node}.node'
+    return f'nodes.{node}.node'
 
 
 class ForkedNode:

@@ -11,16 +11,15 @@ from pathlib import Path
 import pytest
 from doc_pages import PAGES, ROOT, code, first_cells, section
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from resting_aspects_interfaces.msg import Status
+from resting_aspects_interfaces.msg import PartOutlines, Status
 from resting_aspects_interfaces.srv import ListParts
 
-from resting_aspects_ros.examples import feeder
 from resting_aspects_ros.nodes.aspect_classifier import node as aspect_classifier
 from resting_aspects_ros.nodes.drop_recorder import node as drop_recorder
 from resting_aspects_ros.nodes.drop_simulator import node as drop_simulator
+from resting_aspects_ros.nodes.feeder_controller import node as feeder_controller
 from resting_aspects_ros.nodes.log_replayer import node as log_replayer
 from resting_aspects_ros.ros import interface
-from resting_aspects_ros.ros.parameters import Parameter
 
 TUTORIAL = 'docs/tutorials/first_controller.md'
 GUIDE = 'docs/how_to/integrate_ros.md'
@@ -40,12 +39,16 @@ TOPICS = {
     interface.RESTING_POSES: interface.POSES,
     f'{interface.ASPECT_DISTRIBUTIONS}/<part>': interface.LATCHED,
     f'{interface.TRANSITIONS}/<part>': interface.LATCHED,
+    f'{interface.OUTLINES}/<part>': interface.LATCHED,
     f'{interface.PARTS}/<part>': interface.LATCHED,
     interface.MARKERS: interface.LATCHED,
     interface.RECORDED_RUNS: interface.ALL_LATCHED,
     interface.CURRENT_POSES: interface.LATCHED,
     interface.DEFAULT_CONDITIONS: interface.LATCHED,
 }
+
+ADVICE = f'{interface.FEEDER_ADVICE}/<part>'
+FEEDER = {interface.DETECTIONS, interface.PICK_RESULT, ADVICE}
 
 
 # A word of each block of Python, by page.
@@ -55,6 +58,7 @@ SNIPPETS = {
         'create_subscription',
         'ReentrantCallbackGroup',
         'transition_matrix_from',
+        'identify_part',
         'list_parts',
         'remove_pending_request',
         'CancelGoal',
@@ -110,6 +114,16 @@ def test_node_requests_a_distribution(suite, run_snippet):
     assert re.search(r'cell\]: \d+ drops, mostly in aspect \d', process.output)
     assert process.end() == 0
     assert 'Traceback' not in process.output
+
+
+def test_client_identifies_an_outline(suite, run_snippet):
+    received = suite.client.listen(PartOutlines, 'outlines/l_bracket', interface.LATCHED)
+    suite.client.wait(lambda: received, 'outlines')
+    process = run_snippet(snippet('identify_part'))
+    suite.client.wait(lambda: not process.running, 'the end')
+    first, second, *_ = process.output.splitlines()
+    assert first == 'none: 0.0 touching: 0.0'
+    assert second == 'l_bracket [2] 1.000'
 
 
 def test_the_controller_of_the_tutorial_follows_a_distribution(suite, run_snippet):
@@ -225,18 +239,16 @@ def test_documented_commands_start_a_node(line, run_command, wait, namespace):
 
 
 @pytest.mark.parametrize(
-    'node', [drop_simulator, aspect_classifier, drop_recorder, feeder, log_replayer]
+    'node', [drop_simulator, aspect_classifier, drop_recorder, feeder_controller, log_replayer]
 )
 def test_documented_parameters_are_complete(node):
-    name = 'feeder_example' if node is feeder else node.__name__.split('.')[-2]
+    name = node.__name__.split('.')[-2]
     rows = re.findall(r'^\| (.*) \|$', PAGES[PARAMETERS], re.MULTILINE)
     cells = [[cell.strip() for cell in row.split('|')] for row in rows]
     first = [row[0] for row in cells].index(f'`{name}`')
     listed = [cells[first], *takewhile(lambda row: not row[0], cells[first + 1 :])]
     assert len(listed) == len(node.PARAMETERS)
-    # The example declares its parameters as any ROS node does.
-    declared = [p if isinstance(p, Parameter) else Parameter(*p) for p in node.PARAMETERS]
-    for (_, shown, default, meaning), parameter in zip(listed, declared, strict=True):
+    for (_, shown, default, meaning), parameter in zip(listed, node.PARAMETERS, strict=True):
         assert shown == f'`{parameter.name}`{" *" if parameter.changeable else ""}'
         if isinstance(parameter.default, bool):
             assert default == str(parameter.default).lower()
@@ -265,16 +277,18 @@ def test_documented_interface_is_complete():
         interface.CLASSIFY_POSE,
         interface.LIST_PARTS,
         interface.GET_TRANSITIONS,
+        interface.IDENTIFY_PART,
+        interface.LOCATE_PART,
         interface.DROP_PART,
         interface.REORIENT_PART,
         interface.DIAGNOSTICS,
         interface.PAUSE.replace('~', 'log_replayer'),
         interface.RESUME.replace('~', 'log_replayer'),
-        feeder.EXPECTED_PICK_RATE,
+        *FEEDER,
         *TOPICS,
     }
     latched = {name for name, kind, _, qos in rows if kind == 'topic' and 'latched' in qos}
-    assert latched == {*TOPICS, feeder.EXPECTED_PICK_RATE}
+    assert latched == {*TOPICS, ADVICE}
 
 
 def full_type(kind, name):
@@ -289,7 +303,7 @@ def test_types_are_those_of_the_running_nodes(suite, dropped):
     node = suite.client.node
     types = dict(node.get_topic_names_and_types()) | dict(node.get_service_names_and_types())
     for name, kind, type_name, _ in interface_rows():
-        if name.startswith('log_replayer/') or name == feeder.EXPECTED_PICK_RATE:
+        if name.startswith('log_replayer/') or name in FEEDER:
             continue  # neither of these runs here
         expected = full_type(kind, type_name)
         path = node.resolve_topic_name(name.replace('<part>', 'l_bracket'))

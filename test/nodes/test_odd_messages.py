@@ -12,7 +12,6 @@ from resting_aspects_interfaces.msg import (
     RestingPoses,
     Status,
 )
-from std_msgs.msg import Float64MultiArray
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.statistics.distribution import count_poses
@@ -140,24 +139,6 @@ def test_recorder_ignores_invalid_messages(
     counts.publish(distribution(part, good))
     log_of(client, tmp_path, 'good')
     assert recorder.running
-
-
-def test_feeder_example_ignores_an_invalid_distribution(start, client, namespace, batch, part):
-    rates = client.listen(Float64MultiArray, 'expected_pick_rate', LATCHED)
-    feeder = start('feeder_example', namespace, {'part': 'tetrahedron'}, ready='waiting for')
-    topic = 'aspect_distributions/tetrahedron'
-    counts = client.node.create_publisher(AspectDistribution, topic, LATCHED)
-    odd = distribution(part, batch('odd'))
-    odd.interval = ''
-    counts.publish(odd)
-    client.wait(
-        lambda: f'a message on {namespace}/{topic} is not used: ' in feeder.output, 'word of it'
-    )
-    good = distribution(part, batch('good'))
-    counts.publish(good)
-    client.wait(lambda: rates, 'rate')
-    assert rates[0].data[0] == good.aspects[0].probability
-    assert feeder.running
 
 
 def test_unreadable_log_folder_prevents_only_the_log(

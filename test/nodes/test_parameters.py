@@ -10,7 +10,6 @@ from rcl_interfaces.msg import ParameterType
 from resting_aspects_interfaces.msg import AspectDistribution
 
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.examples import feeder
 from resting_aspects_ros.ros.interface import ALL_LATCHED
 from resting_aspects_ros.ros.parameters import Parameter
 from resting_aspects_ros.simulation.config_files import config_folder, parts_folder, surfaces_file
@@ -28,17 +27,11 @@ EVERY_NODE_HAS = {'use_sim_time', 'start_type_description_service'}
 SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 
 
-def as_parameter(declared):
-    """The example declares its own with what ROS has: name, default, description."""
-    return declared if isinstance(declared, Parameter) else Parameter(*declared)
-
-
 def declarations():
     """The declared parameters of each node of the suite, by its name."""
     found = {}
-    for node in (*SUITE, 'log_replayer'):
+    for node in (*SUITE, 'log_replayer', 'feeder_controller'):
         found[node] = importlib.import_module(f'resting_aspects_ros.nodes.{node}.node').PARAMETERS
-    found['feeder_example'] = map(as_parameter, feeder.PARAMETERS)
     return {node: {each.name: each for each in declared} for node, declared in found.items()}
 
 
@@ -302,9 +295,9 @@ def test_integer_at_the_start_is_accepted_for_a_float(start, connect, parameters
 
 
 def test_list_of_strings_for_a_list_of_integers_is_rejected(start, namespace):
-    process = start('feeder_example', namespace, {'pickable': '[a]'}, ready='')
+    process = start('feeder_controller', namespace, {'pickable_classes': '[a]'}, ready='')
     assert process.end(0) == 2
-    assert 'pickable' in process.output
+    assert 'pickable_classes' in process.output
 
 
 def test_parameters_are_set_all_or_none(suite, parameters):

@@ -3,3 +3,26 @@
 Each module has DESCRIPTION, EXAMPLES, `add_arguments` and `run`. Slow imports are in `run`. Read
 `aspects.py` first, the shortest.
 """
+
+# The help of each, in the order of the list. Only the module of the requested one is imported.
+COMMANDS = {
+    'drop': 'drop a part and show how it comes to rest',
+    'reorient': 'show how an action brings a part from aspect to aspect',
+    'retention': 'show how strong a disturbance makes a part leave each aspect',
+    'report': 'write a page with pictures and charts of a result',
+    'estimate': 'predict the distribution from the shape, without drops',
+    'aspects': 'show the aspects of a part, without drops',
+    'outlines': 'show and export what a camera above sees of each aspect',
+    'identify': 'tell from an outline in which aspect a part lies',
+    'forecast': 'predict the parts per minute of a feeder with a camera and a robot',
+    'drift': 'test whether counted parts still agree with the simulation',
+    'classify': 'sort resting poses from a file into aspects',
+    'compare': 'compare two distributions, or one with a count by hand',
+    'request': 'ask the running ROS nodes for a distribution',
+    'nodes': 'run all ROS nodes in one process',
+    'demo': 'drop l_bracket 1000 times over ROS and show the result',
+    'info': 'show what is in a log',
+    'replay': 'publish a log again on the same topics',
+    'merge': 'count the drops of several logs together',
+    'recover': 'close logs that a crash left unfinished',
+}

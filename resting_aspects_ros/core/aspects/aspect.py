@@ -13,13 +13,20 @@ from resting_aspects_ros.core.aspects.aspect_set import (
     Sweep,
     with_symmetry_classes,
 )
+from resting_aspects_ros.core.aspects.heading import heading, surface_moments
 from resting_aspects_ros.core.aspects.joining import JoinedMinima, join_minima
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.aspects.symmetry import find_symmetry
 from resting_aspects_ros.core.geometry.polyhedron import Indices, Polyhedron, coplanar_facets
 from resting_aspects_ros.core.geometry.tessellation import CURVED_STEP
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array, angle_between, orientation_with_down, rotate
+from resting_aspects_ros.core.rotations import (
+    Array,
+    angle_between,
+    orientation_with_down,
+    rotate,
+    turned_about_vertical,
+)
 
 # Version of the rule that numbers aspects. Counts under another version are not used.
 ASPECT_NUMBERING = 1
@@ -59,8 +66,9 @@ def find_aspects(part: Part, landscape: Landscape | None = None) -> AspectSet:
     for number, each in enumerate(unnumbered, start=1):
         owner[each.minima] = number
     barriers = _barriers(landscape, owner, unnumbered)
+    moments = surface_moments(part)
     aspects = tuple(
-        _aspect(landscape, each, number, owner, barriers[number])
+        _aspect(landscape, each, number, owner, barriers[number], moments)
         for number, each in enumerate(unnumbered, start=1)
     )
     flat = [a.down_in_part for a in aspects if a.sweep is Sweep.POINT]
@@ -184,10 +192,12 @@ def _aspect(
     number: int,
     owner: Indices,
     barrier: tuple[float, int],
+    moments: list[Array],
 ) -> Aspect:
     facet = int(landscape.minima[found.minima[0]])
     directions = landscape.directions[found.minima]
     orientation = orientation_with_down(directions[0])
+    orientation = turned_about_vertical(orientation, heading(moments, orientation))
     polygon = rotate(orientation, _polygon(landscape.hull, facet) * landscape.radius)[:, :2]
     links = _links(landscape, owner == number, found.minima) if found.sweep.curved else []
     return Aspect(

@@ -18,6 +18,8 @@ from resting_aspects_ros.nodes.aspect_classifier.distribution_store import Distr
 from resting_aspects_ros.nodes.aspect_classifier.drop_part_requests import DropRequests
 from resting_aspects_ros.nodes.aspect_classifier.get_distribution import DistributionService
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import LogLoader
+from resting_aspects_ros.nodes.aspect_classifier.outline_service import OutlineServices
+from resting_aspects_ros.nodes.aspect_classifier.outline_store import OutlineStore
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, requested_part
 from resting_aspects_ros.nodes.aspect_classifier.publishers import (
     PUBLISH_PERIOD,
@@ -63,8 +65,9 @@ PARAMETERS = (
 class AspectClassifier(Node):
     """Subscribes to resting_poses, transitions/*, parts/* and default_conditions.
 
-    Publishes aspect_distributions/<part>, markers and current_poses, and known transitions/<part>.
-    Serves get_distribution, get_transitions, classify_pose and list_parts.
+    Publishes aspect_distributions/<part>, outlines/<part>, markers and current_poses, and known
+    transitions/<part>. Serves get_distribution, get_transitions, classify_pose, identify_part,
+    locate_part and list_parts.
     """
 
     def __init__(self) -> None:
@@ -89,6 +92,14 @@ class AspectClassifier(Node):
             self._requests,
             self._parts,
         )
+        self._outlines = OutlineStore(self, self._files, self._parts, self._runs.newest)
+        self._vision = OutlineServices(
+            self,
+            self._parts,
+            self._outlines,
+            self._check_ready,
+            self._requests.simulator_is_ready,
+        )
         self._discovery = TopicDiscovery(
             self, PARTS, PartDescription, self._on_description, gone=self._parts.remove, raw=True
         )
@@ -105,6 +116,7 @@ class AspectClassifier(Node):
     def destroy_node(self) -> None:
         """Destroy the action clients and end the process that reads files too."""
         self._files.stop()
+        self._vision.stop()
         self._runs.tracker.destroy()
         self._requests.destroy()
         super().destroy_node()
@@ -151,9 +163,10 @@ class AspectClassifier(Node):
         self._runs.part_rejected(part_sha256)
 
     def _publish_known(self, name: str, part_sha256: str) -> None:
-        """Publish the results of earlier runs, unless newer ones are published."""
+        """Publish the results of earlier runs, unless newer ones are published, and outlines."""
         if not self._logs.ready:
             return
+        self._outlines.update(name, part_sha256)
         if (known := self._known.newest(part_sha256)) is not None:
             self._outputs.restore(*known)
         self._transitions.publish(name)

@@ -1,0 +1,120 @@
+"""The result of a forecast: parts per minute with intervals, and what they follow from."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.report.document import plain
+from resting_aspects_ros.report.document import to_json as json_text
+from resting_aspects_ros.report.forecast_document import forecast_fields
+from resting_aspects_ros.report.forecast_table import NamedForecast, forecast_sentence
+from resting_aspects_ros.report.transition_document import matrix_fields
+
+# Fields of the document of a reorientation that the document of a forecast has, too.
+_SHARED = (
+    'mesh_sha256',
+    'action',
+    'actions_asked',
+    'complete',
+    'energy_growth',
+    'confidence',
+    'interval',
+    'aspects',
+    'drop',
+)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ForecastResult:
+    """The parts per minute of a feeder.
+
+    Attributes
+    ----------
+    reorientation : ReorientResult
+        The drops and the action that the forecast follows from.
+    pickable : tuple of int
+        Ids of the aspects in which the robot can pick the part.
+    named : NamedForecast
+        The model of the feeder, ``named.model``, and all numbers, ``named.forecast``.
+    """
+
+    reorientation: ReorientResult
+    pickable: tuple[int, ...]
+    named: NamedForecast
+
+    @property
+    def parts_per_minute(self) -> float:
+        """Parts per minute in the long run."""
+        return self.named.forecast.rate
+
+    @property
+    def lower(self) -> float:
+        """Lower bound of the parts per minute in the long run."""
+        return self.named.forecast.lower
+
+    @property
+    def upper(self) -> float:
+        """Upper bound of the parts per minute in the long run."""
+        return self.named.forecast.upper
+
+    @property
+    def prediction(self) -> tuple[float, float]:
+        """Interval of the parts per minute of a run of the given duration."""
+        return self.named.forecast.prediction
+
+    @property
+    def best_number(self) -> int | None:
+        """Number of parts on the tray with the highest rate; None if none can be picked."""
+        return self.named.forecast.best_number
+
+    @property
+    def limited_by(self) -> str:
+        """'robot', 'feeder' or 'vision': what raises the rate most if it is 10 % faster."""
+        return self.named.forecast.limited_by
+
+    @property
+    def sentence(self) -> str:
+        """The result in a sentence."""
+        return forecast_sentence(self.named)
+
+    def document(self, alternatives: 'Sequence[ForecastResult]' = ()) -> dict[str, Any]:
+        """Return the document that `resting_aspects forecast --json` prints.
+
+        Parameters
+        ----------
+        alternatives : sequence of ForecastResult
+            Other parts or other pickable aspects; their documents are in ``alternatives``.
+        """
+        found = self.reorientation
+        base = found.document()
+        run = dataclasses.asdict(found.run)
+        for name in ('drops', 'precision'):
+            del run[name]
+        return {
+            'schema_version': base['schema_version'],
+            **{str(name): plain(value) for name, value in run.items()},
+            **{name: base[name] for name in _SHARED},
+            'pickable': list(self.pickable),
+            **forecast_fields(self.named),
+            'transitions': matrix_fields(found.matrix),
+            'alternatives': [each.document() for each in alternatives],
+        }
+
+    def to_json(self, alternatives: 'Sequence[ForecastResult]' = ()) -> str:
+        """Return the document as text."""
+        return json_text(self.document(alternatives))
+
+    def report(self, folder: str | Path, alternatives: 'Sequence[ForecastResult]' = ()) -> Path:
+        """Write a page with the curves and all numbers into a folder, which is made if necessary.
+
+        Returns the path of the page; raises OutputError if it cannot be written.
+        """
+        from resting_aspects_ros.api.forecast_files import (
+            check_forecast_report,
+            write_forecast_report,
+        )
+
+        check_forecast_report('folder', Path(folder))
+        return write_forecast_report([self, *alternatives], Path(folder))

@@ -1,0 +1,229 @@
+"""Tell from an observed outline which part lies where and how, and locate parts."""
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.estimate import recommended_method
+from resting_aspects_ros.api.load_part import given_part
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.estimators.estimate import estimate_each
+from resting_aspects_ros.core.estimators.resting_shape import RestingShape
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.core.vision.camera import Telecentric
+from resting_aspects_ros.core.vision.identification import Identification, identify
+from resting_aspects_ros.core.vision.known_part import KnownPart
+from resting_aspects_ros.core.vision.likelihood import OutlineNoise
+from resting_aspects_ros.core.vision.location import Pose
+from resting_aspects_ros.core.vision.observation import Polygonal, observed_polygon
+from resting_aspects_ros.core.vision.outline import find_outlines
+from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
+from resting_aspects_ros.report.document import to_json as json_text
+
+# Method of the prior if none is recommended for the part: the shares of the basins.
+FALLBACK = 'rolling'
+# Added to each count of a distribution, so that an aspect that was never seen remains possible.
+PSEUDO_COUNT = 0.5
+
+Shares = Distribution | DropResult | Mapping[int, float] | npt.ArrayLike
+
+
+def known_part(part: Part | str | Path, shares: Shares | None = None) -> KnownPart:
+    """Prepare a part for `identify_part` and `locate_part`, so that each call takes milliseconds.
+
+    Parameters
+    ----------
+    part : Part, str or Path
+        A part, or what `load_part` accepts.
+    shares : Distribution, DropResult, mapping or (k,) array, optional
+        How often the part lies in each aspect: drops, a mapping from aspect ids to shares (aspects
+        that it does not contain have the share 0), or the shares of all aspects by id, such as
+        ``result.long_run.shares`` of `reorient`. By default the prediction of the method that
+        `estimate` recommends for the part on rubber_mat, and the shares of the basins ('rolling')
+        if it recommends none.
+
+    Returns
+    -------
+    KnownPart
+
+    Raises
+    ------
+    InvalidValueError
+        The shares are negative, all zero, or of other aspects; or the part has no aspect.
+    PartError
+        An outline has several pieces or no area.
+
+    Examples
+    --------
+    >>> import resting_aspects_ros as ra
+    >>> known = ra.known_part('l_bracket', {1: 0.5, 3: 0.5})
+    >>> known.shares.tolist()
+    [0.5, 0.0, 0.5, 0.0, 0.0]
+    """
+    loaded = given_part(part)
+    shape = RestingShape(loaded)
+    aspects = shape.aspects
+    if not len(aspects):
+        raise InvalidValueError(f'invalid part {loaded.name}: expected a part with an aspect')
+    by_aspect = predicted_shares(shape) if shares is None else _given(shares, aspects)
+    outlines = find_outlines(loaded, aspects)
+    by_class = np.array(
+        [sum(by_aspect[number - 1] for number in each.aspects) for each in outlines]
+    )
+    found = KnownPart(loaded, aspects, outlines, by_class / by_class.sum())
+    _ = found.shapes, [each.members for each in found.placements]  # computed once, now
+    return found
+
+
+def identify_part(
+    polygon: Polygonal,
+    parts: KnownPart | Part | str | Path | Iterable[KnownPart | Part | str | Path],
+    *,
+    noise: OutlineNoise | None = None,
+    camera: Telecentric | None = None,
+) -> Identification:
+    """Return which aspects of which parts an observed polygon may show, with poses.
+
+    Parameters
+    ----------
+    polygon : shapely.Polygon, (n, 2) array, or mapping with 'outer' and 'holes'
+        Tray frame, m; seen from above, x right and y up. See `observed_polygon`.
+    parts : KnownPart, Part, str or Path, or several
+        Candidates, equally probable before. Others than a KnownPart are prepared at each call,
+        which takes most of the time.
+    noise : OutlineNoise, optional
+        Errors of the boundary, by default 0.1 mm (standard deviation), independent after 1 mm.
+    camera : Telecentric or Pinhole, optional
+        Corrects the magnification of high parts; the polygon is as seen on the surface.
+
+    Returns
+    -------
+    Identification
+        Candidates by posterior, and the probabilities of 'none of these' and 'touching parts'.
+
+    Raises
+    ------
+    InvalidValueError
+        The polygon is not valid, or there is no part.
+
+    Examples
+    --------
+    >>> import resting_aspects_ros as ra
+    >>> found = ra.identify_part([[0, 0], [0.04, 0], [0.04, 0.02], [0, 0.02]], 'l_bracket')
+    >>> found.answer, found.best.aspects
+    ('part', (3,))
+    """
+    seen = observed_polygon(polygon)
+    if isinstance(parts, KnownPart | Part | str | Path):
+        parts = [parts]
+    known = [each if isinstance(each, KnownPart) else known_part(each) for each in parts]
+    return identify(seen, known, noise, camera)
+
+
+def locate_part(
+    part: KnownPart | Part | str | Path, aspect: int, x: float, y: float, yaw: float
+) -> tuple[Pose, ...]:
+    """Return the poses of a part that a camera sees in an aspect at (x, y, yaw).
+
+    Parameters
+    ----------
+    part : KnownPart, Part, str or Path
+    aspect : int
+        Id of the aspect.
+    x, y : float
+        Projection of the centre of mass, tray frame, m.
+    yaw : float
+        Yaw of the outline of the class, rad, counter-clockwise seen from above.
+
+    Returns
+    -------
+    tuple of Pose
+        Tray frame; first those in the aspect. The others look the same: other aspects of the
+        symmetry class, and rotations of the outline onto itself that no rotation of the part
+        causes.
+
+    Raises
+    ------
+    InvalidValueError
+        The part has no such aspect, or a value is not a finite number.
+
+    Examples
+    --------
+    >>> import resting_aspects_ros as ra
+    >>> poses = ra.locate_part('l_bracket', 1, 0.1, 0.05, 0.0)
+    >>> [pose.aspect for pose in poses], [pose.yaw_known for pose in poses]
+    ([1], [True])
+    """
+    known = part if isinstance(part, KnownPart) else known_part(part)
+    for placement in known.placements:
+        if not isinstance(aspect, bool) and aspect in placement.outline.aspects:
+            poses = placement.poses(x, y, yaw)
+            return tuple(sorted(poses, key=lambda pose: pose.aspect != aspect))
+    raise InvalidValueError(
+        f'invalid aspect {shown(aspect)} of {known.part.name}: expected 1 to {len(known.aspects)}'
+    )
+
+
+def identification_document(found: Identification) -> dict[str, Any]:
+    """Return an identification as a document of plain JSON types: m, rad, quaternions xyzw."""
+    return {
+        'schema_version': SCHEMA_VERSION,
+        'answer': found.answer,
+        'none': found.none,
+        'touching': found.touching,
+        'effective_samples': found.effective_samples,
+        'candidates': [plain(dataclasses.asdict(each)) for each in found.candidates],
+    }
+
+
+def identification_json(found: Identification) -> str:
+    """Return the JSON document that `resting_aspects identify --json` prints."""
+    return json_text(identification_document(found))
+
+
+def predicted_shares(shape: RestingShape) -> Array:
+    """Return the shares (k,) that the recommended method predicts."""
+    method = recommended_method(shape, shipped_surfaces().get('')).method or FALLBACK
+    found, _ = estimate_each(shape, [method, FALLBACK])
+    return found.get(method, found[FALLBACK]).probabilities
+
+
+def _given(shares: Shares, aspects: AspectSet) -> Array:
+    """Return the given shares (k,) of the aspects; raises InvalidValueError."""
+    if isinstance(shares, DropResult):
+        shares = shares.distribution
+    if isinstance(shares, Distribution):
+        if not aspects.matches(shares.aspects):
+            raise InvalidValueError(
+                'invalid shares: expected the distribution of the same part, with the same aspects'
+            )
+        return np.asarray(shares.counts + PSEUDO_COUNT)
+    count = len(aspects)
+    if isinstance(shares, Mapping):
+        for number in shares:
+            if isinstance(number, bool) or number not in range(1, count + 1):
+                raise InvalidValueError(
+                    f'invalid aspect {shown(number)} of the shares: expected 1 to {count}'
+                )
+        shares = [shares.get(number, 0.0) for number in range(1, count + 1)]
+    try:
+        found = np.asarray(shares, dtype=np.float64)
+    except (TypeError, ValueError):
+        found = np.zeros(0)
+    if found.shape != (count,) or not (
+        np.isfinite(found).all() and found.min() >= 0 < found.sum()
+    ):
+        raise InvalidValueError(
+            f'invalid shares {shown(shares)}: expected {count} numbers of 0 or more, one for each '
+            'aspect, with a sum above 0'
+        )
+    return found

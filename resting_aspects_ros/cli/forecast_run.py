@@ -1,0 +1,169 @@
+"""What `resting_aspects forecast` is asked for, and the simulations that answer it."""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.forecast import (
+    DEFAULT_ACTION,
+    IMAGE,
+    ROBOT,
+    forecast_from,
+)
+from resting_aspects_ros.api.forecast_result import ForecastResult
+from resting_aspects_ros.api.forecast_setup import check_tray, cycle_times, pickable_aspects
+from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.plan_actions import PlannedActions, plan_actions
+from resting_aspects_ros.api.reorient import drop_for_start, make_actions
+from resting_aspects_ros.cli.action_options import requested_actions
+from resting_aspects_ros.cli.forecast_options import (
+    parse_gripper,
+    parse_numbers,
+    parse_tray,
+    requested_time,
+)
+from resting_aspects_ros.cli.options import parse_quantity, requested_conditions
+from resting_aspects_ros.core.aspects.landscape import Landscape
+from resting_aspects_ros.core.errors import InvalidValueError, warn
+from resting_aspects_ros.core.feeding.cycle import CycleTimes
+from resting_aspects_ros.core.feeding.footprint import Tray
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.simulation.chunks import Workers
+from resting_aspects_ros.simulation.conditions import DropConditions
+
+
+@dataclass(frozen=True)
+class RequestedForecasts:
+    """Forecasts that were requested.
+
+    pickable : tuple
+        For each part the sets of ids of pickable aspects.
+    """
+
+    parts: tuple[Part, ...]
+    planned: tuple[PlannedActions, ...]
+    pickable: tuple[tuple[tuple[int, ...], ...], ...]
+    conditions: DropConditions
+    drops: int
+    seed: int
+    tray: Tray
+    times: CycleTimes
+    parts_on_tray: int | None
+    max_picks: int | None
+    minutes: float
+
+
+def requested_forecasts(arguments: argparse.Namespace, confidence: float) -> RequestedForecasts:
+    """Return what the flags request; raises RestingAspectsError for wrong input."""
+    arguments.action = arguments.action or DEFAULT_ACTION
+    actions = requested_actions(arguments)
+    if len(actions) > 1:
+        raise InvalidValueError(f'invalid --action {arguments.action!r}: expected a single action')
+    given = {name: requested_time(arguments, name) for name in ('robot', 'image', 'supply')}
+    times = cycle_times(
+        actions[0],
+        robot=ROBOT if given['robot'] is None else given['robot'],
+        vibrate=requested_time(arguments, 'vibrate'),
+        settle=requested_time(arguments, 'settle'),
+        image=IMAGE if given['image'] is None else given['image'],
+        supply=given['supply'] or 0.0,
+        overlap=arguments.overlap,
+        place=requested_time(arguments, 'place'),
+    )
+    gripper = None if arguments.gripper is None else parse_gripper(arguments.gripper)
+    clearance = parse_quantity('--clearance', arguments.clearance, 'm')
+    tray = Tray(parse_tray(arguments.tray), clearance, gripper)
+    minutes = parse_quantity('--minutes', arguments.minutes, '')
+    conditions = requested_conditions(arguments, shipped_surfaces())
+    sets = _sets(arguments)
+    parts, planned, pickable = [], [], []
+    for number, name in enumerate(arguments.part):
+        part = load_part(name, arguments.unit, arguments.parts, arguments.body)
+        for warning in part.warnings:
+            warn(warning)
+        plan = plan_actions(
+            part,
+            actions[0],
+            conditions,
+            per_aspect=arguments.per_aspect,
+            seed=arguments.seed,
+            confidence=confidence,
+            landscape=Landscape(part),
+        )
+        aspects = plan.counter.matrix.aspects
+        check_tray(part, aspects, tray, arguments.parts_on_tray)
+        parts.append(part)
+        planned.append(plan)
+        pickable.append(tuple(pickable_aspects(aspects, *each) for each in sets[number]))
+    return RequestedForecasts(
+        tuple(parts),
+        tuple(planned),
+        tuple(pickable),
+        conditions,
+        arguments.drops,
+        arguments.seed,
+        tray,
+        times,
+        arguments.parts_on_tray,
+        arguments.max_picks,
+        minutes,
+    )
+
+
+def make_forecasts(
+    requested: RequestedForecasts, workers: Workers, stopped: Callable[[], bool]
+) -> list[ForecastResult]:
+    """Simulate drops and actions, and return the forecasts; none if it was interrupted."""
+    results = []
+    for part, planned, sets in zip(
+        requested.parts, requested.planned, requested.pickable, strict=True
+    ):
+        dropped = drop_for_start(
+            part,
+            requested.conditions,
+            requested.drops,
+            requested.seed,
+            workers,
+            shown=True,
+            stopped=stopped,
+        )
+        found = make_actions(
+            planned, part, dropped, workers, check=False, shown=True, stopped=stopped
+        )
+        if stopped():
+            return []
+        results += [
+            forecast_from(
+                found,
+                ids,
+                requested.tray,
+                requested.times,
+                parts_on_tray=requested.parts_on_tray,
+                max_picks=requested.max_picks,
+                minutes=requested.minutes,
+            )
+            for ids in sets
+        ]
+    return results
+
+
+_Sets = list[tuple[tuple[int, ...] | None, tuple[int, ...] | None]]
+
+
+def _sets(arguments: argparse.Namespace) -> list[_Sets]:
+    """Return for each part the requested sets of ids or of numbers of classes."""
+    by_id = arguments.pickable is not None
+    flag = '--pickable' if by_id else '--pickable-classes'
+    texts = arguments.pickable if by_id else arguments.pickable_classes
+    numbers = [parse_numbers(flag, text) for text in texts]
+    sets: _Sets = [(each, None) if by_id else (None, each) for each in numbers]
+    parts = len(arguments.part)
+    if parts == 1 or len(sets) == 1:
+        return [sets] * parts
+    if len(sets) != parts:
+        raise InvalidValueError(
+            f'invalid {flag}: {len(sets)} sets for {parts} parts: expected one set, or one for '
+            'each part'
+        )
+    return [[each] for each in sets]

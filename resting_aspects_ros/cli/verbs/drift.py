@@ -1,0 +1,213 @@
+"""`resting_aspects drift`: whether counted parts still have the shares of the simulation."""
+
+import argparse
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from resting_aspects_ros.cli.options import (
+    add_conditions,
+    add_output,
+    add_part,
+    add_workers,
+    flag_of,
+    parse_integer,
+    parse_share,
+)
+from resting_aspects_ros.cli.start_workers import start_workers
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.simulation.conditions import QUANTITIES
+from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.api.drift import DriftResult
+    from resting_aspects_ros.api.drop_result import DropResult
+    from resting_aspects_ros.core.part import Part
+
+DESCRIPTION = """Test whether the parts that a machine supplies still lie as in the simulation.
+COUNTS.csv counts each newly supplied part once, by the classes of aspects that
+look the same, in the order of time. It has one of two formats: a column class
+and a column count (without it each row is one part), or one column for each
+class and a row for each batch. A column batch or time separates batches. Each
+window of successive parts is compared with simulated drops by a G test. The
+exit code is 0 with and without drift."""
+EXAMPLES = """examples:
+  resting_aspects drift l_bracket counted.csv
+  resting_aspects drift hex_nut counted.csv --expected out/nut/distribution.json
+  resting_aspects drift l_bracket counted.csv --window 200 --level 0.05
+  resting_aspects drift l_bracket counted.csv --run-length 1e6 --json
+"""
+DEFAULT_DROPS = 10_000
+DOCUMENT, PICTURE = 'drift.json', 'drift.png'
+# Flags of the simulation, which --expected replaces.
+SIMULATION = ('drops', 'seed', 'surface', *QUANTITIES, 'height_of', 'workers', 'scheduler')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_part(parser)
+    parser.add_argument('counts', metavar='COUNTS.csv', type=Path, help='counts of parts')
+    parser.add_argument(
+        '--expected',
+        metavar='FILE',
+        type=Path,
+        help='compare with the drops in a log, a JSON document of drop or request, or a CSV with '
+        'columns class and count, instead of new drops',
+    )
+    parser.add_argument(
+        '--cumulative',
+        action='store_true',
+        help='each count is the total since the start, as a counter shows it',
+    )
+    parser.add_argument(
+        '--window',
+        metavar='N',
+        type=parse_integer,
+        help='number of parts in a window (as many as find the deviation of --shift in any class '
+        'with a probability of 80 %%; all parts if they are fewer). A batch is not divided',
+    )
+    parser.add_argument(
+        '--shift',
+        metavar='D',
+        help='deviation of the share of a class that a window should find (0.05, which is 5 '
+        'points)',
+    )
+    parser.add_argument(
+        '--level', metavar='A', help='probability of a false alarm in each window (0.01)'
+    )
+    parser.add_argument(
+        '--run-length',
+        metavar='N',
+        type=parse_integer,
+        help='mean number of parts between false alarms: window / level. Instead of --level',
+    )
+    parser.add_argument(
+        '--prior-weight',
+        metavar='N',
+        type=parse_integer,
+        help='weight of the simulated drops in the shares of all parts, as a number of parts (60)',
+    )
+    parser.add_argument(
+        '--drops',
+        metavar='N',
+        type=parse_integer,
+        help=f'number of simulated drops ({DEFAULT_DROPS}); their sampling error is taken into '
+        'account',
+    )
+    parser.add_argument(
+        '--seed',
+        metavar='S',
+        type=parse_integer,
+        help=f'the same seed gives the same drops ({DEFAULT_SEED})',
+    )
+    parser.add_argument(
+        '--confidence',
+        metavar='C',
+        default='0.95',
+        help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
+    )
+    add_workers(parser)
+    parser.add_argument(
+        '--out', metavar='DIR', type=Path, help='write drift.json and drift.png into this folder'
+    )
+    add_output(parser, each=False)
+    add_conditions(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Simulate, test and show; returns the exit code. Raises RestingAspectsError."""
+    options: dict[str, Any] = {
+        name: parse_share(f'--{name}', text)
+        for name in ('confidence', 'shift', 'level')
+        if (text := getattr(arguments, name)) is not None
+    }
+    if arguments.prior_weight is not None:
+        options['prior_weight'] = arguments.prior_weight
+    # These imports are slow because of NumPy.
+    from resting_aspects_ros.api.drift import check_options, watch_drift
+    from resting_aspects_ros.api.inputs.counts_csv import read_observed
+    from resting_aspects_ros.api.load_part import load_part
+    from resting_aspects_ros.api.output_files import check_output, make_folder
+    from resting_aspects_ros.core.aspects.aspect import find_aspects
+
+    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+    classes = [members[0].symmetry_class for members in find_aspects(part).classes()]
+    # Wrong input is found before the drops, which take time.
+    observed = read_observed(arguments.counts, classes, cumulative=arguments.cumulative)
+    options |= {'window': arguments.window, 'run_length': arguments.run_length}
+    check_options(observed, len(classes), **options)
+    if arguments.out is not None:
+        make_folder('--out', arguments.out)
+        for name in (DOCUMENT, PICTURE):
+            check_output('--out', arguments.out / name)
+    result = watch_drift(_expected(arguments, part, classes), observed, **options)
+    _write(result, arguments)
+    return 0
+
+
+def _expected(
+    arguments: argparse.Namespace, part: 'Part', classes: list[int]
+) -> 'DropResult | Path':
+    """Return the file of simulated drops, after a check of its part, or new drops."""
+    if arguments.expected is None:
+        from resting_aspects_ros.api.condition_text import shipped_surfaces
+        from resting_aspects_ros.api.drop import drop
+        from resting_aspects_ros.cli.options import requested_conditions
+
+        conditions = requested_conditions(arguments, shipped_surfaces())
+        with ExitStack() as stack:
+            return drop(
+                part,
+                DEFAULT_DROPS if arguments.drops is None else arguments.drops,
+                surface=conditions,
+                seed=DEFAULT_SEED if arguments.seed is None else arguments.seed,
+                workers=start_workers(arguments, stack),
+                keep_poses=False,
+                progress=True,
+            )
+    from resting_aspects_ros.api.inputs.count_files import read_counts
+    from resting_aspects_ros.api.inputs.counts import check_same_part, counted_by_class
+
+    for name in SIMULATION:
+        if (value := getattr(arguments, name)) not in (None, ''):
+            raise InvalidValueError(
+                f'invalid {flag_of(name)} {shown(str(value))}: expected only without --expected, '
+                'whose drops are compared'
+            )
+    path: Path = arguments.expected
+    given = counted_by_class(read_counts(path))
+    check_same_part(
+        (f'--expected {str(path)!r}', given.part, given.part_sha256),
+        ('the counted part', part.name, part.part_sha256),
+    )
+    if list(given.ids) != classes:
+        raise InvalidValueError(
+            f'invalid classes {list(given.ids)} in --expected {str(path)!r}: expected those of '
+            f'{part.name}, {classes} (a class that was never seen has count 0)'
+        )
+    return path
+
+
+def _write(result: 'DriftResult', arguments: argparse.Namespace) -> None:
+    """Save and print the result, even if saving fails."""
+    from resting_aspects_ros.cli.console import make_console, show_table
+    from resting_aspects_ros.report.drift_table import live_table, power_sentences, window_table
+
+    try:
+        if arguments.out is not None:
+            result.save_json(arguments.out / DOCUMENT)
+            result.save_picture(arguments.out / PICTURE)
+    finally:
+        if arguments.json:
+            sys.stdout.write(result.to_json())
+        else:
+            console = make_console()
+            console.print(result.verdict, markup=False, highlight=False)
+            console.print(power_sentences(result.tested), markup=False, highlight=False)
+            console.print()
+            show_table(console, window_table(result.tested, result.title))
+            console.print()
+            show_table(console, live_table(result.live, result.tested.confidence))
+    if arguments.out is not None and not arguments.json:
+        print(f'Written: {arguments.out / DOCUMENT}, {arguments.out / PICTURE}')

@@ -1,0 +1,126 @@
+"""`resting_aspects outlines`: what a camera straight above sees of a part in each aspect."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from resting_aspects_ros.cli.options import add_output, add_part, parse_quantity
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.api.outlines import OutlinesResult
+
+DESCRIPTION = """Show and export the outline that a camera straight above sees of a part in each
+of its aspects, and which classes of aspects look alike. No drops are needed."""
+EXAMPLES = """examples:
+  resting_aspects outlines l_bracket
+  resting_aspects outlines my_part.stl --out outlines --px-per-mm 20
+  resting_aspects outlines hex_nut --counting-sheet sheet.pdf
+  resting_aspects outlines washer --json
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_part(parser)
+    parser.add_argument(
+        '--out',
+        metavar='DIR',
+        type=Path,
+        help='write into this folder: JSON, for each class drawings (SVG and DXF) at true size, '
+        'a template and a mask (PNG), and COCO annotations',
+    )
+    parser.add_argument(
+        '--px-per-mm',
+        metavar='X',
+        help='pixels of the templates and masks for each mm on the tray (10)',
+    )
+    parser.add_argument(
+        '--counting-sheet',
+        metavar='FILE',
+        type=Path,
+        help='write a sheet for counting by hand, A4: a .pdf or .svg file with picture, outline '
+        'and tally boxes of each class',
+    )
+    add_output(parser, each=False)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Find, show and export the outlines; returns the exit code. Raises RestingAspectsError."""
+    # These imports are slow because of NumPy.
+    from resting_aspects_ros.api.load_part import load_part
+    from resting_aspects_ros.api.outlines import check_sheet_name, outlines
+    from resting_aspects_ros.api.output_files import check_output
+
+    out, sheet = arguments.out, arguments.counting_sheet
+    scale = _px_per_mm(arguments)
+    if sheet is not None:
+        check_sheet_name('--counting-sheet', sheet)
+        if sheet.parent != out:  # this folder is made later
+            check_output('--counting-sheet', sheet)
+    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+    result = outlines(part)
+    written = _write(result, out, scale, sheet)
+    if arguments.json:
+        sys.stdout.write(result.to_json())
+        return 0
+    _show(result)
+    for line in written:
+        print(line)
+    return 0
+
+
+def _px_per_mm(arguments: argparse.Namespace) -> float:
+    """Return the requested scale of the images; raises InvalidValueError."""
+    from resting_aspects_ros.core.errors import InvalidValueError, shown
+    from resting_aspects_ros.report.outline_images import PIXELS_PER_MM
+
+    given = arguments.px_per_mm
+    if given is None:
+        return PIXELS_PER_MM
+    if arguments.out is None:
+        raise InvalidValueError(f'invalid --px-per-mm {shown(given)}: expected only with --out')
+    return parse_quantity('--px-per-mm', given, '')
+
+
+def _write(
+    result: 'OutlinesResult', out: Path | None, scale: float, sheet: Path | None
+) -> list[str]:
+    """Write the requested files; returns lines that name them."""
+    from resting_aspects_ros.api.output_files import check_output
+
+    if out is not None:
+        result.check_output('--out', out, scale)
+    check_output('--counting-sheet', sheet)
+    lines = []
+    if out is not None:
+        names = ', '.join(path.name for path in result.save(out, scale))
+        lines.append(f'Written to {out}: {names}')
+    if sheet is not None:
+        result.save_counting_sheet(sheet)
+        lines.append(f'Counting sheet: {sheet}')
+    return lines
+
+
+def _show(result: 'OutlinesResult') -> None:
+    """Print the table, and a sentence for each pair of classes that look alike."""
+    from resting_aspects_ros.cli.console import make_console, show_table
+    from resting_aspects_ros.report.outline_table import (
+        family_texts,
+        look_alike_texts,
+        outline_table,
+    )
+    from resting_aspects_ros.report.rounding import size_text
+
+    console = make_console()
+    number = len(result.outlines)
+    title = f'{result.part.name}, {size_text(result.part)}: ' + (
+        f'{number} outlines' if number != 1 else '1 outline'
+    )
+    table = outline_table(result.outlines, result.look_alikes, result.aspects, title)
+    show_table(console, table)
+    pairs = look_alike_texts(result.outlines, result.look_alikes)
+    if not pairs and number > 1:
+        pairs = ['A camera straight above can distinguish all classes by their outlines.']
+    for text in [*pairs, *family_texts(result.outlines)]:
+        console.print(text, highlight=False, soft_wrap=False)

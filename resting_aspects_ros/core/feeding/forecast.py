@@ -1,0 +1,231 @@
+"""Parts per minute of a feeder, from the drops, the action, the tray and the times of a cycle."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.feeding.cycle import (
+    limited_by,
+    parts_per_minute,
+    sensitivity,
+    time_shares,
+)
+from resting_aspects_ros.core.feeding.density import (
+    FreeShares,
+    coverage,
+    coverage_limit,
+    free_shares,
+)
+from resting_aspects_ros.core.feeding.model import FeederModel, LongRun, check_number
+from resting_aspects_ros.core.feeding.steady_state import (
+    Moves,
+    SteadyState,
+    drawn_moves,
+    steady_state,
+)
+from resting_aspects_ros.core.reorientation.markov import Mask
+from resting_aspects_ros.core.statistics.intervals import (
+    CONFIDENCE,
+    Array,
+    Counts,
+    check_confidence,
+)
+
+DRAWS = 200
+# Random runs for each draw, for the prediction interval.
+RUNS = 50
+POINTS = 20  # of the curve
+# The shares of free parts are found again if the mix on the tray differs by more.
+MIX_CHANGE = 0.05
+MAX_MINUTES = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """The forecast for several numbers of parts on the tray, ascending; all arrays are (n,).
+
+    Rates are parts per minute, with the interval of the long-run mean; ``empty_cycles`` is the
+    share of the cycles without a pick, and ``free`` that of the pickable parts that are free.
+    """
+
+    number: Counts
+    rate: Array
+    lower: Array
+    upper: Array
+    empty_cycles: Array
+    free: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """The long run of a feeder with a number of parts on the tray.
+
+    number, best_number : int
+        Parts on the tray; best_number has the highest rate, None if no part can be picked.
+    at_limit : bool
+        Whether best_number is only the largest number for which the model holds.
+    rate, lower, upper : float
+        Parts per minute in the long run, with the interval that follows from the counts.
+    prediction : (float, float)
+        Interval of the parts per minute of a run of ``minutes``.
+    variance : float
+        Variance of the number of parts per minute of a run, 1/min.
+    state : SteadyState
+        By aspect or class, for the point estimate.
+    coverage : float
+        Share of the tray that the parts cover.
+    time_shares, sensitivity : dict
+        See `cycle.time_shares` and `cycle.sensitivity`.
+    limited_by : str
+    free : (k,) float
+        Probability that a part of each aspect is free.
+    trapped : (k,) bool
+        Aspects from which no part gets into a pickable one; not empty if the rate is 0.
+    """
+
+    number: int
+    best_number: int | None
+    at_limit: bool
+    rate: float
+    lower: float
+    upper: float
+    prediction: tuple[float, float]
+    minutes: float
+    variance: float
+    state: SteadyState
+    coverage: float
+    time_shares: dict[str, float]
+    sensitivity: dict[str, tuple[float, float]]
+    limited_by: str
+    curve: Curve
+    free: Array
+    trapped: Mask
+
+    @property
+    def flips_per_part(self) -> float:
+        """Mean number of flips of a part from its supply until it is picked; infinite if never."""
+        mean = float(self.state.picks.mean)
+        return (self.number - mean) / mean if mean > 0 else math.inf
+
+
+def forecast(
+    model: FeederModel,
+    number: int | None = None,
+    *,
+    minutes: float = 60.0,
+    confidence: float = CONFIDENCE,
+    seed: int = 1,
+) -> Forecast:
+    """Forecast the parts per minute with a number of parts on the tray, by default the best one.
+
+    The interval of the mean has the quantiles of rates of draws from the posteriors of the drops
+    and of the transitions. The prediction interval has those of runs of so many minutes, in the
+    steady state, each with one of these draws.
+
+    Raises
+    ------
+    InvalidValueError
+        If a value is invalid, or if so many parts do not fit on the tray.
+    """
+    check_confidence(confidence)
+    if number is not None:
+        check_number('number of parts on the tray', number)
+    if not (isinstance(minutes, int | float) and 0 < minutes <= MAX_MINUTES):
+        raise InvalidValueError(
+            f'invalid minutes {shown(minutes)}: expected more than 0 and at most {MAX_MINUTES:g}'
+        )
+    long_run = LongRun(model)
+    table, rates = _table(model, long_run, number, seed)
+    limit = coverage_limit(model.tray, model.footprints, model.drop / model.drop.sum())
+    best = int(rates[:limit].argmax()) + 1 if rates.any() else None
+    numbers = np.arange(1, len(rates) + 1)
+    # If nothing can be picked, the number with most free parts.
+    chosen = number or best or int((long_run.free(table) * numbers).argmax()) + 1
+    state = long_run.at(table, chosen)
+    variance = long_run.variance(table, chosen)
+    generator = np.random.default_rng(seed)
+    drawn = drawn_moves(model.drop, model.transitions, DRAWS, generator)
+    tail = (1 - confidence) / 2
+    points = _points(len(rates), chosen, best or chosen)
+    draws = np.array([_rates(model, drawn, table, n) for n in points])
+    lower, upper = np.quantile(draws, [tail, 1 - tail], axis=1)
+    shown_rates = rates[points - 1]
+    lower, upper = np.minimum(lower, shown_rates), np.maximum(upper, shown_rates)
+    here = int(np.flatnonzero(points == chosen)[0])
+    rate = float(rates[chosen - 1])
+    runs = _runs(draws[here], variance / rate if rate else 0.0, minutes, generator)
+    low, high = np.quantile(runs, [tail, 1 - tail])
+    cycle = model.times, state.picks, state.supplied
+    return Forecast(
+        number=chosen,
+        best_number=best,
+        at_limit=best is not None and 1 < best == min(limit, len(rates)),
+        rate=rate,
+        lower=float(lower[here]),
+        upper=float(upper[here]),
+        prediction=(min(float(low), lower[here].item()), max(float(high), upper[here].item())),
+        minutes=float(minutes),
+        variance=variance,
+        state=state,
+        coverage=coverage(model.tray, model.footprints, state.mix, chosen),
+        time_shares=time_shares(*cycle),
+        sensitivity=sensitivity(*cycle),
+        limited_by=limited_by(*cycle),
+        curve=Curve(
+            number=points,
+            rate=shown_rates,
+            lower=lower,
+            upper=upper,
+            empty_cycles=np.array([float(long_run.at(table, n).picks.none) for n in points]),
+            free=long_run.free(table)[points - 1],
+        ),
+        free=table.at(chosen),
+        trapped=long_run.trapped,
+    )
+
+
+def _table(
+    model: FeederModel, long_run: LongRun, number: int | None, seed: int
+) -> tuple[FreeShares, Array]:
+    """Return the shares of free parts for the mix on the tray, and the rates (n,)."""
+
+    def with_mix(mix: Array) -> tuple[FreeShares, Array]:
+        table = free_shares(model.tray, model.footprints, mix, seed, number or 0)
+        return table, long_run.rates(table)
+
+    mix = model.drop / model.drop.sum()
+    table, rates = with_mix(mix)
+    at = min(number or int(rates.argmax()) + 1, len(rates))
+    found = long_run.at(table, at).mix
+    if len(set(model.footprints)) == 1 or np.abs(found - mix).max() < MIX_CHANGE:
+        return table, rates
+    return with_mix(found)
+
+
+def _points(last: int, *needed: int) -> Counts:
+    """Return the numbers of parts of the curve, ascending, with those that are needed."""
+    halves = (np.linspace(1, last, POINTS // 2), np.geomspace(1, last, POINTS // 2))
+    return np.unique(np.concatenate([*halves, needed]).round().astype(np.int64))
+
+
+def _rates(model: FeederModel, drawn: Moves, table: FreeShares, number: int) -> Array:
+    """Return the parts per minute (d,) of each of the drawn moves."""
+    free = np.where(model.pickable, table.at(number), 0.0)
+    if not free.any():
+        return np.zeros(len(drawn.drop))
+    found = steady_state(drawn, free, number, model.max_picks)
+    return parts_per_minute(model.times, found.picks, found.supplied)
+
+
+def _runs(
+    rates: Array, dispersion: float, minutes: float, generator: np.random.Generator
+) -> Array:
+    """Return parts per minute of random runs (d, r), of which r have each of the rates (d,).
+
+    ``dispersion`` is the variance of the number of parts of a long run divided by its mean.
+    """
+    spread = np.sqrt(dispersion * rates / minutes)[:, None]
+    deviation = generator.standard_normal((len(rates), RUNS))
+    return np.maximum(rates[:, None] + spread * deviation, 0.0)

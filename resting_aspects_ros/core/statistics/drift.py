@@ -1,0 +1,190 @@
+"""Drift: whether the parts of a window still have the shares of the simulation; see g_test."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.statistics.comparison import square_and_add
+from resting_aspects_ros.core.statistics.g_test import g_statistic, p_of_window
+from resting_aspects_ros.core.statistics.intervals import (
+    CONFIDENCE,
+    SIMULTANEOUS,
+    Array,
+    Counts,
+    bounds,
+)
+
+LEVEL = 0.01
+MIN_LEVEL, MAX_LEVEL = 1e-4, 0.25
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """The class whose share deviates most from the simulation.
+
+    index : int
+        Index of the class, from 0. It has the largest absolute standardised residual.
+    share, expected : float
+        Its share of the counted parts and of the simulated drops.
+    lower, upper : float
+        Bounds of the true difference share - expected. The bounds of all classes hold together
+        with ``confidence``, so choosing the largest does not weaken them.
+    residual : float
+        Standardised residual: the difference in standard errors.
+    """
+
+    index: int
+    share: float
+    expected: float
+    lower: float
+    upper: float
+    residual: float
+    confidence: float
+
+    @property
+    def difference(self) -> float:
+        """Share of the counted parts minus that of the simulated drops."""
+        return self.share - self.expected
+
+
+@dataclass(frozen=True, eq=False)
+class DriftTest:
+    """The tests of successive windows of parts against simulated drops.
+
+    simulated : (c,) int
+        Simulated drops in each class.
+    windows : (w, c) int
+        Counted parts of each window in each class.
+    g, p_values : (w,) float
+        G statistic of each window, and the probability of one at least as large without drift.
+    level : float
+        Probability of an alarm in a window without drift.
+    drifted : range
+        Indices of the windows that deviate, empty without an alarm. They begin where the shares
+        most likely changed: from there on, all windows together have the largest G statistic.
+        If they do not deviate significantly, it is the single window with the smallest p value.
+    """
+
+    simulated: Counts
+    windows: Counts
+    g: Array
+    p_values: Array
+    level: float
+    drifted: range
+
+    @property
+    def alarms(self) -> Counts:
+        """Indices of the windows with an alarm."""
+        return np.flatnonzero(self.p_values <= self.level)
+
+    def deviation(self, windows: range, confidence: float = CONFIDENCE) -> Deviation:
+        """Return the largest deviation of the parts of some windows together."""
+        parts = self.windows[windows.start : windows.stop].sum(axis=0)
+        return largest_deviation(parts, self.simulated, confidence)
+
+
+def find_drift(
+    windows: Counts,
+    simulated: Counts,
+    generator: np.random.Generator,
+    level: float = LEVEL,
+) -> DriftTest:
+    """Test each window of counted parts against the simulated drops.
+
+    Without drift, the probability of an alarm is ``level`` for each window. It holds on average
+    over simulations: all windows are compared with the same simulated drops, so the alarms are
+    not independent if the drops are few in comparison with a window.
+
+    Parameters
+    ----------
+    windows : (w, c) int
+        Parts in each class; at least one part in each window. Each part is in one window only.
+    simulated : (c,) int
+        Simulated drops in each of two or more classes, at least one in total.
+    generator : Generator
+        Draws the random tables.
+    level : float
+        MIN_LEVEL to MAX_LEVEL.
+
+    Raises
+    ------
+    InvalidValueError
+        If an argument is invalid.
+    """
+    check_level(level)
+    simulated = check_simulated(simulated)
+    given = np.asarray(windows, dtype=np.int64)
+    if given.shape[1:] != simulated.shape or (given < 0).any() or not given.any(axis=1).all():
+        raise InvalidValueError(
+            f'invalid windows {shown(given.tolist())}: expected counts of {len(simulated)} '
+            'classes, 0 or more, with at least one part in each window'
+        )
+    p_values = np.array([p_of_window(row, simulated, generator, level) for row in given])
+    drifted = range(0)
+    if (p_values <= level).any():
+        drifted = _drifted(given, simulated, p_values, generator, level)
+    return DriftTest(simulated, given, g_statistic(given, simulated), p_values, level, drifted)
+
+
+def _drifted(
+    windows: Counts,
+    simulated: Counts,
+    p_values: Array,
+    generator: np.random.Generator,
+    level: float,
+) -> range:
+    # The parts from each window on, up to the last alarm: the maximum is the most likely change.
+    later = windows[::-1].cumsum(axis=0)[::-1][: int(np.flatnonzero(p_values <= level)[-1]) + 1]
+    start = int(g_statistic(later, simulated).argmax())
+    if p_of_window(later[start], simulated, generator, level) <= level:
+        return range(start, len(windows))
+    lowest = int(p_values.argmin())
+    return range(lowest, lowest + 1)
+
+
+def largest_deviation(
+    parts: Counts, simulated: Counts, confidence: float = CONFIDENCE
+) -> Deviation:
+    """Return the class whose share deviates most; both arguments (c,) with at least one count.
+
+    The residual is the adjusted residual of the table with both rows (Agresti 2002, Categorical
+    Data Analysis, section 3.3.1); of equal ones the lowest class is returned. The bounds are as
+    in `comparison.compare`.
+    """
+    n, m = int(parts.sum()), int(simulated.sum())
+    share, expected = parts / n, simulated / m
+    pooled = (parts + simulated) / (n + m)
+    error = np.sqrt(pooled * (1 - pooled) * (1 / n + 1 / m))
+    residual = (share - expected) / np.where(error > 0, error, 1)
+    k = int(np.abs(residual).round(9).argmax())
+    lower, upper = square_and_add(
+        share,
+        bounds(parts, n, SIMULTANEOUS, confidence),
+        expected,
+        bounds(simulated, m, SIMULTANEOUS, confidence),
+    )
+    low, high = float(lower[k]), float(upper[k])
+    return Deviation(
+        k, float(share[k]), float(expected[k]), low, high, float(residual[k]), confidence
+    )
+
+
+def check_level(level: float) -> None:
+    """Raise InvalidValueError unless the level is within the limits of the test."""
+    number = isinstance(level, int | float) and not isinstance(level, bool)
+    if not (number and MIN_LEVEL <= level <= MAX_LEVEL):
+        raise InvalidValueError(
+            f'invalid level {shown(level)}: expected {MIN_LEVEL:g} to {MAX_LEVEL:g}'
+        )
+
+
+def check_simulated(simulated: Counts) -> Counts:
+    """Return the simulated drops as an array; raises InvalidValueError for a single class."""
+    counts = np.asarray(simulated, dtype=np.int64)
+    if counts.ndim != 1 or (counts < 0).any() or not counts.any() or len(counts) < 2:
+        raise InvalidValueError(
+            f'invalid simulated counts {shown(counts.tolist())}: expected those of two or more '
+            'classes, 0 or more, not all 0; without a second class no share can drift'
+        )
+    return counts

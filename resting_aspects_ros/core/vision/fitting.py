@@ -1,0 +1,197 @@
+"""Fit of an outline to an observed polygon: poses of least squares and their residuals.
+
+It is a fast version of `matching.align` for noisy polygons: what depends on only one of the two is
+computed once, and the residuals are those that a likelihood needs.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from shapely.geometry.polygon import orient
+
+from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.core.vision.boundary import RAYS, Boundary, turn
+
+# Number of points on a boundary at equal distances along it.
+SAMPLES = 240
+# Maximum number of yaws that are refined, and every how many points and how often.
+MAX_YAWS, EVERY, ITERATIONS = 4, 2, 4
+# Yaws whose signatures match worse than the best by more than this share are not refined.
+MAX_WORSE = 0.05
+# Yaws closer than this are the same, rad; signatures that vary less are round.
+SAME_YAW, ROUND = 0.02, 1e-6
+
+
+class Shape:
+    """A polygon with what its fits need.
+
+    polygon : shapely.Polygon
+    boundary : Boundary
+        About the centroid of the polygon.
+    samples : (m, 2) float
+        Points on all rings at equal distances, relative to the centroid, m.
+    area, perimeter, moment : float
+        m^2, m, and the polar moment of the area about the centroid, m^4.
+    """
+
+    def __init__(self, polygon: shapely.Polygon) -> None:
+        self.polygon = polygon = orient(polygon)  # signatures depend on the direction of rings
+        self.boundary = Boundary(polygon)
+        self.area, self.perimeter = float(polygon.area), float(polygon.length)
+        rings = [polygon.exterior, *polygon.interiors]
+        points = [_points_on(ring, SAMPLES / self.perimeter) for ring in rings]
+        self.samples = np.concatenate(points) - self.boundary.centre
+        self.moment = sum(_moment(ring, self.boundary.centre) for ring in rings)
+
+    def difference(self, other: 'Shape') -> float:
+        """Return a lower bound of the root mean square distance after the best fit, m.
+
+        A boundary that moves by a distance d changes the area by the integral of d, and the polar
+        moment of the area about its centroid by that of d times the squared radius, to first
+        order; both are bounded by the root mean square of d (Cauchy and Schwarz).
+        """
+        both = (self, other)
+        areas = abs(self.area - other.area) / max(one.perimeter for one in both)
+        lever = max(
+            one.perimeter * np.sqrt(((one.samples**2).sum(axis=1) ** 2).mean()) for one in both
+        )
+        return float(max(areas, abs(self.moment - other.moment) / lever))
+
+    @cached_property
+    def signature(self) -> Array:
+        """(2, RAYS) float: the signature of the boundary."""
+        return self.boundary.signature()
+
+    @cached_property
+    def spectrum(self) -> Array:
+        """Fourier transform of the signature."""
+        return np.asarray(np.fft.rfft(self.signature))
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A pose of a model on an observed polygon: a local minimum of the residuals.
+
+    yaw : float
+        rad, from -pi to pi.
+    x, y : float
+        m, so that seen = R(yaw) model + (x, y).
+    square : float
+        Mean square of the distances between the boundaries, of both directions, m^2.
+    largest : float
+        Largest of these distances, m.
+    stiffness : float
+        Half the second derivative of the mean square over yaw, (x, y) being optimal, m^2.
+    """
+
+    yaw: float
+    x: float
+    y: float
+    square: float
+    largest: float
+    stiffness: float
+
+    def overlap(self, model: shapely.Polygon, seen: shapely.Polygon) -> float:
+        """Return the intersection over the union of the polygons."""
+        move = np.array([self.x, self.y])
+        moved = shapely.transform(model, lambda points: points @ turn(self.yaw).T + move)
+        common = float(shapely.intersection(moved, seen).area)
+        return common / (float(model.area) + float(seen.area) - common)
+
+
+def fit(model: Shape, seen: Shape, order: int) -> tuple[Fit, ...]:
+    """Return the fits of a model to an observed polygon, the least residual first.
+
+    ``order`` is the yaw symmetry of the model (0: round): of solutions that differ by a rotation
+    of the model onto itself, one is returned.
+    """
+    yaws = _yaws(model, seen, order)
+    shifts = np.zeros((len(yaws), 2))
+    some = seen.samples[::EVERY]
+    scale = model.boundary.radius
+    for last in [False] * ITERATIONS + [True]:
+        points = _turned(some[None] - shifts[:, None], -yaws)
+        way, piece = model.boundary.nearest(points.reshape(-1, 2))
+        normal = model.boundary.normals(piece).reshape(points.shape)
+        off = (way.reshape(points.shape) * normal).sum(axis=2)
+        lever = (points[..., 0] * normal[..., 1] - points[..., 1] * normal[..., 0]) / scale
+        design = np.concatenate([lever[..., None], normal], axis=2)
+        square = np.einsum('kmi,kmj->kij', design, design) / len(some) + 1e-9 * np.eye(3)
+        if last:
+            break
+        step = np.linalg.solve(square, np.einsum('kmi,km->ki', design, off)[..., None])[..., 0]
+        shifts = shifts - _turned(step[:, None, 1:] / len(some), yaws)[:, 0]
+        yaws = yaws - step[:, 0] / len(some) / scale
+    stiffness = scale**2 / np.linalg.inv(square)[:, 0, 0]
+    there, back = _distances(model, seen, yaws, shifts)
+    squares = ((there**2).mean(axis=1) + (back**2).mean(axis=1)) / 2
+    found: list[Fit] = []
+    for k in np.argsort(squares, kind='stable'):
+        yaw = float(np.angle(np.exp(1j * yaws[k])))
+        if any(_same(yaw, other.yaw, order) for other in found):
+            continue
+        x, y = seen.boundary.centre + shifts[k] - turn(yaw) @ model.boundary.centre
+        largest = float(max(there[k].max(), back[k].max()))
+        found.append(Fit(yaw, float(x), float(y), float(squares[k]), largest, float(stiffness[k])))
+    return tuple(found)
+
+
+def _yaws(model: Shape, seen: Shape, order: int) -> Array:
+    """Return yaws (k,), rad, at which the signatures match, best first, one of each symmetry."""
+    match = np.fft.irfft(model.spectrum.conj() * seen.spectrum, RAYS)
+    norms = (model.signature**2).sum(axis=1) + (seen.signature**2).sum(axis=1)
+    off = (1 - 2 * match / norms[:, None]).mean(axis=0)
+    if order == 0 or np.ptp(off) < ROUND:
+        return np.zeros(1)
+    low = np.flatnonzero((off <= np.roll(off, 1)) & (off < np.roll(off, -1)))
+    low = low[np.argsort(off[low], kind='stable')]
+    low = low[off[low] <= off[low[0]] + MAX_WORSE]
+    chosen: list[float] = []
+    for yaw in low * 2 * np.pi / RAYS:
+        if not any(_same(yaw, other, order) for other in chosen):
+            chosen.append(float(yaw))
+        if len(chosen) == MAX_YAWS:
+            break
+    return np.array(chosen)
+
+
+def _points_on(ring: shapely.LinearRing, density: float) -> Array:
+    """Return points (m, 2) at equal distances along a ring, ``density`` of them in a metre."""
+    corners = shapely.get_coordinates(ring)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    count = max(3, round(density * float(along[-1])))
+    places = (np.arange(count) + 0.5) / count * along[-1]
+    return np.stack([np.interp(places, along, axis) for axis in corners.T], axis=1)
+
+
+def _moment(ring: shapely.LinearRing, centre: Array) -> float:
+    """Return the polar moment of the area inside a ring, negative if it is clockwise, m^4."""
+    points = shapely.get_coordinates(ring) - centre
+    a, b = points[:-1], points[1:]
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return float((cross * ((a**2 + a * b + b**2).sum(axis=1))).sum() / 12)
+
+
+def _same(one: float, other: float, order: int) -> bool:
+    return order == 0 or abs(np.angle(np.exp(1j * order * (one - other)))) < order * SAME_YAW
+
+
+def _distances(model: Shape, seen: Shape, yaws: Array, shifts: Array) -> tuple[Array, Array]:
+    """Return the distances (k, m) of the observed samples and of those of the model, m."""
+    points = _turned(seen.samples[None] - shifts[:, None], -yaws)
+    there, _ = model.boundary.nearest(points.reshape(-1, 2))
+    points = _turned(np.broadcast_to(model.samples, (len(yaws), *model.samples.shape)), yaws)
+    back, _ = seen.boundary.nearest((points + shifts[:, None]).reshape(-1, 2))
+    return (
+        np.linalg.norm(there, axis=1).reshape(len(yaws), -1),
+        np.linalg.norm(back, axis=1).reshape(len(yaws), -1),
+    )
+
+
+def _turned(points: Array, yaws: Array) -> Array:
+    """Return points (k, m, 2) rotated by yaws (k,)."""
+    c, s = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
+    x, y = points[..., 0], points[..., 1]
+    return np.stack([c * x - s * y, s * x + c * y], axis=2)

@@ -1,0 +1,76 @@
+"""Grasps: where a gripper takes a part, and what it covers on the tray."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.rotations import (
+    LENGTH_TOLERANCE,
+    Array,
+    canonical,
+    product,
+    rotate,
+)
+from resting_aspects_ros.core.vision.location import Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """A pose of a gripper relative to a part that lies in an aspect, with its footprint.
+
+    aspect : int
+        One aspect of a symmetry class is sufficient: the poses of a class contain all its aspects.
+    position : (3,) float
+        Origin of the gripper frame in the part frame, m.
+    orientation : (4,) float
+        Unit quaternion xyzw, part from gripper.
+    length, width, radius : float
+        Footprint: all points within the radius of a rectangle, m, along x and y of the gripper
+        frame; a disc if length and width are 0.
+    """
+
+    aspect: int
+    position: Array
+    orientation: Array
+    length: float = 0.0
+    width: float = 0.0
+    radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        position, xyzw = np.asarray(self.position, float), np.asarray(self.orientation, float)
+        if position.shape != (3,) or not np.isfinite(position).all():
+            raise InvalidValueError(
+                f'invalid position {shown(position.tolist())} of a grasp: expected x, y, z in m'
+            )
+        if xyzw.shape != (4,) or not abs(np.linalg.norm(xyzw) - 1) <= LENGTH_TOLERANCE:
+            raise InvalidValueError(
+                f'invalid orientation {shown(xyzw.tolist())} of a grasp: expected a unit '
+                'quaternion xyzw'
+            )
+        sides = (self.length, self.width, self.radius)
+        if not all(0 <= side < np.inf for side in sides) or not any(sides):
+            raise InvalidValueError(
+                f'invalid footprint {shown(sides)} of a grasp: expected lengths of 0 m or more, '
+                'one of them above 0'
+            )
+        object.__setattr__(self, 'position', position)
+        object.__setattr__(self, 'orientation', canonical(xyzw))
+
+
+def gripper_poses(grasp: Grasp, poses: Iterable[Pose]) -> tuple[Pose, ...]:
+    """Return the poses of the gripper in the frame of the poses of a part.
+
+    Only poses in the aspect of the grasp give one, in their order; none if there are none.
+    """
+    return tuple(
+        Pose(
+            pose.aspect,
+            pose.position + rotate(pose.orientation, grasp.position[None])[0],
+            product(pose.orientation[None], grasp.orientation[None])[0],
+            pose.yaw_known,
+        )
+        for pose in poses
+        if pose.aspect == grasp.aspect
+    )

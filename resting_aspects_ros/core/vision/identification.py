@@ -1,0 +1,249 @@
+"""Which part, in which aspect and where, an observed polygon shows, with probabilities.
+
+The answers are the classes of the known parts, 'none of these' and 'touching parts'. The posterior
+of an answer is proportional to prior times likelihood; see `likelihood` for known and unknown
+outlines. Touching parts are not a known outline either: see `touching` for the ratio of the two.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.vision.camera import Telecentric
+from resting_aspects_ros.core.vision.fitting import Fit, Shape, fit
+from resting_aspects_ros.core.vision.known_part import KnownPart
+from resting_aspects_ros.core.vision.likelihood import (
+    OutlineNoise,
+    known_likelihood,
+    log_sum,
+    unknown_likelihood,
+)
+from resting_aspects_ros.core.vision.location import Pose
+from resting_aspects_ros.core.vision.touching import touching_odds
+
+# Prior probabilities that a polygon shows none of the known parts, or several that touch.
+NONE_PRIOR, TOUCHING_PRIOR = 0.01, 0.03
+# Outlines that differ at least so much, as a multiple of the noise, are not fitted, except for the
+# nearest; nor are the fits given whose likelihood is smaller by more than this logarithm.
+FAR, NEAREST, NEGLIGIBLE = 8.0, 2, 12.0
+# The prior share of a class is at least this, because a share that was never seen is not zero.
+MIN_SHARE = 1e-4
+# Details of an observed polygon that are smaller than this share of the noise are left out.
+DETAIL = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A class of a part that an observed polygon may show.
+
+    part : str
+    symmetry_class : int
+    aspects : tuple of int
+        The aspects of the class, which look the same.
+    x, y, yaw : float
+        Camera pose of the outline: projection of the centre of mass, m, and yaw, rad.
+    overlap : float
+        Intersection over union; the noise of the observed polygon is smoothed.
+    distance : float
+        Largest distance between the boundaries, m.
+    residual : float
+        Root mean square of the distances between the boundaries, m.
+    log_likelihood : float
+        Natural logarithm up to a constant that all answers share; see `likelihood`.
+    prior, posterior : float
+        Probabilities; those of all candidates, none and touching add up to 1.
+    poses : tuple of Pose
+        All poses of the part that look like this, tray frame; the most probable first.
+    """
+
+    part: str
+    symmetry_class: int
+    aspects: tuple[int, ...]
+    x: float
+    y: float
+    yaw: float
+    overlap: float
+    distance: float
+    residual: float
+    log_likelihood: float
+    prior: float
+    posterior: float
+    poses: tuple[Pose, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """What an observed polygon may show.
+
+    candidates : tuple of Candidate
+        By posterior, descending; those that are far from the polygon are left out, except for the
+        nearest.
+    none : float
+        Posterior probability that the polygon shows none of the known parts.
+    touching : float
+        Posterior probability that it shows several known parts that touch or overlap.
+    effective_samples : float
+        n, the number of independent errors of the boundary.
+    """
+
+    candidates: tuple[Candidate, ...]
+    none: float
+    touching: float
+    effective_samples: float
+
+    @property
+    def answer(self) -> str:
+        """'part', 'none' or 'touching', whichever is most probable."""
+        if 1 - self.none - self.touching >= max(self.none, self.touching):
+            return 'part'
+        return 'none' if self.none >= self.touching else 'touching'
+
+    @property
+    def best(self) -> Candidate | None:
+        """The most probable candidate; None if the answer is not a part."""
+        return self.candidates[0] if self.answer == 'part' else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Hypothesis:
+    """A class of a known part with its fits, the most probable one first."""
+
+    known: KnownPart
+    index: int
+    seen: Shape
+    fits: tuple[tuple[float, Fit, Shape], ...]
+    prior: float
+
+    @property
+    def evidence(self) -> float:
+        shapes = len(self.known.shapes[self.index])
+        return log_sum([each[0] for each in self.fits]) - float(np.log(shapes))
+
+
+def identify(
+    seen: shapely.Polygon,
+    known: Sequence[KnownPart],
+    noise: OutlineNoise | None = None,
+    camera: Telecentric | None = None,
+) -> Identification:
+    """Return which class of which part an observed polygon shows, and where.
+
+    Parameters
+    ----------
+    seen : Polygon
+        Tray frame, m, as `observed_polygon` returns it.
+    known : sequence of KnownPart
+        At least one; all are equally probable before.
+    noise : OutlineNoise, optional
+        Errors of the boundary.
+    camera : Telecentric or Pinhole, optional
+        Corrects the magnification of high parts, with the height of each outline.
+    """
+    if not known:
+        raise InvalidValueError('invalid number of parts 0: expected at least one')
+    noise = noise or OutlineNoise()
+    views = _Views(seen, noise, camera)
+    count = views.at(0.0).perimeter / noise.correlation
+    share = (1 - NONE_PRIOR - TOUCHING_PRIOR) / len(known)
+    found = []
+    for part, k, shape in _near(known, views, noise):
+        prior = share * max(float(part.shares[k]), MIN_SHARE)
+        found.append(_Hypothesis(part, k, shape, _fits(part, k, shape, noise, count), prior))
+    found.sort(key=lambda each: -each.evidence - np.log(each.prior))
+    scores = [each.evidence + np.log(each.prior) for each in found]
+    nearest = min((one for each in found for one in each.fits), key=lambda one: one[1].square)
+    size = float(np.ptp(shapely.get_coordinates(views.at(0.0).polygon), axis=0).max())
+    unknown = unknown_likelihood(nearest[1], nearest[2], noise, count, size)
+    scores += [unknown + np.log(NONE_PRIOR), unknown + np.log(TOUCHING_PRIOR)]
+    # Whether parts touch is found out only where it matters, because it takes longer.
+    posterior = np.exp(np.array(scores) - log_sum(scores))
+    if posterior[-2:].sum() > 1e-3:
+        odds = touching_odds(found[0].seen, [s[0] for p in known for s in p.shapes], noise.sd)
+        scores[-1] = unknown + np.log(max(TOUCHING_PRIOR * odds, 1e-12))
+        posterior = np.exp(np.array(scores) - log_sum(scores))
+    candidates = tuple(
+        _candidate(each, posterior[k], noise)
+        for k, each in enumerate(found)
+        if k == 0 or posterior[k] > np.exp(-NEGLIGIBLE)
+    )
+    return Identification(candidates, float(posterior[-2]), float(posterior[-1]), count)
+
+
+class _Views:
+    """The observed polygon as it would be on the tray, by height of its silhouette."""
+
+    def __init__(
+        self, seen: shapely.Polygon, noise: OutlineNoise, camera: Telecentric | None
+    ) -> None:
+        simple = seen.simplify(DETAIL * noise.sd, preserve_topology=False)
+        whole = isinstance(simple, shapely.Polygon) and simple.is_valid and simple.area > 0
+        self._seen = simple if whole else seen
+        self._camera = camera
+        self._views: dict[float, Shape] = {}
+
+    def at(self, height: float) -> Shape:
+        height = height if self._camera is not None else 0.0
+        if height not in self._views:
+            polygon = self._seen
+            if self._camera is not None:
+                polygon = self._camera.projected(polygon, height)
+            self._views[height] = Shape(polygon)
+        return self._views[height]
+
+
+def _near(
+    known: Sequence[KnownPart], views: _Views, noise: OutlineNoise
+) -> list[tuple[KnownPart, int, Shape]]:
+    """Return the classes that are not far from the observed polygon, and always the nearest.
+
+    See Shape.difference.
+    """
+    rows = []
+    for part in known:
+        for k, outline in enumerate(part.outlines):
+            seen = views.at(outline.height)
+            far = min(shape.difference(seen) for shape in part.shapes[k])
+            rows.append((far, part, k, seen))
+    rows.sort(key=lambda row: row[0])
+    return [row[1:] for n, row in enumerate(rows) if n < NEAREST or row[0] < FAR * noise.sd]
+
+
+def _fits(
+    part: KnownPart, k: int, seen: Shape, noise: OutlineNoise, count: float
+) -> tuple[tuple[float, Fit, Shape], ...]:
+    """Return log likelihood, fit and model of all fits of a class, the most probable first."""
+    order = part.outlines[k].yaw_symmetry
+    found = [
+        (known_likelihood(one, shape, order, noise, count), one, shape)
+        for shape in part.shapes[k]
+        for one in fit(shape, seen, order)
+    ]
+    found.sort(key=lambda row: -row[0])
+    return tuple(row for row in found if row[0] > found[0][0] - NEGLIGIBLE)
+
+
+def _candidate(each: _Hypothesis, posterior: float, noise: OutlineNoise) -> Candidate:
+    known, k = each.known, each.index
+    outline, placement = known.outlines[k], known.placements[k]
+    _, first, model = each.fits[0]
+    # A family's outlines differ by a roll, which is unknown, so that they have one pose.
+    different = {id(row[2]): row for row in reversed(each.fits)} if outline.family else {}
+    fits = [each.fits[0][1]] if different else [row[1] for row in each.fits]
+    return Candidate(
+        known.part.name,
+        outline.symmetry_class,
+        outline.aspects,
+        first.x,
+        first.y,
+        first.yaw,
+        first.overlap(model.polygon, each.seen.polygon.simplify(noise.sd / 2)),
+        first.largest,
+        float(np.sqrt(first.square)),
+        each.evidence,
+        each.prior,
+        float(posterior),
+        tuple(pose for one in fits for pose in placement.poses(one.x, one.y, one.yaw)),
+    )

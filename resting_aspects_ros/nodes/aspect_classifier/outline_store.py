@@ -1,0 +1,178 @@
+"""The outlines of the parts, computed in a FileWorker and latched on outlines/<part>."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from resting_aspects_interfaces.msg import PartOutlines
+
+from resting_aspects_ros.api.identify import PSEUDO_COUNT, predicted_shares
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.errors import PartError, RestingAspectsError
+from resting_aspects_ros.core.estimators.resting_shape import RestingShape
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.core.vision.known_part import KnownPart
+from resting_aspects_ros.core.vision.matching import LookAlike, look_alikes
+from resting_aspects_ros.core.vision.outline import Outline, find_outlines
+from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
+from resting_aspects_ros.ros.callbacks import advertise, guarded_task
+from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.interface import LATCHED, OUTLINES
+from resting_aspects_ros.ros.outline_conversions import outlines_msg
+from resting_aspects_ros.ros.status import NotAvailableError
+
+
+def outlines_and_shares(part: Part, aspects: AspectSet) -> tuple[tuple[Outline, ...], Array]:
+    """Return the outlines of a part, and the predicted shares (k,) of its aspects.
+
+    Runs in a FileWorker. Raises PartError if the part has no aspect or an outline is not valid.
+    """
+    if not len(aspects):
+        raise PartError('the part has no aspect')
+    return find_outlines(part, aspects), predicted_shares(RestingShape(part, aspects))
+
+
+def compare_outlines(one: Outline, others: tuple[Outline, ...]) -> list[LookAlike]:
+    """Return how well each of the other outlines resembles an outline; runs in a FileWorker."""
+    return [look_alikes((one, each))[one.symmetry_class][0] for each in others]
+
+
+@dataclasses.dataclass
+class _Entry:
+    """The outlines of a version of a part; without them, the reason.
+
+    counted : the distribution from which the shares of ``known`` were computed, if any
+    """
+
+    part_sha256: str
+    known: KnownPart | None = None
+    problem: str = ''
+    counted: Distribution | None = None
+
+
+class OutlineStore:
+    """Computes the outlines of the offered parts one after another, and publishes them.
+
+    Parameters
+    ----------
+    files : computes, so that a large mesh cannot block the node
+    newest : returns the newest distribution of a version of a part by its part_sha256, or None
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        files: FileWorker,
+        parts: PartRegistry,
+        newest: Callable[[str], Distribution | None],
+    ) -> None:
+        self._node = node
+        self._files = files
+        self._parts = parts
+        self._newest = newest
+        self._entries: dict[str, _Entry] = {}  # by name
+        self._waiting: dict[str, str] = {}  # part_sha256 by name
+        self._computing = False
+        self._publishers: dict[str, Publisher] = {}
+
+    def update(self, name: str, part_sha256: str) -> None:
+        """Compute and publish the outlines of a version of a part, unless they are published."""
+        known = self._entries.get(name)
+        if known is not None and known.part_sha256 == part_sha256:
+            self._waiting.pop(name, None)  # an earlier version is offered again
+            return
+        self._waiting[name] = part_sha256
+        if not self._computing:
+            self._computing = True
+            assert self._node.executor is not None  # this is called by it
+            self._node.executor.create_task(self._compute_all)
+
+    def known_part(self, part: Part) -> KnownPart:
+        """Return the outlines of a part with the current prior shares of its classes.
+
+        Raises NotAvailableError while they are computed, and PartError if they cannot be.
+        """
+        entry = self._entries.get(part.name)
+        if entry is None or entry.part_sha256 != part.part_sha256:
+            raise NotAvailableError(
+                f'the outlines of {part.name} are being computed, try again soon'
+            )
+        if entry.known is None:
+            raise PartError(entry.problem)
+        newest = self._newest(part.part_sha256)
+        if newest is not entry.counted and newest is not None:
+            shares = class_shares(entry.known.outlines, newest.counts + PSEUDO_COUNT)
+            entry.known = dataclasses.replace(entry.known, shares=shares)
+            entry.counted = newest
+        return entry.known
+
+    async def _compute_all(self) -> None:
+        while self._waiting:
+            name = next(iter(self._waiting))
+            sha = self._waiting.pop(name)
+            compute = guarded_task(self._node, f'no outlines of {name}', self._compute)
+            await compute(name, sha)
+        self._computing = False
+
+    async def _compute(self, name: str, part_sha256: str) -> None:
+        """Compute the outlines of a part, and publish them when they have been compared."""
+        part, aspects = self._parts.version(part_sha256)
+        entry = _Entry(part_sha256)
+        outlines: tuple[Outline, ...] = ()
+        try:
+            outlines, predicted = await self._files.run(outlines_and_shares, part, aspects)
+            entry.known = KnownPart(part, aspects, outlines, class_shares(outlines, predicted))
+        except RestingAspectsError as error:
+            entry.problem = f'the outlines of {name} cannot be computed: {error}'
+            self._node.get_logger().warning(entry.problem)
+        if self._is_outdated(part):
+            return
+        self._entries[name] = entry
+        compared = await self._compared(name, outlines)
+        if not self._is_outdated(part):
+            self._publisher(name).publish(outlines_msg(part, outlines, compared))
+
+    async def _compared(
+        self, name: str, outlines: tuple[Outline, ...]
+    ) -> dict[int, list[LookAlike]]:
+        """Return the result of look_alikes; a part with many classes takes minutes.
+
+        Therefore each class is a task of its own for the process that reads files.
+        """
+        found: dict[int, list[LookAlike]] = {each.symmetry_class: [] for each in outlines}
+        try:
+            for k, one in enumerate(outlines[:-1], start=1):
+                for other in await self._files.run(compare_outlines, one, outlines[k:]):
+                    found[one.symmetry_class].append(other)
+                    back = dataclasses.replace(other, symmetry_class=one.symmetry_class)
+                    found[other.symmetry_class].append(back)
+        except RestingAspectsError as error:
+            self._node.get_logger().warning(f'the outlines of {name} are not compared: {error}')
+            return {number: [] for number in found}
+        return {k: sorted(each, key=lambda a: -a.overlap) for k, each in found.items()}
+
+    def _is_outdated(self, part: Part) -> bool:
+        """Return whether another version of a part has been offered since."""
+        offered = self._parts.get(part.name)
+        return offered is not None and offered.part_sha256 != part.part_sha256
+
+    def _publisher(self, name: str) -> Publisher:
+        if name not in self._publishers:
+            topic = f'{OUTLINES}/{name}'
+            self._publishers[name] = advertise(self._node, PartOutlines, topic, LATCHED)
+        return self._publishers[name]
+
+
+def class_shares(outlines: Sequence[Outline], by_aspect: npt.ArrayLike) -> Array:
+    """Return the shares (c,) of the classes of the outlines, with the sum 1.
+
+    by_aspect : (k,) shares or counts of the aspects by id, with a sum above 0
+    """
+    given = np.asarray(by_aspect, dtype=np.float64)
+    shares = np.array([given[np.array(each.aspects) - 1].sum() for each in outlines])
+    return np.asarray(shares / shares.sum())

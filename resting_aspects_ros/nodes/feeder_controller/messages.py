@@ -1,0 +1,98 @@
+"""Conversions between the messages of the controller and its types."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+from builtin_interfaces.msg import Time
+from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, FeederPick, PickResult
+from std_msgs.msg import Header
+
+from resting_aspects_ros.core.feeding.decision import Choice, Expected
+from resting_aspects_ros.core.statistics.intervals import Interval
+from resting_aspects_ros.core.vision.known_part import KnownPart
+from resting_aspects_ros.nodes.feeder_controller.advice import CurrentAdvice
+from resting_aspects_ros.nodes.feeder_controller.tray_state import Detection, Image, Outcome
+from resting_aspects_ros.ros.conversions import nanoseconds, pose_msg
+
+CHOICES = {
+    Choice.WAIT: FeederAdvice.WAIT,
+    Choice.PICK: FeederAdvice.PICK,
+    Choice.FLIP: FeederAdvice.FLIP,
+    Choice.SPREAD: FeederAdvice.SPREAD,
+    Choice.SUPPLY: FeederAdvice.SUPPLY,
+}
+OUTCOMES = {
+    PickResult.PICKED: Outcome.PICKED,
+    PickResult.MISSED: Outcome.MISSED,
+    PickResult.DROPPED: Outcome.DROPPED,
+    PickResult.MOVED: Outcome.MOVED,
+}
+UNKNOWN = Interval(math.nan, math.nan, math.nan)
+
+
+def image_from(msg: DetectionArray) -> Image:
+    """Return the image in a message; its values are checked by the tray state."""
+    return Image(
+        msg.image,
+        nanoseconds(msg.header.stamp),
+        msg.header.frame_id,
+        tuple(
+            Detection(k, d.part, d.class_id, d.score, d.x, d.y, d.yaw, d.clearance)
+            for k, d in enumerate(msg.detections)
+        ),
+    )
+
+
+def pick_msgs(picks: Sequence[tuple[Detection, int]], part: KnownPart) -> list[FeederPick]:
+    """Return the messages for detections with their symmetry classes, with all poses."""
+    return [
+        FeederPick(
+            detection=each.index,
+            symmetry_class=number,
+            score=each.score,
+            poses=[
+                pose_msg(pose.position.tolist(), pose.orientation.tolist())
+                for pose in part.placements[number - 1].poses(each.x, each.y, each.yaw)
+            ],
+        )
+        for each, number in picks
+    ]
+
+
+def advice_msg(
+    advice: CurrentAdvice,
+    part: str,
+    epoch: int,
+    stamp: Time,
+    picks: Sequence[FeederPick] = (),
+    share: Interval = UNKNOWN,
+    drops: int = 0,
+    actions: int = 0,
+) -> FeederAdvice:
+    """Return the message for an advice."""
+    return FeederAdvice(
+        header=Header(stamp=stamp, frame_id=advice.frame),
+        part=part,
+        epoch=epoch,
+        image=advice.image,
+        choice=CHOICES[advice.choice],
+        picks=picks,
+        then=CHOICES[advice.then],
+        supply=advice.supply,
+        reason=advice.reason,
+        pickable_share=share.probability,
+        lower=share.lower,
+        upper=share.upper,
+        drops=drops,
+        actions=actions,
+        **_expected_fields(advice.expected),
+    )
+
+
+def _expected_fields(expected: Mapping[Choice, Expected]) -> dict[str, list[float] | list[int]]:
+    return {
+        'choices': [CHOICES[choice] for choice in expected],
+        'expected_picks': [each.picks for each in expected.values()],
+        'seconds': [each.seconds for each in expected.values()],
+        'rates': [each.rate for each in expected.values()],
+    }

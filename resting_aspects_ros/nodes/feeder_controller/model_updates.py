@@ -1,0 +1,208 @@
+"""Follows the part of a controller, its distribution and its transitions, and builds the model."""
+
+from collections.abc import Awaitable, Callable
+from hashlib import sha256
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from resting_aspects_interfaces.msg import AspectDistribution, PartDescription
+from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
+
+from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.core.feeding.controller_model import ControllerModel
+from resting_aspects_ros.core.vision.known_part import KnownPart
+from resting_aspects_ros.nodes.feeder_controller.evidence import PartEvidence
+from resting_aspects_ros.nodes.feeder_controller.model import Evidence, build_model, read_part
+from resting_aspects_ros.nodes.feeder_controller.settings import Settings
+from resting_aspects_ros.ros.callbacks import guarded_task, subscribe
+from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.interface import ASPECT_DISTRIBUTIONS, LATCHED, PARTS, TRANSITIONS
+
+# A part with very many triangles and aspects needs more time than a file, s.
+MAX_SECONDS = 120.0
+
+
+class ModelUpdates:
+    """The model of the decisions, from what is latched on the topics of the part.
+
+    Parameters
+    ----------
+    changed : called when `current` has changed
+
+    current : ControllerModel or None
+        None until a part has been read, and if a parameter does not fit it.
+    version : int
+        Number of changes of `current`.
+    error : str
+        Why there is no model; empty if there is one, or if it is not ready yet.
+    """
+
+    def __init__(self, node: Node, settings: Settings, changed: Callable[[], None]) -> None:
+        self._node = node
+        self._settings = settings
+        self._changed = changed
+        self._files = FileWorker(node, MAX_SECONDS)
+        self._digest = b''  # of the newest description
+        self._known = PartEvidence(node, settings)
+        self._evidence: Evidence | None = None  # of the model
+        self._building = self._again = False
+        self.current: ControllerModel | None = None
+        self.version = 0
+        self.error = ''
+        name = settings.part
+        self._topic = node.resolve_topic_name(f'{PARTS}/{name}')
+        subscribe(node, PartDescription, self._topic, self._on_part, LATCHED, raw=True)
+        drops, flips = f'{ASPECT_DISTRIBUTIONS}/{name}', f'{TRANSITIONS}/{name}'
+        subscribe(node, AspectDistribution, drops, self._on_drops, LATCHED)
+        subscribe(node, TransitionMatrixMsg, flips, self._on_flips, LATCHED)
+
+    def stop(self) -> None:
+        """End the process that builds models."""
+        self._files.stop()
+
+    @property
+    def part(self) -> KnownPart:
+        """The part; only if there is a model."""
+        assert self._known.fed is not None
+        return self._known.fed.known
+
+    @property
+    def state(self) -> str:
+        """Why there is no model."""
+        if self.error:
+            return self.error
+        if self._digest:
+            return f'{self._settings.part} is being read'
+        if self._node.count_publishers(self._topic):
+            return f'{self._topic} has not arrived yet'
+        return (
+            f'{self._topic} has no publisher: start the suite with "resting_aspects nodes", and '
+            f'check that it has a part {self._settings.part}'
+        )
+
+    @property
+    def best_number(self) -> int:
+        """Number of parts up to which the tray is filled."""
+        return self.current.best_number if self.current is not None else 0
+
+    @property
+    def evidence_fields(self) -> dict[str, Any]:
+        """The pickable share and the numbers of drops and flips behind the model."""
+        if self.current is None or self._evidence is None:
+            return {}
+        return {
+            'share': self._known.share(self._evidence),
+            'drops': self._evidence.drop_count,
+            'actions': self._evidence.flip_count,
+        }
+
+    @property
+    def values(self) -> dict[str, object]:
+        """Values for the diagnostics."""
+        if self.current is None or self._evidence is None:
+            return {}
+        return {
+            'drops known': self._evidence.drop_count,
+            'flips known': self._evidence.flip_count,
+            'pickable share': f'{self._known.share(self._evidence).probability:.4f}',
+            'best number of parts': self.current.best_number,
+            'parts per minute': f'{60 * self.current.values.rate:.2f}',
+        }
+
+    @property
+    def warnings(self) -> list[str]:
+        """Messages that are not used, and classes from which the flip does not help."""
+        found = self._known.ignored
+        if self.current is not None and self.current.trapped.any():
+            classes = ', '.join(str(k + 1) for k in np.flatnonzero(self.current.trapped))
+            found.append(f'a flip brings no part of class {classes} into a pickable class')
+        return found
+
+    def _on_part(self, data: bytes) -> None:
+        digest = sha256(data).digest()
+        if digest == self._digest:
+            return
+        self._digest = digest
+        self._execute(self._read, bytes(data), digest)
+
+    async def _read(self, data: bytes, digest: bytes) -> None:
+        """Read a description of the part, unless a newer one has arrived."""
+        had_part = self._known.fed is not None
+        try:
+            fed = await self._files.run(read_part, data, self._settings.part)
+            if digest != self._digest:
+                return
+            self._known.set_part(fed)
+        except RestingAspectsError as error:
+            if digest == self._digest:
+                self._known.forget_part()
+                self._fail(error)
+            return
+        if had_part:
+            self.current = None  # until there is a model of the new version
+            self.version += 1
+            self._changed()
+            self._node.get_logger().warning(
+                f'{self._settings.part} has changed (part_sha256 {fed.known.part.part_sha256}): '
+                'its classes may be others'
+            )
+        self._build()
+
+    def _on_drops(self, message: AspectDistribution) -> None:
+        if self._known.add_drops(message):
+            self._build()
+
+    def _on_flips(self, message: TransitionMatrixMsg) -> None:
+        if self._known.add_flips(message):
+            self._build()
+
+    def _build(self) -> None:
+        """Build the model, at most one at a time."""
+        self._again = self._building
+        if not self._building:
+            self._building = True
+            self._execute(self._build_all)
+
+    async def _build_all(self) -> None:
+        """Build the model until no newer evidence is left."""
+        try:
+            self._again = True
+            while self._again and (fed := self._known.fed) is not None:
+                self._again = False
+                evidence = self._known.use()
+                try:
+                    model = await self._files.run(
+                        build_model, evidence, fed.footprints, self._settings
+                    )
+                except RestingAspectsError as error:
+                    if fed is self._known.fed:
+                        self._fail(error)
+                else:
+                    if fed is self._known.fed:
+                        self._use(model, evidence)
+        finally:
+            self._building = False
+
+    def _use(self, model: ControllerModel, evidence: Evidence) -> None:
+        self.current, self._evidence, self.error = model, evidence, ''
+        self.version += 1
+        drops = f'{evidence.drop_count} drops' if evidence.drop_count else 'an estimate, no drops'
+        self._node.get_logger().info(
+            f'{self._known.share(evidence).probability:.1%} of {self._settings.part} can be '
+            f'picked ({drops}, {evidence.flip_count} flips): {60 * model.values.rate:.1f} parts '
+            f'per minute with {model.best_number} parts on the tray'
+        )
+        self._changed()
+
+    def _fail(self, error: RestingAspectsError) -> None:
+        self.current = self._evidence = None
+        self.error = f'{self._settings.part} cannot be fed: {error}'
+        self.version += 1
+        self._node.get_logger().error(self.error)
+        self._changed()
+
+    def _execute(self, task: Callable[..., Awaitable[None]], *arguments: Any) -> None:
+        executor = self._node.executor
+        assert executor is not None  # it calls the callbacks
+        executor.create_task(guarded_task(self._node, 'no model was built', task), *arguments)

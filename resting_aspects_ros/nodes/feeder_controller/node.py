@@ -1,0 +1,244 @@
+"""The feeder_controller node: advises what to pick, and when to flip, spread or supply parts."""
+
+import sys
+from typing import Any
+
+from rclpy.node import Node
+from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
+
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.feeding.decision import Choice
+from resting_aspects_ros.nodes.feeder_controller.advice import CurrentAdvice, advise_image
+from resting_aspects_ros.nodes.feeder_controller.messages import (
+    OUTCOMES,
+    advice_msg,
+    image_from,
+    pick_msgs,
+)
+from resting_aspects_ros.nodes.feeder_controller.model_updates import ModelUpdates
+from resting_aspects_ros.nodes.feeder_controller.settings import PARAMETERS, settings_from
+from resting_aspects_ros.nodes.feeder_controller.tray_state import SECOND, Outcome, TrayState
+from resting_aspects_ros.ros.callbacks import advertise, guarded, steady_timer, subscribe
+from resting_aspects_ros.ros.conversions import nanoseconds
+from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
+from resting_aspects_ros.ros.interface import (
+    CELL,
+    DETECTIONS,
+    FEEDER_ADVICE,
+    FEEDER_CONTROLLER,
+    LATCHED,
+    PICK_RESULT,
+)
+from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
+from resting_aspects_ros.ros.parameters import declare
+from resting_aspects_ros.ros.spin import run_node
+
+# Without an image for longer than the advice takes and this time, the camera has stopped, s.
+IMAGE_TIMEOUT = 5.0
+CHECK_PERIOD = 0.5
+# Minimum time between two log lines about the same kind of problem, s.
+LOG_PERIOD = 10.0
+# Supplies after which no part was seen, until there is a warning.
+MAX_EMPTY = 3
+
+
+class FeederController(Node):
+    """Publishes feeder_advice/<part>: pick, flip, spread, supply or wait.
+
+    Subscribes to detections, pick_result, parts/<part>, aspect_distributions/<part> and
+    transitions/<part>.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(FEEDER_CONTROLLER)
+        self._settings = settings_from(declare(self, PARAMETERS))
+        self._part = self._settings.part
+        self._tray = TrayState()
+        self._advice: CurrentAdvice | None = None  # for the newest image
+        self._published: tuple[object, ...] = ()
+        self._event = self._now()  # time of the last image or result, ns
+        self._waits = False
+        self._problem = ''
+        self._counts = dict.fromkeys(('images', 'refused images', *Outcome), 0)
+        self._empty, self._empty_epoch = 0, -1
+        topic = f'{FEEDER_ADVICE}/{self._part}'
+        self._output = advertise(self, FeederAdvice, topic, LATCHED)
+        self._model = ModelUpdates(self, self._settings, self._on_model)
+        self._input = subscribe(self, DetectionArray, DETECTIONS, self._on_detections, CELL)
+        subscribe(self, PickResult, PICK_RESULT, self._on_result, CELL)
+        steady_timer(self, CHECK_PERIOD, guarded(self, 'the advice is not updated', self._update))
+        publish_diagnostics(
+            self,
+            self._diagnose,
+            DuplicateNodeDetector(self, FEEDER_CONTROLLER, part=self._part),
+        )
+        self._update()
+        self.get_logger().info(f'ready: waiting for {self._input.topic_name}')
+
+    def destroy_node(self) -> None:
+        """End the process that builds models too."""
+        self._model.stop()
+        super().destroy_node()
+
+    # Inputs
+
+    def _on_detections(self, message: DetectionArray) -> None:
+        now = self._now()
+        try:
+            is_used = self._tray.add_image(image_from(message), now)
+        except InvalidValueError as error:
+            self._counts['refused images'] += 1
+            self._report(str(error))
+            return
+        if not is_used:
+            return
+        self._counts['images'] += 1
+        self._event, self._problem = now, ''
+        self._advise()
+        self._count_empty()
+        self._update()
+
+    def _on_result(self, message: PickResult) -> None:
+        now = self._now()
+        outcome = OUTCOMES.get(message.result)
+        problem = self._tray.add_result(
+            outcome, message.image, message.detection, nanoseconds(message.stamp), now
+        )
+        if outcome is not None:
+            self._counts[outcome] += 1
+        self._event = now
+        if problem:
+            self._report(problem)
+        image = self._tray.image
+        if image is not None and self._advice is not None:
+            self._advice = self._advice.after_picks(image)
+        self._update()
+
+    def _on_model(self) -> None:
+        # The picks of an image are worked off with the model with which they were chosen.
+        is_untouched = self._tray.image == self._tray.newest
+        if self._model.current is None or self._advice is None or is_untouched:
+            self._advise()
+        self._update()
+
+    # Advice
+
+    def _advise(self) -> None:
+        """Decide for the newest image."""
+        image, model = self._tray.image, self._model.current
+        if image is None or model is None:
+            self._advice = None
+            return
+        self._advice = advise_image(image, self._part, model)
+        for problem in self._advice.problems[:1]:
+            self._report(problem)
+
+    def _count_empty(self) -> None:
+        """Count epochs in which no part was seen."""
+        if self._advice is None or self._advice.parts:
+            self._empty, self._empty_epoch = 0, -1
+        elif self._tray.epoch != self._empty_epoch:
+            self._empty, self._empty_epoch = self._empty + 1, self._tray.epoch
+
+    def _current(self) -> CurrentAdvice:
+        """Return the advice at this time; to wait if nothing else is certain."""
+        if self._model.current is None:
+            return CurrentAdvice(Choice.WAIT, f'Wait: {self._model.state}.')
+        silent = (self._now() - self._event) / SECOND
+        limit = IMAGE_TIMEOUT + (self._advice.seconds if self._advice is not None else 0.0)
+        self._waits = silent > limit
+        if self._waits:
+            return CurrentAdvice(Choice.WAIT, self._hint(silent), image=self._image_number)
+        if self._tray.newest is None:
+            return CurrentAdvice(Choice.WAIT, 'Wait: no image has arrived yet.')
+        if self._tray.image is None or self._advice is None:
+            return CurrentAdvice(
+                Choice.WAIT,
+                f'Wait for an image: that of image {self._image_number} is stale, as parts may '
+                'have moved since then.',
+                image=self._image_number,
+            )
+        return self._advice
+
+    def _hint(self, silent: float) -> str:
+        """Return why there is no advice, and what would be tried."""
+        topic = self._input.topic_name
+        if not self.count_publishers(topic):
+            why = f'{topic} has no publisher: start the vision system'
+        elif self._tray.newest is None:
+            why = f'no valid image has arrived on {topic}: check the camera'
+        else:
+            why = f'no valid image has arrived for {silent:.0f} s: check the camera'
+        if self._advice is not None:
+            return f'Wait: {why}. Before, the advice was to {self._advice.phrase}.'
+        number = self._model.best_number
+        return f'Wait: {why}. If the tray is empty, supply {number} parts.'
+
+    def _update(self) -> None:
+        """Publish the advice if it has changed."""
+        advice = self._current()
+        picks = [each.index for each, _ in advice.picks]
+        # The time in a hint changes all the time.
+        changing = (advice.choice, advice.supply, picks, advice.image, self._tray.epoch)
+        reason = self._waits or advice.reason
+        if (*changing, reason, self._model.version) == self._published:
+            return
+        self._published = (*changing, reason, self._model.version)
+        if self._waits:
+            self.get_logger().warning(advice.reason, throttle_duration_sec=LOG_PERIOD)
+        self._output.publish(
+            advice_msg(
+                advice,
+                self._part,
+                self._tray.epoch,
+                self.get_clock().now().to_msg(),
+                pick_msgs(advice.picks, self._model.part) if advice.picks else [],
+                **self._model.evidence_fields,
+            )
+        )
+
+    # Diagnostics
+
+    def _diagnose(self) -> Diagnosis:
+        advice = self._current()
+        values: dict[str, Any] = {
+            'part': self._part,
+            'epoch': self._tray.epoch,
+            'image': self._image_number,
+            'images used': self._counts['images'],
+            'images refused': self._counts['refused images'],
+            'images stale': self._tray.stale,
+            **{each.value: self._counts[each] for each in Outcome},
+            **self._model.values,
+        }
+        warnings = [self._problem] if self._problem else []
+        if self._waits:
+            warnings.append(advice.reason)
+        if self._empty >= MAX_EMPTY:
+            warnings.append(
+                f'no {self._part} was seen after {self._empty} actions: check the hopper and the '
+                'vision system'
+            )
+        errors = [self._model.error] if self._model.error else []
+        return Diagnosis(advice.phrase, values, [*warnings, *self._model.warnings], errors)
+
+    def _report(self, problem: str) -> None:
+        """Log a problem, and show it in the diagnostics until the next image."""
+        self._problem = problem
+        self.get_logger().warning(problem, throttle_duration_sec=LOG_PERIOD)
+
+    @property
+    def _image_number(self) -> int:
+        return self._tray.newest.number if self._tray.newest is not None else 0
+
+    def _now(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+
+def main() -> int:
+    """Run the node in a process of its own."""
+    return run_node(FeederController, PARAMETERS)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,71 @@
+"""The parameters of feeder_controller, and what they state."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.feeding.cycle import MAX_TIME, CycleTimes
+from resting_aspects_ros.core.feeding.density import MAX_REQUESTED
+from resting_aspects_ros.core.feeding.footprint import Tray
+from resting_aspects_ros.core.part import is_valid_name
+from resting_aspects_ros.ros.parameters import Parameter
+
+TIME = (0.0, MAX_TIME)
+PARAMETERS = (
+    Parameter('part', 'l_bracket', 'name of the part in the feeder'),
+    Parameter('pickable_classes', [1], 'symmetry classes in which the robot can pick the part'),
+    Parameter('clearance', 0.005, 'free distance that the gripper needs, m', (0.0, 1.0)),
+    Parameter('tray', [0.2, 0.2], 'width and depth of the tray, m'),
+    Parameter('robot_time', 1.2, 'time from one pick to the next, s', (0.001, MAX_TIME)),
+    Parameter('vibrate_time', 0.6, 'duration of a flip, s', TIME),
+    Parameter('settle_time', 0.6, 'time until the parts are at rest, s', TIME),
+    Parameter('image_time', 0.2, 'time of an image and its evaluation, s', TIME),
+    Parameter('supply_time', 0.0, 'time to supply a part, s', TIME),
+    Parameter('spread_time', 0.0, 'duration of a spread, s; 0: the feeder has none', TIME),
+    Parameter('best_number', 0, 'parts on the tray; 0: the best number', (0, MAX_REQUESTED)),
+    Parameter('max_picks', 0, 'maximum number of picks after an image; 0: all', (0, 1000)),
+    Parameter('action', 'flip', 'action whose transitions are those of a flip'),
+)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the parameters of the node state; None: the model finds it, or there is no limit."""
+
+    part: str
+    pickable: tuple[int, ...]
+    action: str
+    tray: Tray
+    times: CycleTimes
+    spread: float | None
+    best_number: int | None
+    max_picks: int | None
+
+
+def settings_from(values: dict[str, Any]) -> Settings:
+    """Return the settings from the parameters; raises InvalidValueError."""
+    part, pickable = values['part'], sorted(set(values['pickable_classes'] or ()))
+    if not is_valid_name(part):
+        raise InvalidValueError(f'invalid part {shown(part)}: expected the name of a part')
+    if not pickable or pickable[0] < 1:
+        raise InvalidValueError(
+            f'invalid pickable_classes {pickable}: expected numbers of symmetry classes, from 1'
+        )
+    sides = tuple(values['tray'] or ())
+    if len(sides) != 2:
+        raise InvalidValueError(f'invalid tray {list(sides)}: expected width and depth, m')
+    if not values['action'].isidentifier():
+        raise InvalidValueError(
+            f'invalid action {shown(values["action"])}: expected the name of an action'
+        )
+    names = ('robot', 'vibrate', 'settle', 'image', 'supply')
+    return Settings(
+        part=part,
+        pickable=tuple(pickable),
+        action=values['action'],
+        tray=Tray((sides[0], sides[1]), values['clearance']),
+        times=CycleTimes(**{name: values[f'{name}_time'] for name in names}),
+        spread=values['spread_time'] or None,
+        best_number=values['best_number'] or None,
+        max_picks=values['max_picks'] or None,
+    )

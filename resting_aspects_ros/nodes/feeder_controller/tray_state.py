@@ -1,0 +1,247 @@
+"""What is known of the parts on the tray: the newest image, less what was picked since then.
+
+Each result of the robot or the feeder begins a new epoch. A part that was picked leaves the others
+where they are, because it was free. After anything else, detections are stale until an image
+arrives that was exposed later. Times are in ns; no clock is read here.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+
+SECOND = 1_000_000_000
+# Tolerance between the clocks of camera, robot and controller, ns.
+CLOCK_TOLERANCE = SECOND // 2
+# An older image is not used, ns. Its evaluation takes a part of this time.
+MAX_AGE = 10 * SECOND
+# Number of earlier images whose detections may still be reported as picked.
+MAX_EARLIER = 100
+# Largest coordinate, m: coordinates in mm or pixels are beyond it.
+MAX_COORDINATE = 10.0
+
+
+class Outcome(Enum):
+    """What a robot or a feeder has done."""
+
+    PICKED = 'picked'
+    MISSED = 'missed'
+    DROPPED = 'dropped'
+    MOVED = 'moved'
+
+
+@dataclass(frozen=True)
+class Detection:
+    """A part, or a blob of parts, in an image; see the message Detection.
+
+    index : int
+        In the detections of the image, from 0.
+    """
+
+    index: int
+    part: str
+    class_id: str
+    score: float
+    x: float
+    y: float
+    yaw: float
+    clearance: float
+
+
+@dataclass(frozen=True)
+class Image:
+    """The detections of one image.
+
+    time : int
+        Exposure, ns.
+    """
+
+    number: int
+    time: int
+    frame: str
+    detections: tuple[Detection, ...] = field(default=(), repr=False)
+
+
+class TrayState:
+    """The newest image of the tray, and which of its detections are still there.
+
+    epoch : int
+        Number of results.
+    stale : int
+        Number of images that were not used because they were exposed before a result.
+    """
+
+    def __init__(self) -> None:
+        self.epoch = 0
+        self.stale = 0
+        self._since = 0  # when the last result was over
+        self._newest: Image | None = None
+        self._earlier: dict[int, int] = {}  # number of an image before: number of its detections
+        self._picked: set[int] = set()
+        self._is_stale = True
+
+    @property
+    def newest(self) -> Image | None:
+        """The newest image, even if its detections are stale."""
+        return self._newest
+
+    @property
+    def image(self) -> Image | None:
+        """The newest image without the parts that were picked; None if it is stale."""
+        if self._newest is None or self._is_stale:
+            return None
+        left = tuple(d for d in self._newest.detections if d.index not in self._picked)
+        return Image(self._newest.number, self._newest.time, self._newest.frame, left)
+
+    def add_image(self, image: Image, now: int) -> bool:
+        """Take an image and return whether it is used.
+
+        It is not used if it was exposed before the last result, or if it arrives twice. Raises
+        InvalidValueError if its number, time or frame is invalid; the state is then unchanged.
+        """
+        self._check_clock(now)
+        _check_image(image, now)
+        newest = self._newest
+        if newest is not None:
+            if (image.number, image.time) == (newest.number, newest.time):
+                return False
+            if image.time <= newest.time:
+                raise InvalidValueError(
+                    f'invalid time of image {image.number}: expected a later one than that of '
+                    f'image {newest.number}, which has arrived before (out of order)'
+                )
+            if image.number == newest.number:
+                raise InvalidValueError(
+                    f'invalid number of image {image.number}: expected another one than that of '
+                    'the previous image'
+                )
+        if image.time < self._since:
+            self.stale += 1
+            return False
+        if newest is not None:
+            self._earlier.pop(newest.number, None)
+            self._earlier[newest.number] = len(newest.detections)
+            while len(self._earlier) > MAX_EARLIER:
+                del self._earlier[next(iter(self._earlier))]
+        self._newest, self._picked, self._is_stale = image, set(), False
+        return True
+
+    def add_result(
+        self, outcome: Outcome | None, number: int, index: int, time: int, now: int
+    ) -> str:
+        """Begin a new epoch after a result; return what is wrong with it, or ''.
+
+        A result that is not understood makes all detections stale, because something has moved. A
+        result about something else than the newest image that was over before the exposure of this
+        image has no effect on it: messages on two topics may arrive in any order.
+
+        Parameters
+        ----------
+        outcome : Outcome or None
+            None: not known.
+        number, index : int
+            The image and the detection; ignored for MOVED.
+        time : int
+            When it was over, ns; 0: now.
+        now : int
+        """
+        self._check_clock(now)
+        self.epoch += 1
+        problem = self._problem(outcome, number, index)
+        if time > now + CLOCK_TOLERANCE:
+            problem = problem or (
+                f'invalid time of a pick result: expected none in the future; it is '
+                f'{(time - now) / SECOND:.1f} s ahead of the clock of this node'
+            )
+            time = now
+        time = time or now
+        self._since = max(self._since, time)
+        newest = self._newest
+        is_of_newest = newest is not None and newest.number == number
+        if outcome is Outcome.PICKED and is_of_newest and not problem:
+            self._picked.add(index)
+        elif newest is None or newest.time < time or (is_of_newest and outcome != Outcome.MOVED):
+            self._is_stale = True
+        return problem
+
+    def _problem(self, outcome: Outcome | None, number: int, index: int) -> str:
+        if outcome is None:
+            return 'invalid result of a pick: expected PICKED, MISSED, DROPPED or MOVED'
+        if outcome is Outcome.MOVED:
+            return ''
+        image = self._newest
+        expected = 'none before the first image'
+        if image is not None and image.number == number:
+            if index < len(image.detections) and index not in self._picked:
+                return ''
+            expected = 'a detection that was not picked before'
+        elif image is not None:
+            if index < self._earlier.get(number, 0):
+                return ''
+            expected = f'one of image {image.number}'
+        return f'invalid detection {index} of image {number} in a pick result: expected {expected}'
+
+    def _check_clock(self, now: int) -> None:
+        """Forget everything if the clock was set back, as when simulated time begins again."""
+        newest = self._newest.time if self._newest is not None else 0
+        if max(newest, self._since) > now + CLOCK_TOLERANCE:
+            self._newest, self._since, self._is_stale = None, 0, True
+
+
+def known_class(detection: Detection, classes: int) -> int:
+    """Return the symmetry class of a detection of the part; 0 if it is not recognised.
+
+    Raises InvalidValueError for a value that is not valid: such a part cannot be picked either.
+    """
+    where = f'of detection {detection.index}'
+    for name in ('x', 'y', 'yaw'):
+        value = getattr(detection, name)
+        if not math.isfinite(value):
+            raise InvalidValueError(f'invalid {name} {value!r} {where}: expected a finite number')
+    for name in ('x', 'y'):
+        value = getattr(detection, name)
+        if abs(value) > MAX_COORDINATE:
+            raise InvalidValueError(
+                f'invalid {name} {value:g} {where}: expected m, at most {MAX_COORDINATE:g}'
+            )
+    if not 0 <= detection.score <= 1:
+        raise InvalidValueError(f'invalid score {detection.score!r} {where}: expected 0 to 1')
+    if not detection.clearance >= 0:
+        raise InvalidValueError(
+            f'invalid clearance {detection.clearance!r} {where}: expected 0 m or more'
+        )
+    if not detection.class_id:
+        return 0
+    numbers = {str(k): k for k in range(1, classes + 1)}
+    if detection.class_id not in numbers:
+        raise InvalidValueError(
+            f'invalid class_id {shown(detection.class_id)} {where}: expected a symmetry class, '
+            f'"1" to "{classes}", or ""'
+        )
+    return numbers[detection.class_id]
+
+
+def other_parts(detections: Sequence[Detection], part: str) -> list[str]:
+    """Return the names of other parts among the detections, sorted."""
+    return sorted({d.part for d in detections} - {part, ''})
+
+
+def _check_image(image: Image, now: int) -> None:
+    """Raise InvalidValueError if the time or the frame of an image is not valid."""
+    if image.time > now + CLOCK_TOLERANCE:
+        raise InvalidValueError(
+            f'invalid time of image {image.number}: expected none in the future; it is '
+            f'{(image.time - now) / SECOND:.1f} s ahead of the clock of this node'
+        )
+    if now - image.time > MAX_AGE:
+        raise InvalidValueError(
+            f'invalid time of image {image.number}: expected that of its exposure, at most '
+            f'{MAX_AGE // SECOND} s ago; it is {(now - image.time) / SECOND:.1f} s ago'
+        )
+    if not image.frame or image.frame.startswith('/') or not image.frame.isprintable():
+        raise InvalidValueError(
+            f'invalid frame_id {shown(image.frame)} of image {image.number}: expected the name of '
+            'a frame, without a leading slash'
+        )

@@ -1,0 +1,132 @@
+"""Conversions between outlines, observed polygons, identified parts and ROS messages."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Point, Point32, Polygon, Quaternion
+from resting_aspects_interfaces.msg import (
+    Outline,
+    OutlineComparison,
+    PartCandidate,
+    PartOutlines,
+    PolygonWithHoles,
+)
+
+from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.core.vision import outline as part_outline
+from resting_aspects_ros.core.vision.identification import Candidate
+from resting_aspects_ros.core.vision.location import Pose
+from resting_aspects_ros.core.vision.matching import LookAlike
+from resting_aspects_ros.report.outline_document import polygon_fields
+from resting_aspects_ros.ros.conversions import pose_msg
+
+# By the verdict of a LookAlike.
+VERDICTS = {
+    'distinct': OutlineComparison.DISTINCT,
+    'same': OutlineComparison.SAME,
+    'mirrored': OutlineComparison.MIRRORED,
+}
+# Fields with the same name and type in Outline and in Candidate and their messages.
+_OUTLINE_FIELDS = [
+    'symmetry_class',
+    'aspects',
+    'area',
+    'length',
+    'width',
+    'long_axis',
+    'height',
+    'com_height',
+    'yaw_symmetry',
+    'mirror_symmetric',
+]
+_CANDIDATE_FIELDS = [
+    'part',
+    'symmetry_class',
+    'aspects',
+    'x',
+    'y',
+    'yaw',
+    'overlap',
+    'distance',
+    'residual',
+    'prior',
+    'posterior',
+]
+
+
+def outlines_msg(
+    part: Part,
+    outlines: Sequence[part_outline.Outline],
+    look_alikes: Mapping[int, Sequence[LookAlike]],
+) -> PartOutlines:
+    """Return the message for the outlines of a part.
+
+    look_alikes : by symmetry class, the comparisons with the outlines of the other classes
+    """
+    return PartOutlines(
+        part=part.name,
+        part_sha256=part.part_sha256,
+        aspect_numbering=ASPECT_NUMBERING,
+        outlines=[_outline_msg(each, look_alikes[each.symmetry_class]) for each in outlines],
+    )
+
+
+def _outline_msg(outline: part_outline.Outline, others: Sequence[LookAlike]) -> Outline:
+    x, y = outline.centroid.tolist()
+    orientation = dict(zip('xyzw', outline.orientation.tolist(), strict=True))
+    return Outline(
+        **{name: getattr(outline, name) for name in _OUTLINE_FIELDS},
+        **polygon_msgs(outline.polygon),
+        orientation=Quaternion(**orientation),
+        centroid=Point(x=x, y=y),
+        family=[PolygonWithHoles(**polygon_msgs(each)) for each in outline.family],
+        look_alike=[
+            OutlineComparison(
+                symmetry_class=each.symmetry_class,
+                overlap=each.overlap,
+                resolution=each.resolution,
+                verdict=VERDICTS[each.verdict],
+            )
+            for each in others
+        ],
+    )
+
+
+def polygon_msgs(polygon: Any) -> dict[str, Any]:
+    """Return the fields ``outer`` and ``holes`` of a shapely.Polygon; coordinates have 32 bits."""
+    rings: dict[str, Any] = polygon_fields(polygon)
+    return {'outer': _ring_msg(rings['outer']), 'holes': [_ring_msg(r) for r in rings['holes']]}
+
+
+def polygon_from(outer: Polygon, holes: Iterable[Polygon]) -> dict[str, Any]:
+    """Return the boundaries as `observed_polygon` accepts them; they are not checked."""
+    return {'outer': _ring(outer), 'holes': [_ring(each) for each in holes]}
+
+
+def candidate_msg(candidate: Candidate) -> PartCandidate:
+    """Return the message for a candidate of an identification."""
+    return PartCandidate(
+        **{name: getattr(candidate, name) for name in _CANDIDATE_FIELDS},
+        **pose_fields(candidate.poses),
+    )
+
+
+def pose_fields(poses: Sequence[Pose]) -> dict[str, Any]:
+    """Return the fields ``poses``, ``pose_aspects`` and ``yaw_known`` for poses of one outline."""
+    return {
+        'poses': [pose_msg(each.position.tolist(), each.orientation.tolist()) for each in poses],
+        'pose_aspects': [each.aspect for each in poses],
+        'yaw_known': all(each.yaw_known for each in poses),
+    }
+
+
+def _ring_msg(points: Iterable[tuple[float, float]]) -> Polygon:
+    return Polygon(points=[Point32(x=x, y=y) for x, y in points])
+
+
+def _ring(polygon: Polygon) -> Array:
+    points = np.array([(p.x, p.y) for p in polygon.points], dtype=np.float64)
+    return points.reshape(-1, 2)

@@ -1,0 +1,229 @@
+"""Counts of parts from files and arrays, and their drift from simulated drops."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from resting_aspects_ros.api.drift import watch_drift
+from resting_aspects_ros.api.inputs.counts_csv import read_observed
+from resting_aspects_ros.api.inputs.observed_counts import counts_from_array
+from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsWarning
+from resting_aspects_ros.core.statistics.drift_power import parts_for_run_length, parts_needed
+
+SIMULATED = np.array([2700, 2800, 2400, 1300, 800])
+GOOD, BAD = [54, 56, 48, 26, 16], [40, 90, 40, 20, 10]
+BY_CLASS = 'class_1,class_2,class_3,class_4,class_5'
+
+
+@pytest.fixture
+def expected(tmp_path):
+    path = tmp_path / 'expected.csv'
+    rows = [f'{k},{n}' for k, n in enumerate(SIMULATED, 1)]
+    path.write_text('\n'.join(['class,count', *rows]))
+    return path
+
+
+@pytest.fixture
+def observed(tmp_path):
+    """Write a CSV and read it as counts of three classes."""
+
+    def read(*lines, **options):
+        path = tmp_path / 'counted.csv'
+        path.write_text('\n'.join(lines), encoding='utf-8')
+        return read_observed(path, (1, 2, 3), **options)
+
+    return read
+
+
+def windows(counts, size=1):
+    return counts.windows(size, 3)[0].tolist()
+
+
+@pytest.mark.parametrize(
+    'lines',
+    [
+        ('class_1,class_2,class_3', '1,2,3', '4,0,6'),
+        ('3;1;2', '3;1;2', '', '6;4;0'),
+        ('Batch,Class 3,class_2,CLASS_1', 'a,3,2,1', 'b,6,0,4'),
+        ('class,count,batch', '1,1,a', '2,2,a', '3,3,a', '1,4,b', '3,6,b'),
+        ('time,count,class', '8:00,3,class_3', '8:00,1,1', '8:00,2,2', '8:01,6,3', '8:01,4,1'),
+    ],
+)
+def test_formats_have_the_same_counts(observed, lines):
+    found = observed(*lines)
+    assert windows(found) == [[1, 2, 3], [4, 0, 6]]
+    assert found.parts == 16
+    assert found.totals(3).tolist() == [5, 2, 9]
+
+
+def test_rows_without_batches_are_one_batch(observed):
+    assert windows(observed('class,count', '1,5', '3,2')) == [[5, 0, 2]]
+
+
+def test_rows_without_counts_are_parts(observed):
+    found = observed('time,class', '8:00,1', '8:00,3', '8:01,1', '8:02,2')
+    counts, ends, labels = found.windows(2, 3)
+    assert counts.tolist() == [[1, 0, 1], [1, 1, 0]]
+    assert ends.tolist() == [0, 2, 4]
+    assert labels == ['8:00', '8:01']
+
+
+def test_cumulative_counts_are_differences(observed):
+    found = observed('1,2,3', '5,5,0', '5,9,1', cumulative=True)
+    assert windows(found) == [[5, 5, 0], [0, 4, 1]]
+    lines = ('batch,class,count', 'a,1,5', 'a,2,5', 'b,2,9', 'b,3,1')
+    assert windows(observed(*lines, cumulative=True)) == [[5, 5, 0], [0, 4, 1]]
+
+
+@given(
+    st.lists(st.lists(st.integers(0, 9), min_size=3, max_size=3), min_size=1), st.integers(1, 40)
+)
+def test_windows_are_disjoint_and_large_enough(rows, size):
+    rows = [*rows, [1, 0, 0]]
+    found = counts_from_array(rows, 3)
+    counts, ends, _ = found.windows(size, 3)
+    assert (counts.sum(axis=1) == np.diff(ends)).all()
+    assert (np.diff(ends) >= size).all()
+    assert 0 <= found.parts - ends[-1] < size
+    largest = max(sum(row) for row in rows)
+    assert (np.diff(ends) < size + max(largest, 1)).all()
+
+
+@pytest.mark.parametrize(
+    ('lines', 'message'),
+    [
+        (('',), 'invalid column names .* expected a column class and'),
+        (('x,y', '1,2'), 'invalid column names .* line 1: expected a column class and'),
+        (('aspect,count', '1,2'), 'invalid column names .* expected a column class and'),
+        (('class,count,count', '1,2,3'), 'invalid column names'),
+        (('class,count,batch,time', '1,2,3,4'), 'invalid column names'),
+        (('{"drops": 5}',), 'invalid column names'),
+        (('1,2', '3,4'), 'expected one column for each class, 1, 2, 3'),
+        (('1,2,3,4', '3,4,5,6'), 'expected one column for each class, 1, 2, 3'),
+        (('1,2,3,class_3', '3,4,5,6'), 'expected one column for each class, 1, 2, 3'),
+        (('1,2,3', '3,-4,5'), "invalid count of class 2 '-4' .* line 2: expected an integer from"),
+        (('1,2,3', '3,4.5,5'), "invalid count of class 2 '4.5'"),
+        (('1,2,3', '3,nan,5'), "invalid count of class 2 'nan'"),
+        (('1,2,3', '3,,5'), "invalid count of class 2 ''"),
+        (('1,2,3', '3,1e3,5'), "invalid count of class 2 '1e3'"),
+        (('1,2,3', '3,999999999,5'), 'expected an integer from 0 to 100000000'),
+        (('1,2,3', '3,4'), 'invalid number of columns 2'),
+        (('1,2,3', '0,0,0'), 'invalid number of counted parts 0'),
+        (('1,2,3',), 'invalid number of counted parts 0'),
+        (('class', '1', '4'), "invalid class '4' .* line 3: expected the number of a class"),
+        (('class', '1.5'), "invalid class '1.5'"),
+        (('class,count', '1,2', '1,3'), 'expected each class once in a batch'),
+        (('batch,class,count', 'a,1,2', 'b,1,3', 'a,2,3'), 'the rows of a batch together'),
+    ],
+)  # fmt: skip
+def test_wrong_files_are_named(observed, lines, message):
+    with pytest.raises(InvalidValueError, match=message):
+        observed(*lines)
+
+
+@pytest.mark.parametrize(
+    ('lines', 'message'),
+    [
+        (('1,2,3', '3,4,5', '3,3,9'), "class 2 '3' .* line 3: expected 4 or more, because"),
+        (('batch,class,count', 'a,1,5', 'b,1,4'), "invalid count '4' .* expected 5 or more"),
+        (('class', '1'), 'expected counts that can be cumulative, but each row is one part'),
+    ],
+)  # fmt: skip
+def test_wrong_cumulative_files_are_named(observed, lines, message):
+    with pytest.raises(InvalidValueError, match=message):
+        observed(*lines, cumulative=True)
+
+
+@pytest.mark.parametrize(
+    'rows', [[[1, -1, 1]], [[1, 1.5, 1]], [[1, np.nan, 1]], [[1, 1]], [1, 1, 1], [['a', 1, 1]], []]
+)
+def test_wrong_arrays_are_named(rows):
+    with pytest.raises(InvalidValueError, match=r'invalid counts .* expected rows of 3 integers'):
+        counts_from_array(rows, 3)
+
+
+def test_drift_is_found_and_named(expected):
+    result = watch_drift(expected, [GOOD] * 3 + [BAD] * 3, window=200)
+    assert result.drift
+    assert result.verdict == (
+        'Class 2 is seen in 45 % instead of 28 % (+17 points, 95 % interval +12 to +22) since '
+        'part 601.'
+    )
+
+
+def test_counts_as_expected_have_no_drift(expected):
+    result = watch_drift(expected, [GOOD] * 6, window=200)
+    assert not result.drift
+    assert result.verdict == 'No drift in 6 windows of 200 parts.'
+    assert result.live.observed.tolist() == [6 * n for n in GOOD]
+
+
+def test_past_drift_is_a_window(expected):
+    rows = [GOOD] * 4 + [BAD] + [GOOD] * 30
+    verdict = watch_drift(expected, rows, window=200).verdict
+    assert 'in parts 801 to 1000, but not in the later parts together.' in verdict
+
+
+def test_default_window_finds_the_shift(expected):
+    needed = parts_needed(SIMULATED, 0.1)
+    result = watch_drift(expected, np.eye(5, dtype=int)[np.arange(2 * needed) % 5], shift=0.1)
+    assert np.diff(result.tested.ends).tolist() == [needed, needed]
+    assert result.tested.detectable == pytest.approx(0.1, abs=0.001)
+    assert result.tested.run_length == 100 * needed
+
+
+def test_run_length_is_the_window_over_the_level(expected):
+    result = watch_drift(expected, [GOOD] * 20, run_length=50_000, shift=0.1)
+    size = parts_for_run_length(SIMULATED, 50_000, 0.1)
+    assert result.tested.test.level == size / 50_000
+    assert result.tested.parts == 200 * -(-size // 200)
+
+
+def test_few_parts_are_one_window(expected):
+    result = watch_drift(expected, [GOOD, [1, 1, 1, 1, 1]])
+    assert result.tested.ends.tolist() == [0, 205]
+
+
+def test_few_drops_give_a_warning(tmp_path):
+    path = tmp_path / 'few.csv'
+    path.write_text('class,count\n1,60\n2,40\n')
+    with pytest.warns(RestingAspectsWarning, match='100 simulated drops are too few'):
+        result = watch_drift(path, [[6, 4]] * 30)
+    assert result.tested.ends.tolist() == [0, 100, 200, 300]
+
+
+def test_document_has_the_numbers_of_the_result(expected):
+    result = watch_drift(expected, [GOOD] * 3 + [BAD] * 3, window=200, prior_weight=100)
+    document = json.loads(result.to_json())
+    assert document['message'] == result.verdict
+    assert (document['level'], document['run_length'], document['parts']) == (0.01, 20_000, 1200)
+    drift = document['drift']
+    assert (drift['symmetry_class'], drift['first_part'], drift['last_part']) == (2, 601, 1200)
+    assert drift['lower'] < drift['difference'] < drift['upper']
+    assert [row['alarm'] for row in document['windows']] == [False] * 3 + [True] * 3
+    assert [row['counts'] for row in document['windows']] == [GOOD] * 3 + [BAD] * 3
+    assert sum(row['probability'] for row in document['classes']) == pytest.approx(1)
+    assert sum(row['concentration'] for row in document['classes']) == pytest.approx(1300)
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({'window': 0}, 'invalid window 0: expected an integer'),
+        ({'window': 201}, 'invalid window 201: expected at most 200'),
+        ({'window': 10.5}, 'invalid window 10.5'),
+        ({'level': 0.5}, 'invalid level 0.5'),
+        ({'level': 0.01, 'run_length': 9000}, 'invalid run length 9000: expected only without'),
+        ({'run_length': 300}, 'invalid run length 300: expected 800 to 2000000 parts'),
+        ({'shift': 0}, 'invalid shift 0'),
+        ({'prior_weight': 0}, 'invalid prior weight 0'),
+        ({'confidence': 1}, 'invalid confidence 1'),
+        ({'cumulative': True}, 'invalid cumulative True'),
+    ],
+)
+def test_wrong_options_are_named(expected, options, message):
+    with pytest.raises(InvalidValueError, match=message):
+        watch_drift(expected, [GOOD], **options)

@@ -1,0 +1,153 @@
+"""Forecasts of parts per minute in the Python interface."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import trimesh
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.api.forecast import forecast, forecast_from
+from resting_aspects_ros.api.forecast_setup import cycle_times
+from resting_aspects_ros.api.plan_actions import named_action
+from resting_aspects_ros.core.feeding.cycle import CycleTimes
+from resting_aspects_ros.core.feeding.footprint import Tray
+
+TRAY = Tray((0.2, 0.2), 0.005)
+TIMES = CycleTimes(1.2, 0.6, 0.6, 0.2)
+
+
+@pytest.fixture(scope='module')
+def crate(tmp_path_factory):
+    """A box of 10 x 20 x 30 mm, whose aspects have three heights."""
+    path = tmp_path_factory.mktemp('box') / 'crate.stl'
+    trimesh.creation.box((10, 20, 30)).export(path)
+    return ra.load_part(path)
+
+
+@pytest.fixture(scope='module')
+def tossed(crate, workers):
+    return ra.reorient(crate, 'toss', 40, drops=100, seed=3, workers=workers)
+
+
+def test_footprints_are_the_sides_of_the_part(tossed):
+    model = forecast_from(tossed, [1, 2], TRAY, TIMES).named.model
+    sides = [(each.length, each.width) for each in model.footprints]
+    assert sides == [pytest.approx(each) for each in [(0.03, 0.02), (0.03, 0.01), (0.02, 0.01)]]
+    assert model.pickable.tolist() == [True, False, False]
+
+
+def test_round_outline_is_a_disc(tmp_path, workers):
+    trimesh.creation.cylinder(10, 8).export(tmp_path / 'disc.stl')
+    result = forecast(tmp_path / 'disc.stl', [1], per_aspect=3, drops=20, workers=workers)
+    flat = result.named.model.footprints[0]
+    assert (flat.length, flat.width) == (0, 0)
+    assert flat.radius == pytest.approx(0.01, rel=0.02)
+
+
+def test_part_of_a_class_gives_a_forecast_by_aspect(tossed):
+    one = forecast_from(tossed, [1], TRAY, TIMES, parts_on_tray=10)
+    both = forecast_from(tossed, [1, 2], TRAY, TIMES, parts_on_tray=10)
+    assert len(one.named.rows) == 6
+    assert len(both.named.rows) == 3
+    assert one.parts_per_minute < both.parts_per_minute
+
+
+def test_document_has_all_numbers(tossed):
+    result = forecast_from(tossed, [1, 2], TRAY, TIMES, minutes=30)
+    document = json.loads(result.to_json([result]))
+    assert document['parts_per_minute'] == result.parts_per_minute
+    assert (document['lower'], document['upper']) == (result.lower, result.upper)
+    assert (document['prediction_lower'], document['prediction_upper']) == result.prediction
+    assert document['best_number'] == document['parts_on_tray'] == result.best_number
+    assert document['limited_by'] == result.limited_by == 'robot'
+    assert document['pickable'] == [1, 2]
+    assert document['minutes'] == 30
+    assert document['action']['name'] == 'toss'
+    assert document['drop']['drops'] == 100
+    assert sum(document['time_shares'].values()) == pytest.approx(1)
+    assert document['times']['vibrate'] == 0.6
+    assert (
+        document['sensitivity']['robot']['shorter']
+        > 0
+        > document['sensitivity']['robot']['longer']
+    )
+    assert {'number', 'parts_per_minute', 'lower', 'upper', 'empty_cycles', 'free'} == set(
+        document['curve'][0]
+    )
+    assert [row['aspects'] for row in document['mix']] == [[1, 2], [3, 4], [5, 6]]
+    assert len(document['alternatives']) == 1
+    assert document['alternatives'][0]['alternatives'] == []
+
+
+def test_flips_follow_from_picks_and_parts(tossed):
+    document = forecast_from(tossed, [1, 2], TRAY, TIMES, parts_on_tray=10).document()
+    picks = document['picks_per_cycle']
+    assert document['flips_per_part'] == pytest.approx((10 - picks) / picks)
+    assert document['parts_per_minute'] == pytest.approx(60 * picks / document['cycle_time'])
+    on_tray = np.array([row['on_tray'] * row['picked'] for row in document['mix']])
+    assert 10 * on_tray.sum() == pytest.approx(picks)
+
+
+def test_action_that_never_reaches_a_pickable_aspect_is_said(crate, workers):
+    still = ra.reorient(crate, ra.Kick(), 20, drops=60, seed=1, workers=workers)
+    result = forecast_from(still, [1, 2], TRAY, TIMES)
+    assert result.parts_per_minute == 0
+    assert result.sentence.startswith('no part can be picked: in the long run all parts are in')
+    document = json.loads(result.to_json())
+    assert document['best_number'] is document['flips_per_part'] is None
+    assert document['upper'] > 0
+
+
+def test_report_has_the_sentence_and_a_figure(tossed, tmp_path):
+    first = forecast_from(tossed, [1, 2], TRAY, TIMES)
+    other = forecast_from(tossed, [5, 6], TRAY, TIMES, parts_on_tray=5)
+    page = first.report(tmp_path / 'o', [other])
+    text = page.read_text()
+    assert f'crate, aspects 1 and 2: {first.sentence}.' in text
+    assert f'crate, aspects 5 and 6: {other.sentence}.' in text
+    assert '<svg' in text
+    assert (tmp_path / 'o' / 'forecast.png').read_bytes().startswith(b'\x89PNG')
+
+
+def test_times_of_the_action_are_used_by_default():
+    given = {'robot': 1.0, 'image': 0.2, 'supply': 0.0, 'place': None}
+    unknown = {'vibrate': None, 'settle': None}
+    times = cycle_times(named_action('flip'), **given, **unknown, overlap=False)
+    assert (times.vibrate, times.settle) == pytest.approx((0.6, 0.6))
+    times = cycle_times(named_action('toss'), **given, **unknown, overlap=True)
+    assert (times.vibrate, times.settle, times.place) == pytest.approx((1.0, 0.0, 0.5))
+
+
+def test_same_seed_gives_the_same_forecast(tossed):
+    one, other = (forecast_from(tossed, [1, 2], TRAY, TIMES).to_json() for _ in range(2))
+    assert one == other
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        {'pickable': [9]},
+        {'pickable': [0]},
+        {'pickable': []},
+        {'pickable': [1], 'pickable_classes': [1]},
+        {},
+        {'pickable_classes': [4]},
+        {'pickable': [1], 'robot': 0},
+        {'pickable': [1], 'vibrate': -1},
+        {'pickable': [1], 'image': math.nan},
+        {'pickable': [1], 'place': 0.5},
+        {'pickable': [1], 'place': 5.0, 'overlap': True},
+        {'pickable': [1], 'tray': (0.02, 0.02)},
+        {'pickable': [1], 'clearance': -0.001},
+        {'pickable': [1], 'parts_on_tray': 0},
+        {'pickable': [1], 'parts_on_tray': 500},
+        {'pickable': [1], 'max_picks': 0},
+        {'pickable': [1], 'minutes': 0},
+        {'pickable': [1], 'action': 'shake'},
+    ],
+)
+def test_wrong_values_are_refused(crate, workers, wrong):
+    with pytest.raises(ra.InvalidValueError, match='expected'):
+        forecast(crate, per_aspect=1, drops=5, workers=workers, **wrong)

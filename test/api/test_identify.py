@@ -1,0 +1,161 @@
+"""Identification and location through the Python interface."""
+
+import json
+
+import numpy as np
+import pytest
+from doc_pages import code_blocks
+from scipy.spatial.transform import Rotation
+from shapely import affinity
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.api.identify import (
+    identification_json,
+    identify_part,
+    known_part,
+    locate_part,
+)
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.vision.outline import seen_outline
+
+# Classes of l_bracket and t_prism whose outline no other class has.
+ALONE = {'l_bracket': {1, 2, 3, 4, 5}, 't_prism': {1, 3}}
+
+
+@pytest.fixture(scope='module')
+def bracket():
+    return known_part('l_bracket')
+
+
+def rotation_error(known, one, other):
+    """Return the angle between two orientations modulo the symmetry of the part, degrees."""
+    a, b = Rotation.from_quat(one), Rotation.from_quat(other)
+    turns = [a.inv() * b * Rotation.from_matrix(s) for s in known.aspects.symmetry.rotations]
+    return min(np.degrees(turn.magnitude()) for turn in turns)
+
+
+def centre(known, position, orientation):
+    turn = Rotation.from_quat(orientation).as_matrix()
+    return position + turn @ known.part.centre_of_mass
+
+
+@pytest.mark.parametrize('name', ALONE)
+def test_dropped_parts_are_identified_and_located(name, workers):
+    known = known_part(name)
+    poses = ra.drop(name, drops=60, seed=3, workers=workers).poses
+    ids = known.aspects.classify(poses.orientation)
+    assert (ids > 0).sum() > 50
+    for k in np.flatnonzero(ids > 0):
+        true = poses.orientation[k]
+        place = centre(known, poses.position[k], true)
+        seen = affinity.translate(seen_outline(known.part, true), *place[:2])
+        found = identify_part(seen, known)
+        errors = [
+            (
+                rotation_error(known, true, each.orientation),
+                np.linalg.norm((centre(known, each.position, each.orientation) - place)[:2]),
+                rank,
+            )
+            for rank, candidate in enumerate(found.candidates)
+            for each in candidate.poses
+        ]
+        right = [rank for turn, off, rank in errors if turn < 0.5 and off < 1e-4]
+        assert right
+        if known.aspects.aspects[ids[k] - 1].symmetry_class in ALONE[name]:
+            assert right[0] == 0
+
+
+def test_default_prior_is_the_recommended_estimate(bracket):
+    predicted = ra.estimate('l_bracket')
+    expected = predicted.estimates[predicted.recommended.method].probabilities
+    np.testing.assert_allclose(bracket.shares, expected)
+
+
+def test_without_recommendation_the_basins_are_the_prior():
+    predicted = ra.estimate('cylinder_d20_h20')
+    assert predicted.recommended.method == ''
+    expected = predicted.estimates['rolling'].class_probabilities()
+    np.testing.assert_allclose(known_part('cylinder_d20_h20').shares, expected)
+
+
+def test_shares_of_drops_and_of_aspects(workers):
+    result = ra.drop('t_prism', drops=100, seed=1, workers=workers)
+    by_class = result.distribution.by_class().counts
+    for given in (result, result.distribution):
+        shares = known_part('t_prism', given).shares
+        np.testing.assert_allclose(shares, by_class / by_class.sum(), atol=0.03)
+        assert shares.min() > 0
+    assert known_part('t_prism', [0, 1, 1, 2, 0, 0]).shares.tolist() == [0.25, 0.25, 0.5, 0]
+    assert known_part('t_prism', {6: 2, 1: 6}).shares.tolist() == [0.75, 0, 0, 0.25]
+
+
+@pytest.mark.parametrize(
+    'shares',
+    [{7: 1}, {'one': 1}, {1: 'x'}, [1, 2], [0] * 5, [-1, 1, 1, 1, 1], [np.nan] * 5, 'many'],
+)
+def test_wrong_shares_are_refused(shares):
+    with pytest.raises(InvalidValueError, match='shares'):
+        known_part('l_bracket', shares)
+
+
+def test_distribution_of_another_part_is_refused(workers):
+    other = ra.drop('tetrahedron', drops=10, seed=1, workers=workers)
+    with pytest.raises(InvalidValueError, match='same part'):
+        known_part('l_bracket', other)
+
+
+def test_several_parts_in_any_form(bracket):
+    rectangle = {'outer': [[0, 0], [0.04, 0], [0.04, 0.02], [0, 0.02]]}
+    found = identify_part(rectangle, [bracket, 'hex_nut', ra.load_part('tetrahedron')])
+    assert (found.best.part, found.best.aspects) == ('l_bracket', (3,))
+    assert identify_part(rectangle, 'tetrahedron').best is None
+
+
+def test_look_alikes_of_two_parts_share_the_probability(bracket):
+    rectangle = [[0, 0], [0.02, 0], [0.02, 0.03], [0, 0.03]]
+    found = identify_part(rectangle, [bracket, 'box_10x20x30'])
+    assert {each.part for each in found.candidates} == {'l_bracket', 'box_10x20x30'}
+    assert all(0.01 < each.posterior < 0.99 for each in found.candidates)
+
+
+def test_located_pose_gives_the_outline_back(bracket):
+    for aspect in (1, 2, 3, 4, 5):
+        pose, *others = locate_part(bracket, aspect, 0.1, 0.05, 1.0)
+        assert pose.aspect == aspect
+        place = centre(bracket, pose.position, pose.orientation)
+        np.testing.assert_allclose(place[:2], (0.1, 0.05), atol=1e-12)
+        assert len(others) == (aspect > 2)
+
+
+def test_the_requested_aspect_is_located_first():
+    poses = locate_part('box_10x20x30', 2, 0, 0, 0)
+    assert [each.aspect for each in poses] == [2, 1]
+
+
+@pytest.mark.parametrize('aspect', [0, 6, 'one', None, True])
+def test_unknown_aspect_is_refused(bracket, aspect):
+    with pytest.raises(InvalidValueError, match='expected 1 to 5'):
+        locate_part(bracket, aspect, 0, 0, 0)
+
+
+def test_document_is_plain_json(bracket):
+    found = identify_part(bracket.outlines[0].polygon, bracket)
+    document = json.loads(identification_json(found))
+    assert document['answer'] == 'part'
+    first = document['candidates'][0]
+    assert first['aspects'] == [1]
+    assert first['posterior'] == found.best.posterior
+    assert first['poses'][0]['position'] == found.best.poses[0].position.tolist()
+
+
+def test_the_tutorial_prints_what_it_shows(capsys):
+    page, namespace, printed = 'docs/tutorials/camera_to_robot.md', {}, ''
+    for language, text in code_blocks(page, 'python', 'text'):
+        if language == 'python':
+            assert printed == '', 'the page shows no output of the block before'
+            exec(compile(text, page, 'exec'), namespace)
+            printed = capsys.readouterr().out
+        else:
+            assert printed == text
+            printed = ''
+    assert printed == ''

@@ -1,0 +1,121 @@
+"""The command `forecast`."""
+
+import json
+
+import pytest
+
+from resting_aspects_ros.cli.forecast_options import parse_gripper, parse_tray
+from resting_aspects_ros.core.errors import InvalidValueError
+
+WORDS = ('forecast', 'tetrahedron', '--per-aspect', 10, '--drops', 20, '--workers', 2)
+PICK = ('--pickable', '1,2')
+
+
+@pytest.fixture(scope='module')
+def saved(run_in, tmp_path_factory):
+    """Run with a report; returns the folder and the ended process."""
+    folder = tmp_path_factory.mktemp('forecast')
+    ended = run_in(folder, *WORDS, *PICK, '--report', '--out', 'o')
+    assert ended.returncode == 0, ended.stderr
+    return folder / 'o', ended
+
+
+def test_sentence_comes_first_and_the_table_fits(saved):
+    document = json.loads((saved[0] / 'forecast.json').read_text())
+    lines = saved[1].stdout.splitlines()
+    assert lines[0] == document['sentence']
+    assert 'parts per minute (' in lines[0]
+    assert lines[0].endswith('; the robot limits')
+    assert max(len(line) for line in lines if 'Written' not in line) <= 80
+
+
+def test_report_is_written(saved):
+    names = {path.name for path in saved[0].iterdir()}
+    assert names == {'forecast.json', 'forecast.html', 'forecast.png', 'forecast.svg'}
+
+
+def test_flags_reach_the_forecast(run_in, tmp_path):
+    words = ('--robot', '900ms', '--vibrate', '1s', '--settle', '0.4', '--image', '100ms')
+    more = ('--supply', '50ms', '--overlap', '--place', '0.3s', '--tray', '0.3mx250mm')
+    most = ('--clearance', '2mm', '--gripper', '40x10mm', '--parts-on-tray', 7, '--max-picks', 3)
+    ended = run_in(tmp_path, *WORDS, *PICK, *words, *more, *most, '--minutes', 5, '--json')
+    document = json.loads(ended.stdout)
+    assert document['times'] == {
+        'robot': 0.9,
+        'vibrate': 1.0,
+        'settle': 0.4,
+        'image': 0.1,
+        'supply': 0.05,
+        'place': 0.3,
+        'overlap': 0.3,
+    }
+    assert document['tray'] == {
+        'width': 0.3,
+        'depth': 0.25,
+        'clearance': 0.002,
+        'gripper': {'length': 0.04, 'width': 0.01, 'radius': 0.0},
+    }
+    assert (document['parts_on_tray'], document['max_picks'], document['minutes']) == (7, 3, 5)
+    assert document['action']['name'] == 'flip'
+
+
+def test_several_sets_are_shown_side_by_side(run_in, tmp_path):
+    ended = run_in(tmp_path, *WORDS, *PICK, '--pickable', '1')
+    lines = ended.stdout.splitlines()
+    assert lines[0].startswith('tetrahedron, aspects 1 and 2: ')
+    assert lines[1].startswith('tetrahedron, aspect 1: ')
+
+
+def test_several_parts_are_alternatives(run_in, tmp_path):
+    words = ('forecast', 'tetrahedron', 'box_10x20x30', *WORDS[2:], '--pickable-classes', '1')
+    document = json.loads(run_in(tmp_path, *words, '--json').stdout)
+    assert document['part'] == 'tetrahedron'
+    assert document['pickable'] == [1, 2, 3, 4]
+    assert [each['part'] for each in document['alternatives']] == ['box_10x20x30']
+    assert document['alternatives'][0]['pickable'] == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ('words', 'expected'),
+    [
+        ((), 'required'),
+        (('--pickable', '9'), 'expected 1 to 4'),
+        (('--pickable', 'a'), 'such as 1,3'),
+        (('--pickable-classes', '2'), 'expected 1 to 1'),
+        (('--pickable', '1', '--pickable-classes', '1'), 'not allowed'),
+        ((*PICK, '--robot', '0s'), 'more than 0'),
+        ((*PICK, '--robot', '-1s'), 'more than 0'),
+        ((*PICK, '--image', '-1s'), '0 or more'),
+        ((*PICK, '--place', '1s'), 'only with overlap'),
+        ((*PICK, '--tray', '200mm'), 'two sides'),
+        ((*PICK, '--tray', '200x200'), 'with a unit'),
+        ((*PICK, '--tray', '5x5mm'), 'into which the part fits'),
+        ((*PICK, '--clearance', '-1mm'), '0 m or more'),
+        ((*PICK, '--parts-on-tray', '1000'), 'no more fit'),
+        ((*PICK, '--minutes', '0'), 'more than 0'),
+        ((*PICK, '--action', 'tap,toss'), 'a single action'),
+        ((*PICK, '--action', 'shake'), 'expected one of'),
+    ],
+)
+def test_wrong_words_are_refused(run_in, tmp_path, words, expected):
+    ended = run_in(tmp_path, *WORDS, *words)
+    assert ended.returncode == 2
+    assert expected in ended.stderr
+    assert len(ended.stderr.splitlines()) <= 1 + ended.stderr.count('drops') + 12
+
+
+def test_number_of_sets_must_match_the_parts(run_in, tmp_path):
+    words = ('forecast', 'tetrahedron', 'tetrahedron', 'tetrahedron', *PICK, *PICK)
+    ended = run_in(tmp_path, *words)
+    assert ended.returncode == 2
+    assert 'one set, or one for each part' in ended.stderr
+
+
+def test_sizes_have_units():
+    assert parse_tray('200x150mm') == pytest.approx((0.2, 0.15))
+    assert parse_tray('0.2m x 150mm') == pytest.approx((0.2, 0.15))
+    disc = parse_gripper('20mm')
+    assert (disc.length, disc.width, disc.radius) == (0, 0, pytest.approx(0.01))
+    for wrong in ('', 'x', '10mm x', '1x2x3mm', '10', '1e3x1mm'):
+        with pytest.raises(InvalidValueError, match='expected'):
+            parse_tray(wrong)

@@ -1,0 +1,77 @@
+"""`resting_aspects identify`: its table, its document and its errors."""
+
+import json
+
+import pytest
+
+RECTANGLE = {'outer': [[0.1, 0], [0.14, 0], [0.14, 0.02], [0.1, 0.02]]}
+
+
+@pytest.fixture
+def polygon(tmp_path):
+    """Write a polygon into a file; returns its name."""
+
+    def write(document):
+        text = document if isinstance(document, str) else json.dumps(document)
+        (tmp_path / 'seen.json').write_text(text)
+        return 'seen.json'
+
+    return write
+
+
+def test_table_names_part_aspect_and_pose(run, polygon):
+    ended = run('identify', 'l_bracket', 'hex_nut', '--polygon', polygon(RECTANGLE))
+    assert ended.returncode == 0, ended.stderr
+    (row,) = [line for line in ended.stdout.splitlines() if 'l_bracket' in line]
+    *start, x, y = row.split()[:6]
+    assert start == ['l_bracket', '3', '100.0', '%']
+    assert (x in ('115.00', '125.00'), y) == (True, '10.00')  # the side is a rectangle
+    assert 'none of these' in ended.stdout
+    assert max(map(len, ended.stdout.splitlines())) <= 80
+
+
+def test_document_has_candidates_and_other_answers(run, polygon):
+    ended = run('identify', 'l_bracket', '--polygon', polygon(RECTANGLE), '--json')
+    document = json.loads(ended.stdout)
+    assert list(document) == [
+        'schema_version', 'answer', 'none', 'touching', 'effective_samples', 'candidates',
+    ]  # fmt: skip
+    assert document['candidates'][0]['aspects'] == [3]
+    assert len(document['candidates'][0]['poses'][0]['orientation']) == 4
+
+
+def test_more_noise_accepts_a_larger_difference(run, polygon):
+    larger = {'outer': [[0, 0], [0.041, 0], [0.041, 0.021], [0, 0.021]]}
+    answers = [
+        json.loads(
+            run(
+                'identify', 'l_bracket', '--polygon', polygon(larger), '--json', '--noise', noise
+            ).stdout
+        )['answer']
+        for noise in ('0.1mm', '0.6mm')
+    ]
+    assert answers == ['none', 'part']
+
+
+@pytest.mark.parametrize(
+    ('document', 'words'),
+    [
+        ('[1, 2', 'is not JSON'),
+        ('[]', 'expected a JSON object'),
+        ('{}', 'expected outer'),
+        ({'outer': [[0, 0], [200, 0], [200, 100]]}, 'pixels'),
+        ({'outer': [[0, 0], [0.2, 0.1], [0.2, 0], [0, 0.1]]}, 'cross'),
+    ],
+)
+def test_wrong_polygons_are_refused(run, polygon, document, words):
+    ended = run('identify', 'l_bracket', '--polygon', polygon(document))
+    assert ended.returncode == 2
+    assert words in ended.stderr
+    assert ended.stdout == ''
+
+
+def test_missing_file_and_wrong_noise(run, polygon):
+    assert 'does not exist' in run('identify', 'l_bracket', '--polygon', 'no.json').stderr
+    ended = run('identify', 'l_bracket', '--polygon', polygon(RECTANGLE), '--noise', '2px')
+    assert ended.returncode == 2
+    assert '--noise' in ended.stderr

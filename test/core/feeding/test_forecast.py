@@ -1,0 +1,297 @@
+"""Forecasts against a discrete-event simulation, closed forms and plain iteration."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import simpy
+from hypothesis import given
+from hypothesis import strategies as st
+
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.feeding import density
+from resting_aspects_ros.core.feeding.cycle import CycleTimes, parts_per_minute
+from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
+from resting_aspects_ros.core.feeding.forecast import forecast
+from resting_aspects_ros.core.feeding.model import FeederModel
+from resting_aspects_ros.core.feeding.steady_state import (
+    Moves,
+    drawn_moves,
+    moves_of,
+    run_variance,
+    steady_state,
+)
+
+TRANSITIONS = np.array(
+    [[300, 80, 19, 1, 0, 0, 0], [150, 200, 45, 0, 5, 0, 0], [50, 50, 290, 0, 0, 0, 10]]
+)
+DROP = np.array([600, 300, 100])
+MOVES = moves_of(DROP, TRANSITIONS)
+FREE = np.array([0.0, 0.7, 0.4])
+TIMES = CycleTimes(robot=1.2, vibrate=0.8, settle=0.5, image=0.2, supply=0.05)
+FOOTPRINTS = [Footprint(0.03, 0.02), Footprint(0.03, 0.01), Footprint(0, 0, 0.008)]
+MODEL = FeederModel(
+    DROP,
+    TRANSITIONS,
+    np.array([False, True, True]),
+    FOOTPRINTS,
+    Tray((0.2, 0.2), 0.005),
+    TIMES,
+)
+MINUTES = 100  # of a simulation
+OVERLAP = dataclasses.replace(TIMES, place=0.6)
+
+
+@pytest.fixture(autouse=True)
+def few_parts_are_placed(monkeypatch):
+    monkeypatch.setattr(density, 'PLACED', 3000)
+
+
+def simulated(moves, free, number, times, max_picks, seconds, seed):
+    """Simulate feeder and robot as processes; returns the times of all picks."""
+    generator = np.random.default_rng(seed)
+    tray = generator.choice(len(free), size=number, p=moves.drop)
+    moved = np.column_stack([moves.transitions, moves.left])
+    env = simpy.Environment()
+    robot = simpy.Resource(env)
+    found = []
+
+    def place():
+        with robot.request() as ready:
+            yield ready
+            yield env.timeout(times.place)
+
+    def feeder():
+        nonlocal tray
+        while True:
+            yield env.timeout(times.vibrate)
+            yield env.timeout(times.settle + times.image)
+            seen = np.flatnonzero(generator.random(number) < free[tray])
+            seen = generator.permutation(seen)[:max_picks]
+            with robot.request() as ready:
+                yield ready
+            for k in range(len(seen)):
+                last = k == len(seen) - 1
+                yield env.timeout(times.robot - times.place * last)
+                found.append(env.now)
+            if len(seen) and times.place:
+                env.process(place())
+            picked = np.zeros(number, dtype=bool)
+            picked[seen] = True
+            state = np.array([generator.choice(len(free) + 1, p=row) for row in moved[tray]])
+            new = picked | (state == len(free))
+            state[new] = generator.choice(len(free), size=new.sum(), p=moves.drop)
+            tray = state
+            yield env.timeout(times.supply * new.sum())
+
+    env.process(feeder())
+    env.run(until=seconds)
+    return np.array(found)
+
+
+@pytest.fixture(scope='module', params=['plain', 'overlap', 'limited', 'few'])
+def case(request):
+    """Give times, number of parts, maximum of picks, and the picks of a long simulation."""
+    times = TIMES if request.param == 'plain' else OVERLAP
+    number, most = {'limited': (12, 2), 'few': (2, None)}.get(request.param, (12, None))
+    found = simulated(MOVES, FREE, number, times, most, 60 * MINUTES, seed=1)
+    return times, number, most, found
+
+
+def expected(times, number, most):
+    """Return the rate of the formulas, and the variance of the picks per minute."""
+    state = steady_state(MOVES, FREE, number, most)
+    rate = float(parts_per_minute(times, state.picks, state.supplied))
+    return rate, run_variance(MOVES, state, number, times)
+
+
+def test_rate_is_that_of_a_discrete_event_simulation(case):
+    times, number, most, found = case
+    rate, variance = expected(times, number, most)
+    # Correlations between places, which a limit causes, are of the order 1 / number.
+    slack = 0.01 * rate if most else 0.0
+    assert abs(len(found) / MINUTES - rate) < 4 * math.sqrt(variance / MINUTES) + slack
+
+
+def test_variance_is_that_of_a_discrete_event_simulation(case):
+    times, number, most, found = case
+    _, variance = expected(times, number, most)
+    pieces = np.histogram(found, bins=MINUTES // 5, range=(0, 60 * MINUTES))[0]
+    # The variance of n normal numbers has a relative standard error of sqrt(2 / (n - 1)). The ends
+    # of a piece, within a cycle, add a little.
+    tolerance = 4 * math.sqrt(2 / (len(pieces) - 1)) + 0.2
+    assert pieces.var(ddof=1) / 5 == pytest.approx(variance, rel=tolerance)
+
+
+def test_runs_are_within_the_prediction_interval():
+    """Runs whose probabilities are drawn from the posterior, of which 95 % are expected inside."""
+    found = forecast(MODEL, 10, minutes=20)
+    free = np.where(MODEL.pickable, found.free, 0.0)
+    generator = np.random.default_rng(3)
+    drawn = drawn_moves(DROP, TRANSITIONS, 30, generator)
+    low, high = found.prediction
+    within = 0
+    for k in range(30):
+        moves = Moves(drawn.drop[k], drawn.transitions[k], drawn.left[k])
+        picks = simulated(moves, free, 10, TIMES, None, 60 * 20, seed=k)
+        within += low <= len(picks) / 20 <= high
+    # At least 24 of 30 in 99.9 % of cases, if each is within with 95 %.
+    assert within >= 24
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 60))
+def test_fixed_point_is_that_of_iteration(seed, number):
+    generator = np.random.default_rng(seed)
+    k = int(generator.integers(2, 6))
+    rows = generator.dirichlet(np.ones(k + 1), k)
+    moves = Moves(generator.dirichlet(np.ones(k)), rows[:, :k], rows[:, k])
+    free = generator.random(k) * (np.arange(k) < generator.integers(1, k + 1))
+    state = steady_state(moves, free, number)
+    parts = number * moves.drop
+    for _ in range(3000):
+        picked = parts * free
+        rest = parts - picked
+        supplied = picked.sum() + rest @ moves.left
+        parts = rest @ moves.transitions + supplied * moves.drop
+    assert number * state.mix == pytest.approx(parts, abs=1e-9 * number)
+    assert state.picks.mean == pytest.approx((parts * free).sum())
+    assert state.supplied == pytest.approx(supplied)
+
+
+@given(st.integers(2, 40), st.integers(1, 40))
+def test_limited_picks_are_consistent_with_their_mix(number, most):
+    state = steady_state(MOVES, FREE, number, most)
+    assert float(number * state.mix @ state.taken) == pytest.approx(float(state.picks.mean), 1e-4)
+    assert (
+        state.picks.mean <= min(most, float(steady_state(MOVES, FREE, number).picks.mean)) + 1e-4
+    )
+
+
+def changed(**values):
+    return dataclasses.replace(MODEL, **values)
+
+
+def test_one_part_that_can_always_be_picked_has_a_closed_form():
+    model = changed(pickable=np.ones(3, dtype=bool))
+    found = forecast(model, 1)
+    seconds = 1.2 + 0.8 + 0.5 + 0.2 + 0.05
+    assert found.rate == pytest.approx(60 / seconds)
+    assert (found.lower, found.upper) == pytest.approx([60 / seconds] * 2)
+    assert found.prediction == pytest.approx([60 / seconds] * 2)
+    assert found.flips_per_part == pytest.approx(0, abs=1e-9)
+    assert found.state.picks.none == pytest.approx(0, abs=1e-9)
+
+
+def test_without_clearance_all_parts_are_picked():
+    model = changed(pickable=np.ones(3, dtype=bool), tray=Tray((0.2, 0.2), 0.0))
+    found = forecast(model, 8)
+    assert found.rate == pytest.approx(60 * 8 / (1.5 + 8 * 1.25))
+    assert found.state.picks.variance == pytest.approx(0)
+
+
+def test_action_without_effect_fills_the_tray_with_unpickable_parts():
+    """Aspect 0 is not pickable, and the action changes nothing: the tray fills with it."""
+    found = forecast(changed(transitions=100 * np.eye(3, 7, dtype=np.int64)))
+    assert found.rate == 0
+    assert found.best_number is None
+    assert found.trapped.tolist() == [True, False, False]
+    assert found.flips_per_part == math.inf
+    # A transition that was never seen in 100 actions is possible.
+    assert found.upper > 1
+    many = forecast(changed(transitions=10**6 * np.eye(3, 7, dtype=np.int64)), 15)
+    assert 0 < many.upper < 0.1
+
+
+def test_aspect_that_never_occurs_gives_no_parts():
+    found = forecast(
+        changed(
+            drop=np.array([90, 10, 0]),
+            transitions=np.array([[90, 10, 0, 0], [50, 50, 0, 0], [1, 1, 1, 0]]),
+            pickable=np.array([False, False, True]),
+        )
+    )
+    assert (found.rate, found.best_number) == (0, None)
+    assert found.trapped.tolist() == [True, True, False]
+    assert found.state.mix == pytest.approx([10 / 12, 2 / 12, 0], abs=0.1)
+
+
+def test_huge_clearance_leaves_one_part_on_the_tray():
+    model = changed(tray=Tray((0.2, 0.2), 1.0))
+    assert forecast(model).best_number == 1
+    found = forecast(model, 8)
+    assert (found.best_number, found.rate) == (1, pytest.approx(0, abs=1e-6))
+    assert found.prediction == pytest.approx((0, 0), abs=1e-6)
+
+
+def test_part_with_one_aspect_is_always_pickable():
+    one = changed(
+        drop=np.array([50]),
+        transitions=np.array([[45, 0, 0, 0, 5]]),
+        pickable=np.array([True]),
+        footprints=FOOTPRINTS[:1],
+    )
+    found = forecast(one, 5)
+    assert found.state.picks.mean == pytest.approx(5 * found.free[0])
+    assert found.state.lost == pytest.approx(5 * (1 - found.free[0]) * 0.1)
+
+
+def test_faster_robot_and_smaller_clearance_raise_the_rate():
+    base = forecast(MODEL, 10).rate
+    assert forecast(changed(times=dataclasses.replace(TIMES, robot=1.0)), 10).rate > base
+    assert forecast(changed(times=OVERLAP), 10).rate > base
+    assert forecast(changed(tray=Tray((0.2, 0.2), 0.002)), 10).rate > base
+    assert forecast(changed(max_picks=2), 10).rate < base
+    assert forecast(changed(pickable=np.ones(3, dtype=bool)), 10).rate > base
+
+
+def test_best_number_has_the_highest_rate_of_the_curve():
+    found = forecast(MODEL)
+    curve = found.curve
+    assert curve.number[curve.rate.argmax()] == found.best_number == found.number
+    assert (curve.lower <= curve.rate).all()
+    assert (curve.rate <= curve.upper).all()
+    assert found.prediction[0] <= found.lower <= found.rate <= found.upper <= found.prediction[1]
+
+
+def test_more_counts_and_longer_runs_narrow_the_intervals():
+    few = forecast(MODEL, 10, minutes=5)
+    many = forecast(changed(drop=100 * DROP, transitions=100 * TRANSITIONS), 10)
+    assert many.upper - many.lower < 0.3 * (few.upper - few.lower)
+    long = forecast(MODEL, 10, minutes=6000)
+    assert np.ptp(few.prediction) > 1.1 * np.ptp(long.prediction)
+    assert long.prediction == pytest.approx((few.lower, few.upper), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ('times', 'resource'),
+    [
+        (CycleTimes(2.0, 0.1, 0.1, 0.1), 'robot'),
+        (CycleTimes(0.1, 2.0, 0.1, 0.1), 'feeder'),
+        (CycleTimes(0.1, 0.1, 0.1, 2.0), 'vision'),
+    ],
+)
+def test_longest_time_limits(times, resource):
+    found = forecast(changed(times=times), 10)
+    assert found.limited_by == resource
+    name = {'feeder': 'vibrate', 'vision': 'image'}.get(resource, resource)
+    assert max(found.sensitivity, key=lambda each: found.sensitivity[each][0]) == name
+    assert sum(found.time_shares.values()) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [{'number': 0}, {'number': 2.5}, {'number': 10_000}, {'minutes': 0}, {'minutes': math.nan}],
+)
+def test_wrong_values_are_refused(wrong):
+    with pytest.raises(InvalidValueError, match='expected'):
+        forecast(MODEL, **wrong)
+
+
+def test_model_needs_counts_and_a_pickable_aspect():
+    with pytest.raises(InvalidValueError, match='at least one'):
+        changed(pickable=np.zeros(3, dtype=bool))
+    with pytest.raises(InvalidValueError, match='drops'):
+        changed(drop=np.zeros(3, dtype=np.int64))
+    with pytest.raises(InvalidValueError, match='picks'):
+        changed(max_picks=0)

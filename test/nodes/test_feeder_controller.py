@@ -1,0 +1,439 @@
+"""feeder_controller over ROS: messages of a vision system and a robot in, advice out."""
+
+import math
+import os
+import signal
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from doc_pages import code
+from resting_aspects_interfaces.msg import (
+    AspectDistribution,
+    Detection,
+    DetectionArray,
+    FeederAdvice,
+    PartDescription,
+    PickResult,
+    TransitionMatrix,
+)
+from scipy.stats import binomtest
+
+from resting_aspects_ros.api.identify import known_part
+from resting_aspects_ros.api.plan_actions import named_action
+from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix as Matrix
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.nodes.feeder_controller.settings import PARAMETERS, settings_from
+from resting_aspects_ros.ros.conversions import part_msg, time_msg
+from resting_aspects_ros.ros.distribution_conversions import distribution_msg
+from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL, LATCHED
+from resting_aspects_ros.ros.transition_conversions import transitions_msg
+from resting_aspects_ros.simulation.plan import plan_run
+
+PART = 'l_bracket'
+SECOND = 10**9
+# A test may take long on a busy machine; only the test of a stopped camera needs a short time.
+TIMEOUT = 'nodes.feeder_controller.node.IMAGE_TIMEOUT'
+QUICK = {'ros.diagnostics.PERIOD': 0.1}
+PATIENT = {TIMEOUT: 1e6, **QUICK}
+CHOICES = {'WAIT': 0, 'PICK': 1, 'FLIP': 2, 'SPREAD': 3, 'SUPPLY': 4}
+
+
+class Cell:
+    """A vision system, a robot and a simulator around a controller."""
+
+    def __init__(self, client, part=PART):
+        self.client, self.part = client, part
+        publish = client.node.create_publisher
+        self.images = publish(DetectionArray, 'detections', CELL)
+        self.results = publish(PickResult, 'pick_result', CELL)
+        self.parts = publish(PartDescription, f'parts/{part}', LATCHED)
+        self.drops = publish(AspectDistribution, f'aspect_distributions/{part}', LATCHED)
+        self.flips = publish(TransitionMatrix, f'transitions/{part}', LATCHED)
+        self.received = client.listen(FeederAdvice, f'feeder_advice/{part}', ALL_LATCHED)
+        self.number = 0
+
+    def meet(self):
+        for output in (self.images, self.results):
+            self.client.wait(output.get_subscription_count, 'controller')
+
+    def now(self):
+        return self.client.node.get_clock().now().nanoseconds
+
+    def show(self, *detections, number=None, age=0.0, time=None, frame='tray'):
+        """Publish an image; return its number."""
+        self.number = self.number + 1 if number is None else number
+        message = DetectionArray(image=self.number, detections=detections)
+        message.header.stamp = time_msg(self.now() - round(age * SECOND) if time is None else time)
+        message.header.frame_id = frame
+        self.images.publish(message)
+        return self.number
+
+    def report(self, result, image=0, detection=0, stamp=None):
+        self.results.publish(
+            PickResult(
+                result=result,
+                image=image,
+                detection=detection,
+                stamp=stamp or time_msg(self.now()),
+            )
+        )
+
+    def advice(self, choice, holds=lambda _: True):
+        """Return the newest advice once it is as expected."""
+
+        def found():
+            newest = self.received[-1] if self.received else None
+            expected = newest is not None and newest.choice == CHOICES[choice] and holds(newest)
+            return newest if expected else None
+
+        try:
+            return self.client.wait(found, f'{choice}')
+        except AssertionError:
+            raise AssertionError(f'{choice}: {self.received[-1:]}') from None
+
+    def advice_for(self, *detections, choice):
+        number = self.show(*detections)
+        return self.advice(choice, lambda advice: advice.image == number)
+
+
+def seen(class_id='1', x=0.0, clearance=0.05, **fields):
+    fields = {'part': PART, 'score': 0.99, 'y': 0.0, 'yaw': 0.0, **fields}
+    return Detection(class_id=class_id, x=x, clearance=clearance, **fields)
+
+
+@pytest.fixture(scope='module')
+def bracket(part):
+    return known_part(part(PART))
+
+
+@pytest.fixture
+def begin(start, connect, namespace):
+    """Start a controller and return its cell; it ends with the test, in order."""
+    started = []
+
+    def begin(constants=PATIENT, **parameters):
+        given = {'part': PART, **parameters}
+        started.append(start('feeder_controller', namespace, given, constants))
+        cell = Cell(connect(namespace), given['part'])
+        cell.meet()
+        return cell, started[-1]
+
+    yield begin
+    for process in started:
+        assert process.end(signal.SIGINT) == 0
+        assert 'Traceback' not in process.output
+
+
+@pytest.fixture(scope='module')
+def running(start, connect, part):
+    """A controller that knows its part, in a module."""
+    namespace = f'/test_feeder_controller_{os.getpid()}'
+    process = start('feeder_controller', namespace, {'part': PART, 'spread_time': 0.4}, PATIENT)
+    cell = Cell(connect(namespace))
+    cell.meet()
+    cell.parts.publish(part_msg(part(PART)))
+    cell.advice('WAIT', lambda advice: 'no image' in advice.reason)
+    yield cell, process
+    assert process.end(signal.SIGINT) == 0
+    assert 'Traceback' not in process.output
+
+
+@pytest.fixture
+def cell(running):
+    """Its cell, with an empty tray."""
+    cell, process = running
+    assert process.running, process.output
+    epoch = cell.received[-1].epoch
+    cell.report(PickResult.MOVED)
+    cell.advice('WAIT', lambda advice: advice.epoch == epoch + 1)
+    cell.advice_for(choice='SUPPLY')
+    return cell
+
+
+@pytest.fixture(scope='module')
+def statuses(running, diagnostics_of):
+    """Wait for a warning of the node."""
+    diagnostics = diagnostics_of(running[0].client)
+
+    def wait_for(text):
+        return diagnostics.wait(
+            'feeder_controller', lambda level, message, _: text in message, text
+        )
+
+    return wait_for
+
+
+def drops_of(known, counts, condition, run_id='a'):
+    """A complete distribution of drops, of which one did not come to rest."""
+    found = Distribution(known.aspects, np.array(counts), 0, 1, 0)
+    started = {'seed': 1, 'run_id': run_id, 'started': SECOND}
+    run = plan_run(known.part, condition, drops=found.drops, **started)[1]
+    return distribution_msg(found, run, Time(sec=1), complete=True)
+
+
+def flips_of(known, name, condition):
+    """100 actions, which bring the part from each aspect into any."""
+    k = len(known.aspects)
+    counts = np.hstack([np.full((k, k), 100 // k**2), np.zeros((k, 4), np.int64)])
+    run = plan_run(known.part, condition, seed=1, drops=100, run_id='flips', started=SECOND)[1]
+    drop = Distribution(known.aspects, np.ones(k, np.int64), 0, 0, 0)
+    matrix = Matrix(known.aspects, counts)
+    result = ReorientResult(matrix, named_action(name), run, known.part, drop, complete=True)
+    return transitions_msg(result, Time(sec=1), ended=True)
+
+
+# -- the advice ----------------------------------------------------------------------------------
+
+
+def test_empty_tray_is_supplied_by_the_estimate(running, bracket):
+    cell, _ = running
+    advice = cell.advice_for(choice='SUPPLY')
+    assert advice.supply > 1
+    assert f'Image {advice.image} shows no {PART}' in advice.reason
+    assert advice.picks == []
+    assert advice.pickable_share == pytest.approx(bracket.shares[0])
+    assert math.isnan(advice.lower)
+    assert (advice.drops, advice.actions) == (0, 0)
+    assert list(advice.choices) == [CHOICES['SUPPLY']]
+    assert advice.rates[0] > 0
+
+
+def test_picks_are_sorted_and_have_the_poses_of_the_part(cell, bracket):
+    advice = cell.advice_for(
+        seen('1', 0.01, score=0.9, yaw=1.0),
+        seen('2', 0.05),
+        seen('1', 0.09, clearance=0.001),
+        seen('', 0.12),
+        seen('1', 0.15, score=0.98, y=0.02, yaw=-2.0),
+        choice='PICK',
+    )
+    assert [(pick.detection, pick.symmetry_class) for pick in advice.picks] == [(4, 1), (0, 1)]
+    (expected,) = bracket.placements[0].poses(0.15, 0.02, -2.0)
+    (pose,) = advice.picks[0].poses
+    p, q = pose.position, pose.orientation
+    assert [p.x, p.y, p.z] == pytest.approx(expected.position.tolist())
+    assert [q.x, q.y, q.z, q.w] == pytest.approx(expected.orientation.tolist())
+    assert advice.header.frame_id == 'tray'
+    assert CHOICES['FLIP'] in advice.choices
+
+
+def test_parts_that_cannot_be_picked_are_flipped(cell):
+    advice = cell.advice_for(*(seen('3', 0.04 * k) for k in range(12)), choice='FLIP')
+    assert advice.picks == []
+    assert advice.reason
+
+
+def test_picks_are_worked_off_and_the_action_follows(cell):
+    first = cell.advice_for(*(seen('1', 0.05 * k) for k in range(3)), choice='PICK')
+    left = [pick.detection for pick in first.picks]
+    assert len(left) == 3
+    while left:
+        cell.report(PickResult.PICKED, first.image, left.pop(0))
+        expected = first.epoch + 3 - len(left)
+        advice = cell.client.wait(
+            lambda e=expected: [a for a in cell.received if a.epoch == e], 'next epoch'
+        )[-1]
+        assert [pick.detection for pick in advice.picks] == left
+    assert advice.choice == first.then
+    assert advice.supply == first.supply > 0
+    assert 'All chosen parts' in advice.reason
+
+
+@pytest.mark.parametrize('result', ['MISSED', 'DROPPED', 'MOVED'])
+def test_detections_before_a_result_are_never_picked(cell, result):
+    before = cell.advice_for(seen('1', 0.0), seen('1', 0.1), choice='PICK')
+    exposed = cell.now()
+    cell.report(getattr(PickResult, result), before.image, 0)
+    advice = cell.advice('WAIT', lambda advice: advice.epoch == before.epoch + 1)
+    assert 'stale' in advice.reason
+    cell.show(seen('1', 0.1), time=exposed)
+    fresh = cell.advice_for(seen('1', 0.1), choice='PICK')
+    late = [a for a in cell.received if a.epoch > before.epoch]
+    assert {a.image for a in late if a.picks} == {fresh.image}
+
+
+# -- invalid input -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('fields', 'message'),
+    [
+        ({'age': -60.0}, 'expected none in the future; it is'),
+        ({'age': 5.0}, 'which has arrived before (out of order)'),
+        ({'age': 3600.0}, 'expected that of its exposure, at most 10 s ago'),
+        ({'frame': ''}, "invalid frame_id ''"),
+    ],
+)
+def test_invalid_image_is_not_used(cell, statuses, fields, message):
+    before = cell.advice_for(choice='SUPPLY')
+    refused = cell.show(seen(), **fields)
+    level, text, _ = statuses(message)
+    assert level == b'\x01'
+    assert f'image {refused}' in text
+    assert cell.received[-1].image == before.image
+    cell.advice_for(seen(), choice='PICK')
+
+
+@pytest.mark.parametrize(
+    ('odd', 'message'),
+    [
+        (seen(x=math.nan), 'invalid x nan of detection 0'),
+        (seen(x=120.0), 'invalid x 120 of detection 0: expected m'),
+        (seen('17'), "invalid class_id '17' of detection 0"),
+        (seen(score=math.inf), 'invalid score inf of detection 0'),
+        (seen(clearance=-1.0), 'invalid clearance -1.0 of detection 0'),
+    ],
+)
+def test_invalid_detection_is_not_picked(cell, statuses, odd, message):
+    advice = cell.advice_for(odd, seen('1', 0.1), choice='PICK')
+    assert [pick.detection for pick in advice.picks] == [1]
+    assert f'(image {advice.image})' in statuses(message)[1]
+
+
+def test_other_parts_are_named_and_not_picked(cell):
+    advice = cell.advice_for(seen(part='washer'), choice='SUPPLY')
+    assert f'shows no {PART}, but washer.' in advice.reason
+
+
+@pytest.mark.parametrize(
+    ('result', 'image', 'detection', 'message'),
+    [
+        (1, 0, 0, 'invalid detection 0 of image 0 in a pick result: expected one of image'),
+        (1, None, 7, 'in a pick result: expected a detection that was not picked before'),
+        (0, None, 0, 'invalid result of a pick: expected PICKED, MISSED, DROPPED or MOVED'),
+    ],
+)
+def test_unknown_pick_result_makes_detections_stale(
+    cell, statuses, result, image, detection, message
+):
+    before = cell.advice_for(seen(), choice='PICK')
+    cell.report(result, before.image if image is None else image, detection)
+    cell.advice('WAIT', lambda advice: advice.epoch == before.epoch + 1)
+    statuses(message)
+    cell.advice_for(seen(), choice='PICK')
+
+
+def test_empty_hopper_is_a_warning(cell, statuses):
+    for _ in range(3):
+        epoch = cell.received[-1].epoch + 1
+        cell.report(PickResult.MOVED)
+        cell.advice('WAIT', lambda advice, epoch=epoch: advice.epoch == epoch)
+        cell.advice_for(choice='SUPPLY')
+    statuses(f'no {PART} was seen after')
+    cell.advice_for(seen(), choice='PICK')
+
+
+def test_vision_system_of_the_guide_is_understood(cell, run_script):
+    (script,) = code('docs/how_to/control_a_feeder.md', 'python')
+    process = run_script(script, '--ros-args', '-r', f'__ns:={cell.client.node.get_namespace()}')
+    advice = cell.advice('PICK', lambda advice: advice.image == 1)
+    assert [pick.detection for pick in advice.picks] == [0]
+    cell.client.wait(lambda: not process.running, 'its end')
+    assert process.output == 'published image 1\n'
+
+
+# -- what is known -------------------------------------------------------------------------------
+
+
+def test_model_follows_drops_and_flips(begin, part, bracket, surfaces):
+    cell, process = begin(pickable_classes=[1, 3])
+    cell.advice('WAIT', lambda advice: 'has no publisher: start the suite' in advice.reason)
+    cell.parts.publish(part_msg(part(PART)))
+    cell.advice('WAIT', lambda advice: advice.drops == 0 and not math.isnan(advice.pickable_share))
+    condition = surfaces.get()
+    cell.drops.publish(drops_of(bracket, [10, 20, 30, 40, 99], condition))
+    advice = cell.advice('WAIT', lambda advice: advice.drops == 199)
+    interval = binomtest(40, 200).proportion_ci(method='wilson')
+    found = [advice.pickable_share, advice.lower, advice.upper]
+    assert found == pytest.approx([0.2, interval.low, interval.high])
+
+    # Fewer drops, as of an older run, and another action.
+    cell.drops.publish(drops_of(bracket, [1, 0, 0, 0, 0], condition, 'b'))
+    cell.flips.publish(flips_of(bracket, 'tap', condition))
+    cell.client.wait(lambda: 'invalid action tap: expected flip' in process.output, 'its refusal')
+    cell.flips.publish(flips_of(bracket, 'flip', condition))
+    advice = cell.advice('WAIT', lambda advice: advice.actions == 100)
+    assert advice.drops == 199
+
+
+def test_class_that_the_part_lacks_is_an_error(begin, part, diagnostics_of):
+    cell, process = begin(pickable_classes=[1, 6])
+    diagnostics = diagnostics_of(cell.client)
+    cell.parts.publish(part_msg(part(PART)))
+    message = f'invalid pickable_classes [1, 6]: expected symmetry classes of {PART}, 1 to 5'
+    cell.advice('WAIT', lambda advice: message in advice.reason)
+    cell.show(seen())
+    cell.report(PickResult.MOVED)
+    cell.advice('WAIT', lambda advice: advice.epoch == 1)
+    level, *_ = diagnostics.wait('feeder_controller', lambda _, text, __: message in text, 'error')
+    assert level == b'\x02'
+    assert process.running
+
+
+def test_camera_that_stops_is_reported_and_may_continue(begin, part):
+    times = dict.fromkeys(('robot_time', 'vibrate_time', 'settle_time', 'image_time'), 0.01)
+    cell, process = begin({TIMEOUT: 0.3}, **times)
+    cell.parts.publish(part_msg(part(PART)))
+    cell.advice('WAIT', lambda advice: 'If the tray is empty, supply' in advice.reason)
+    image = cell.show(*(seen('1', 0.05 * k) for k in range(3)))
+    advice = cell.advice('WAIT', lambda advice: 'no valid image has arrived for' in advice.reason)
+    assert [len(a.picks) for a in cell.received if a.image == image] == [3, 0]
+    assert advice.reason.endswith('Before, the advice was to pick parts.')
+    image = cell.show(seen())
+    cell.client.wait(
+        lambda: [a for a in cell.received if a.image == image and a.picks], 'picks again'
+    )
+    assert 'check the camera' in process.output
+
+
+def test_second_controller_of_a_part_is_an_error(begin, start, diagnostics_of, namespace):
+    quick = {'ros.liveliness.DUPLICATE_DELAY': 0.5, **QUICK}
+    cell, _ = begin(quick)
+    diagnostics = diagnostics_of(cell.client)
+    start('feeder_controller', namespace, {'part': PART}, quick)
+    problem = f'2 feeder_controllers of {PART} in namespace {namespace}'
+    diagnostics.wait('feeder_controller', lambda _, text, __: problem in text, 'duplicate')
+
+
+# -- parameters ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'message'),
+    [
+        ('part', 'a nut', "invalid part 'a nut': expected the name of a part"),
+        ('pickable_classes', [0, 2], 'invalid pickable_classes [0, 2]: expected numbers of'),
+        ('pickable_classes', [], 'invalid pickable_classes []: expected numbers of'),
+        ('tray', [0.2], 'invalid tray [0.2]: expected width and depth, m'),
+        ('tray', [0.2, math.nan], 'invalid tray (0.2, nan) m: expected two sides'),
+        ('robot_time', math.nan, 'invalid robot time nan s: expected more than 0'),
+        ('action', 'a flip', "invalid action 'a flip': expected the name of an action"),
+    ],
+)
+def test_invalid_setting_is_rejected(name, value, message):
+    values = {parameter.name: parameter.default for parameter in PARAMETERS}
+    with pytest.raises(InvalidValueError) as rejected:
+        settings_from({**values, name: value})
+    assert str(rejected.value).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'message'),
+    [
+        ('pickable_classes', [0], 'invalid pickable_classes [0]: expected numbers of symmetry'),
+        ('clearance', -0.1, 'clearance'),
+        ('pickable_classes', [1.5], "'pickable_classes' to '[1.5]' of type 'DOUBLE_ARRAY'"),
+    ],
+)
+def test_invalid_parameter_is_reported_in_one_line(
+    start, namespace, traceback, name, value, message
+):
+    process = start('feeder_controller', namespace, {name: value}, ready='')
+    assert process.end(number=0) == 2
+    (line,) = process.output.splitlines()
+    assert line.startswith('error: ')
+    assert message in line
+    assert not traceback(process.output)

@@ -1,0 +1,417 @@
+"""outlines/<part>, identify_part and locate_part: over DDS, and through the Python client."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import shapely
+from geometry_msgs.msg import Point, Point32, Polygon
+from rclpy.serialization import deserialize_message, serialize_message
+from resting_aspects_interfaces.msg import PartDescription, PartOutlines, Status
+from resting_aspects_interfaces.srv import IdentifyPart, LocatePart
+from scipy.spatial.transform import Rotation
+from shapely import affinity
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.api.identify import identify_part, known_part
+from resting_aspects_ros.client import (
+    InvalidValueError,
+    NotAvailableError,
+    RestingAspectsClient,
+    UnknownPartError,
+)
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.errors import PartError
+from resting_aspects_ros.core.poses import RestStatus
+from resting_aspects_ros.core.vision.camera import Pinhole
+from resting_aspects_ros.core.vision.outline import seen_outline
+from resting_aspects_ros.nodes.aspect_classifier import outline_store
+from resting_aspects_ros.nodes.aspect_classifier.outline_service import MAX_POINTS
+from resting_aspects_ros.nodes.aspect_classifier.outline_store import OutlineStore
+from resting_aspects_ros.ros.conversions import part_msg, poses_from
+from resting_aspects_ros.ros.interface import (
+    DROP_SIMULATOR,
+    IDENTIFY_PART,
+    LATCHED,
+    LOCATE_PART,
+    OUTLINES,
+)
+from resting_aspects_ros.ros.liveliness import announce
+from resting_aspects_ros.ros.outline_conversions import outlines_msg, polygon_msgs
+
+PART = 'l_bracket'
+SQUARE = np.array([[0, 0], [0.02, 0], [0.02, 0.02], [0, 0.02]])
+CIRCLE = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0, 2 * math.pi, 60)])
+# Tolerances of the poses: 0.1 mm, and 0.5 degrees.
+PLACE, TURN = 1e-4, math.radians(0.5)
+
+
+def polygon(points):
+    return Polygon(points=[Point32(x=float(x), y=float(y)) for x, y in points])
+
+
+def xyz(point):
+    return np.array([point.x, point.y, point.z])
+
+
+def is_same_pose(found, position, orientation):
+    """Whether a pose in a message is a true one within the tolerances."""
+    turn = Rotation.from_quat([getattr(found.orientation, axis) for axis in 'xyzw'])
+    angle = (turn * Rotation.from_quat(orientation).inv()).magnitude()
+    return np.linalg.norm(xyz(found.position) - position) < PLACE and angle < TURN
+
+
+class Vision:
+    """Requests to a suite."""
+
+    def __init__(self, client):
+        self.client = client
+        node = client.node
+        self._identify = node.create_client(IdentifyPart, IDENTIFY_PART)
+        self._locate = node.create_client(LocatePart, LOCATE_PART)
+
+    def outlines(self, part):
+        """Return the messages of outlines/<part>, after the first has arrived."""
+        received = self.client.listen(PartOutlines, f'{OUTLINES}/{part}', LATCHED)
+        self.client.wait(lambda: received, f'outlines of {part}')
+        return received
+
+    def identify(self, seen, *parts, **fields):
+        rings = polygon_msgs(seen) if isinstance(seen, shapely.Polygon) else {'outer': seen}
+        return self.client.call(
+            self._identify, IdentifyPart.Request(parts=parts, **rings, **fields)
+        )
+
+    def locate(self, part, aspect, *place):
+        x, y, yaw = map(float, place)
+        request = LocatePart.Request(part=part, aspect=aspect, x=x, y=y, yaw=yaw)
+        return self.client.call(self._locate, request)
+
+
+@pytest.fixture(scope='module')
+def vision(suite):
+    vision = Vision(suite.client)
+    vision.outlines(PART)
+    return vision
+
+
+@pytest.fixture(scope='module')
+def seen(part):
+    """Return the outline of the part in an aspect, at (0.1, 0.05) m and a yaw of 1 rad."""
+    outline = known_part(part(PART)).outlines[1].polygon
+    return affinity.translate(affinity.rotate(outline, 1, (0, 0), use_radians=True), 0.1, 0.05)
+
+
+def test_latched_outlines_are_those_of_the_part(vision, part):
+    result = ra.outlines(part(PART))
+    expected = outlines_msg(result.part, result.outlines, result.look_alikes)
+    received = vision.outlines(PART)[-1]
+    # In a message, coordinates have 32 bits.
+    assert received == deserialize_message(serialize_message(expected), PartOutlines)
+
+
+def test_settled_poses_are_identified_and_located(suite, vision, part):
+    loaded, received = part(PART), suite.client.poses()
+    run = suite.client.ask(PART, 20, seed=[17]).distribution.run
+    suite.client.wait(
+        lambda: any(b.last and b.run.run_id == run.run_id for b in received), 'poses'
+    )
+    (poses,) = [poses_from(b) for b in received if b.run.run_id == run.run_id]
+    aspects = find_aspects(loaded)
+    settled = np.flatnonzero(poses.status == RestStatus.SETTLED)
+    assert len(settled) > 10
+    for k in settled:
+        position, orientation = poses.position[k], poses.orientation[k]
+        turn = Rotation.from_quat(orientation).as_matrix()
+        x, y, _ = position + turn @ loaded.centre_of_mass
+        outline = affinity.translate(seen_outline(loaded, orientation), x, y)
+        found = vision.identify(outline, PART)
+        assert found.status == Status(code=Status.OK)
+        best = found.candidates[0]
+        aspect = int(aspects.classify(orientation[None])[0])
+        assert aspect in best.aspects
+        assert any(is_same_pose(pose, position, orientation) for pose in best.poses)
+        total = sum(each.posterior for each in found.candidates)
+        total += found.none_probability + found.touching_probability
+        assert total == pytest.approx(1)
+        located = vision.locate(PART, aspect, best.x, best.y, best.yaw)
+        assert located.status == Status(code=Status.OK)
+        assert located.pose_aspects[0] == aspect
+        assert any(is_same_pose(pose, position, orientation) for pose in located.poses)
+
+
+def test_prior_is_the_newest_distribution(vision, part, seen):
+    name = 'u_bracket'
+    loaded = part(name)
+    vision.outlines(name)
+    outline = known_part(loaded).outlines[0].polygon
+    before = vision.identify(outline, name).candidates[0].prior
+    distribution = vision.client.ask(name, 30, seed=[18]).distribution
+    counts = np.array([each.count for each in distribution.aspects]) + 0.5
+    by_aspect = {k: float(count) for k, count in enumerate(counts, start=1)}
+    expected = identify_part(outline, known_part(loaded, by_aspect)).candidates[0]
+    found = vision.identify(outline, name).candidates[0]
+    assert found.prior == pytest.approx(expected.prior)
+    assert found.prior != before
+
+
+def test_prediction_is_the_prior_without_drops(vision, part):
+    name = 'angle_45x30x8'
+    vision.outlines(name)
+    known = known_part(part(name))
+    expected = identify_part(known.outlines[2].polygon, known).candidates[0]
+    found = vision.identify(known.outlines[2].polygon, name).candidates[0]
+    assert (found.symmetry_class, found.prior) == (3, pytest.approx(expected.prior))
+
+
+def test_all_parts_are_candidates_without_a_name(vision, seen):
+    names = list(vision.client.parts())
+    for name in names:
+        vision.outlines(name)
+    of_all, of_one = vision.identify(seen), vision.identify(seen, PART, PART)
+    assert (of_all.candidates[0].part, of_all.candidates[0].symmetry_class) == (PART, 2)
+    assert of_all.candidates[0].prior == pytest.approx(of_one.candidates[0].prior / len(names))
+
+
+def test_outline_of_no_part_is_an_answer(vision):
+    star = polygon(CIRCLE * (0.02 + 0.005 * np.cos(7 * np.linspace(0, 2 * np.pi, 60)))[:, None])
+    found = vision.identify(star, PART)
+    assert found.status == Status(code=Status.OK)
+    assert found.none_probability + found.touching_probability > 0.99
+
+
+def test_pinhole_camera_is_corrected(vision, part):
+    known = known_part(part('box_10x20x30'))
+    vision.outlines('box_10x20x30')
+    tall = known.outlines[-1]
+    camera = Pinhole(np.diag([1, -1, 1]), [0.02, 0.03, 0.4])
+    corners = np.asarray(tall.polygon.exterior.coords)
+    image = shapely.Polygon(camera.seen(np.c_[corners, np.full(len(corners), tall.height)]))
+    position = Point(x=0.02, y=0.03, z=0.4)
+    found = vision.identify(image, 'box_10x20x30', camera=[position]).candidates[0]
+    assert (found.symmetry_class, found.posterior) == (3, pytest.approx(1, abs=0.01))
+    assert (found.x, found.y) == pytest.approx((0, 0), abs=PLACE)
+    assert vision.identify(image, 'box_10x20x30').candidates[0].residual > 5 * PLACE
+    twice = vision.identify(image, 'box_10x20x30', camera=[position, position])
+    assert 'expected at most one' in twice.status.message
+    below = vision.identify(image, 'box_10x20x30', camera=[Point(z=0.01)])
+    assert below.status.code == Status.INVALID
+
+
+@pytest.mark.parametrize(
+    ('points', 'reason'),
+    [
+        ([], 'invalid outer boundary of 0 different points: expected at least 3'),
+        (SQUARE[[0, 1, 1]], 'invalid outer boundary of 2 different points'),
+        (SQUARE[[0, 2, 1, 3]], 'expected a boundary that does not cross itself'),
+        (CIRCLE[:45] * 0.02, 'invalid open boundary with a gap of '),
+        (SQUARE * 1e-5, 'expected at least 1e-05 m'),
+        (SQUARE * 1000, 'expected at most 2 m; its coordinates are probably in '),
+        (np.round(SQUARE * 40_000), 'its coordinates are probably in pixels, and must be in m'),
+        ([[0, 0], [math.nan, 0], [0.02, 0.02]], 'invalid point 2 '),
+        ([[0, 0], [math.inf, 0], [0.02, 0.02]], 'invalid point 2 '),
+        (np.tile(SQUARE, (MAX_POINTS, 1)), f'expected at most {MAX_POINTS}, simplify it'),
+    ],
+)
+def test_invalid_polygon_is_rejected_with_the_reason(suite, vision, points, reason):
+    found = vision.identify(polygon(points), PART)
+    assert found.status.code == Status.INVALID
+    assert reason in found.status.message
+    assert not found.candidates
+    assert math.isnan(found.none_probability)
+    assert math.isnan(found.touching_probability)
+    assert suite.alive
+
+
+@pytest.mark.parametrize('noise', [math.nan, -1e-4, 1.0])
+def test_invalid_noise_is_rejected(vision, seen, noise):
+    found = vision.identify(seen, PART, noise=noise)
+    assert found.status.code == Status.INVALID
+    assert 'invalid sd of the noise' in found.status.message
+
+
+def test_unknown_part_is_rejected(vision, seen):
+    for found in (
+        vision.identify(seen, PART, 'gizmo'),
+        vision.identify(seen, ''),
+        vision.locate('gizmo', 1, 0, 0, 0),
+        vision.locate('', 1, 0, 0, 0),
+    ):
+        assert found.status.code == Status.UNKNOWN_PART
+        assert ' is not known; known parts: angle_45' in found.status.message
+
+
+@pytest.mark.parametrize(
+    'place', [(0, 0, 0, 0), (6, 0, 0, 0), (1, math.nan, 0, 0), (1, 0, math.inf, 0)]
+)
+def test_invalid_place_is_rejected(suite, vision, place):
+    found = vision.locate(PART, *place)
+    assert found.status.code == Status.INVALID
+    assert found.status.message.startswith('invalid ')
+    assert not found.poses
+    assert suite.alive
+
+
+# Through the client
+
+
+def test_client_identifies_and_locates(suite, vision, part, seen):
+    spun = RestingAspectsClient(suite.client.node)
+    points = {'outer': np.asarray(seen.exterior.coords)}
+    asked = spun.identify_part_async(points, PART, camera=[0, 0, 1e6], timeout=600)
+    suite.client.wait(asked.done, 'identification')
+    best = asked.result().candidates[0]
+    assert (best.x, best.y, best.yaw) == pytest.approx((0.1, 0.05, 1), abs=1e-3)
+    asked = spun.locate_part_async(PART, best.aspects[0], best.x, best.y, best.yaw)
+    suite.client.wait(asked.done, 'location')
+    assert asked.result().poses == best.poses
+    refused = spun.locate_part_async(PART, 99, 0, 0, 0)
+    suite.client.wait(refused.done, 'refusal')
+    with pytest.raises(InvalidValueError, match='invalid aspect 99 of l_bracket: expected 1 to 5'):
+        refused.result()
+    spun.close()
+
+
+def test_client_waits_without_a_node(suite, vision, seen):
+    with RestingAspectsClient(ros_args=['-r', f'__ns:={suite.namespace}']) as client:
+        best = client.identify_part(seen, [PART]).candidates[0]
+        assert best.symmetry_class == 2
+        assert client.locate_part(PART, best.aspects[0], 0, 0, 0).pose_aspects[0] == 2
+        with pytest.raises(UnknownPartError, match="part 'gizmo' is not known; known parts:"):
+            client.identify_part(seen, 'gizmo')
+
+
+def test_client_rejects_wrong_values(suite, seen):
+    spun = RestingAspectsClient(suite.client.node)
+    for call, reason in (
+        (lambda: spun.identify_part_async([[0, 0], [1, 1]]), 'expected at least 3'),
+        (lambda: spun.identify_part_async('polygon'), 'invalid outer boundary '),
+        (lambda: spun.identify_part_async(seen, 5), 'invalid parts 5: expected names of parts'),
+        (lambda: spun.identify_part_async(seen, [5]), 'invalid part 5: expected the name'),
+        (lambda: spun.identify_part_async(seen, noise='much'), 'invalid noise '),
+        (lambda: spun.identify_part_async(seen, camera=[0, 1]), 'invalid camera .*: expected 3'),
+        (lambda: spun.identify_part_async(seen, timeout=-1), 'invalid timeout -1'),
+        (lambda: spun.locate_part_async(PART, 1.5, 0, 0, 0), 'invalid aspect 1.5: expected'),
+        (lambda: spun.locate_part_async(PART, -1, 0, 0, 0), 'invalid aspect -1: expected'),
+        (lambda: spun.locate_part_async(PART, 1, 0, 0, math.nan), 'invalid x, y, yaw .*: exp'),
+    ):
+        with pytest.raises(InvalidValueError, match=reason):
+            call()
+    with pytest.raises(UnknownPartError, match='part names consist of lower case letters'):
+        spun.identify_part_async(seen, 'No name')
+    spun.close()
+
+
+# Changed parts
+
+
+def test_outlines_of_a_changed_part_replace_the_old_ones(start, connect, namespace, part):
+    client = connect(namespace)
+    announce(client.node, DROP_SIMULATOR)
+    description = client.node.create_publisher(PartDescription, 'parts/thing', LATCHED)
+    constants = {'nodes.aspect_classifier.part_registry.QUIET_PERIOD': 0.1}
+    classifier = start('aspect_classifier', namespace, {'log_folder': "''"}, constants)
+    vision, box = Vision(client), dataclasses.replace(part('box_10x20x30'), name='thing')
+    description.publish(part_msg(dataclasses.replace(part('tetrahedron'), name='thing')))
+    received = vision.outlines('thing')
+    assert len(received[-1].outlines) == 1
+    description.publish(part_msg(box))
+    client.wait(lambda: len(received[-1].outlines) == 3, 'outlines of the box')
+    assert received[-1].part_sha256 == box.part_sha256
+    outline = known_part(box).outlines[1].polygon
+    found = vision.identify(outline, 'thing').candidates[0]
+    assert (found.symmetry_class, found.posterior) == (2, pytest.approx(1, abs=0.01))
+    assert len(found.poses) == 2
+
+    broken = part_msg(box)
+    broken.mesh = list(b'no mesh')
+    description.publish(broken)
+    client.wait(lambda: 'cannot be used' in classifier.output, 'warning')
+    for answer in (vision.identify(outline, 'thing'), vision.locate('thing', 1, 0, 0, 0)):
+        assert answer.status.code == Status.INVALID
+        assert "part 'thing' cannot be used: " in answer.status.message
+    assert classifier.running
+
+
+class Computations:
+    """A node, its executor, publisher and logger, and its registry of parts."""
+
+    def __init__(self, monkeypatch):
+        self.executor = self
+        self.tasks, self.published, self.warnings = [], [], []
+        self.parts, self.problem, self.meanwhile = {}, None, lambda: None
+        monkeypatch.setattr(outline_store, 'advertise', lambda *_: self)
+        monkeypatch.setattr(outline_store, 'guarded_task', lambda _, __, function: function)
+        self.store = OutlineStore(self, self, self, lambda _: None)
+
+    def create_task(self, task):
+        self.tasks.append(task())
+
+    def publish(self, message):
+        self.published.append(message)
+
+    def get_logger(self):
+        return self
+
+    def warning(self, text):
+        self.warnings.append(text)
+
+    def get(self, name):
+        return self.parts.get(name)
+
+    def version(self, sha):
+        (part,) = [each for each in self.parts.values() if each.part_sha256 == sha]
+        return part, find_aspects(part)
+
+    def offer(self, part):
+        self.parts = {part.name: part}
+        self.store.update(part.name, part.part_sha256)
+
+    async def run(self, function, *arguments):
+        self.meanwhile()
+        if self.problem is not None:
+            raise self.problem
+        return function(*arguments)
+
+    def compute(self):
+        with pytest.raises(StopIteration):
+            self.tasks.pop(0).send(None)
+
+
+def test_request_is_rejected_while_outlines_are_computed(monkeypatch, part):
+    node, tetrahedron = Computations(monkeypatch), part('tetrahedron')
+    node.offer(tetrahedron)
+    with pytest.raises(NotAvailableError, match='outlines of tetrahedron are being computed, try'):
+        node.store.known_part(tetrahedron)
+    node.compute()
+    assert node.store.known_part(tetrahedron).shares.tolist() == [1]
+    assert [len(message.outlines) for message in node.published] == [1]
+    node.offer(tetrahedron)
+    assert not node.tasks
+
+
+def test_part_without_outlines_is_reported(monkeypatch, part):
+    node, tetrahedron = Computations(monkeypatch), part('tetrahedron')
+    node.problem = PartError('it has several pieces')
+    node.offer(tetrahedron)
+    node.compute()
+    expected = 'the outlines of tetrahedron cannot be computed: it has several pieces'
+    with pytest.raises(PartError, match=f'^{expected}$'):
+        node.store.known_part(tetrahedron)
+    assert node.warnings == [expected]
+    assert [list(message.outlines) for message in node.published] == [[]]
+
+
+def test_outlines_of_a_replaced_version_are_discarded(monkeypatch, part):
+    node, first = Computations(monkeypatch), part('tetrahedron')
+    second = dataclasses.replace(part('box_10x20x30'), name='tetrahedron')
+    node.offer(first)
+    node.compute()
+    node.offer(second)
+    node.meanwhile = lambda: node.offer(first)
+    node.compute()
+    assert len(node.store.known_part(first).outlines) == 1
+    with pytest.raises(NotAvailableError):
+        node.store.known_part(second)
+    assert [message.part_sha256 for message in node.published] == [first.part_sha256]

@@ -1,0 +1,222 @@
+"""Bookkeeping of images, picks and epochs, without ROS."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.nodes.feeder_controller.tray_state import (
+    CLOCK_TOLERANCE,
+    MAX_AGE,
+    SECOND,
+    Detection,
+    Image,
+    Outcome,
+    TrayState,
+    known_class,
+    other_parts,
+)
+
+NOW = 1000 * SECOND
+
+
+def detection(index=0, **fields):
+    values = {'part': 'nut', 'class_id': '1', 'score': 1.0, 'x': 0.0, 'y': 0.0, 'yaw': 0.0}
+    return Detection(index, **{**values, 'clearance': math.inf, **fields})
+
+
+def image(number=1, time=NOW, count=3, frame='tray'):
+    return Image(number, time, frame, tuple(detection(k) for k in range(count)))
+
+
+def left(tray):
+    return [each.index for each in tray.image.detections] if tray.image is not None else None
+
+
+@pytest.fixture
+def tray():
+    """A tray with an image of three parts, one second ago."""
+    tray = TrayState()
+    assert tray.image is None
+    assert tray.add_image(image(time=NOW - SECOND), NOW)
+    return tray
+
+
+def test_picked_part_leaves_the_others(tray):
+    assert tray.add_result(Outcome.PICKED, 1, 1, NOW, NOW) == ''
+    assert (tray.epoch, left(tray)) == (1, [0, 2])
+    assert tray.add_result(Outcome.PICKED, 1, 0, NOW, NOW) == ''
+    assert (tray.epoch, left(tray)) == (2, [2])
+
+
+@pytest.mark.parametrize('outcome', [Outcome.MISSED, Outcome.DROPPED, Outcome.MOVED])
+def test_other_results_make_everything_stale(tray, outcome):
+    assert tray.add_result(outcome, 1, 1, NOW, NOW) == ''
+    assert (tray.epoch, left(tray)) == (1, None)
+    assert tray.newest.number == 1
+
+
+@pytest.mark.parametrize(
+    ('outcome', 'number', 'index'),
+    [
+        (Outcome.PICKED, 1, 3),
+        (Outcome.PICKED, 2, 0),
+        (Outcome.MISSED, 7, 0),
+        (None, 1, 0),
+    ],
+)
+def test_result_that_is_not_understood_makes_everything_stale(tray, outcome, number, index):
+    assert 'expected' in tray.add_result(outcome, number, index, NOW, NOW)
+    assert (tray.epoch, left(tray)) == (1, None)
+
+
+def test_second_pick_of_a_part_is_not_understood(tray):
+    tray.add_result(Outcome.PICKED, 1, 1, NOW, NOW)
+    problem = tray.add_result(Outcome.PICKED, 1, 1, NOW, NOW)
+    assert problem == (
+        'invalid detection 1 of image 1 in a pick result: expected a detection that was not '
+        'picked before'
+    )
+    assert left(tray) is None
+
+
+def test_pick_before_the_first_image_is_not_understood():
+    tray = TrayState()
+    assert 'expected none before' in tray.add_result(Outcome.PICKED, 0, 0, 0, NOW)
+    assert tray.epoch == 1
+
+
+def test_image_exposed_before_a_result_is_stale(tray):
+    tray.add_result(Outcome.MOVED, 0, 0, NOW, NOW + SECOND)
+    assert not tray.add_image(image(2, NOW - 1), NOW + SECOND)
+    assert (left(tray), tray.stale) == (None, 1)
+    assert tray.add_image(image(3, NOW), NOW + SECOND)
+    assert left(tray) == [0, 1, 2]
+
+
+@pytest.mark.parametrize('outcome', [Outcome.PICKED, Outcome.MISSED, Outcome.MOVED])
+def test_late_report_does_not_touch_a_newer_image(tray, outcome):
+    tray.add_image(image(2, NOW), NOW)
+    assert tray.add_result(outcome, 1, 0, NOW, NOW) == ''
+    assert (tray.epoch, left(tray)) == (1, [0, 1, 2])
+
+
+def test_pick_after_a_newer_image_makes_it_stale(tray):
+    tray.add_image(image(2, NOW), NOW)
+    assert tray.add_result(Outcome.PICKED, 1, 0, NOW + 1, NOW + 1) == ''
+    assert (tray.epoch, left(tray)) == (1, None)
+
+
+def test_result_without_a_time_is_over_now(tray):
+    tray.add_result(Outcome.MOVED, 0, 0, 0, NOW)
+    assert not tray.add_image(image(2, NOW - 1), NOW)
+    assert tray.add_image(image(3, NOW), NOW)
+
+
+def test_result_from_the_future_is_over_now(tray):
+    problem = tray.add_result(Outcome.PICKED, 1, 1, NOW + 90 * SECOND, NOW)
+    assert 'expected none in the future; it is 90.0 s ahead' in problem
+    assert left(tray) is None
+    assert tray.add_image(image(2, NOW), NOW)
+
+
+def test_image_that_arrives_twice_is_used_once(tray):
+    tray.add_result(Outcome.PICKED, 1, 1, NOW, NOW)
+    assert not tray.add_image(image(time=NOW - SECOND), NOW)
+    assert left(tray) == [0, 2]
+
+
+@pytest.mark.parametrize(
+    ('changes', 'message'),
+    [
+        ({'number': 2, 'time': NOW - 2 * SECOND}, 'a later one than that of image 1'),
+        ({'number': 1, 'time': NOW}, 'another one than that of the previous image'),
+        ({'number': 2, 'time': NOW + CLOCK_TOLERANCE + 1}, 'expected none in the future'),
+        ({'number': 2, 'time': NOW - MAX_AGE - 1}, 'it is 10.0 s ago'),
+        ({'number': 2, 'time': 0}, 'at most 10 s ago'),
+        ({'number': 2, 'frame': '/tray'}, 'expected the name of a frame'),
+    ],
+)
+def test_invalid_image_changes_nothing(tray, changes, message):
+    with pytest.raises(InvalidValueError, match=message):
+        tray.add_image(image(**changes), NOW)
+    assert (tray.newest.number, left(tray)) == (1, [0, 1, 2])
+
+
+def test_camera_that_numbers_from_0_again_is_accepted(tray):
+    assert tray.add_image(image(0, NOW, 1), NOW)
+    assert left(tray) == [0]
+
+
+def test_clock_that_is_set_back_is_followed(tray):
+    tray.add_result(Outcome.MOVED, 0, 0, NOW, NOW)
+    assert tray.add_image(image(1, 5 * SECOND), 5 * SECOND)
+    assert left(tray) == [0, 1, 2]
+
+
+@given(
+    st.lists(
+        st.one_of(
+            st.tuples(st.just('image'), st.integers(-3, 3)),
+            st.tuples(st.sampled_from([*Outcome, None]), st.integers(0, 3)),
+        ),
+        max_size=30,
+    )
+)
+def test_no_detection_is_older_than_what_moved_the_tray(events):
+    tray, now, moved, picked, number = TrayState(), NOW, 0, set(), 0
+    for kind, value in events:
+        now += SECOND
+        if kind == 'image':
+            number += 1
+            try:
+                is_used = tray.add_image(image(number, now + value * SECOND // 4), now)
+            except InvalidValueError:
+                is_used = False
+            picked = set() if is_used else picked
+        else:
+            known = tray.newest.number if tray.newest is not None else 0
+            now += SECOND  # after the exposure of all images
+            problem = tray.add_result(kind, known, value, now, now)
+            if kind is Outcome.PICKED and not problem:
+                picked.add(value)
+            else:
+                moved = now
+        if tray.image is not None:
+            assert tray.image.time >= moved
+            assert not picked.intersection(left(tray))
+
+
+def test_class_is_known_by_its_number():
+    assert known_class(detection(class_id='3'), 3) == 3
+    assert known_class(detection(class_id=''), 3) == 0
+
+
+@pytest.mark.parametrize(
+    ('field', 'value'),
+    [
+        ('x', math.nan),
+        ('y', -math.inf),
+        ('yaw', math.nan),
+        ('y', 10.5),
+        ('score', 1.1),
+        ('score', math.nan),
+        ('clearance', math.nan),
+        ('clearance', -1e-9),
+        ('class_id', '4'),
+        ('class_id', '0'),
+        ('class_id', '١'),
+        ('class_id', 'nut'),
+    ],
+)
+def test_invalid_detection_has_no_class(field, value):
+    with pytest.raises(InvalidValueError, match=f'invalid {field} .* of detection 0: expected'):
+        known_class(detection(**{field: value}), 3)
+
+
+def test_other_parts_are_sorted_and_named_once():
+    names = ['nut', 'washer', '', 'bolt', 'washer']
+    found = [detection(k, part=name) for k, name in enumerate(names)]
+    assert other_parts(found, 'nut') == ['bolt', 'washer']

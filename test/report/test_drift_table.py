@@ -1,0 +1,82 @@
+"""Tables, document and picture of a drift test."""
+
+import re
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from resting_aspects_ros.core.statistics.drift import find_drift
+from resting_aspects_ros.core.statistics.live_counts import LiveCounts
+from resting_aspects_ros.report.drift_figure import MAX_CLASSES, drift_figure
+from resting_aspects_ros.report.drift_table import (
+    MAX_ROWS,
+    DriftWindows,
+    drift_sentence,
+    power_sentences,
+    window_table,
+)
+
+
+@pytest.fixture
+def tested():
+    """Test windows of counts by class against 10,000 drops with the same shares as the first."""
+
+    def make(rows, labels=(), level=0.01):
+        rows = np.array(rows)
+        simulated = rows[0] * 10_000 // rows[0].sum()
+        test = find_drift(rows, simulated, np.random.default_rng(1), level)
+        live = LiveCounts(tuple(range(1, len(simulated) + 1)), simulated, rows.sum(axis=0))
+        ends = np.concatenate([[0], rows.sum(axis=1).cumsum()])
+        return DriftWindows(test, live, ends, labels, 0.95, 0.8)
+
+    return make
+
+
+def text_of(table):
+    console = Console(width=200)
+    with console.capture() as captured:
+        console.print(table)
+    return captured.get()
+
+
+def test_sizes_of_windows_are_stated(tested):
+    assert drift_sentence(tested([[50, 50]])) == 'No drift in 1 window of 100 parts.'
+    found = drift_sentence(tested([[50, 50], [60, 60]]))
+    assert found == 'No drift in 2 windows of about 110 parts.'
+
+
+def test_time_of_the_drift_is_stated(tested):
+    rows, labels = (
+        [[50, 50]] * 3 + [[20, 80]] * 3,
+        ['8:00', '8:10', '8:20', '8:30', '8:40', '9:00'],
+    )
+    found = tested(rows, labels)
+    assert drift_sentence(found).endswith(' since part 301 (8:30).')
+    assert drift_sentence(found).startswith('Class 1 is seen in 20 % instead of 50 % (-30 points')
+    assert '8:30' in text_of(window_table(found, 'title'))
+
+
+def test_detectable_shift_and_run_length_are_stated(tested):
+    text = power_sentences(tested([[50, 50]], level=0.05))
+    # (1.96 + 0.84) standard errors of 0.05, a little less because the variance decreases.
+    assert 'A window of 100 parts finds a class that is off by 13.9 points' in text
+    assert '5 % of windows are alarms: one in 2000 parts.' in text
+    assert 'does not find a class that is off by 40 points' in power_sentences(tested([[2, 2]]))
+
+
+def test_long_table_has_the_last_windows_and_all_alarms(tested):
+    rows = [[50, 50]] * (MAX_ROWS + 20)
+    rows[3] = [5, 95]
+    text = text_of(window_table(tested(rows), 'title'))
+    assert re.search('301 to 400 +< 0.0001 ', text)
+    assert '201 to 300' not in text
+    assert len(re.findall('^ *[0-9]+ to [0-9]+ ', text, re.MULTILINE)) == MAX_ROWS + 1
+
+
+@pytest.mark.parametrize('classes', [2, MAX_CLASSES + 3])
+def test_figure_has_axes_for_the_common_classes(tested, classes):
+    rows = [[50] * classes] * 3 + [[150] + [50] * (classes - 1)]
+    figure = drift_figure(tested(rows))
+    assert len(figure.axes) == min(classes, MAX_CLASSES)
+    assert figure.axes[0].get_ylabel() == 'class 1'

@@ -1,0 +1,192 @@
+"""Files of outlines, read by other programs: areas, places and sizes are those of the outline."""
+
+import dataclasses
+import io
+import xml.etree.ElementTree as ET
+
+import ezdxf
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+from shapely import Polygon, affinity, intersects_xy
+from shapely.geometry.polygon import orient
+
+from resting_aspects_ros.api.outlines import outlines
+from resting_aspects_ros.report.outline_drawing import dxf_drawing, svg_drawing
+from resting_aspects_ros.report.outline_images import (
+    coco_document,
+    covered_share,
+    described_image,
+    outline_image,
+    png_file,
+)
+
+SCALE = 10.0  # px/mm
+SVG = '{http://www.w3.org/2000/svg}'
+
+
+@pytest.fixture(scope='module', params=['l_bracket', 'washer', 'hex_nut'])
+def result(request, part):
+    return outlines(part(request.param))
+
+
+def area(corners):
+    """Area of a ring without a sign."""
+    x, y = np.asarray(corners, dtype=float).T
+    return abs(float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())) / 2
+
+
+def test_dxf_has_the_areas_of_the_outline_in_mm(result):
+    for outline in result.outlines:
+        drawing = ezdxf.read(io.StringIO(dxf_drawing(outline.polygon)))
+        assert drawing.header['$INSUNITS'] == 4  # mm
+        assert drawing.audit().errors == []
+        lines = list(drawing.modelspace())
+        assert {line.dxftype() for line in lines} == {'LWPOLYLINE'}
+        assert all(line.closed for line in lines)
+        sums = {
+            layer: sum(area(list(p.vertices())) for p in lines if p.dxf.layer == layer)
+            for layer in ('outer', 'holes')
+        }
+        assert len(lines) == 1 + len(outline.polygon.interiors)
+        assert sums['outer'] - sums['holes'] == pytest.approx(1e6 * outline.area, rel=1e-9)
+        (outer,) = [p for p in lines if p.dxf.layer == 'outer']
+        assert np.min(list(outer.vertices()), axis=0) == pytest.approx(
+            1e3 * np.array(outline.polygon.bounds[:2]), abs=1e-6
+        )
+
+
+def test_svg_is_at_true_size_with_y_down(result):
+    for outline in result.outlines:
+        root = ET.fromstring(svg_drawing(outline.polygon, 'a <part> & more'))
+        assert root.find(f'{SVG}title').text == 'a <part> & more'
+        left, top, width, height = map(float, root.get('viewBox').split())
+        assert (root.get('width'), root.get('height')) == (f'{width:.12g}mm', f'{height:.12g}mm')
+        (path,) = root.findall(f'{SVG}path')
+        rings = [
+            np.array(ring.replace('Z', '').replace('L', '').split(), dtype=float).reshape(-1, 2)
+            for ring in path.get('d').split('M')[1:]
+        ]
+        assert area(rings[0]) - sum(map(area, rings[1:])) == pytest.approx(
+            1e6 * outline.area, rel=1e-6
+        )
+        expected = 1e3 * np.asarray(outline.polygon.exterior.coords)[:-1] * [1, -1]
+        np.testing.assert_allclose(rings[0], expected, atol=1e-8)
+        assert (rings[0] > [left, top]).all()
+        assert (rings[0] < [left + width, top + height]).all()
+
+
+def test_images_have_the_area_of_the_outline(result):
+    for outline, image in zip(result.outlines, images_of(result), strict=True):
+        expected = outline.area * (1e3 * SCALE) ** 2
+        border = outline.polygon.length * 1e3 * SCALE
+        mask, template = (read(png_file(each)) for each in (image.mask, image.template))
+        assert set(np.unique(mask)) == {0, 255}
+        assert abs((mask > 0).sum() - expected) < 0.1 * border
+        assert (255 - template).sum() / 255 == pytest.approx(expected, abs=0.02 * border)
+        for each in (mask, 255 - template):
+            assert not any(each[edge].any() for edge in ((0, -1), np.s_[:, [0, -1]]))
+
+
+def images_of(result):
+    return [outline_image(outline, SCALE) for outline in result.outlines]
+
+
+def read(data):
+    with Image.open(io.BytesIO(data)) as image:
+        assert (image.format, image.mode) == ('PNG', 'L')
+        return np.asarray(image).astype(int)
+
+
+def test_pixels_are_where_the_outline_is(result):
+    for outline, image in zip(result.outlines, images_of(result), strict=True):
+        rows, columns = np.nonzero(image.covered == 1)
+        x = (columns + 0.5 - image.origin[0]) / image.scale
+        y = (image.origin[1] - rows - 0.5) / image.scale
+        assert intersects_xy(outline.polygon, x, y).all()
+        rows, columns = np.nonzero(image.covered == 0)
+        x = (columns + 0.5 - image.origin[0]) / image.scale
+        y = (image.origin[1] - rows - 0.5) / image.scale
+        assert not intersects_xy(outline.polygon, x, y).any()
+
+
+def test_coco_segmentations_have_the_stated_area(result):
+    images = images_of(result)
+    document = coco_document(result.part, [described_image(image) for image in images])
+    ids = [outline.symmetry_class for outline in result.outlines]
+    for key in ('images', 'categories', 'annotations'):
+        assert [each['id'] for each in document[key]] == ids
+    for outline, image, entry, note in zip(
+        result.outlines, images, document['images'], document['annotations'], strict=True
+    ):
+        assert (entry['height'], entry['width']) == image.mask.shape
+        assert entry['px_per_mm'] == SCALE
+        shape = note['segmentation']
+        if outline.polygon.interiors:
+            np.testing.assert_array_equal(decoded(shape), image.mask > 0)
+            assert note['area'] == decoded(shape).sum()
+        else:
+            (ring,) = shape
+            corners = np.reshape(ring, (-1, 2))
+            assert note['area'] == pytest.approx(area(corners), rel=1e-9)
+            assert note['bbox'] == pytest.approx([*corners.min(axis=0), *np.ptp(corners, axis=0)])
+        expected = outline.area * (1e3 * SCALE) ** 2
+        border = outline.polygon.length * 1e3 * SCALE
+        assert note['area'] == pytest.approx(expected, abs=0.1 * border)
+
+
+def decoded(rle):
+    """The mask of a COCO run-length encoding: columns one after the other, zeros first."""
+    height, width = rle['size']
+    values = np.arange(len(rle['counts'])) % 2
+    return np.repeat(values, rle['counts']).reshape(width, height).T
+
+
+@given(
+    st.integers(0, 2**31),
+    st.floats(2.5, 20),
+    st.floats(0, 6.3),
+    st.tuples(st.floats(24, 26), st.floats(24, 26)),
+)
+def test_covered_share_adds_up_to_the_area(seed, radius, turn, place):
+    angles = np.sort(np.random.default_rng(seed).uniform(0, 2 * np.pi, 7))
+    star = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    star *= np.random.default_rng(seed).uniform(0.4, 1.0, 7)[:, None]
+    shape = Polygon(star, [0.05 * star]) if Polygon(star).contains(Polygon(0.05 * star)) else None
+    shape = Polygon(star) if shape is None or not shape.is_valid else shape
+    placed = orient(
+        affinity.translate(
+            affinity.rotate(
+                affinity.scale(shape, radius, radius, origin=(0, 0)),
+                turn,
+                origin=(0, 0),
+                use_radians=True,
+            ),
+            *place,
+        )
+    )
+    share = covered_share(placed, 50, 50)
+    assert share.shape == (50, 50)
+    assert share.sum() == pytest.approx(placed.area, abs=0.05 * placed.length + 0.05)
+    moved = covered_share(affinity.translate(placed, 3, -2), 50, 50)
+    np.testing.assert_allclose(moved, np.roll(share, (-2, 3), axis=(0, 1)), atol=1e-9)
+
+
+def test_covered_share_of_a_box_is_exact():
+    share = covered_share(Polygon([(1.25, 1), (3, 1), (3, 2.5), (1.25, 2.5)]), 5, 4)
+    expected = np.zeros((4, 5))
+    expected[1, 1:3] = 0.75, 1
+    expected[2, 1:3] = 0.375, 0.5
+    np.testing.assert_allclose(share, expected, atol=1e-12)
+
+
+def test_run_lengths_begin_with_zeros(result):
+    first = outline_image(result.outlines[0], SCALE)
+    full = dataclasses.replace(first, covered=np.ones_like(first.covered))
+    _, note = described_image(full)
+    if first.polygon.interiors:
+        assert note['segmentation']['counts'] == [0, full.covered.size]
+    else:
+        assert note['iscrowd'] == 0

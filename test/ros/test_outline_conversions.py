@@ -1,0 +1,130 @@
+"""Outlines, observed polygons and identified parts as ROS messages, through real CDR."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+from resting_aspects_interfaces.msg import OutlineComparison
+from resting_aspects_interfaces.srv import IdentifyPart, LocatePart
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.api.identify import identify_part, known_part, locate_part
+from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
+from resting_aspects_ros.core.vision.observation import observed_polygon
+from resting_aspects_ros.report.outline_document import outlines_document
+from resting_aspects_ros.ros.outline_conversions import (
+    candidate_msg,
+    outlines_msg,
+    polygon_from,
+    polygon_msgs,
+    pose_fields,
+)
+
+# Rounding of a coordinate to 32 bits, for parts of some cm, m.
+ROUNDING = 1e-8
+
+
+def over_the_wire(message):
+    return deserialize_message(serialize_message(message), type(message))
+
+
+def corners(polygon):
+    return np.array([(p.x, p.y) for p in polygon.points])
+
+
+@pytest.mark.parametrize('name', ['hex_nut', 'l_bracket'])
+def test_message_contains_all_fields_of_the_document(name, part):
+    result = ra.outlines(part(name))
+    first, *others = result.outlines
+    # As of a part that rocks.
+    outlines = (dataclasses.replace(first, family=(others[0].polygon, first.polygon)), *others)
+    message = over_the_wire(outlines_msg(result.part, outlines, result.look_alikes))
+    document = outlines_document(result.part, outlines, result.look_alikes)
+    assert (message.part, message.part_sha256) == (document['part'], document['part_sha256'])
+    assert message.aspect_numbering == ASPECT_NUMBERING
+    assert len(message.outlines) == len(document['outlines'])
+    for found, expected in zip(message.outlines, document['outlines'], strict=True):
+        orientation = [getattr(found.orientation, axis) for axis in 'xyzw']
+        assert orientation == expected.pop('orientation')
+        assert [found.centroid.x, found.centroid.y] == expected.pop('centroid')
+        assert list(found.aspects) == expected.pop('aspects')
+        check_rings(found, expected)
+        for one, other in zip(found.family, expected.pop('family'), strict=True):
+            check_rings(one, other)
+        verdicts = {
+            OutlineComparison.SAME: 'same',
+            OutlineComparison.MIRRORED: 'mirrored',
+            OutlineComparison.DISTINCT: 'distinct',
+        }
+        look_alike = [
+            {
+                'symmetry_class': each.symmetry_class,
+                'overlap': each.overlap,
+                'verdict': verdicts[each.verdict],
+                'resolution': each.resolution,
+            }
+            for each in found.look_alike
+        ]
+        assert look_alike == expected.pop('look_alike')
+        mirrored = [c['symmetry_class'] for c in look_alike if c['verdict'] == 'mirrored']
+        assert mirrored == expected.pop('mirrored')
+        assert {name: getattr(found, name) for name in expected} == expected
+
+
+def check_rings(message, fields):
+    outer, holes = fields.pop('outer'), fields.pop('holes')
+    assert corners(message.outer) == pytest.approx(np.array(outer), abs=ROUNDING)
+    assert len(message.holes) == len(holes)
+    for found, expected in zip(message.holes, holes, strict=True):
+        assert corners(found) == pytest.approx(np.array(expected), abs=ROUNDING)
+
+
+def test_polygon_with_a_hole_is_sent_unchanged():
+    hole = [[0.01, 0.01], [0.01, 0.02], [0.02, 0.02]]
+    given = {'outer': [[0, 0], [0.04, 0], [0.04, 0.03], [0, 0.03]], 'holes': [hole]}
+    polygon = observed_polygon(given)
+    request = over_the_wire(IdentifyPart.Request(**polygon_msgs(polygon)))
+    again = observed_polygon(polygon_from(request.outer, request.holes))
+    assert len(again.interiors) == 1
+    assert again.symmetric_difference(polygon).area < ROUNDING * polygon.length
+
+
+def test_empty_polygon_is_converted():
+    request = IdentifyPart.Request()
+    found = polygon_from(request.outer, request.holes)
+    assert found['outer'].shape == (0, 2)
+    assert found['holes'] == []
+
+
+def test_candidates_contain_all_poses(part):
+    known = known_part(part('box_10x20x30'))
+    for candidate in identify_part(known.outlines[0].polygon, known).candidates:
+        found = over_the_wire(candidate_msg(candidate))
+        for name in ('part', 'x', 'y', 'yaw', 'overlap', 'distance', 'residual', 'prior'):
+            assert getattr(found, name) == getattr(candidate, name)
+        assert (found.symmetry_class, found.posterior) == (
+            candidate.symmetry_class,
+            candidate.posterior,
+        )
+        assert tuple(found.aspects) == candidate.aspects
+        assert set(found.pose_aspects) == set(candidate.aspects)
+        check_poses(found, candidate.poses)
+
+
+@pytest.mark.parametrize('yaw_known', [True, False])
+def test_unknown_yaw_of_poses_is_stated(part, yaw_known):
+    poses = [
+        dataclasses.replace(pose, yaw_known=yaw_known)
+        for pose in locate_part(part('box_10x20x30'), 3, 0.1, 0.2, 0.3)
+    ]
+    found = over_the_wire(LocatePart.Response(**pose_fields(poses)))
+    assert found.yaw_known == yaw_known
+    check_poses(found, poses)
+
+
+def check_poses(message, poses):
+    assert list(message.pose_aspects) == [each.aspect for each in poses]
+    for found, pose in zip(message.poses, poses, strict=True):
+        assert [getattr(found.position, axis) for axis in 'xyz'] == pose.position.tolist()
+        assert [getattr(found.orientation, a) for a in 'xyzw'] == pose.orientation.tolist()
