@@ -3,7 +3,6 @@
 import re
 import subprocess
 import sys
-from contextlib import suppress
 from importlib import import_module
 
 import pytest
@@ -15,10 +14,10 @@ from resting_aspects_ros.core.aspects.clusters import (
     MAX_TOLERANCE_DEGREES,
     MIN_TOLERANCE_DEGREES,
 )
-from resting_aspects_ros.examples import feeder
 from resting_aspects_ros.nodes.aspect_classifier import node as aspect_classifier
 from resting_aspects_ros.nodes.drop_recorder import node as drop_recorder
 from resting_aspects_ros.nodes.drop_simulator import node as drop_simulator
+from resting_aspects_ros.nodes.feeder_controller import node as feeder_controller
 from resting_aspects_ros.nodes.log_replayer import node as log_replayer
 from resting_aspects_ros.nodes.log_replayer.node import MAX_RATE, MIN_RATE
 from resting_aspects_ros.simulation.conditions import QUANTITIES
@@ -124,13 +123,12 @@ def test_the_surfaces_are_named(shown, command, surfaces):
 
 @pytest.mark.parametrize(
     'node',
-    [drop_simulator, aspect_classifier, drop_recorder, log_replayer, feeder],
+    [drop_simulator, aspect_classifier, drop_recorder, log_replayer, feeder_controller],
     ids=lambda node: node.__name__.removesuffix('.node').rpartition('.')[2],
 )
 def test_node_help_describes_purpose_and_parameters(node, monkeypatch, capsys):
     monkeypatch.setattr(sys, 'argv', ['node', '--help'])
-    with suppress(SystemExit):  # raised by argparse
-        assert node.main() == 0
+    assert node.main() == 0
     printed = capsys.readouterr().out
     usage, _, does, *others = printed.splitlines()
     assert usage.startswith('usage: ')
@@ -138,8 +136,7 @@ def test_node_help_describes_purpose_and_parameters(node, monkeypatch, capsys):
     assert '----' not in printed
     begin = others.index('parameters:') + 1
     listed = [line.split()[0] for line in others[begin : begin + len(node.PARAMETERS)]]
-    # Those of the example are tuples: name, default, description.
-    assert listed == [p[0] if isinstance(p, tuple) else p.name for p in node.PARAMETERS]
+    assert listed == [parameter.name for parameter in node.PARAMETERS]
 
 
 def test_help_shows_bounds_of_classify_tolerance(shown):
