@@ -17,7 +17,7 @@ CONSTRUCTIONS = {
     r'\bwho(ever)? (asks|comes|hears|reads|takes|wants|waits|writes)\b': 'a user',
     r'\bto be had\b': 'available',
     r'\bof which it\b': 'name the thing again',
-    r'\b(most|least)_[a-z]': 'MAX_, MIN_, max_, min_',
+    r'\b(most|least)_(?!squares)[a-z]': 'MAX_, MIN_, max_, min_',
     r'\b(nobody|somebody|whoever)\b': 'no client, a user',
     r'\bbegun\b': 'started',
     r'\btold\b': 'notified, reported, distinguished',

@@ -112,7 +112,7 @@ class ControllerModel:
     def values(self) -> PartValues:
         """Values of the parts with the best number of parts on the tray.
 
-        Parts in trapped classes have the value of an empty place: it is assumed that somebody
+        Parts in trapped classes have the value of an empty place: it is assumed that a person
         removes them. Otherwise the long-run rate would be 0, and nothing would have a value.
         """
         feeder = self._without_traps()
