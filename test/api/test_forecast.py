@@ -38,6 +38,7 @@ def test_footprints_are_the_sides_of_the_part(tossed):
     assert model.pickable.tolist() == [True, False, False]
 
 
+@pytest.mark.slow
 def test_round_outline_is_a_disc(tmp_path, workers):
     trimesh.creation.cylinder(10, 8).export(tmp_path / 'disc.stl')
     result = forecast(tmp_path / 'disc.stl', [1], per_aspect=3, drops=20, workers=workers)

@@ -24,7 +24,7 @@ FEW_DROPS = ['--drops', '50']
 # What makes the commands quick whose output is not compared.
 FEW = {
     'drift': FEW_DROPS,
-    'forecast': ['--per-aspect', '20', *FEW_DROPS],
+    'forecast': ['--action', 'tap', '--per-aspect', '20', *FEW_DROPS],
     'drop': FEW_DROPS,
     'reorient': ['--per-aspect', '20', *FEW_DROPS],
     'retention': ['--per-height', '10'],

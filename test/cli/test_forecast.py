@@ -66,6 +66,7 @@ def test_several_sets_are_shown_side_by_side(run_in, tmp_path):
     assert lines[1].startswith('tetrahedron, aspect 1: ')
 
 
+@pytest.mark.slow
 def test_several_parts_are_alternatives(run_in, tmp_path):
     words = ('forecast', 'tetrahedron', 'box_10x20x30', *WORDS[2:], '--pickable-classes', '1')
     document = json.loads(run_in(tmp_path, *words, '--json').stdout)

@@ -49,6 +49,7 @@ def test_ten_concurrent_clients_request_five_parts(suite, connect, counts):
         assert sum(counts(one.distribution)) == 150
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize('drops', [1500, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_slow_subscriber_receives_a_long_run(suite, connect, quick, drops):

@@ -198,6 +198,7 @@ def test_own_action_on_own_conditions(suite, part, surfaces):
     assert run_from(found.run).conditions == conditions
 
 
+@pytest.mark.slow
 def test_run_stops_at_the_precision(suite, part):
     goal = suite.client.reorient('t_prism', 'tap', 0, drops=30, precision=0.25)
     found = goal.result.transitions

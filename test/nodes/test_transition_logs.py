@@ -64,6 +64,7 @@ def start_again(suite, *nodes):
         suite.start_again(node)
 
 
+@pytest.mark.slow
 def test_matrices_are_known_and_latched_after_a_restart(suite, first):
     start_again(suite, 'drop_simulator', 'aspect_classifier')
     answer = suite.client.transitions('tetrahedron', 'tap')

@@ -75,6 +75,7 @@ def test_small_mesh_is_not_simplified(part):
     assert message_faces(part, find_aspects(part).aspects) is part.faces
 
 
+@pytest.mark.slow
 def test_simplified_mesh_still_touches_the_surface(solid):
     mesh = trimesh.creation.box((10, 20, 30))
     for _ in range(6):  # to 49152 triangles

@@ -152,6 +152,7 @@ def test_more_than_12_aspects_are_drawn_by_class(part):
     assert len(of_kind(graph, Circle)) == 2
 
 
+@pytest.mark.slow
 def test_large_heat_map_and_graph_are_readable(many_sided):
     matrix = counted(find_aspects(many_sided))
     others = f'{len(matrix.aspects) - MAX_GROUPS}\nothers'

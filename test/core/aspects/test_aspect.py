@@ -382,11 +382,13 @@ def test_barrier_of_a_very_thin_part(solid):
     assert found.aspects[0].min_barrier == pytest.approx(0.05, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_sides_of_a_bar_with_an_axis_are_one_class(solid):
     found = find_aspects(solid(trimesh.creation.box((100, 0.5, 0.5))))
     assert [(a.symmetry_class, a.multiplicity) for a in found.aspects] == [(1, 4)] * 4
 
 
+@pytest.mark.slow
 def test_mesh_finer_than_flat_facets_is_not_a_sphere(solid):
     torus = trimesh.creation.torus(10, 3, major_sections=200, minor_sections=100)
     found = find_aspects(solid(torus))

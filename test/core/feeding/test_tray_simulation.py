@@ -39,6 +39,7 @@ def test_rate_of_the_cycle_of_the_forecast_is_the_forecast(model):
     assert abs(run.rate - 60 * model.values.rate) < 4 * deviation + slack
 
 
+@pytest.mark.slow
 def test_controller_is_not_below_the_cycle_of_the_forecast(model):
     rates = np.array(
         [
