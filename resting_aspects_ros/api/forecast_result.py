@@ -70,7 +70,7 @@ class ForecastResult:
         return self.named.forecast.best_number
 
     @property
-    def limited_by(self) -> str:
+    def limited_by(self) -> str | None:
         """'robot', 'feeder' or 'vision': what raises the rate most if it is 10 % faster."""
         return self.named.forecast.limited_by
 

@@ -21,7 +21,8 @@ def forecast_fields(named: NamedForecast) -> dict[str, Any]:
         holds. ``flips_per_part``: the mean number of flips of a part from its supply until it is
         picked, null if it never is. ``empty_cycles``: the share of cycles without a pick.
         ``picks_per_cycle``, ``cycle_time`` s, ``supplied_per_cycle``. ``coverage``: the share of
-        the tray that parts cover. ``limited_by``: robot, feeder or vision. ``times``: s.
+        the tray that parts cover. ``limited_by``: robot, feeder or vision; null if nothing
+        can be picked. ``times``: s.
         ``time_shares`` of a mean cycle. ``sensitivity``: change of the rate in % if a time is 10 %
         ``shorter`` or ``longer``. ``curve``: the same quantities for several numbers of parts.
         ``mix``: for each row, an aspect or a symmetry class, the shares of a ``drop`` and of the

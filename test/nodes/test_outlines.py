@@ -208,7 +208,10 @@ def test_pinhole_camera_is_corrected(vision, part):
         (CIRCLE[:45] * 0.02, 'invalid open boundary with a gap of '),
         (SQUARE * 1e-5, 'expected at least 1e-05 m'),
         (SQUARE * 1000, 'expected at most 2 m; its coordinates are probably in '),
-        (np.round(SQUARE * 40_000), 'its coordinates are probably in pixels, and must be in m'),
+        (
+            np.round(SQUARE * 40_000),
+            'its coordinates are probably in pixels or millimetres, and must be in m',
+        ),
         ([[0, 0], [math.nan, 0], [0.02, 0.02]], 'invalid point 2 '),
         ([[0, 0], [math.inf, 0], [0.02, 0.02]], 'invalid point 2 '),
         (np.tile(SQUARE, (MAX_POINTS, 1)), f'expected at most {MAX_POINTS}, simplify it'),

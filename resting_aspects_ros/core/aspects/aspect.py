@@ -13,7 +13,7 @@ from resting_aspects_ros.core.aspects.aspect_set import (
     Sweep,
     with_symmetry_classes,
 )
-from resting_aspects_ros.core.aspects.heading import heading, surface_moments
+from resting_aspects_ros.core.aspects.heading import SurfaceMoments, heading, surface_moments
 from resting_aspects_ros.core.aspects.joining import JoinedMinima, join_minima
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.aspects.symmetry import find_symmetry
@@ -192,7 +192,7 @@ def _aspect(
     number: int,
     owner: Indices,
     barrier: tuple[float, int],
-    moments: list[Array],
+    moments: SurfaceMoments,
 ) -> Aspect:
     facet = int(landscape.minima[found.minima[0]])
     directions = landscape.directions[found.minima]

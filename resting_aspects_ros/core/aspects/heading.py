@@ -7,11 +7,15 @@ from the moments of the part's surface about its centre of mass, with r = R = 1:
 
 A rotation by the angle a multiplies c(n, k) by exp(i n a). So each moment that does not vanish
 defines a up to multiples of 2 pi / n. The first one, c(2, 0) for most parts, puts the long
-direction of the part on the x axis; further ones select one of the n angles.
+direction of the part on the x axis; further ones select one of the n angles. If all of them are
+small, as for a gear or for a disc with a notch, the lowest n up to 24 of c(n, 0) that is not small
+defines a, with the maximum distance from the z axis as the unit.
 """
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -24,25 +28,41 @@ _ORDERS = (2, 1, 3, 4, 5, 6)
 _HIGHEST = max(_ORDERS)
 # Moments below this share of the area define no angle. A tessellation changes them by about 1e-3.
 _VANISHING = 0.02
+# The same for the orders of the second kind, and their number.
+_SMALL, _FINE_ORDERS = 2e-3, 24
 # Moments above this share of the area select one of several angles.
 _NOISE = 1e-4
 # From this number of triangles on, they are so small that their centroids are enough.
 _MANY_FACES = 50_000
+# With fewer triangles, which can be large, integrals of high order are exact.
+_FEW_FACES = 4000
 
 
-def surface_moments(part: Part) -> list[Array]:
-    """Return the moments of the surface about the centre of mass as tensors of order 0 to 6.
+@dataclass(frozen=True, eq=False)
+class SurfaceMoments:
+    """The moments of the surface of a part about its centre of mass, in the axes of its frame.
 
-    Element (i, j, ...) of a tensor is the integral of r_i r_j ... dA divided by the area; r is in
-    the axes of the part frame, in units of R.
+    tensors : list of arrays
+        Of order 0 to 6. Element (i, j, ...) is the integral of r_i r_j ... dA divided by the area,
+        with r in units of R.
+    corners : (f, 3, 3) float
+        Corners r of the triangles.
     """
+
+    tensors: list[Array]
+    corners: Array
+
+    @cached_property
+    def fine_points(self) -> tuple[Array, Array]:
+        """Points r (3, m) with weights (m,), for integrals of high order."""
+        number = _FINE_ORDERS // 2 + 1 if len(self.corners) < _FEW_FACES else _number(self.corners)
+        return _surface_points(self.corners, number)
+
+
+def surface_moments(part: Part) -> SurfaceMoments:
+    """Return the moments of the surface of a part."""
     corners = ((part.vertices - part.centre_of_mass) / part.hull_radius)[part.faces]
-    area = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    barycentric, weights = _points(4 if len(corners) < _MANY_FACES else 1)
-    points = np.einsum('pc,fcd->dpf', barycentric, corners).reshape(3, -1)
-    weight = np.outer(weights, area / area.sum()).ravel()
+    points, weight = _surface_points(corners, _number(corners))
     powers = np.ones((_HIGHEST + 1, *points.shape))
     for k in range(_HIGHEST):
         powers[k + 1] = powers[k] * points
@@ -56,15 +76,15 @@ def surface_moments(part: Part) -> list[Array]:
                 found[a, b, c] = float((powers[a, 0] * powers[b, 1] * powers[c, 2]) @ weight)
             tensor[index] = found[a, b, c]
         tensors.append(tensor)
-    return tensors
+    return SurfaceMoments(tensors, corners)
 
 
-def heading(tensors: list[Array], orientation: Array) -> float:
+def heading(moments: SurfaceMoments, orientation: Array) -> float:
     """Return by which angle about the vertical to rotate a part, rad; 0 if it looks round.
 
     Parameters
     ----------
-    tensors : list of arrays
+    moments : SurfaceMoments
         See surface_moments.
     orientation : (4,) float
         Unit quaternion xyzw, tray from part.
@@ -73,7 +93,7 @@ def heading(tensors: list[Array], orientation: Array) -> float:
     across, up = axes[0] + 1j * axes[1], axes[2]
 
     def moment(n: int, k: int) -> complex:
-        value = tensors[n + k].astype(np.complex128)
+        value = moments.tensors[n + k].astype(np.complex128)
         for axis in (*(across,) * n, *(up,) * k):
             value = value @ axis
         return complex(value)
@@ -81,6 +101,12 @@ def heading(tensors: list[Array], orientation: Array) -> float:
     pairs = [(n, k) for n in _ORDERS for k in range(_HIGHEST - n + 1)]
     found = [(n, moment(n, k)) for n, k in pairs]
     first = next(((n, c) for n, c in found if abs(c) > _VANISHING), None)
+    if first is None:
+        points, weights = moments.fine_points
+        plane = across @ points
+        plane /= np.abs(moments.corners @ across).max()
+        fine = ((n, complex(weights @ plane**n)) for n in range(1, _FINE_ORDERS + 1))
+        first = next(((n, c) for n, c in fine if abs(c) > _SMALL), None)
     if first is None:
         return 0.0
     n, c = first
@@ -102,6 +128,20 @@ def _selected(angles: Sequence[float], n: int, phase: float) -> list[float]:
     nearest = [a for a, end in zip(angles, ends, strict=True) if end.real > ends.real.max() - 1e-3]
     ends = np.exp(1j * (phase + n * np.array(nearest)))
     return [a for a, end in zip(nearest, ends, strict=True) if end.imag > ends.imag.max() - 1e-3]
+
+
+def _number(corners: Array) -> int:
+    """Return the number of Gauss points in each direction for moments up to order 6."""
+    return 4 if len(corners) < _MANY_FACES else 1
+
+
+def _surface_points(corners: Array, number: int) -> tuple[Array, Array]:
+    """Return points (3, m) and weights (m,) for integrals over triangles, divided by the area."""
+    sides = corners[:, 1:] - corners[:, :1]
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    barycentric, weights = _points(number)
+    points = np.einsum('pc,fcd->dpf', barycentric, corners).reshape(3, -1)
+    return points, np.outer(weights, area / area.sum()).ravel()
 
 
 def _points(number: int) -> tuple[Array, Array]:

@@ -1,9 +1,9 @@
 """The model of one cycle of a feeder: how many parts the robot picks, and how long it takes.
 
-A cycle begins with a vibration. After the parts have come to rest, one image is taken, and the
-robot picks the free parts in wanted aspects that it shows, up to a maximum. A part that becomes
-free while another one is picked has to wait for the next image. Then the feeder supplies as many
-parts as are missing, and the next cycle begins.
+A cycle begins with a vibration. After the parts have come to rest, the feeder supplies as many
+parts as are missing. Then one image is taken, and the robot picks the free parts in wanted aspects
+that it shows, up to a maximum. A part that becomes free while another one is picked has to wait
+for the next image.
 """
 
 import dataclasses
@@ -75,8 +75,11 @@ class CycleTimes:
 
     def scaled(self, name: str, factor: float) -> 'CycleTimes':
         """Return the times with a resource or a single time multiplied by a factor."""
-        names = RESOURCES.get(name, (name,))
-        return dataclasses.replace(self, **{each: factor * getattr(self, each) for each in names})
+        scaled = {
+            each: min(factor * getattr(self, each), MAX_TIME)
+            for each in RESOURCES.get(name, (name,))
+        }
+        return dataclasses.replace(self, **scaled)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,16 +167,19 @@ def sensitivity(
     return {name: (relative(name, 1 - change), relative(name, 1 + change)) for name in names}
 
 
-def limited_by(times: CycleTimes, found: Picks, supplied: Array) -> str:
-    """Return the resource of RESOURCES whose time raises the rate most if it is 10 % shorter."""
+def limited_by(times: CycleTimes, found: Picks, supplied: Array) -> str | None:
+    """Return the resource of RESOURCES whose time raises the rate most if it is 10 % shorter.
+
+    It is None if nothing can be picked.
+    """
     rates = {
         name: float(parts_per_minute(times.scaled(name, 0.9), found, supplied))
         for name in RESOURCES
     }
-    return max(rates, key=lambda name: rates[name])
+    return max(rates, key=lambda name: rates[name]) if any(rates.values()) else None
 
 
 def _changed(times: CycleTimes, name: str, factor: float) -> CycleTimes:
     if name == 'robot':
         return times.scaled('robot', factor)
-    return dataclasses.replace(times, **{name: factor * getattr(times, name)})
+    return dataclasses.replace(times, **{name: min(factor * getattr(times, name), MAX_TIME)})

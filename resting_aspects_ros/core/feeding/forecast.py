@@ -78,7 +78,7 @@ class Forecast:
         Share of the tray that the parts cover.
     time_shares, sensitivity : dict
         See `cycle.time_shares` and `cycle.sensitivity`.
-    limited_by : str
+    limited_by : str or None
     free : (k,) float
         Probability that a part of each aspect is free.
     trapped : (k,) bool
@@ -98,7 +98,7 @@ class Forecast:
     coverage: float
     time_shares: dict[str, float]
     sensitivity: dict[str, tuple[float, float]]
-    limited_by: str
+    limited_by: str | None
     curve: Curve
     free: Array
     trapped: Mask

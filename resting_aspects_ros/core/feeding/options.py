@@ -61,7 +61,7 @@ def possible_options(
     most = len(model.table.free) if model.max_supply is None else model.max_supply
     room = min(max(model.best_number - view.total, 0), most)
     found = [_option(action, view, model, scores, count, room) for action in actions]
-    if found and not any(option.found > scores + 1e-6 for option in found):
+    if view.total and found and not any(option.found > scores + 1e-6 for option in found):
         # The parts on the tray will not become pickable.
         room = min(max(len(model.table.free) - view.total, room), most)
     if room:

@@ -142,6 +142,8 @@ def _most_alike(model: shapely.Polygon, seen: shapely.Polygon) -> Alignment:
     yaws = (best.yaw + 2 * np.pi * np.arange(YAWS) / YAWS).tolist()
     starts = sorted(yaws, key=lambda yaw: -_overlap(model, seen, yaw, np.zeros(2)))[:TRIES]
     found = [_with_maximum_overlap(model, seen, yaw, np.zeros(2)) for yaw in starts]
+    # With one outline inside the other, many positions have the same overlap.
+    found += [(_overlap(model, seen, yaw, np.zeros(2)), (yaw, np.zeros(2))) for yaw in starts]
     highest = max(overlap for overlap, _ in found)
     one, other = boundary_of(model), boundary_of(seen)
     ends = (

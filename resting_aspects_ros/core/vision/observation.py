@@ -76,8 +76,8 @@ def _rings(given: Polygonal) -> tuple[Any, list[Any]]:
     if isinstance(given, shapely.Geometry):
         raise InvalidValueError(f'invalid polygon of type {given.geom_type}: expected one Polygon')
     if isinstance(given, Mapping):
-        holes = given.get('holes') or []
-        if 'outer' not in given or isinstance(holes, str | bytes | Mapping):
+        holes = given.get('holes', ())
+        if 'outer' not in given or not isinstance(holes, list | tuple | np.ndarray):
             raise InvalidValueError(
                 f'invalid polygon {shown(given)}: expected outer, a list of points, and '
                 'optionally holes, a list of such lists'
@@ -129,11 +129,9 @@ def _check_extent(ring: Array) -> None:
             f'invalid polygon {extent:.3g} m long: expected at least {MIN_EXTENT:g} m'
         )
     if extent > MAX_EXTENT:
-        whole = bool((np.abs(ring - np.round(ring)) < 1e-9).mean() > 0.9)
         raise InvalidValueError(
             f'invalid polygon {extent:.4g} m long: expected at most {MAX_EXTENT:g} m; its '
-            f'coordinates are probably in {"pixels" if whole else "millimetres or pixels"}, and '
-            'must be in m'
+            'coordinates are probably in pixels or millimetres, and must be in m'
         )
     if np.abs(ring).max() > MAX_DISTANCE:
         raise InvalidValueError(

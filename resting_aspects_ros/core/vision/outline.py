@@ -11,7 +11,7 @@ from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet, Sweep
 from resting_aspects_ros.core.aspects.symmetry import HIGHEST_ORDER, Symmetry
 from resting_aspects_ros.core.geometry.tessellation import sagittas
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import orientation_with_down, rotate
+from resting_aspects_ros.core.rotations import composed, rotate, turned_down
 from resting_aspects_ros.core.vision.boundary import Boundary, boundary_of
 from resting_aspects_ros.core.vision.matching import mirrored, same_outline
 from resting_aspects_ros.core.vision.silhouette import silhouette
@@ -36,9 +36,8 @@ class Outline:
         Ids of the aspects of the class, ascending; the first one is represented, `aspect`. The
         others have the same outline, rotated about the vertical.
     polygon : shapely.Polygon
-        At yaw 0, which is the part in ``Aspect.orientation`` of `aspect`: it rotates with the part
-        but has no special direction, and depends on the frame of the mesh file. The exterior is
-        counter-clockwise; through-holes are clockwise.
+        At yaw 0, which is the part in ``Aspect.orientation`` of `aspect`; see
+        core/aspects/heading.py. The exterior is counter-clockwise; through-holes are clockwise.
     height : float
         Height of the highest point above the tray, m.
     com_height : float
@@ -53,7 +52,8 @@ class Outline:
     family : tuple of shapely.Polygon
         Outlines at other down directions of an aspect with a sweep (the part rolls or rocks), if
         they differ from `polygon` and from each other after any rotation about the vertical, by
-        more than the effect of the mesh. Their yaw is arbitrary. Empty for round parts that roll.
+        more than the effect of the mesh. Yaw 0 is that of `polygon`: the axis of the
+        sweep has the same direction. Empty for round parts that roll.
     """
 
     symmetry_class: int
@@ -159,7 +159,7 @@ def _family(
     play = float(sagittas(part.vertices, part.faces)[0].max())
     found = [main]
     for down in _spread(aspect.directions)[1:]:
-        polygon = seen_outline(part, orientation_with_down(down))
+        polygon = seen_outline(part, _rolled(aspect, down))
         if not any(same_outline(polygon, other, play) for other in found):
             found.append(polygon)
     return tuple(found[1:])
@@ -171,6 +171,20 @@ def _rolls_round(symmetry: Symmetry | None, aspect: Aspect) -> bool:
         return symmetry is not None and symmetry.kind == 'spherical'
     about_axis = np.linalg.norm(np.cross(symmetry.axis, aspect.axis)) < SAME_AXIS
     return bool(about_axis) and aspect.sweep in {Sweep.RING, Sweep.ARC}
+
+
+def _rolled(aspect: Aspect, down: Array) -> Array:
+    """Return the orientation (4,) after the part has rolled until ``down`` points down.
+
+    It rolls about the axis of the sweep, which keeps its direction on the tray, so that the yaw is
+    that of the main outline; in a dome, which has no such axis, the way is the shortest.
+    """
+    if aspect.sweep not in (Sweep.ARC, Sweep.RING):
+        return np.asarray(turned_down(aspect.orientation[None], down[None])[0])
+    axis, start = aspect.axis, aspect.down_in_part
+    angle = np.arctan2(axis @ np.cross(down, start), down @ start - (axis @ down) * (axis @ start))
+    roll = np.append(np.sin(angle / 2) * axis, np.cos(angle / 2))
+    return np.asarray(composed(aspect.orientation[None], roll)[0])
 
 
 def _spread(directions: Array) -> Array:

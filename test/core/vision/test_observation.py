@@ -55,7 +55,7 @@ def test_small_crossing_is_repaired():
         (SQUARE[[0, 1, 0, 1]], 'cross'),
         ([[0, 0], [0.02, 0], [0.02, 1e-9]], 'encloses'),
         (CIRCLE[:40], 'open boundary'),
-        (SQUARE * 1e3 + 0.5, 'millimetres or pixels'),
+        (SQUARE * 1e3 + 0.5, 'pixels or millimetres'),
         (np.round(SQUARE * 2e4), 'in pixels'),
         (SQUARE * 1e-5, 'invalid polygon 2e-07 m long'),
         (SQUARE + 1e6, 'of the origin'),
