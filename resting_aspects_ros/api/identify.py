@@ -123,6 +123,8 @@ def identify_part(
     ('part', (3,))
     """
     seen = observed_polygon(polygon)
+    if not isinstance(noise, OutlineNoise | None):
+        raise InvalidValueError(f'invalid noise {shown(noise)}: expected an OutlineNoise')
     if isinstance(parts, KnownPart | Part | str | Path):
         parts = [parts]
     known = [each if isinstance(each, KnownPart) else known_part(each) for each in parts]

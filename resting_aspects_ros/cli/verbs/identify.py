@@ -32,7 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         required=True,
         help='JSON file {"outer": [[x, y], ...], "holes": [[[x, y], ...], ...]} in m, on the tray '
-        'seen from above, x to the right and y up; holes can be left out',
+        'seen from above, x to the right and y up; holes can be left out if '
+        'the part has none',
     )
     parser.add_argument(
         '--noise',
@@ -86,7 +87,7 @@ def _show(found: 'Identification', name: str) -> None:
         'yaw (deg)',
         'residual\n(mm)',
     )
-    table = plain_table(one_line(name), *headings)
+    table = plain_table(f'{one_line(name)}: {_answer(found)}', *headings)
     for each in found.candidates:
         table.add_row(
             each.part,
@@ -101,3 +102,12 @@ def _show(found: 'Identification', name: str) -> None:
     for label, share in (('none of these', found.none), ('touching parts', found.touching)):
         table.add_row(label, '', f'{100 * share:.1f} %')
     show_table(make_console(), table)
+
+
+def _answer(found: 'Identification') -> str:
+    """Return the most probable answer in words."""
+    best = found.best
+    if best is None:
+        return 'touching parts' if found.answer == 'touching' else 'none of these'
+    aspects = ', '.join(map(str, best.aspects))
+    return f'{best.part}, aspect{"s" if len(best.aspects) > 1 else ""} {aspects}'

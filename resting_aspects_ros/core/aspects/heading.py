@@ -6,8 +6,8 @@ from the moments of the part's surface about its centre of mass, with r = R = 1:
     c(n, k) = integral of (x + i y)^n z^k dA, where z is up
 
 A rotation by the angle a multiplies c(n, k) by exp(i n a). So each moment that does not vanish
-defines a up to multiples of 2 pi / n. The first one, c(2, 0) for most parts, puts the long
-direction of the part on the x axis; further ones select one of the n angles. If all of them are
+defines a up to multiples of 2 pi / n. The first one, c(2, 0) for most parts, puts the principal
+axis of the surface on the x axis; further ones select one of the n angles. If all of them are
 small, as for a gear or for a disc with a notch, the lowest n up to 24 of c(n, 0) that is not small
 defines a, with the maximum distance from the z axis as the unit.
 """

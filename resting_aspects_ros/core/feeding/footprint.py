@@ -90,9 +90,10 @@ class Tray:
             raise InvalidValueError(
                 f'invalid tray {self.size!r} m: expected two sides of more than 0 m'
             )
-        if not 0 <= self.clearance < math.inf:
+        if not 0 <= self.clearance < max(self.size):
             raise InvalidValueError(
-                f'invalid clearance {self.clearance!r} m: expected 0 m or more'
+                f'invalid clearance {self.clearance!r} m: expected 0 m or more, and less than the '
+                f'longer side of the tray, {max(self.size):g} m'
             )
 
     @property

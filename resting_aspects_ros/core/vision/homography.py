@@ -72,6 +72,9 @@ def _degenerate() -> InvalidValueError:
 def checked_points(name: str, given: npt.ArrayLike) -> Array:
     """Return points as (n, 2) floats; raises InvalidValueError with the name."""
     points = np.asarray(given, dtype=np.float64)
+    # OpenCV gives contours with the shape (n, 1, 2).
+    if points.ndim == 3 and points.shape[1] == 1:
+        points = points[:, 0]
     if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
         raise InvalidValueError(
             f'invalid {name} of shape {points.shape}: expected (n, 2) finite numbers'
