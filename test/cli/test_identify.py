@@ -22,7 +22,9 @@ def polygon(tmp_path):
 def test_table_names_part_aspect_and_pose(run, polygon):
     ended = run('identify', 'l_bracket', 'hex_nut', '--polygon', polygon(RECTANGLE))
     assert ended.returncode == 0, ended.stderr
-    (row,) = [line for line in ended.stdout.splitlines() if 'l_bracket' in line]
+    title, *lines = ended.stdout.splitlines()
+    assert title.strip() == 'seen.json: l_bracket, aspect 3'
+    (row,) = [line for line in lines if 'l_bracket' in line]
     *start, x, y = row.split()[:6]
     assert start == ['l_bracket', '3', '100.0', '%']
     assert (x in ('115.00', '125.00'), y) == (True, '10.00')  # the side is a rectangle
