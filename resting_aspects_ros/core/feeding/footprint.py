@@ -90,9 +90,9 @@ class Tray:
             raise InvalidValueError(
                 f'invalid tray {self.size!r} m: expected two sides of more than 0 m'
             )
-        if not 0 <= self.clearance < max(self.size):
+        if not 0 <= self.clearance <= max(self.size):
             raise InvalidValueError(
-                f'invalid clearance {self.clearance!r} m: expected 0 m or more, and less than the '
+                f'invalid clearance {self.clearance!r} m: expected 0 m or more, and at most the '
                 f'longer side of the tray, {max(self.size):g} m'
             )
 
