@@ -4,7 +4,11 @@ import argparse
 import dataclasses
 
 from resting_aspects_ros.api.condition_text import shipped_actions
-from resting_aspects_ros.cli.options import add_quantities, flag_of, parse_quantity
+from resting_aspects_ros.cli.options import (
+    add_quantities,
+    flag_of,
+)
+from resting_aspects_ros.cli.values import parse_quantity
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.simulation.actions import (
     DEFAULT_TIME,

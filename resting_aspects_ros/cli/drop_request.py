@@ -9,10 +9,10 @@ from resting_aspects_ros.api.given_states import DEFAULT_REPLICATES, given_start
 from resting_aspects_ros.api.inputs.state_csv import read_state_csv
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.cli.options import (
-    parse_quantity,
     requested_conditions,
     requested_number,
 )
+from resting_aspects_ros.cli.values import parse_quantity
 from resting_aspects_ros.core.errors import InvalidValueError, LogError, warn
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions

@@ -25,6 +25,7 @@ from resting_aspects_ros.api.plan_drops import plan_drops
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.cli.console import print_result
 from resting_aspects_ros.cli.drop_request import DropRequest
+from resting_aspects_ros.cli.result_folder import requested_folder
 from resting_aspects_ros.core.errors import EngineError, LogError, warn
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
 from resting_aspects_ros.simulation.chunks import Workers
@@ -163,13 +164,11 @@ def _folder(arguments: argparse.Namespace, part: str) -> tuple[str, Path | None]
 
     Raises InvalidValueError if the folder cannot be written.
     """
-    flag, out = '--out', arguments.out
-    if arguments.report:
+    flag, out = requested_folder(arguments, part)
+    if arguments.report and out is not None:
         # This import is slow, and only needed for a report.
-        from resting_aspects_ros.api.report_files import check_report, default_folder
+        from resting_aspects_ros.api.report_files import check_report
 
-        if out is None:
-            flag, out = '--report', default_folder(part)
         check_report(flag, out)
     return flag, out
 

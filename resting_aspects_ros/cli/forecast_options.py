@@ -4,7 +4,7 @@ import argparse
 import re
 from typing import TYPE_CHECKING
 
-from resting_aspects_ros.cli.options import parse_integer, parse_quantity
+from resting_aspects_ros.cli.values import parse_integer, parse_quantity
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 
 if TYPE_CHECKING:

@@ -23,7 +23,10 @@ from resting_aspects_ros.cli.forecast_options import (
     parse_tray,
     requested_time,
 )
-from resting_aspects_ros.cli.options import parse_quantity, requested_conditions
+from resting_aspects_ros.cli.options import (
+    requested_conditions,
+)
+from resting_aspects_ros.cli.values import parse_quantity
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.errors import InvalidValueError, warn
 from resting_aspects_ros.core.feeding.cycle import CycleTimes

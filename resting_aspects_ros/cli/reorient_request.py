@@ -12,7 +12,11 @@ from resting_aspects_ros.api.plan_actions import DEFAULT_PER_ASPECT, PlannedActi
 from resting_aspects_ros.api.reorient_result import wanted_mask
 from resting_aspects_ros.api.roadmap import read_roadmap
 from resting_aspects_ros.cli.action_options import requested_actions
-from resting_aspects_ros.cli.options import parse_share, requested_conditions
+from resting_aspects_ros.cli.options import (
+    requested_conditions,
+)
+from resting_aspects_ros.cli.result_folder import requested_folder
+from resting_aspects_ros.cli.values import parse_share
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.errors import InvalidValueError, warn
 from resting_aspects_ros.core.part import Part
@@ -98,11 +102,7 @@ def _folder(arguments: argparse.Namespace, part: str, actions: list[str]) -> Pat
 
     Raises InvalidValueError if the folder cannot be written, or has the file of measured trials.
     """
-    flag, out = '--out', arguments.out
-    if arguments.report and out is None:
-        from resting_aspects_ros.api.report_files import default_folder
-
-        flag, out = '--report', default_folder(part)
+    flag, out = requested_folder(arguments, part)
     if out is None:
         return None
     _check_trials_are_kept(arguments.measured, flag, out)

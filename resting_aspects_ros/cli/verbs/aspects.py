@@ -5,7 +5,10 @@ import sys
 
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.cli.console import make_console, show_table
-from resting_aspects_ros.cli.options import add_output, add_part
+from resting_aspects_ros.cli.options import (
+    add_output,
+    add_part,
+)
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import warn
 from resting_aspects_ros.report.document import aspects_document, to_json

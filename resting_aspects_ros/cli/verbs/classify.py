@@ -7,7 +7,11 @@ from pathlib import Path
 from resting_aspects_ros.api.classify import ClassificationResult, PartClassification, classify
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.cli.console import make_console, show_table
-from resting_aspects_ros.cli.options import add_output, add_part_place, parse_quantity
+from resting_aspects_ros.cli.options import (
+    add_output,
+    add_part_place,
+)
+from resting_aspects_ros.cli.values import parse_quantity
 from resting_aspects_ros.core.aspects.clusters import DEFAULT_TOLERANCE_DEGREES
 from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.core.part import Part

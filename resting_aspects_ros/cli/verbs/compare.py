@@ -6,7 +6,11 @@ from pathlib import Path
 
 from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.cli.console import make_console, show_table
-from resting_aspects_ros.cli.options import add_output, parse_share
+from resting_aspects_ros.cli.options import (
+    add_confidence,
+    add_output,
+)
+from resting_aspects_ros.cli.values import parse_share
 from resting_aspects_ros.report.comparison_report import comparison_table, measures_text
 
 DESCRIPTION = """Show how much two distributions over the same aspects differ, and whether
@@ -28,12 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('a', metavar='A', type=Path, help='log, JSON document or CSV')
     parser.add_argument('b', metavar='B', type=Path, help='log, JSON document or CSV')
-    parser.add_argument(
-        '--confidence',
-        metavar='C',
-        default='0.95',
-        help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
-    )
+    add_confidence(parser)
     add_output(parser, each=False)
 
 

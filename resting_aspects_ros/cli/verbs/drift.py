@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.cli.options import (
     add_conditions,
+    add_confidence,
     add_output,
     add_part,
     add_workers,
     flag_of,
-    parse_integer,
-    parse_share,
 )
 from resting_aspects_ros.cli.start_workers import start_workers
+from resting_aspects_ros.cli.values import parse_integer, parse_share
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
@@ -101,12 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=parse_integer,
         help=f'the same seed gives the same drops ({DEFAULT_SEED})',
     )
-    parser.add_argument(
-        '--confidence',
-        metavar='C',
-        default='0.95',
-        help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
-    )
+    add_confidence(parser)
     add_workers(parser)
     parser.add_argument(
         '--out', metavar='DIR', type=Path, help='write drift.json and drift.png into this folder'

@@ -6,14 +6,14 @@ from pathlib import Path
 
 from resting_aspects_ros.cli.options import (
     add_conditions,
+    add_confidence,
     add_output,
     add_part,
     add_run,
     add_workers,
-    parse_integer,
-    parse_share,
 )
 from resting_aspects_ros.cli.start_workers import start_workers
+from resting_aspects_ros.cli.values import parse_integer, parse_share
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.noise import Noise
 from resting_aspects_ros.simulation.quantity import quantities_of
@@ -71,12 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default='wilson',
         help='intervals of each aspect by itself, or intervals that hold simultaneously (wilson)',
     )
-    parser.add_argument(
-        '--confidence',
-        metavar='C',
-        default='0.95',
-        help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
-    )
+    add_confidence(parser)
     add_workers(parser)
     parser.add_argument(
         '--out',

@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING
 from resting_aspects_ros.cli.action_options import add_action_values
 from resting_aspects_ros.cli.forecast_options import add_cell, add_pickable
 from resting_aspects_ros.cli.options import (
+    add_confidence,
     add_contact_conditions,
     add_output,
     add_part_place,
     add_workers,
-    parse_integer,
-    parse_share,
 )
+from resting_aspects_ros.cli.result_folder import make_result_folder
 from resting_aspects_ros.cli.start_workers import start_workers
+from resting_aspects_ros.cli.values import parse_integer, parse_share
 from resting_aspects_ros.simulation.interruption import Interruption, catch
 from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, DEFAULT_SEED
 
@@ -82,12 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=DEFAULT_SEED,
         help=f'the same seed gives the same forecast ({DEFAULT_SEED})',
     )
-    parser.add_argument(
-        '--confidence',
-        metavar='C',
-        default='0.95',
-        help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
-    )
+    add_confidence(parser)
     add_workers(parser)
     parser.add_argument(
         '--out',
@@ -114,7 +110,8 @@ def run(arguments: argparse.Namespace) -> int:
         from resting_aspects_ros.cli.forecast_run import make_forecasts, requested_forecasts
 
         requested = requested_forecasts(arguments, confidence)
-        out = _folder(arguments, requested.parts[0].name)
+        part_name = requested.parts[0].name
+        out = make_result_folder(arguments, part_name, (DOCUMENT, PICTURE), _check_report)
         workers = start_workers(arguments, stack)
         results = make_forecasts(requested, workers, lambda: stop.asked)
         if not results:
@@ -124,27 +121,11 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
 
 
-def _folder(arguments: argparse.Namespace, part: str) -> Path | None:
-    """Return the folder of the result, None if it is not saved.
+def _check_report(flag: str, out: Path) -> None:
+    # This import is slow, and only needed for a report.
+    from resting_aspects_ros.api.forecast_files import check_forecast_report
 
-    Raises InvalidValueError if the folder cannot be written.
-    """
-    from resting_aspects_ros.api.output_files import check_output, make_folder
-
-    flag, out = '--out', arguments.out
-    if arguments.report:
-        # This import is slow, and only needed for a report.
-        from resting_aspects_ros.api.forecast_files import check_forecast_report
-        from resting_aspects_ros.api.report_files import default_folder
-
-        if out is None:
-            flag, out = '--report', default_folder(part)
-        check_forecast_report(flag, out)
-    if out is not None:
-        make_folder(flag, out)
-        for name in (DOCUMENT, PICTURE):
-            check_output(flag, out / name)
-    return out
+    check_forecast_report(flag, out)
 
 
 def _write(

@@ -5,7 +5,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from resting_aspects_ros.cli.options import add_output, add_part_place, parse_quantity
+from resting_aspects_ros.cli.options import (
+    add_output,
+    add_part_place,
+)
+from resting_aspects_ros.cli.values import parse_quantity
 
 if TYPE_CHECKING:
     from resting_aspects_ros.core.vision.identification import Identification

@@ -8,7 +8,9 @@ from pathlib import Path
 
 from resting_aspects_ros.api.condition_text import condition_facts, surface_text, when_text
 from resting_aspects_ros.cli.console import print_table
-from resting_aspects_ros.cli.options import add_output
+from resting_aspects_ros.cli.options import (
+    add_output,
+)
 from resting_aspects_ros.core.errors import one_line
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution

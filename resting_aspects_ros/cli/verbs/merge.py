@@ -8,7 +8,9 @@ from pathlib import Path
 
 from resting_aspects_ros.api.condition_text import surface_text
 from resting_aspects_ros.cli.console import print_table
-from resting_aspects_ros.cli.options import add_output
+from resting_aspects_ros.cli.options import (
+    add_output,
+)
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.part import Part

@@ -5,7 +5,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from resting_aspects_ros.cli.options import add_output, add_part, parse_quantity
+from resting_aspects_ros.cli.options import (
+    add_output,
+    add_part,
+)
+from resting_aspects_ros.cli.values import parse_quantity
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.outlines import OutlinesResult

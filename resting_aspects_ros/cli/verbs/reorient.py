@@ -6,14 +6,14 @@ from pathlib import Path
 
 from resting_aspects_ros.cli.action_options import add_action_values
 from resting_aspects_ros.cli.options import (
+    add_confidence,
     add_contact_conditions,
     add_output,
     add_part,
     add_workers,
-    parse_integer,
-    parse_share,
 )
 from resting_aspects_ros.cli.start_workers import start_workers
+from resting_aspects_ros.cli.values import parse_integer, parse_share
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, DEFAULT_SEED
 
@@ -89,12 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='compare with the trials in a roadmap file, and use rows with enough trials instead '
         'of the simulated ones',
     )
-    parser.add_argument(
-        '--confidence',
-        metavar='C',
-        default='0.95',
-        help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
-    )
+    add_confidence(parser)
     add_workers(parser)
     parser.add_argument(
         '--out',

@@ -5,7 +5,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from resting_aspects_ros.api.progress import ShownProgress
-from resting_aspects_ros.cli.options import add_ros_args, parse_quantity
+from resting_aspects_ros.cli.options import (
+    add_ros_args,
+)
+from resting_aspects_ros.cli.values import parse_quantity
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.input_file import is_printable
 

@@ -8,7 +8,9 @@ from resting_aspects_ros.api.inputs.count_files import read_counts
 from resting_aspects_ros.api.inputs.counts import check_against
 from resting_aspects_ros.api.inputs.result_document import document_result
 from resting_aspects_ros.api.report_files import check_report, default_folder, write_report
-from resting_aspects_ros.cli.options import add_part_place
+from resting_aspects_ros.cli.options import (
+    add_part_place,
+)
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.logs.message_reader import is_log
 

@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from resting_aspects_ros.cli.options import (
+    add_confidence,
     add_contact_conditions,
     add_output,
     add_part,
     add_workers,
-    parse_integer,
-    parse_quantity,
-    parse_share,
 )
+from resting_aspects_ros.cli.result_folder import make_result_folder
 from resting_aspects_ros.cli.start_workers import start_workers
+from resting_aspects_ros.cli.values import parse_integer, parse_quantity, parse_share
 from resting_aspects_ros.simulation.interruption import Interruption, catch
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
 
@@ -59,12 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=DEFAULT_SEED,
         help=f'the same seed gives the same curves ({DEFAULT_SEED})',
     )
-    parser.add_argument(
-        '--confidence',
-        metavar='C',
-        default='0.95',
-        help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
-    )
+    add_confidence(parser)
     add_workers(parser)
     parser.add_argument(
         '--out',
@@ -96,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         conditions = requested_conditions(arguments, shipped_surfaces())
         part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
-        out = _folder(arguments, part.name)
+        out = make_result_folder(arguments, part.name, (DOCUMENT, PICTURE), _check_report)
         result = retention(
             part,
             arguments.per_height,
@@ -118,27 +113,11 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
 
 
-def _folder(arguments: argparse.Namespace, part: str) -> Path | None:
-    """Return the folder of the result, None if it is not saved.
+def _check_report(flag: str, out: Path) -> None:
+    # This import is slow, and only needed for a report.
+    from resting_aspects_ros.api.reorientation_files import check_reorientation_report
 
-    Raises InvalidValueError if the folder cannot be written.
-    """
-    from resting_aspects_ros.api.output_files import check_output, make_folder
-
-    flag, out = '--out', arguments.out
-    if arguments.report:
-        # This import is slow, and only needed for a report.
-        from resting_aspects_ros.api.reorientation_files import check_reorientation_report
-        from resting_aspects_ros.api.report_files import default_folder
-
-        if out is None:
-            flag, out = '--report', default_folder(part)
-        check_reorientation_report(flag, out, ())
-    if out is not None:
-        make_folder(flag, out)
-        for name in (DOCUMENT, PICTURE):
-            check_output(flag, out / name)
-    return out
+    check_reorientation_report(flag, out, ())
 
 
 def _write(result: 'RetentionResult', out: Path | None, arguments: argparse.Namespace) -> None:
