@@ -230,8 +230,7 @@ def _candidate(each: _Hypothesis, posterior: float, noise: OutlineNoise) -> Cand
     outline, placement = known.outlines[k], known.placements[k]
     _, first, model = each.fits[0]
     # A family's outlines differ by a roll, which is unknown, so that they have one pose.
-    different = {id(row[2]): row for row in reversed(each.fits)} if outline.family else {}
-    fits = [each.fits[0][1]] if different else [row[1] for row in each.fits]
+    fits = [each.fits[0][1]] if outline.family else [row[1] for row in each.fits]
     return Candidate(
         known.part.name,
         outline.symmetry_class,
