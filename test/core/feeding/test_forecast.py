@@ -216,8 +216,8 @@ def test_aspect_that_never_occurs_gives_no_parts():
     assert found.state.mix == pytest.approx([10 / 12, 2 / 12, 0], abs=0.1)
 
 
-def test_huge_clearance_leaves_one_part_on_the_tray():
-    model = changed(tray=Tray((0.2, 0.2), 1.0))
+def test_clearance_as_large_as_the_tray_leaves_one_part():
+    model = changed(tray=Tray((0.2, 0.2), 0.2))
     assert forecast(model).best_number == 1
     found = forecast(model, 8)
     assert (found.best_number, found.rate) == (1, pytest.approx(0, abs=1e-6))
