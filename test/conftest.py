@@ -5,6 +5,7 @@ import importlib
 import logging
 import os
 import time
+from collections import defaultdict
 from pathlib import Path
 
 import domain_coordinator
@@ -40,8 +41,19 @@ hypothesis.settings.load_profile(os.environ.get('HYPOTHESIS_PROFILE', 'quick'))
 def pytest_collection_modifyitems(items):
     """Keep the tests of a file on one worker if they share a fixture of module scope.
 
-    All other tests are distributed one by one, after these files.
+    All other tests are distributed one by one, after these files. Of a test with the marker
+    quick_cases(n), all but n cases become slow; these are spread evenly over the list.
     """
+    cases = defaultdict(list)
+    for item in items:
+        if item.get_closest_marker('quick_cases') and not item.get_closest_marker('slow'):
+            cases[item.nodeid.partition('[')[0]].append(item)
+    for found in cases.values():
+        (number,) = found[0].get_closest_marker('quick_cases').args
+        quick = {len(found) * k // number for k in range(number)}
+        for k, item in enumerate(found):
+            if k not in quick:
+                item.add_marker(pytest.mark.slow)
     for item in items:
         definitions = item._fixtureinfo.name2fixturedefs.values()
         if any(definition[-1].scope == 'module' for definition in definitions):

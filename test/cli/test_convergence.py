@@ -85,6 +85,7 @@ def test_interrupted_convergence_check_keeps_the_result(run, monkeypatch):
     assert ended.stderr.splitlines()[-1] == 'interrupted; convergence was not checked'
 
 
+@pytest.mark.slow
 def test_run_without_resting_parts_has_a_result(run, tmp_path):
     ended = run(
         'drop', 'l_bracket', '--drops', 2, '--restitution', 1, '--friction', 0,

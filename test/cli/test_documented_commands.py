@@ -61,7 +61,11 @@ COMMANDS = {
     if (arguments := arguments_of(line))
 }
 RUN_HERE = [
-    pytest.param(arguments, id=f'{Path(page).stem}: {line.removeprefix(PROGRAM).strip()}')
+    pytest.param(
+        arguments,
+        id=f'{Path(page).stem}: {line.removeprefix(PROGRAM).strip()}',
+        marks=[] if page == 'README.md' else pytest.mark.slow,
+    )
     for (page, line), arguments in COMMANDS.items()
     if arguments[0] not in NODE_VERBS and page not in TUTORIALS
 ]
@@ -167,6 +171,7 @@ def test_the_table_of_the_readme_is_what_is_printed(folder, printed):
     assert_shown(f'{shown}...\n', printed(folder, 'drop', 'l_bracket'))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('page', TUTORIALS)
 def test_the_tutorial_prints_what_it_shows(page, printed, tmp_path):
     shutil.copy(PARTS / 'l_bracket.stl', tmp_path / 'bracket.stl')

@@ -144,6 +144,7 @@ def cut(page):
     return re.sub(r'<dt>(date|run id)</dt><dd>.*?</dd>', '', page)
 
 
+@pytest.mark.slow
 def test_measured_and_simulated_side_by_side(dropped, run_in):
     folder, _ = dropped
     document = json.loads((folder / 'o' / 'distribution.json').read_text())

@@ -24,6 +24,7 @@ def undisturbed(run_in, tmp_path_factory):
     return ended.stdout, (folder / 'p.csv').read_bytes()
 
 
+@pytest.mark.slow
 def test_killed_worker_loses_no_drop(cluster, begin, wait_for_poses, undisturbed, tmp_path):
     process = begin(*WORDS, '--scheduler', cluster.scheduler_address, '--poses', 'p.csv')
     wait_for_poses('p')

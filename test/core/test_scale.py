@@ -26,6 +26,7 @@ def sized(solids, solid, name, arguments, size):
     return solid(mesh.apply_scale(size / np.ptp(mesh.vertices, axis=0).max()), unit='mm')
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize(('name', 'arguments'), SHAPES)
 def test_aspects_are_the_same_in_any_size(solids, solid, name, arguments):
     usual = sized(solids, solid, name, arguments, 40.0)

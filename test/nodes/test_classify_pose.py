@@ -220,6 +220,7 @@ def classify(asker, suite):
     return asker(suite)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ['l_bracket', 'cylinder_d20_h20'])
 def test_classification_agrees_with_the_distribution(suite, classify, part, counts, name):
     received = suite.client.poses()

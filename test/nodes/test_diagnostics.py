@@ -116,6 +116,7 @@ def test_dead_workers_are_counted(suite, diagnostics):
     assert level == DiagnosticStatus.OK
 
 
+@pytest.mark.slow
 def test_full_disk_stops_the_log_but_not_the_request(suite, diagnostics):
     recorder = suite.processes['drop_recorder']
     # Acts as a quota: no file of the recorder can grow beyond this.

@@ -46,6 +46,7 @@ def recorded():
     return recorded
 
 
+@pytest.mark.slow
 def test_late_node_receives_the_whole_run(suite, start, recorded, tmp_path, counts):
     """A recorder and a classifier start in the middle of a run, and others after it."""
     drops = 20 * MIN_BATCH + 50

@@ -74,7 +74,8 @@ def test_slow_subscriber_receives_a_long_run(suite, connect, quick, drops):
     assert answer.distribution.drops == drops
 
 
-@pytest.mark.parametrize('times', [5, pytest.param(50, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize('times', [5, 50])
 def test_goal_is_canceled_at_random_times(suite, quick, times):
     rng = random.Random(3)
     received = suite.client.poses()

@@ -308,6 +308,7 @@ def test_services_pause_and_resume(received, replay, log):
     assert not re.search(r'\]: (already paused|not paused)', replayer.output)
 
 
+@pytest.mark.slow
 def test_drops_of_a_loop_are_counted_once(start, received, replay, log, recorded, diagnostics_of):
     client, topics = received
     expected = diagnostics_of(client)

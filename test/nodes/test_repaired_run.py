@@ -30,6 +30,7 @@ def run(suite, received):
     return received[0].run
 
 
+@pytest.mark.slow
 def test_restarted_recorder_finds_its_log(suite, run):
     log = suite.log_of(run.run_id)
     assert suite.processes['drop_recorder'].end() == 0

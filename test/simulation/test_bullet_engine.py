@@ -266,6 +266,7 @@ def test_a_roller_needs_rolling_friction_to_come_to_rest(mat, part):
     assert rough.time_to_rest.max() < smooth.time_to_rest.max()
 
 
+@pytest.mark.quick_cases(2)
 # Bars and sheets as slender and as thin as parts are.
 @pytest.mark.parametrize(
     ('make', 'changes'),

@@ -90,6 +90,7 @@ def test_worker_with_other_versions_is_rejected(planned, workers, monkeypatch, p
         chunks_of(*planned, workers)
 
 
+@pytest.mark.slow
 def test_job_is_sent_once_to_each_worker(cluster, workers, surfaces, solid):
     disc = solid(trimesh.creation.cylinder(radius=10, height=4, sections=130))
     job, asked = plan_run(disc, surfaces.get(), seed=5, drops=260, run_id='', started=0)

@@ -268,6 +268,7 @@ def assert_same(found, expected, turn, scale=1.0):
         assert b.id in ids[angles <= POSE_ANGLE]
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     ('name', 'arguments'),
     [*INVARIANT[:-4], *(pytest.param(*each, marks=pytest.mark.slow) for each in INVARIANT[-4:])],

@@ -36,6 +36,7 @@ def gear():
 OTHERS = {'notched_disc': notched_disc, 'gear': gear}
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize('name', [*PARTS, *OTHERS])
 def test_outline_is_that_of_a_rotated_file(name):
     mesh = OTHERS[name]() if name in OTHERS else trimesh.load(parts_folder() / f'{name}.stl')

@@ -88,6 +88,7 @@ FINE_CASES = [
 ]
 
 
+@pytest.mark.quick_cases(20)
 @pytest.mark.parametrize(
     ('name', 'arguments', 'aspects'),
     [*CASES, *(pytest.param(*case, marks=pytest.mark.slow) for case in FINE_CASES)],

@@ -87,6 +87,7 @@ def test_descent_agrees_with_tiny_steps(solids, solid, name, arguments):
     np.testing.assert_array_equal(along.argmax(axis=1)[there], found[inside][there])
 
 
+@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize(('name', 'arguments'), SHAPES)
 def test_released_part_ends_in_a_minimum_that_is_not_higher(solids, solid, name, arguments):
     landscape = Landscape(solid(getattr(solids, name)(*arguments)))

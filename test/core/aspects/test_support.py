@@ -133,6 +133,7 @@ BODIES = {
 }
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize(
     'turn',
     [TURNED, pytest.param(np.eye(4), marks=pytest.mark.slow)],

@@ -275,6 +275,7 @@ def assert_maps_corners(part, rotations):
         assert apart.max() < 1e-4 * part.hull_radius
 
 
+@pytest.mark.quick_cases(8)
 @pytest.mark.parametrize('name', [*(name for name in FINITE if name not in LARGE), *slow(*LARGE)])
 def test_order_of_finite_groups(solid, name):
     make, order = FINITE[name]
@@ -285,6 +286,7 @@ def test_order_of_finite_groups(solid, name):
     assert_is_group(symmetry)
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize('name', [*(name for name in AXIAL if name not in FINE), *slow(*FINE)])
 def test_body_of_revolution_is_axial_for_any_number_of_sides(solid, name):
     make, order = AXIAL[name]
@@ -298,6 +300,7 @@ def test_body_of_revolution_is_axial_for_any_number_of_sides(solid, name):
     )
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('name', SPHERES)
 def test_ball_is_spherical_for_any_mesh(solid, name):
     part = solid(SPHERES[name]())
@@ -358,6 +361,7 @@ TURNED = {
 }
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('name', TURNED)
 @given(turn=turns, divided=st.booleans())
 @few

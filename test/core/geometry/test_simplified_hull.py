@@ -146,6 +146,7 @@ def test_a_cylinder_of_thousands_of_sides_stays_straight(solids, solid, sides):
     assert lean[~ends].max() < FINE
 
 
+@pytest.mark.slow
 def test_a_thin_lens_keeps_its_rim(solids, solid, whole):
     """Its corners are near the planes of the facets, however far they are from the facets."""
     mesh = solids.ellipsoid(30, 20, 0.06, 5)

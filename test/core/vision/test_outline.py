@@ -243,6 +243,7 @@ def test_undercut_hides_nothing(solid, tilt):
     assert outline.area == pytest.approx(np.ptp(x) * 12e-6, rel=1e-5)
 
 
+@pytest.mark.quick_cases(6)
 @pytest.mark.parametrize('name', SHAPES)
 def test_symmetries_and_area_of_prisms(solid, name):
     polygon, order, mirror = SHAPES[name]
@@ -251,6 +252,7 @@ def test_symmetries_and_area_of_prisms(solid, name):
     assert outline.area == pytest.approx(polygon.area * 1e-6, rel=1e-5)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(('seed', 'divided'), [(1, False), (2, True)])
 @pytest.mark.parametrize('name', ['hexagon', 'circle_32', 'l', 'three_holes'])
 def test_outline_does_not_depend_on_frame_and_subdivision(solid, name, seed, divided):
