@@ -16,6 +16,7 @@ from bench_memory import memory
 from bench_report import Section, machine, markdown, show
 from bench_scaling import scaling
 from bench_suite import running_workers
+from bench_vision import vision
 from bench_ways import ways
 from dropper import ROOT
 from rich.console import Console
@@ -39,6 +40,7 @@ def main() -> None:
         lambda: _scaling(workers),
         geometry,
         estimators,
+        vision,
         latency,
         memory,
     ):

@@ -14,6 +14,7 @@ from importlib.metadata import version
 from dropper import ROOT, SEED, Dropper
 from rich.console import Console
 from validate_engine import decision, time_step
+from validate_feeder import feeder
 from validate_identification import identification
 from validate_reorientation import reorientation
 from validate_tosses import tosses
@@ -30,6 +31,7 @@ SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
     'tosses': tosses,
     'reorientation': reorientation,
     'identification': lambda _: identification(),
+    'feeder': lambda _: feeder(20, 5, over_ros=True),
 }
 
 

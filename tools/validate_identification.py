@@ -24,7 +24,7 @@ from shapely.geometry.polygon import orient
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.core.vision.boundary import boundary_of
+from resting_aspects_ros.core.vision.fitting import shape_of
 from resting_aspects_ros.core.vision.identification import Identification, identify
 from resting_aspects_ros.core.vision.known_part import KnownPart
 from resting_aspects_ros.core.vision.likelihood import OutlineNoise
@@ -342,7 +342,7 @@ def _variant(outline: Outline, rms: float, generator: np.random.Generator) -> Ou
         )
         size = np.sqrt((moved**2 * length).sum() / length.sum())
         polygon = affinity.scale(outline.polygon, 1 + rms / size, 1.0)
-    order = outline.yaw_symmetry if grown else _yaw_symmetry(boundary_of(polygon))
+    order = outline.yaw_symmetry if grown else _yaw_symmetry(shape_of(polygon).boundary)
     return dataclasses.replace(
         outline, polygon=polygon, symmetry_class=2, yaw_symmetry=order, family=()
     )

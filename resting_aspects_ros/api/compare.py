@@ -3,10 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.inputs.class_groups import common_groups
 from resting_aspects_ros.api.inputs.count_files import read_counts
 from resting_aspects_ros.api.inputs.counts import (
     CountedDrops,
@@ -14,6 +16,7 @@ from resting_aspects_ros.api.inputs.counts import (
     check_same_part,
     counted_by_class,
     counts_of_run,
+    grouped,
 )
 from resting_aspects_ros.core.errors import InvalidValueError, warn
 from resting_aspects_ros.core.statistics import comparison as statistics
@@ -48,13 +51,14 @@ class ComparisonResult:
         """Return both sides, as reports show them."""
         a, b = self.a, self.b
         down = a.down if a.down is not None else b.down
-        return ComparedResults(a.ids, down, a.tally, b.tally, 'class' if a.by_class else 'aspect')
+        what: Literal['aspect', 'class'] = 'class' if a.by_class else 'aspect'
+        return ComparedResults(a.ids, down, a.tally, b.tally, what, a.names)
 
     @property
     def verdict(self) -> str:
         """Return a sentence that states whether chance explains the difference."""
         sides = self.sides
-        return verdict(self.comparison, [f'{sides.what} {number}' for number in sides.ids])
+        return verdict(self.comparison, [f'{sides.what} {name}' for name in sides.names])
 
     def to_json(self) -> str:
         """Return the JSON document that `resting_aspects compare --json` prints."""
@@ -67,7 +71,8 @@ def compare(
 ) -> ComparisonResult:
     """Compare two sets of drops, neither of which is the truth.
 
-    If one of them is counted by symmetry class, both are compared by class.
+    If one of them is counted by symmetry class, both are compared by class. Classes that one of
+    them counts together are compared together.
 
     Parameters
     ----------
@@ -107,6 +112,9 @@ def compare(
     if one.by_class or other.by_class:
         one, other = counted_by_class(one), counted_by_class(other)
     _check_same_aspects(one, other)
+    if one.by_class:
+        into = common_groups(one.all_groups, other.all_groups)
+        one, other = grouped(one, into), grouped(other, into)
     for given in (one, other):
         _warn_if_incomplete(given)
     _warn_if_dependent(one, other)
@@ -131,23 +139,23 @@ def _check_same_aspects(a: CountedDrops, b: CountedDrops) -> None:
         (f'A, {a.source!r},', a.part, a.part_sha256),
         (f'B, {b.source!r},', b.part, b.part_sha256),
     )
-    if a.ids == b.ids:
+    if a.members == b.members:
         return
     # Counts that the suite wrote have all aspects of the part, so they are the reference.
-    one, other = (b, a) if a.down is not None or set(a.ids) > set(b.ids) else (a, b)
+    one, other = (b, a) if a.down is not None or set(a.members) > set(b.members) else (a, b)
     many = 'classes' if a.by_class else 'aspects'
     raise InvalidValueError(
-        f'invalid {many} {_listed(one.ids)} in {one.source!r}: expected those in '
-        f'{other.source!r}, {_listed(other.ids)}; {_differences(one, other)}'
+        f'invalid {many} {_listed(one.members)} in {one.source!r}: expected those in '
+        f'{other.source!r}, {_listed(other.members)}; {_differences(one, other)}'
     )
 
 
 def _differences(one: CountedDrops, other: CountedDrops) -> str:
     """Return which ids differ, and how to correct them."""
     parts = []
-    if unknown := set(one.ids) - set(other.ids):
+    if unknown := set(one.members) - set(other.members):
         parts.append(f'not among them: {_listed(sorted(unknown))}')
-    if missing := set(other.ids) - set(one.ids):
+    if missing := set(other.members) - set(one.members):
         parts.append(
             f'missing: {_listed(sorted(missing))} (an aspect that was never seen has count 0; '
             'aspects that look the same are counted by class, in a column class instead of aspect)'

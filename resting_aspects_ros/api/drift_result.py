@@ -7,7 +7,8 @@ from resting_aspects_ros.api.inputs.counts import CountedDrops
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.core.statistics.live_counts import LiveCounts
 from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
-from resting_aspects_ros.report.drift_table import DriftWindows, drift_fields, drift_sentence
+from resting_aspects_ros.report.drift_table import drift_fields
+from resting_aspects_ros.report.drift_text import DriftWindows, drift_sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +49,7 @@ class DriftResult:
     @property
     def title(self) -> str:
         """The counted parts and the simulated drops, in one line."""
-        left = self.live.parts - int(self.tested.ends[-1])
-        rest = f' ({left} not in a window yet)' if left else ''
-        return f'{self.live.parts} parts{rest} against {self.expected.title}'
+        return f'{self.live.parts} parts against {self.expected.title}'
 
     def to_json(self) -> str:
         """Return the JSON document that `resting_aspects drift --json` prints."""

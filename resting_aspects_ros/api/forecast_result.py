@@ -5,11 +5,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from resting_aspects_ros.api.look_alike_notes import look_alike_texts
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.report.document import plain
 from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.report.forecast_document import forecast_fields
-from resting_aspects_ros.report.forecast_table import NamedForecast, forecast_sentence
+from resting_aspects_ros.report.forecast_table import (
+    NamedForecast,
+    forecast_notes,
+    forecast_sentence,
+)
 from resting_aspects_ros.report.transition_document import matrix_fields
 
 # Fields of the document of a reorientation that the document of a forecast has, too.
@@ -78,6 +83,13 @@ class ForecastResult:
     def sentence(self) -> str:
         """The result in a sentence."""
         return forecast_sentence(self.named)
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on where the model ends, and on classes that a camera confuses."""
+        found = self.reorientation
+        alike = look_alike_texts(found.part, found.matrix.aspects, self.pickable)
+        return [*forecast_notes(self.named), *alike]
 
     def document(self, alternatives: 'Sequence[ForecastResult]' = ()) -> dict[str, Any]:
         """Return the document that `resting_aspects forecast --json` prints.

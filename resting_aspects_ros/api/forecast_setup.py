@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,10 @@ from resting_aspects_ros.core.feeding.model import check_number
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.vibration import Vibration
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.core.vision.grasp import Grasp
+    from resting_aspects_ros.core.vision.location import Placement
 
 
 def cycle_times(
@@ -71,20 +76,35 @@ def pickable_aspects(
 
 
 def footprints_of(
-    part: Part, aspects: AspectSet, rows: Sequence[tuple[Aspect, ...]]
+    part: Part,
+    aspects: AspectSet,
+    rows: Sequence[tuple[Aspect, ...]],
+    grasps: Sequence['Grasp'] = (),
 ) -> tuple[Footprint, ...]:
-    """Return the rectangle, or the disc, around the outline of each row."""
+    """Return the rectangle, or the disc, around the outline of each row, with the grips of it."""
     # The import of shapely is only needed here.
-    from resting_aspects_ros.core.vision.outline import find_outlines
+    from resting_aspects_ros.api.grasps import grips_of
 
-    outlines = {each.symmetry_class: each for each in find_outlines(part, aspects)}
+    placements = {each.outline.symmetry_class: each for each in placements_of(part, aspects)}
     found = []
     for row in rows:
-        seen = outlines[row[0].symmetry_class]
-        is_round = seen.yaw_symmetry == 0
-        disc = Footprint(0.0, 0.0, seen.length / 2)
-        found.append(disc if is_round else Footprint(seen.length, seen.width))
+        placement = placements[row[0].symmetry_class]
+        seen = placement.outline
+        grips = grips_of(grasps, placement) if grasps else ()
+        if seen.yaw_symmetry == 0:
+            found.append(Footprint(0.0, 0.0, seen.length / 2, grips))
+        else:
+            found.append(Footprint(seen.length, seen.width, 0.0, grips))
     return tuple(found)
+
+
+def placements_of(part: Part, aspects: AspectSet) -> tuple['Placement', ...]:
+    """Return how the part lies in each symmetry class, with its outline."""
+    # The import of shapely is only needed here.
+    from resting_aspects_ros.core.vision.location import Placement
+    from resting_aspects_ros.core.vision.outline import find_outlines
+
+    return tuple(Placement(part, aspects, each) for each in find_outlines(part, aspects))
 
 
 def check_tray(part: Part, aspects: AspectSet, tray: Tray, number: int | None) -> None:

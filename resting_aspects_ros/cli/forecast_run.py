@@ -14,6 +14,7 @@ from resting_aspects_ros.api.forecast import (
 from resting_aspects_ros.api.forecast_result import ForecastResult
 from resting_aspects_ros.api.forecast_setup import check_tray, cycle_times, pickable_aspects
 from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.look_alike_notes import divided_class_texts
 from resting_aspects_ros.api.plan_actions import PlannedActions, plan_actions
 from resting_aspects_ros.api.reorient import drop_for_start, make_actions
 from resting_aspects_ros.cli.action_options import requested_actions
@@ -31,9 +32,12 @@ from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.errors import InvalidValueError, warn
 from resting_aspects_ros.core.feeding.cycle import CycleTimes
 from resting_aspects_ros.core.feeding.footprint import Tray
+from resting_aspects_ros.core.feeding.forecast import check_minutes
+from resting_aspects_ros.core.feeding.model import check_number
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.run_description import check_drops
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,10 @@ def requested_forecasts(arguments: argparse.Namespace, confidence: float) -> Req
     clearance = parse_quantity('--clearance', arguments.clearance, 'm')
     tray = Tray(parse_tray(arguments.tray), clearance, gripper)
     minutes = parse_quantity('--minutes', arguments.minutes, '')
+    check_minutes(minutes)
+    if arguments.max_picks is not None:
+        check_number('maximum number of picks', arguments.max_picks)
+    check_drops(arguments.drops)
     conditions = requested_conditions(arguments, shipped_surfaces())
     sets = _sets(arguments)
     parts, planned, pickable = [], [], []
@@ -96,9 +104,14 @@ def requested_forecasts(arguments: argparse.Namespace, confidence: float) -> Req
         )
         aspects = plan.counter.matrix.aspects
         check_tray(part, aspects, tray, arguments.parts_on_tray)
+        ids = [pickable_aspects(aspects, *each) for each in sets[number]]
+        for text in dict.fromkeys(
+            text for each in ids for text in divided_class_texts(aspects, each)
+        ):
+            warn(f'{part.name}: {text}; --pickable-classes requests whole classes')
         parts.append(part)
         planned.append(plan)
-        pickable.append(tuple(pickable_aspects(aspects, *each) for each in sets[number]))
+        pickable.append(tuple(ids))
     return RequestedForecasts(
         tuple(parts),
         tuple(planned),

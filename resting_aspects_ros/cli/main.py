@@ -61,6 +61,8 @@ class _Parser(argparse.ArgumentParser):
         super().__init__(**options, allow_abbrev=False)
 
     def error(self, message: str) -> NoReturn:
+        if re.fullmatch(r'unrecognized arguments:[ \d,]+', message):
+            message += '; several numbers are separated by commas without spaces, such as 1,3'
         self.exit(WRONG_INPUT, f'error: {_line(message)} (see {self.prog} --help)\n')
 
 

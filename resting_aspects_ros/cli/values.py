@@ -44,7 +44,13 @@ def parse_share(name: str, text: str) -> float:
         raise InvalidValueError(
             f'invalid {name} {shown(text)}: expected a number, such as 0.02 or 2%'
         )
-    return float(match[1]) / (100 if match[2] else 1)
+    number = float(match[1])
+    if number > 1 and not match[2]:
+        raise InvalidValueError(
+            f'invalid {name} {shown(text)}: expected at most 1; {number:g} percent is '
+            f'{match[1]}% or {number / 100:g}'
+        )
+    return number / (100 if match[2] else 1)
 
 
 def parse_integer(text: str) -> int:

@@ -14,9 +14,9 @@ from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
 from resting_aspects_interfaces.srv import ClassifyPose
 
 from resting_aspects_ros.api.plan_actions import DEFAULT_ACTION
+from resting_aspects_ros.client.forecast_client import ForecastClient
 from resting_aspects_ros.client.pending_request import AnswerTimeoutError
 from resting_aspects_ros.client.request_messages import check_name, missing_part_error
-from resting_aspects_ros.client.vision_client import VisionClient
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.ros.conversions import conditions_from, part_from
@@ -29,8 +29,8 @@ from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, DEFAUL
 PART_TIMEOUT = 5.0
 
 
-class RestingAspectsClient(VisionClient):
-    """Client of a running suite: distributions, transitions, poses, outlines, and parts.
+class RestingAspectsClient(ForecastClient):
+    """Client of a running suite: distributions, transitions, poses, outlines, forecasts, parts.
 
     Without a node, the client creates a private node and spins it while it waits::
 

@@ -10,6 +10,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from resting_aspects_interfaces.srv import (
     ClassifyPose,
+    FeederForecast,
     GetDistribution,
     GetTransitions,
     IdentifyPart,
@@ -23,6 +24,7 @@ from resting_aspects_ros.client.request_messages import check_timeout
 from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,
     CLASSIFY_POSE,
+    FORECAST,
     GET_DISTRIBUTION,
     GET_TRANSITIONS,
     IDENTIFY_PART,
@@ -65,6 +67,7 @@ class ClientBase:
                 (LIST_PARTS, ListParts),
                 (IDENTIFY_PART, IdentifyPart),
                 (LOCATE_PART, LocatePart),
+                (FORECAST, FeederForecast),
             )
         }
         self._actions: dict[str, ActionClient] = {}

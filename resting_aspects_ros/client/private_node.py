@@ -99,6 +99,12 @@ class PrivateNode:
         finally:
             self._wait_lock.release()
 
+    def spin_for(self, seconds: float) -> None:
+        """Spin for a time, for messages that are still on their way."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            self._executor.spin_once(timeout_sec=left)
+
     def receive_latched(self, kind: Any, topic: str, seconds: float) -> Any:
         """Return the latched message of a topic; raises AnswerTimeoutError."""
         message = Future()

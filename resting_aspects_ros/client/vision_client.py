@@ -139,11 +139,11 @@ def identification_request(
     names = [parts] if isinstance(parts, str) else list(parts)
     for name in names:
         check_name(name)
-    position = () if camera is None else _numbers('camera', camera, 3)
+    position = () if camera is None else finite_numbers('camera', camera, 3)
     return IdentifyPart.Request(
         **polygon_msgs(observed_polygon(polygon)),
         parts=names,
-        noise=_numbers('noise', [noise], 1)[0],
+        noise=finite_numbers('noise', [noise], 1)[0],
         camera=[Point(**dict(zip('xyz', position, strict=True)))] if position else [],
     )
 
@@ -154,11 +154,11 @@ def location_request(part: str, aspect: int, x: float, y: float, yaw: float) -> 
     number: object = aspect.item() if isinstance(aspect, np.generic) else aspect
     if type(number) is not int or not 0 < number < 2**32:
         raise InvalidValueError(f'invalid aspect {shown(aspect)}: expected the id of an aspect')
-    x, y, yaw = _numbers('x, y, yaw', [x, y, yaw], 3)
+    x, y, yaw = finite_numbers('x, y, yaw', [x, y, yaw], 3)
     return LocatePart.Request(part=part, aspect=number, x=x, y=y, yaw=yaw)
 
 
-def _numbers(name: str, values: npt.ArrayLike, count: int) -> list[float]:
+def finite_numbers(name: str, values: npt.ArrayLike, count: int) -> list[float]:
     """Return finite numbers; rclpy does not check fields."""
     try:
         found = np.asarray(values, dtype=np.float64)

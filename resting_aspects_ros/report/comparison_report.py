@@ -31,6 +31,8 @@ class ComparedResults:
         Unit vectors of gravity, part frame; NaN if the part rolls. None if not known.
     a, b : DropCounts
         Counts of the two sides.
+    names : tuple of str
+        The ids as text, such as '3+4' for classes that were counted together; by default the ids.
     """
 
     ids: tuple[int, ...]
@@ -38,6 +40,11 @@ class ComparedResults:
     a: DropCounts
     b: DropCounts
     what: Literal['aspect', 'class'] = 'aspect'
+    names: tuple[str, ...] = ()
+
+    def name(self, k: int) -> str:
+        """Return the name of row ``k``."""
+        return self.names[k] if self.names else str(self.ids[k])
 
     @property
     def tallies(self) -> tuple[DropCounts, DropCounts]:
@@ -89,7 +96,7 @@ def comparison_table(comparison: Comparison, sides: ComparedResults, title: str)
             float(x[k]) for x in (comparison.deviation, comparison.lower, comparison.upper)
         )
         table.add_row(
-            str(sides.ids[k]),
+            sides.name(k),
             _down_text(sides, k),
             *_share_texts(a),
             _share_texts(b)[0],
@@ -109,7 +116,7 @@ def comparison_table(comparison: Comparison, sides: ComparedResults, title: str)
 
 def measures_text(comparison: Comparison, sides: ComparedResults) -> str:
     """Return lines that state how much the sides differ, and whether chance explains it."""
-    aspect = sides.ids[comparison.largest_aspect - 1]
+    aspect = sides.name(comparison.largest_aspect - 1)
     deviation = f'{100 * comparison.largest_deviation + 0.0:+.3g}'
     _, bounds = _deviation_texts(
         Interval(comparison.largest_deviation, *comparison.largest_bounds)
@@ -179,6 +186,7 @@ def comparison_document(
         'aspects': [
             {
                 'id': sides.ids[k],
+                'name': sides.name(k),
                 'down_in_part': sides.down_of(k),
                 **{
                     name: {

@@ -104,13 +104,20 @@ def verdict(comparison: Comparison, names: Sequence[str]) -> str:
     p_value = comparison.p_value
     if p_value >= 1 - comparison.confidence:
         return f'The distributions do not differ significantly ({p_text(p_value)}).'
-    deviation, bounds = comparison.largest_deviation, comparison.largest_bounds
+    certain = np.flatnonzero((comparison.lower > 0) | (comparison.upper < 0))
+    among = certain if len(certain) else np.arange(len(names))
+    k = int(among[np.abs(comparison.deviation[among]).argmax()])
+    deviation, bounds = float(comparison.deviation[k]), (comparison.lower[k], comparison.upper[k])
     ends = np.sort(np.sign(deviation) * np.array(bounds))
     decimals = min(decimals_of(Interval(0, *bounds)), 1)
     size, low, high = (f'{100 * x + 0.0:.{decimals}f}' for x in (abs(deviation), *ends))
+    interval = f'{100 * comparison.confidence:.10g} % interval {low} to {high}'
+    if len(certain):
+        return f'They differ by {size} points in {names[k]} ({interval}; {p_text(p_value)}).'
+    what = names[k].split()[0]
     return (
-        f'They differ by {size} points in {names[comparison.largest_aspect - 1]} '
-        f'({100 * comparison.confidence:.10g} % interval {low} to {high}; {p_text(p_value)}).'
+        f'They differ significantly ({p_text(p_value)}), but no single {what} does: the largest '
+        f'difference is {size} points in {names[k]} ({interval}).'
     )
 
 

@@ -18,6 +18,8 @@ from resting_aspects_ros.report.transition_table import titled_table
 
 # A rate below this many parts per minute is none.
 NO_RATE = 1e-6
+# A smaller share of cycles without a pick is not stated exactly.
+MIN_SHARE = 1e-4
 _HEADING_WIDTH = 22
 
 
@@ -57,6 +59,29 @@ def forecast_sentence(named: NamedForecast) -> str:
         f'{rate} parts per minute ({lower} to {upper}) with {found.number} {parts} on the tray; '
         f'{"vision" if found.limited_by == "vision" else f"the {found.limited_by}"} limits'
     )
+
+
+def cell_text(named: NamedForecast) -> str:
+    """Return the times, the tray and the clearance that a forecast is for, in one sentence."""
+    times, tray = named.model.times, named.model.tray
+    names = {
+        'robot': times.robot,
+        'vibration': times.vibrate,
+        'settling': times.settle,
+        'image': times.image,
+    }
+    facts = [f'{name} {seconds:g} s' for name, seconds in names.items()]
+    if times.supply:
+        facts.append(f'supply {times.supply:g} s per part')
+    if times.place:
+        facts.append(f'overlap {times.overlap:g} s')
+    facts.append('tray {:g} x {:g} mm'.format(*(1000 * side for side in tray.size)))
+    facts.append(f'clearance {1000 * tray.clearance:g} mm')
+    if tray.gripper is not None:
+        facts.append(f'gripper {tray.gripper.text}')
+    if named.model.max_picks is not None:
+        facts.append(f'at most {named.model.max_picks} picks per image')
+    return f'For {", ".join(facts)}.'
 
 
 def forecast_notes(named: NamedForecast) -> list[str]:
@@ -126,7 +151,7 @@ def _cells(named: NamedForecast) -> list[tuple[str, str]]:
         ('covered share of the tray', f'{share_text(found.coverage)} %'),
         ('picks per cycle', number_text(float(picks.mean)) if picks.mean > 0 else '0'),
         ('duration of a cycle', f'{number_text(cycle)} s'),
-        ('cycles without a pick', f'{share_text(float(picks.none))} %'),
+        ('cycles without a pick', _small_share_text(float(picks.none))),
         ('flips of a part until picked', NOTHING if none else number_text(found.flips_per_part)),
         ('time of the robot', f'{share_text(shares["robot"])} %'),
         ('what limits', found.limited_by or NOTHING),
@@ -154,8 +179,17 @@ def _aspects_text(rows: Sequence[tuple[Aspect, ...]], mask: Sequence[bool]) -> s
     return f'aspect{"s" * (len(found) > 1)} {ids_text(found)}'
 
 
+def _small_share_text(share: float) -> str:
+    return f'{share_text(share)} %' if share == 0 or share >= MIN_SHARE else '< 0.01 %'
+
+
 def _rate_texts(*rates: float) -> list[str]:
-    """Return rates with the decimals that the largest needs for two digits."""
+    """Return rates with the decimals that the largest needs for two digits.
+
+    They have at least one if all rates are within one part per minute.
+    """
     largest = max(rates)
     decimals = 0 if largest >= 9.95 else 1 if largest >= 0.995 else 3
+    if largest - min(rates) < 1:
+        decimals = max(decimals, 1)
     return [f'{rate:.{decimals}f}' for rate in rates]

@@ -1,23 +1,16 @@
 """Drawings of an outline at its true size, as SVG and DXF files in mm."""
 
 import io
-from collections.abc import Iterator
 from xml.sax.saxutils import escape
 
 import numpy as np
 from shapely import Polygon
 
-from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.core.vision.raster import rings
 
 MM = 1000.0  # mm/m
 # Room around the drawing, and width of its line, mm.
 SVG_MARGIN, LINE = 1.0, 0.1
-
-
-def rings(polygon: Polygon) -> Iterator[Array]:
-    """Yield the corners (n, 2) of the outer ring and of each hole, the first one not repeated."""
-    for ring in (polygon.exterior, *polygon.interiors):
-        yield np.asarray(ring.coords, dtype=np.float64)[:-1]
 
 
 def svg_drawing(polygon: Polygon, title: str) -> str:

@@ -13,14 +13,13 @@ from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.vision.outline import Outline
-from resting_aspects_ros.report.outline_drawing import MM, rings
+from resting_aspects_ros.core.vision.raster import covered_share, rings
+from resting_aspects_ros.report.outline_drawing import MM
 
 PIXELS_PER_MM = 10.0
 # Empty pixels around the part in each image.
 MARGIN = 8
 MAX_PIXELS = 1 << 24
-# Scan lines per pixel with which the covered share of a pixel is computed.
-LINES = 8
 
 Bytes = npt.NDArray[np.uint8]
 # The entry of an image in a COCO document, and its annotation.
@@ -87,34 +86,6 @@ def outline_image(outline: Outline, px_per_mm: float = PIXELS_PER_MM) -> Outline
     polygon = affine_transform(outline.polygon, [scale, 0, 0, -scale, *origin])
     covered = covered_share(polygon, int(width), int(height))
     return OutlineImage(outline.symmetry_class, scale, origin, polygon, covered)
-
-
-def covered_share(polygon: Polygon, width: int, height: int) -> Array:
-    """Return the share (height, width) of each pixel that a polygon covers, 0 to 1.
-
-    The polygon is in image coordinates, inside the image, and its holes have the opposite sense of
-    its outer ring. The share is exact along each of LINES horizontal lines of a pixel.
-    """
-    step = np.zeros(height * (width + 2))
-    for ring in rings(polygon):
-        x, y = ring.T
-        dx, dy = np.roll(x, -1) - x, np.roll(y, -1) - y
-        ends = np.sort(np.stack([y, y + dy]) * LINES - 0.5, axis=0)
-        first, end = np.ceil(ends).astype(np.int64)
-        count = end - first
-        edge = np.repeat(np.arange(len(x)), count)
-        line = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count - first, count)
-        crossing = x[edge] + dx[edge] * ((line + 0.5) / LINES - y[edge]) / dy[edge]
-        column = np.floor(crossing).astype(np.int64)
-        pixel = line // LINES * (width + 2) + column
-        sign = np.sign(dy[edge]) / LINES
-        inside = column + 1 - crossing
-        # Everything to the right of the crossing is inside, or outside again.
-        np.add.at(step, pixel, sign * inside)
-        np.add.at(step, pixel + 1, sign * (1 - inside))
-    share = step.reshape(height, width + 2).cumsum(axis=1)[:, :width]
-    np.abs(share, out=share)
-    return np.minimum(share, 1.0, out=share)
 
 
 def png_file(image: Bytes) -> bytes:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from shapely import Polygon
 
+from resting_aspects_ros.core.vision.raster import rings
 from resting_aspects_ros.report.colours import GREY, rgb
 from resting_aspects_ros.report.figure_style import FAINT, TEXT
-from resting_aspects_ros.report.outline_drawing import rings
 from resting_aspects_ros.report.posed_part import Image
 
 if TYPE_CHECKING:  # importing matplotlib takes 0.5 s: it is imported when a sheet is made
@@ -28,7 +28,8 @@ NOTE = (
     'box is full.\n'
     'Enter the totals into a CSV file with the first line "class,count", a line for each class, '
     'and one for "unclassified".\n'
-    '"resting_aspects compare" compares it with a simulation.'
+    'Classes that you counted together have one line, such as "3+4,57". "resting_aspects compare" '
+    'and "drift" read the file.'
 )
 
 
@@ -79,7 +80,7 @@ def _draw_head(axes: 'Axes', head: tuple[str, str, str]) -> None:
             continue
         left, y = MARGIN + 62 * column, 26 + 9 * line
         _text(axes, left, y, pair[line], 8.5, FAINT)
-        start = left + 2.5 + 1.5 * len(pair[line])
+        start = left + _width(pair[line], 8.5) + 2
         axes.plot([start, left + 58], [y + 0.8] * 2, color=FAINT, linewidth=0.5)
     _text(axes, MARGIN, 42, drawings, 7.5, FAINT)
 
@@ -114,7 +115,7 @@ def _draw_boxes(axes: 'Axes', top: float, colour: str) -> None:
     for number, (line, column) in zip(count(GROUP, GROUP), corners, strict=False):
         left, y = BESIDE + column * BOX, top + line * BOX
         axes.add_patch(Rectangle((left, y), BOX, BOX, fill=False, edgecolor=FAINT, linewidth=0.5))
-        _text(axes, left + BOX - 0.6, y + BOX - 0.6, str(number), 4.5, FAINT, ha='right')
+        _text(axes, left + BOX - 1, y + BOX - 1, str(number), 4.5, FAINT, ha='right')
     left = BESIDE + BOXES * BOX + 3
     total = Rectangle(
         (left, top), WIDTH - MARGIN - left, 2 * BOX, fill=False, edgecolor=colour, linewidth=1.4
@@ -131,3 +132,11 @@ def _text(
     axes: 'Axes', x: float, y: float, text: str, size: float, colour: str = TEXT, **style: Any
 ) -> None:
     axes.text(x, y, text, size=size, color=colour, parse_math=False, **style)
+
+
+def _width(text: str, size: float) -> float:
+    """Return the width of a text, mm."""
+    from matplotlib.textpath import TextPath
+
+    points: float = TextPath((0, 0), text, size).get_extents().x1
+    return points * 25.4 / 72

@@ -18,6 +18,7 @@ LIST_PARTS = 'list_parts'
 GET_TRANSITIONS = 'get_transitions'
 IDENTIFY_PART = 'identify_part'
 LOCATE_PART = 'locate_part'
+FORECAST = 'forecast'
 PARTS = 'parts'  # + /<part>
 RESTING_POSES = 'resting_poses'
 ASPECT_DISTRIBUTIONS = 'aspect_distributions'  # + /<part>
@@ -37,6 +38,8 @@ DEFAULT_CONDITIONS = 'default_conditions'
 DETECTIONS = 'detections'
 PICK_RESULT = 'pick_result'
 FEEDER_ADVICE = 'feeder_advice'  # + /<part>
+OBSERVED_COUNTS = 'observed_counts'  # + /<part>
+POSTERIOR = 'posterior'  # + /<part>
 
 FRAME = 'tray'
 
@@ -59,6 +62,13 @@ ACTION_SERVICES = {
 }
 # Of the cell: detections and pick_result. An older one is of no use to a late subscriber.
 CELL = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+# For a subscriber of observed_counts/<part>: it receives the messages of any publisher, also the
+# latched ones if the publisher offers them.
+COUNTS = QoSProfile(
+    depth=1000,
+    reliability=ReliabilityPolicy.BEST_AVAILABLE,
+    durability=DurabilityPolicy.BEST_AVAILABLE,
+)
 # Holds all batches of the largest run, on both sides: reliable QoS alone does not throttle a
 # publisher, so a slow or late subscriber would lose batches.
 POSES_DEPTH = 2000

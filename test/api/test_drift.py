@@ -15,6 +15,7 @@ from resting_aspects_ros.core.statistics.drift_power import parts_for_run_length
 
 SIMULATED = np.array([2700, 2800, 2400, 1300, 800])
 GOOD, BAD = [54, 56, 48, 26, 16], [40, 90, 40, 20, 10]
+CLASSES = ((1,), (2,), (3,))
 BY_CLASS = 'class_1,class_2,class_3,class_4,class_5'
 
 
@@ -39,7 +40,7 @@ def observed(tmp_path):
 
 
 def windows(counts, size=1):
-    return counts.windows(size, 3)[0].tolist()
+    return counts.windows(size)[0].tolist()
 
 
 @pytest.mark.parametrize(
@@ -56,7 +57,7 @@ def test_formats_have_the_same_counts(observed, lines):
     found = observed(*lines)
     assert windows(found) == [[1, 2, 3], [4, 0, 6]]
     assert found.parts == 16
-    assert found.totals(3).tolist() == [5, 2, 9]
+    assert found.totals.tolist() == [5, 2, 9]
 
 
 def test_rows_without_batches_are_one_batch(observed):
@@ -65,10 +66,29 @@ def test_rows_without_batches_are_one_batch(observed):
 
 def test_rows_without_counts_are_parts(observed):
     found = observed('time,class', '8:00,1', '8:00,3', '8:01,1', '8:02,2')
-    counts, ends, labels = found.windows(2, 3)
+    counts, ends, labels = found.windows(2)
     assert counts.tolist() == [[1, 0, 1], [1, 1, 0]]
     assert ends.tolist() == [0, 2, 4]
     assert labels == ['8:00', '8:01']
+
+
+@pytest.mark.parametrize(
+    'lines',
+    [
+        ('1,class_2+3,unclassified', '1,5,4', '4,6,0'),
+        ('batch,class,count', 'a,1,1', 'a,3 + 2,5', 'a,Unclassified,4', 'b,2+3,6', 'b,1,4'),
+    ],
+)
+def test_classes_can_be_counted_together(observed, lines):
+    found = observed(*lines)
+    assert found.groups == ((1,), (2, 3))
+    assert (windows(found), found.parts, found.unclassified) == ([[1, 5], [4, 6]], 16, 4)
+
+
+def test_unclassified_parts_fill_no_window(observed):
+    found = observed('class', '1', 'unclassified', 'unclassified', '2', 'unclassified')
+    counts, ends, _ = found.windows(2)
+    assert (counts.tolist(), ends.tolist(), found.unclassified) == ([[1, 1, 0]], [0, 2], 3)
 
 
 def test_cumulative_counts_are_differences(observed):
@@ -83,8 +103,8 @@ def test_cumulative_counts_are_differences(observed):
 )
 def test_windows_are_disjoint_and_large_enough(rows, size):
     rows = [*rows, [1, 0, 0]]
-    found = counts_from_array(rows, 3)
-    counts, ends, _ = found.windows(size, 3)
+    found = counts_from_array(rows, CLASSES)
+    counts, ends, _ = found.windows(size)
     assert (counts.sum(axis=1) == np.diff(ends)).all()
     assert (np.diff(ends) >= size).all()
     assert 0 <= found.parts - ends[-1] < size
@@ -117,6 +137,10 @@ def test_windows_are_disjoint_and_large_enough(rows, size):
         (('class', '1.5'), "invalid class '1.5'"),
         (('class,count', '1,2', '1,3'), 'expected each class once in a batch'),
         (('batch,class,count', 'a,1,2', 'b,1,3', 'a,2,3'), 'the rows of a batch together'),
+        (('class,count', '1,2', '2+3,5', '3,4'), "class '3' .* the file counts 2.3 together"),
+        (('class,count', '1+1,2'), r"class '1\+1' .* expected the number of a class"),
+        (('1,2+4', '3,4'), 'expected one column for each class, 1, 2, 3'),
+        (('unclassified', '3'), 'invalid column names'),
     ],
 )  # fmt: skip
 def test_wrong_files_are_named(observed, lines, message):
@@ -142,7 +166,7 @@ def test_wrong_cumulative_files_are_named(observed, lines, message):
 )
 def test_wrong_arrays_are_named(rows):
     with pytest.raises(InvalidValueError, match=r'invalid counts .* expected rows of 3 integers'):
-        counts_from_array(rows, 3)
+        counts_from_array(rows, CLASSES)
 
 
 def test_drift_is_found_and_named(expected):
@@ -178,13 +202,31 @@ def test_default_window_finds_the_shift(expected):
 def test_run_length_is_the_window_over_the_level(expected):
     result = watch_drift(expected, [GOOD] * 20, run_length=50_000, shift=0.1)
     size = parts_for_run_length(SIMULATED, 50_000, 0.1)
-    assert result.tested.test.level == size / 50_000
+    # A batch has 200 parts.
     assert result.tested.parts == 200 * -(-size // 200)
+    assert result.tested.run_length == 50_000
 
 
 def test_few_parts_are_one_window(expected):
     result = watch_drift(expected, [GOOD, [1, 1, 1, 1, 1]])
     assert result.tested.ends.tolist() == [0, 205]
+
+
+def test_grouped_classes_are_compared_with_the_sum(expected, tmp_path):
+    (tmp_path / 'c.csv').write_text('class,count\n1,54\n2+3,104\n4,26\n5,16\nunclassified,2\n')
+    result = watch_drift(expected, tmp_path / 'c.csv')
+    assert result.live.simulated.tolist() == [2700, 5200, 1300, 800]
+    assert (result.drift, result.tested.names) == (False, ['1', '2+3', '4', '5'])
+    document = json.loads(result.to_json())
+    assert (document['unclassified'], document['untested']) == (2, 0)
+    assert document['classes'][1]['symmetry_classes'] == [2, 3]
+    # Counts that a camera made while the machine ran well have groups of their own.
+    (tmp_path / 'e.csv').write_text('class,count\n1,2700\n2,2800\n3+4,3700\n5,800\n')
+    result = watch_drift(tmp_path / 'e.csv', tmp_path / 'c.csv')
+    assert result.tested.names == ['1', '2+3+4', '5']
+    (tmp_path / 'all.csv').write_text('class,count\n1+2+3+4+5,54\n')
+    with pytest.raises(InvalidValueError, match='all classes are counted together'):
+        watch_drift(expected, tmp_path / 'all.csv')
 
 
 def test_few_drops_give_a_warning(tmp_path):
@@ -217,7 +259,8 @@ def test_document_has_the_numbers_of_the_result(expected):
         ({'window': 10.5}, 'invalid window 10.5'),
         ({'level': 0.5}, 'invalid level 0.5'),
         ({'level': 0.01, 'run_length': 9000}, 'invalid run length 9000: expected only without'),
-        ({'run_length': 300}, 'invalid run length 300: expected 800 to 2000000 parts'),
+        ({'run_length': 3}, 'invalid run length 3: expected 4 to 2000000 parts'),
+        ({'run_length': 300, 'window': 90}, 'expected 800 to 2000000 parts for windows of 200'),
         ({'shift': 0}, 'invalid shift 0'),
         ({'prior_weight': 0}, 'invalid prior weight 0'),
         ({'confidence': 1}, 'invalid confidence 1'),

@@ -10,6 +10,7 @@ from builtin_interfaces.msg import Time
 from rclpy.serialization import serialize_message
 from scipy.stats import chi2_contingency, fisher_exact
 
+from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.api.inputs.count_files import read_counts
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
@@ -488,3 +489,19 @@ def test_compare_reads_the_document_of_classify(run, compared, tmp_path):
     found, said = compared('a.json', 'b.json')
     assert said == ''
     assert (found['total_variation'], found['p_value']) == (0, 1)
+
+
+def test_classes_counted_together_are_compared_together(tmp_path):
+    (tmp_path / 'a.csv').write_text('class,count\n1,30\n2+3,50\n4,20\nunclassified,2\n')
+    (tmp_path / 'b.csv').write_text('class,count\n1,30\n2,20\n3,30\n4,20\nunsettled,1\n')
+    result = compare(tmp_path / 'a.csv', tmp_path / 'b.csv')
+    assert result.a.names == result.b.names == ('1', '2+3', '4')
+    assert result.b.tally.counts.tolist() == [30, 50, 20]
+    document = json.loads(result.to_json())
+    assert [row['name'] for row in document['aspects']] == ['1', '2+3', '4']
+    (tmp_path / 'c.csv').write_text('class,count\n1,30\n2+3,50\n3,20\n')
+    with pytest.raises(InvalidValueError, match='expected each class once'):
+        compare(tmp_path / 'a.csv', tmp_path / 'c.csv')
+    (tmp_path / 'd.csv').write_text('class,count\n1,30\n2,50\n3,20\n')
+    with pytest.raises(InvalidValueError, match='missing: 4'):
+        compare(tmp_path / 'a.csv', tmp_path / 'd.csv')

@@ -71,6 +71,8 @@ def test_document_of_drop_can_be_expected(files, run, tmp_path):
         (('good.csv', *EXPECTED, '--drops', 50), "invalid --drops '50': expected only without"),
         (('good.csv', *EXPECTED, '--height', '1m'), "--height '1m': expected only without"),
         (('good.csv', '--window', 900), 'invalid window 900: expected at most 800'),
+        (('good.csv', '--shift', '5'), 'expected at most 1; 5 percent is 5% or 0.05'),
+        (('good.csv', '--run-length', '1e9'), 'invalid run length 1000000000: expected 4 to'),
         (('good.csv', '--level', 'x'), "invalid --level 'x': expected a number"),
         (('bad.csv', '--cumulative'), 'because cumulative counts cannot go down'),
         (('expected.csv', '--expected', 'good.csv'), 'invalid column names'),
@@ -84,6 +86,18 @@ def test_drops_of_another_part_are_refused(files, run, refused):
     assert run('drop', 'washer', '--drops', 20, '--out', 'd').returncode == 0
     line = refused('drift', 'l_bracket', 'good.csv', '--expected', 'd/distribution.json')
     assert 'these are different parts' in line
+
+
+def test_totals_of_the_counting_sheet_are_tested(run, tmp_path):
+    # With a byte order mark and the line ends of Windows; classes 1 and 4 have the same outline.
+    sheet = '\ufeffclass;count\r\n1;50\r\n2;170\r\n3;40\r\n4;20\r\nunclassified;3\r\n'
+    (tmp_path / 'sheet.csv').write_bytes(sheet.encode())
+    (tmp_path / 'expected.csv').write_text('class,count\n1,223\n2,577\n3,127\n4,73\n')
+    ended = run('drift', 'u_bracket', 'sheet.csv', '--expected', 'expected.csv')
+    text = ' '.join(ended.stdout.split())
+    assert text.startswith('No drift in 1 window of 280 parts.')
+    assert '3 unclassified parts are not tested: 1.1 % of the counted parts.' in text
+    assert text.endswith('can be counted together as 1+4.')
 
 
 def test_part_with_a_single_class_is_refused(tmp_path, refused):

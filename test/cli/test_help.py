@@ -15,11 +15,13 @@ from resting_aspects_ros.core.aspects.clusters import (
     MIN_TOLERANCE_DEGREES,
 )
 from resting_aspects_ros.nodes.aspect_classifier import node as aspect_classifier
+from resting_aspects_ros.nodes.camera_simulator import node as camera_simulator
 from resting_aspects_ros.nodes.drop_recorder import node as drop_recorder
 from resting_aspects_ros.nodes.drop_simulator import node as drop_simulator
 from resting_aspects_ros.nodes.feeder_controller import node as feeder_controller
 from resting_aspects_ros.nodes.log_replayer import node as log_replayer
 from resting_aspects_ros.nodes.log_replayer.node import MAX_RATE, MIN_RATE
+from resting_aspects_ros.nodes.vision_example import node as vision_example
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 
 HEAVY = (
@@ -123,7 +125,15 @@ def test_the_surfaces_are_named(shown, command, surfaces):
 
 @pytest.mark.parametrize(
     'node',
-    [drop_simulator, aspect_classifier, drop_recorder, log_replayer, feeder_controller],
+    [
+        drop_simulator,
+        aspect_classifier,
+        drop_recorder,
+        log_replayer,
+        feeder_controller,
+        camera_simulator,
+        vision_example,
+    ],
     ids=lambda node: node.__name__.removesuffix('.node').rpartition('.')[2],
 )
 def test_node_help_describes_purpose_and_parameters(node, monkeypatch, capsys):

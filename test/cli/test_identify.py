@@ -37,6 +37,7 @@ def test_document_has_candidates_and_other_answers(run, polygon):
     document = json.loads(ended.stdout)
     assert list(document) == [
         'schema_version', 'answer', 'none', 'touching', 'effective_samples', 'candidates',
+        'hint',
     ]  # fmt: skip
     assert document['candidates'][0]['aspects'] == [3]
     assert len(document['candidates'][0]['poses'][0]['orientation']) == 4
@@ -63,6 +64,7 @@ def test_more_noise_accepts_a_larger_difference(run, polygon):
         ('{}', 'expected outer'),
         ({'outer': [[0, 0], [200, 0], [200, 100]]}, 'pixels'),
         ({'outer': [[0, 0], [0.2, 0.1], [0.2, 0], [0, 0.1]]}, 'cross'),
+        ({'outlines': [RECTANGLE]}, 'this is the document of resting_aspects outlines'),
     ],
 )
 def test_wrong_polygons_are_refused(run, polygon, document, words):
@@ -70,6 +72,15 @@ def test_wrong_polygons_are_refused(run, polygon, document, words):
     assert ended.returncode == 2
     assert words in ended.stderr
     assert ended.stdout == ''
+
+
+def test_reason_and_equal_outlines_are_stated(run, polygon):
+    larger = {'outer': [[0, 0], [0.06, 0], [0.06, 0.03], [0, 0.03]]}
+    text = ' '.join(run('identify', 'l_bracket', '--polygon', polygon(larger)).stdout.split())
+    assert 'has the shape of l_bracket, aspect 3, but its lengths are 1.5 times as long' in text
+    base = '\ufeff{"outer": [[0, 0], [0.03, 0], [0.03, 0.02], [0, 0.02]]}'
+    text = ' '.join(run('identify', 'u_bracket', '--polygon', polygon(base)).stdout.split())
+    assert 'fits these aspects equally well: u_bracket 1; u_bracket 6.' in text
 
 
 def test_missing_file_and_wrong_noise(run, polygon):

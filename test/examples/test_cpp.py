@@ -10,14 +10,32 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from catkin_pkg.package import parse_package
+from doc_pages import code
 from rclpy.serialization import serialize_message
-from resting_aspects_interfaces.msg import Aspect, AspectDistribution
+from resting_aspects_interfaces.msg import (
+    Aspect,
+    AspectDistribution,
+    FeederAdvice,
+    PickResult,
+)
 from resting_aspects_interfaces.srv import GetDistribution
+from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
 
-from resting_aspects_ros.ros.interface import ASPECT_DISTRIBUTIONS, GET_DISTRIBUTION, SERVICES
+from resting_aspects_ros.api.identify import known_part, locate_part
+from resting_aspects_ros.core.vision.camera import transformed_pose
+from resting_aspects_ros.ros.interface import (
+    ASPECT_DISTRIBUTIONS,
+    CELL,
+    FEEDER_ADVICE,
+    GET_DISTRIBUTION,
+    IDENTIFY_PART,
+    PICK_RESULT,
+    SERVICES,
+)
 
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'cpp'
 SOURCE = (EXAMPLE / 'src' / 'pickable_share.cpp').read_text(encoding='utf-8')
@@ -125,7 +143,70 @@ def test_share_is_nan_before_the_first_drop(share_of, distribution):
     assert interval == [0, 1]
 
 
-@pytest.mark.parametrize('name', ['pickable_share', 'ask_distribution'])
+def output_of(compile_cpp, source, program):
+    """Compile a program without ROS libraries, and return what it prints."""
+    done = compile_cpp(source, '-o', program)
+    assert done.returncode == 0, done.stderr
+    return subprocess.run([program], capture_output=True, text=True, check=True).stdout
+
+
+def test_feeder_example_follows_only_current_advice(compile_cpp, tmp_path):
+    source = Path(__file__).with_name('follow_feeder.cpp')
+    printed = output_of(compile_cpp, source, tmp_path / 'follow_feeder')
+    # An advice of epoch 7 is current after two results since epoch 5, but not after three.
+    assert printed == '3 0.04 nut 111 pick|\n'
+
+
+def test_feeder_example_uses_the_interface():
+    source = (EXAMPLE / 'src' / 'follow_feeder.cpp').read_text(encoding='utf-8')
+    assert f'"{IDENTIFY_PART}", rclcpp::ServicesQoS().keep_last({SERVICES.depth})' in source
+    assert f'"{FEEDER_ADVICE}/" + part, rclcpp::QoS(1).reliable().transient_local()' in source
+    assert f'<PickResult>("{PICK_RESULT}", rclcpp::QoS({CELL.depth}))' in source
+    header = (EXAMPLE / 'src' / 'follow_feeder.hpp').read_text(encoding='utf-8')
+    for kind, name in ((FeederAdvice, r'\badvice\.'), (PickResult, r'\bresult\.')):
+        fields = set(re.findall(name + r'(\w+)', source + header))
+        assert fields
+        assert fields <= set(kind.get_fields_and_field_types())
+
+
+def test_the_tutorial_computes_the_poses_of_the_suite(compile_cpp, tmp_path):
+    """The C++ of the tutorial and the Python interface give the same pose in the robot's frame."""
+    (block,) = code('docs/tutorials/camera_to_robot.md', 'cpp')
+    known = known_part('l_bracket')
+    aspect = known.aspects.aspects[2]
+    x, y, yaw = 0.012, 0.004, 0.7
+    pose = locate_part(known, aspect.id, x, y, yaw)[0]
+    # The same pose at (0, 0, 0) has R_a and h; the robot is turned by a quarter and moved.
+    start = locate_part(known, aspect.id, 0.0, 0.0, 0.0)[0]
+    matrix = np.eye(4)
+    matrix[:2, :2] = [[0, -1], [1, 0]]
+    matrix[:3, 3] = [0.4, 0.1, 0.05]
+    expected = transformed_pose(matrix, pose)
+    centre = known.part.centre_of_mass
+    height = (
+        start.position[2]
+        + Rotation.from_quat(np.array(start.orientation)).apply(np.array(centre))[2]
+    )
+    numbers = [', '.join(map(repr, each.tolist())) for each in (start.orientation, centre)]
+    main = f"""
+#include <cstdio>
+int main() {{
+  const Quaternion R_a = {{{numbers[0]}}};
+  const Pose part = tray_from_part({x}, {y}, {yaw}, R_a, {float(height)!r}, {{{numbers[1]}}});
+  const Pose robot{{{{0.4, 0.1, 0.05}}, {{0, 0, std::sqrt(0.5), std::sqrt(0.5)}}}};
+  const Pose found = multiply(robot, part);
+  for (const double value : found.position) std::printf("%.12g ", value);
+  for (const double value : found.orientation) std::printf("%.12g ", value);
+}}
+"""
+    source = tmp_path / 'pose.cpp'
+    source.write_text(block + main, encoding='utf-8')
+    found = np.array(numbers_of(output_of(compile_cpp, source, tmp_path / 'pose')))
+    assert found[:3] == pytest.approx(expected.position, abs=1e-9)
+    assert abs(found[3:] @ expected.orientation) == pytest.approx(1, abs=1e-9)
+
+
+@pytest.mark.parametrize('name', ['pickable_share', 'ask_distribution', 'follow_feeder'])
 def test_node_compiles_up_to_rclcpp(compile_cpp, name):
     """With rclcpp the whole node compiles; without it, only rclcpp is missing."""
     done = compile_cpp('-fsyntax-only', EXAMPLE / 'src' / f'{name}.cpp')

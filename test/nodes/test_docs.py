@@ -15,15 +15,19 @@ from resting_aspects_interfaces.msg import PartOutlines, Status
 from resting_aspects_interfaces.srv import ListParts
 
 from resting_aspects_ros.nodes.aspect_classifier import node as aspect_classifier
+from resting_aspects_ros.nodes.camera_simulator import node as camera_simulator
 from resting_aspects_ros.nodes.drop_recorder import node as drop_recorder
 from resting_aspects_ros.nodes.drop_simulator import node as drop_simulator
 from resting_aspects_ros.nodes.feeder_controller import node as feeder_controller
 from resting_aspects_ros.nodes.log_replayer import node as log_replayer
+from resting_aspects_ros.nodes.vision_example import node as vision_example
 from resting_aspects_ros.ros import interface
 
 TUTORIAL = 'docs/tutorials/first_controller.md'
 GUIDE = 'docs/how_to/integrate_ros.md'
 LOGS = 'docs/how_to/logs.md'
+DRIFT = 'docs/how_to/watch_for_drift.md'
+FORECAST = 'docs/how_to/forecast_a_feeder.md'
 PARAMETERS = 'docs/reference/parameters.md'
 INTERFACE = 'docs/reference/ros_interface.md'
 INTERFACES = ROOT / 'resting_aspects_interfaces'
@@ -48,7 +52,8 @@ TOPICS = {
 }
 
 ADVICE = f'{interface.FEEDER_ADVICE}/<part>'
-FEEDER = {interface.DETECTIONS, interface.PICK_RESULT, ADVICE}
+COUNTS, POSTERIOR = f'{interface.OBSERVED_COUNTS}/<part>', f'{interface.POSTERIOR}/<part>'
+FEEDER = {interface.DETECTIONS, interface.PICK_RESULT, ADVICE, COUNTS, POSTERIOR}
 
 
 # A word of each block of Python, by page.
@@ -210,6 +215,26 @@ def test_empty_request_cancels_the_run_and_keeps_its_drops(suite, run_snippet):
     assert 0 < suite.client.wait(kept, 'drops before the cancel') < 500_000
 
 
+def test_counts_of_a_machine_are_combined_with_the_drops(suite, dropped, run_snippet):
+    (code_of_page,) = [text for text in code(DRIFT, 'python') if 'ObservedCounts' in text]
+    process = run_snippet(code_of_page)
+    suite.client.wait(lambda: not process.running, 'the end')
+    shares = [float(line.split(': ')[1]) for line in process.output.splitlines()]
+    assert len(shares) == 5, process.output
+    assert sum(shares) == pytest.approx(1, abs=0.01)
+
+
+def test_client_requests_a_forecast(suite, run_snippet):
+    (code_of_page,) = [text for text in code(FORECAST, 'python') if 'Client' in text]
+    small = code_of_page.replace('per_aspect=100, drops=1000', 'per_aspect=4, drops=50')
+    assert small != code_of_page
+    process = run_snippet(small)
+    suite.client.wait(lambda: not process.running, 'the end')
+    sentence, *rows = process.output.splitlines()
+    assert 'parts per minute' in sentence, process.output
+    assert [row.split()[0] for row in rows] == ['robot', 'vibrate', 'settle', 'image', 'supply']
+
+
 @pytest.mark.parametrize('word', ['AnyReader', 'mcap_ros2'])
 def test_log_snippets_run(suite, dropped, run_snippet, word):
     code = snippet(word)
@@ -239,7 +264,16 @@ def test_documented_commands_start_a_node(line, run_command, wait, namespace):
 
 
 @pytest.mark.parametrize(
-    'node', [drop_simulator, aspect_classifier, drop_recorder, feeder_controller, log_replayer]
+    'node',
+    [
+        drop_simulator,
+        aspect_classifier,
+        drop_recorder,
+        feeder_controller,
+        camera_simulator,
+        vision_example,
+        log_replayer,
+    ],
 )
 def test_documented_parameters_are_complete(node):
     name = node.__name__.split('.')[-2]
@@ -279,6 +313,7 @@ def test_documented_interface_is_complete():
         interface.GET_TRANSITIONS,
         interface.IDENTIFY_PART,
         interface.LOCATE_PART,
+        interface.FORECAST,
         interface.DROP_PART,
         interface.REORIENT_PART,
         interface.DIAGNOSTICS,
@@ -288,7 +323,7 @@ def test_documented_interface_is_complete():
         *TOPICS,
     }
     latched = {name for name, kind, _, qos in rows if kind == 'topic' and 'latched' in qos}
-    assert latched == {*TOPICS, ADVICE}
+    assert latched == {*TOPICS, ADVICE, COUNTS, POSTERIOR}
 
 
 def full_type(kind, name):

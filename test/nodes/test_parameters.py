@@ -30,7 +30,8 @@ SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 def declarations():
     """The declared parameters of each node of the suite, by its name."""
     found = {}
-    for node in (*SUITE, 'log_replayer', 'feeder_controller'):
+    others = ('log_replayer', 'feeder_controller', 'camera_simulator', 'vision_example')
+    for node in (*SUITE, *others):
         found[node] = importlib.import_module(f'resting_aspects_ros.nodes.{node}.node').PARAMETERS
     return {node: {each.name: each for each in declared} for node, declared in found.items()}
 

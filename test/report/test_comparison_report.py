@@ -8,13 +8,14 @@ import pytest
 from rich.console import Console
 from scipy.stats import binomtest, chi2_contingency
 
-from resting_aspects_ros.core.statistics.comparison import DropCounts, compare
+from resting_aspects_ros.core.statistics.comparison import Comparison, DropCounts, compare
 from resting_aspects_ros.report.comparison_report import (
     ComparedResults,
     comparison_document,
     comparison_table,
     measures_text,
 )
+from resting_aspects_ros.report.comparison_text import verdict
 from resting_aspects_ros.report.document import to_json
 
 # Shares .5 .3 .2 and .4 .2 .4, of the drops in an aspect.
@@ -147,3 +148,26 @@ def test_document_is_complete_and_not_rounded():
     assert document['total_variation'] == pytest.approx(0.2)
     assert document['mean_deviation'] == pytest.approx(0.4 / 3)
     assert (document['p_value'], document['p_by']) == (comparison.p_value, 'chi-square')
+
+
+@pytest.mark.parametrize(
+    ('deviation', 'margin', 'expected'),
+    [
+        (
+            [0.1, -0.06, -0.04],
+            0.05,
+            'They differ by 10 points in class 1 (95 % interval 5 to 15; p = 0.01).',
+        ),
+        # The class with the largest difference is named only if its interval does not contain 0.
+        ([0.1, -0.06, -0.04], [0.2, 0.05, 0.05], 'They differ by 6 points in class 2 (95 %'),
+        ([0.1, -0.06, -0.04], 0.12, 'They differ significantly (p = 0.01), but no single class'),
+    ],
+)
+def test_verdict_names_a_class_that_differs(deviation, margin, expected):
+    deviation, margin = np.array(deviation), np.array(margin)
+    first = np.array([0.5, 0.3, 0.2])
+    found = Comparison(
+        first, first - deviation, deviation - margin, deviation + margin, 0.95, 0.01, 'chi-square'
+    )
+    text = verdict(found, ['class 1', 'class 2', 'class 3'])
+    assert text.startswith(expected)

@@ -14,10 +14,10 @@ from shapely import Polygon, affinity, intersects_xy
 from shapely.geometry.polygon import orient
 
 from resting_aspects_ros.api.outlines import outlines
+from resting_aspects_ros.core.vision.raster import covered_share
 from resting_aspects_ros.report.outline_drawing import dxf_drawing, svg_drawing
 from resting_aspects_ros.report.outline_images import (
     coco_document,
-    covered_share,
     described_image,
     outline_image,
     png_file,

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from resting_aspects_ros.api.inputs.class_groups import parse_group
 from resting_aspects_ros.api.inputs.counts import (
     MAX_COUNTED,
     CountedDrops,
@@ -80,30 +81,44 @@ def _read_csv(path: Path, lines: Iterable[str]) -> CountedDrops:
             f'and one count, separated by , or ; (a counts file can be {COUNTS_FILES})'
         )
     aspect, count = names.index(what), names.index(COUNT)
-    found: dict[int | str, int] = {}
+    found: dict[tuple[int, ...], int] = {}
+    rest: dict[str, int] = {}
+    counted: set[int | str] = set()
     for line, row in table.rows():
-        key = _key(row[aspect])
+        key = _key(row[aspect], by_class)
         if key is None:
-            expected = (
-                f'the number of {"a class" if by_class else "an aspect"} or {", ".join(REST)}'
-            )
+            one = 'a class, classes that were counted together such as 3+4,'
+            expected = f'the number of {one if by_class else "an aspect"} or {", ".join(REST)}'
             raise table.wrong(line, row, aspect, expected)
-        if key in found:
+        members = (key,) if isinstance(key, str) else key
+        if not counted.isdisjoint(members):
             raise table.wrong(line, row, aspect, f'each {what} once')
+        counted.update(members)
         number = _integer(row[count])
         if number is None:
             expected = f'an integer from 0 to {MAX_COUNTED}'
             raise table.wrong(line, row, count, expected)
-        found[key] = number
-    rest = [found.pop(name, 0) for name in REST]
-    ids = sorted(key for key in found if isinstance(key, int))
-    tally = DropCounts(np.array([found[k] for k in ids], dtype=np.int64), *rest)
-    return CountedDrops(str(path), tuple(ids), tally, by_class=by_class)
+        if isinstance(key, str):
+            rest[key] = number
+        else:
+            found[key] = number
+    groups = tuple(sorted(found))
+    tally = DropCounts(
+        np.array([found[k] for k in groups], dtype=np.int64), *(rest.get(k, 0) for k in REST)
+    )
+    together = groups if any(len(group) > 1 for group in groups) else ()
+    ids = tuple(group[0] for group in groups)
+    return CountedDrops(str(path), ids, tally, by_class=by_class, groups=together)
 
 
-def _key(text: str) -> int | str | None:
+def _key(text: str, by_class: bool) -> tuple[int, ...] | str | None:
     word = text.strip().lower()
-    return word if word in REST else _integer(word) or None
+    if word in REST:
+        return word
+    if by_class:
+        return parse_group(word)
+    number = _integer(word)
+    return (number,) if number else None
 
 
 def _integer(text: str) -> int | None:

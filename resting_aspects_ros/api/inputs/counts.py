@@ -7,6 +7,12 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.api.condition_text import surface_text
+from resting_aspects_ros.api.inputs.class_groups import (
+    Groups,
+    group_name,
+    group_places,
+    single_groups,
+)
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.core.statistics.comparison import DropCounts
@@ -38,6 +44,9 @@ class CountedDrops:
         False if more drops were requested than are counted.
     by_class : bool
         Whether the drops are counted by symmetry class.
+    groups : tuple of tuples of int
+        With ``by_class``, the classes that were counted together, in the order of ``ids``, each of
+        which is the first class of its group. Empty if each class was counted alone.
     """
 
     source: str
@@ -50,6 +59,22 @@ class CountedDrops:
     complete: bool = True
     classes: tuple[int, ...] | None = None
     by_class: bool = False
+    groups: Groups = ()
+
+    @property
+    def all_groups(self) -> Groups:
+        """The groups of ``ids``, also those of one."""
+        return self.groups or single_groups(self.ids)
+
+    @property
+    def members(self) -> tuple[int, ...]:
+        """The ids of all aspects or classes, also of those that were counted together."""
+        return tuple(sorted(number for group in self.all_groups for number in group))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of ``ids``, such as '3+4' for classes that were counted together."""
+        return tuple(map(group_name, self.all_groups))
 
     @property
     def drops(self) -> int:
@@ -113,6 +138,26 @@ def counted_by_class(given: CountedDrops) -> CountedDrops:
     )
 
 
+def grouped(given: CountedDrops, into: Groups) -> CountedDrops:
+    """Return drops by class with more classes counted together.
+
+    into : tuple of tuples of int
+        All groups; each group of ``given`` is in one of them.
+    """
+    if into == given.all_groups:
+        return given
+    counts = np.zeros(len(into), dtype=np.int64)
+    np.add.at(counts, group_places(given.all_groups, into), given.tally.counts)
+    return dataclasses.replace(
+        given,
+        ids=tuple(group[0] for group in into),
+        tally=dataclasses.replace(given.tally, counts=counts),
+        # The aspects of several classes have no common direction.
+        down=None,
+        groups=into,
+    )
+
+
 def check_counts(given: CountedDrops) -> None:
     """Raise InvalidValueError if no drop is in an aspect, or if there are too many drops."""
     if not given.tally.counts.any():
@@ -160,10 +205,10 @@ def check_against(given: CountedDrops, part: str, part_sha256: str, aspects: Asp
     else:
         what, many = 'an aspect', 'aspects'
         ids = tuple(aspect.id for aspect in aspects.aspects)
-    if given.ids != ids:
+    if given.ids != ids or given.groups:
         raise InvalidValueError(
-            f'invalid {many} {list(given.ids)} in --against {path!r}: expected those of {part}, '
-            f'{list(ids)} ({what} that was never seen has count 0)'
+            f'invalid {many} [{", ".join(given.names)}] in --against {path!r}: expected those of '
+            f'{part}, {list(ids)} ({what} that was never seen has count 0)'
         )
 
 

@@ -6,28 +6,40 @@ from pathlib import Path
 
 import numpy as np
 
-from resting_aspects_ros.api.inputs.count_files import CLASS, COUNT
+from resting_aspects_ros.api.inputs.class_groups import group_name, parse_group
+from resting_aspects_ros.api.inputs.count_files import ASPECT, CLASS, COUNT
 from resting_aspects_ros.api.inputs.counts import MAX_COUNTED
 from resting_aspects_ros.api.inputs.csv_table import CsvTable, open_text
 from resting_aspects_ros.api.inputs.observed_counts import ObservedCounts, check_parts
 from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.logs.message_reader import is_log
 
 LABELS = ('batch', 'time')
 EXPECTED = (
     'a column class and, unless each row is one part, a column count; or one column for each '
-    'class, named by its number or as class_1; and optionally one column batch or time'
+    'class, named by its number, as class_1, or as 3+4 for classes that are counted together; '
+    'and optionally one column batch or time; separated by , or ;'
 )
 MAX_BYTES = 1 << 26
-_CLASS = re.compile(r'(?:class[_ ]?)?0*([1-9]\d{0,8})', re.IGNORECASE)
+# Name of the parts that are in no class, and their group.
+UNCLASSIFIED = 'unclassified'
+_NO_CLASS: tuple[int, ...] = ()
 
 
-def read_observed(path: Path, ids: Sequence[int], *, cumulative: bool = False) -> ObservedCounts:
-    """Read counts of parts by symmetry class from a CSV in one of two formats.
+def read_observed(
+    path: Path, ids: Sequence[int], *, cumulative: bool = False, part: str = ''
+) -> ObservedCounts:
+    """Read counts of parts by symmetry class from a log of a feeder, or from a CSV.
+
+    The CSV has one of two formats:
 
     * Rows of a class: a column ``class``, and a column ``count``. The rows of a batch follow each
       other and have the same text in the column ``batch`` or ``time``; without this column, all
       rows are one batch. Without a column ``count`` each row is one part.
     * Columns of classes: a row for each batch, and a column for each class.
+
+    Classes that a camera confuses can be counted together, such as '3+4'. Parts in the row or
+    column 'unclassified' are in no class.
 
     Parameters
     ----------
@@ -37,12 +49,19 @@ def read_observed(path: Path, ids: Sequence[int], *, cumulative: bool = False) -
     cumulative : bool
         Whether each count is the total since the start. A class without a row in a batch keeps
         its total.
+    part : str
+        Name of the part, which a log states with the counts; empty: the log has those of one part.
 
     Raises
     ------
     InvalidValueError
         Names file, line and column, and states what was expected.
     """
+    if is_log(path):
+        # ROS is imported only for a log.
+        from resting_aspects_ros.run_logs.feeder_contents import observed_in_logs
+
+        return observed_in_logs(path, part, ids)
     with open_text(path, 'counts file', MAX_BYTES) as file:
         table = CsvTable(path, file)
         columns = _Columns(table)
@@ -56,13 +75,7 @@ def read_observed(path: Path, ids: Sequence[int], *, cumulative: bool = False) -
             _read_columns(cells, columns.label)
         else:
             _read_rows(cells, columns, columns.of_class)
-    observed = ObservedCounts(
-        str(path),
-        np.array(cells.batch, dtype=np.int64),
-        np.array(cells.place, dtype=np.int64),
-        np.array(cells.count, dtype=np.int64),
-        () if columns.label is None else tuple(cells.labels),
-    )
+    observed = cells.counts(str(path), labelled=columns.label is not None)
     check_parts(observed)
     return observed
 
@@ -77,11 +90,13 @@ class _Columns:
         names = [name.lower() for name in table.header]
         labels = [k for k, name in enumerate(names) if name in LABELS]
         by_row = names.count(CLASS) == 1 and names.count(COUNT) <= 1
-        wanted = {CLASS, COUNT} if by_row else {name for name in names if _CLASS.fullmatch(name)}
+        of_classes = {name for name in names if parse_group(name)}
+        wanted = {CLASS, COUNT} if by_row else of_classes | {UNCLASSIFIED} if of_classes else set()
         if len(labels) > 1 or not wanted or set(names) - wanted - set(LABELS):
+            found = ' (this file counts aspects instead of classes)' if ASPECT in names else ''
             raise InvalidValueError(
                 f'invalid column names {shown(", ".join(table.header))} in {table.where}: '
-                f'expected {EXPECTED}'
+                f'expected {EXPECTED}{found}'
             )
         self.label = labels[0] if labels else None
         self.of_class = names.index(CLASS) if by_row else None
@@ -90,21 +105,68 @@ class _Columns:
 
 
 class _Cells:
-    """The counts in the cells that were read, by batch."""
+    """The counts in the cells that were read, by batch, and the groups of classes in them."""
 
     def __init__(self, table: CsvTable, ids: Sequence[int], cumulative: bool) -> None:
         self.table = table
         self.ids = list(ids)
         self.labels: list[str] = []
-        self.batch: list[int] = []
-        self.place: list[int] = []
-        self.count: list[int] = []
-        self._totals = [0] * len(ids) if cumulative else None
+        self._rows: list[tuple[int, int, int]] = []
+        # Index of each group in the order in which they were read, and the group of each class.
+        self._places: dict[tuple[int, ...], int] = {_NO_CLASS: 0}
+        self._group_of: dict[int, tuple[int, ...]] = {}
+        self._place_of_text: dict[str, int] = {}
+        self._totals: dict[int, int] | None = {} if cumulative else None
 
     def place_of(self, text: str) -> int | None:
-        """Return the index of the class that a text names; None if there is no such class."""
-        match = _CLASS.fullmatch(text.strip())
-        return self.ids.index(int(match[1])) if match and int(match[1]) in self.ids else None
+        """Return the index of the group that a text names, 0 for no class; None if unknown.
+
+        A class of another group is also unknown.
+        """
+        if text in self._place_of_text:
+            return self._place_of_text[text]
+        group = _NO_CLASS if text.strip().lower() == UNCLASSIFIED else parse_group(text)
+        if group is None or not set(group) <= set(self.ids):
+            return None
+        if any(self._group_of.setdefault(number, group) != group for number in group):
+            return None
+        place = self._places.setdefault(group, len(self._places))
+        self._place_of_text[text] = place
+        return place
+
+    @property
+    def missing(self) -> list[int]:
+        """The classes of which no group was read."""
+        return [number for number in self.ids if number not in self._group_of]
+
+    def name(self, place: int) -> str:
+        """Return the name of a group for messages."""
+        group = list(self._places)[place]
+        return f'class {group_name(group)}' if group else 'unclassified parts'
+
+    def expected(self) -> str:
+        """Return which classes a text may name."""
+        together = [group_name(group) for group in self._places if len(group) > 1]
+        others = f'; the file counts {", ".join(together)} together' if together else ''
+        return f'{", ".join(map(str, self.ids))}, or unclassified{others}'
+
+    def counts(self, source: str, *, labelled: bool) -> ObservedCounts:
+        """Return all counts; each class that was never read is a group of its own."""
+        groups = sorted([*self._places, *((number,) for number in self.missing)])
+        places = [groups.index(group) for group in self._places]
+        rows = np.array(self._rows, dtype=np.int64).reshape(-1, 3)
+        # The empty group is the first one.
+        outside = rows[:, 1] == 0
+        batch, place, count = rows[~outside].T
+        return ObservedCounts(
+            source,
+            tuple(groups[1:]),
+            batch,
+            np.array(places, dtype=np.int64)[place] - 1,
+            count,
+            tuple(self.labels) if labelled else (),
+            int(rows[outside, 2].sum()),
+        )
 
     def read(self, line: int, row: list[str], column: int, place: int) -> None:
         """Add the count in a cell to the last batch."""
@@ -113,7 +175,7 @@ class _Cells:
         if not 0 <= number <= MAX_COUNTED:
             raise self.table.wrong(line, row, column, f'an integer from 0 to {MAX_COUNTED}')
         if self._totals is not None:
-            before, self._totals[place] = self._totals[place], number
+            before, self._totals[place] = self._totals.get(place, 0), number
             number -= before
             if number < 0:
                 expected = f'{before} or more, because cumulative counts cannot go down'
@@ -121,10 +183,8 @@ class _Cells:
         self.add(place, number)
 
     def add(self, place: int, number: int) -> None:
-        """Add parts of a class to the last batch."""
-        self.batch.append(len(self.labels) - 1)
-        self.place.append(place)
-        self.count.append(number)
+        """Add parts of a group to the last batch."""
+        self._rows.append((len(self.labels) - 1, place, number))
 
 
 def _read_columns(cells: _Cells, label: int | None) -> None:
@@ -132,14 +192,15 @@ def _read_columns(cells: _Cells, label: int | None) -> None:
     header = cells.table.header
     columns = [k for k in range(len(header)) if k != label]
     places = {k: place for k in columns if (place := cells.place_of(header[k])) is not None}
-    if len(places) < len(columns) or sorted(places.values()) != list(range(len(cells.ids))):
+    distinct = len(set(places.values())) == len(columns)
+    if not distinct or cells.missing:
         raise InvalidValueError(
             f'invalid column names {shown(", ".join(header))} in {cells.table.where}: expected '
-            f'one column for each class, {_listed(cells.ids)} (a class that was never seen has '
-            'count 0)'
+            f'one column for each class, {", ".join(map(str, cells.ids))} (a class that was never '
+            'seen has count 0; the column of classes that are counted together is named 3+4)'
         )
     for k, place in places.items():
-        header[k] = f'count of class {cells.ids[place]}'  # as messages name it
+        header[k] = f'count of {cells.name(place)}'  # as messages name it
     for line, row in cells.table.rows():
         cells.labels.append('' if label is None else row[label].strip())
         for column, place in places.items():
@@ -152,7 +213,7 @@ def _read_rows(cells: _Cells, columns: _Columns, of_class: int) -> None:
     for line, row in cells.table.rows():
         place = cells.place_of(row[of_class])
         if place is None:
-            expected = f'the number of a class, one of {_listed(cells.ids)}'
+            expected = f'the number of a class, one of {cells.expected()}'
             raise cells.table.wrong(line, row, of_class, expected)
         label = '' if columns.label is None else row[columns.label].strip()
         if columns.of_count is None:
@@ -169,7 +230,3 @@ def _read_rows(cells: _Cells, columns: _Columns, of_class: int) -> None:
             raise cells.table.wrong(line, row, of_class, expected)
         batches[label].add(place)
         cells.read(line, row, columns.of_count, place)
-
-
-def _listed(ids: Sequence[int]) -> str:
-    return ', '.join(map(str, ids))

@@ -1,4 +1,4 @@
-"""CSV files in UTF-8 with a header, separated by , or ;."""
+"""CSV files in UTF-8 with a header, separated by , or ; or tabs."""
 
 import csv
 import io
@@ -41,7 +41,8 @@ class CsvTable:
         self._path = path
         lines = iter(lines)
         first = next(lines, '')
-        self._reader = csv.reader(chain([first], lines), delimiter=';' if ';' in first else ',')
+        delimiter = next((each for each in ';,\t' if each in first), ',')
+        self._reader = csv.reader(chain([first], lines), delimiter=delimiter)
         line, names = next(self._filled(), (1, []))
         self.header = [name.strip() for name in names]
         self.where = f'{str(path)!r} line {line}'

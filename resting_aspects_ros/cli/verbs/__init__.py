@@ -21,6 +21,7 @@ COMMANDS = {
     'request': 'ask the running ROS nodes for a distribution',
     'nodes': 'run all ROS nodes in one process',
     'demo': 'drop l_bracket 1000 times over ROS and show the result',
+    'feeder_demo': 'run a vision feeder without hardware over ROS, beside its forecast',
     'info': 'show what is in a log',
     'replay': 'publish a log again on the same topics',
     'merge': 'count the drops of several logs together',

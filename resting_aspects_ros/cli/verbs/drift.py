@@ -29,9 +29,10 @@ DESCRIPTION = """Test whether the parts that a machine supplies still lie as in 
 COUNTS.csv counts each newly supplied part once, by the classes of aspects that
 look the same, in the order of time. It has one of two formats: a column class
 and a column count (without it each row is one part), or one column for each
-class and a row for each batch. A column batch or time separates batches. Each
-window of successive parts is compared with simulated drops by a G test. The
-exit code is 0 with and without drift."""
+class and a row for each batch. A column batch or time separates batches. Parts
+that lie in no class are counted as unclassified, and classes that a camera
+confuses together, such as 3+4. Each window of successive parts is compared with
+simulated drops by a G test. The exit code is 0 with and without drift."""
 EXAMPLES = """examples:
   resting_aspects drift l_bracket counted.csv
   resting_aspects drift hex_nut counted.csv --expected out/nut/distribution.json
@@ -120,24 +121,34 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.prior_weight is not None:
         options['prior_weight'] = arguments.prior_weight
     # These imports are slow because of NumPy.
-    from resting_aspects_ros.api.drift import check_options, watch_drift
+    from resting_aspects_ros.api.drift import watch_drift
+    from resting_aspects_ros.api.drift_options import check_options
     from resting_aspects_ros.api.inputs.counts_csv import read_observed
     from resting_aspects_ros.api.load_part import load_part
+    from resting_aspects_ros.api.look_alike_notes import counted_apart_texts
     from resting_aspects_ros.api.output_files import check_output, make_folder
+    from resting_aspects_ros.cli.console import make_console
     from resting_aspects_ros.core.aspects.aspect import find_aspects
 
     part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
-    classes = [members[0].symmetry_class for members in find_aspects(part).classes()]
+    aspects = find_aspects(part)
+    classes = [members[0].symmetry_class for members in aspects.classes()]
     # Wrong input is found before the drops, which take time.
-    observed = read_observed(arguments.counts, classes, cumulative=arguments.cumulative)
+    observed = read_observed(
+        arguments.counts, classes, cumulative=arguments.cumulative, part=part.name
+    )
     options |= {'window': arguments.window, 'run_length': arguments.run_length}
-    check_options(observed, len(classes), **options)
+    check_options(observed, **options)
     if arguments.out is not None:
         make_folder('--out', arguments.out)
         for name in (DOCUMENT, PICTURE):
             check_output('--out', arguments.out / name)
     result = watch_drift(_expected(arguments, part, classes), observed, **options)
     _write(result, arguments)
+    if not arguments.json:
+        console = make_console()
+        for text in counted_apart_texts(part, aspects, result.tested.classes):
+            console.print(text, markup=False, highlight=False)
     return 0
 
 
@@ -176,10 +187,10 @@ def _expected(
         (f'--expected {str(path)!r}', given.part, given.part_sha256),
         ('the counted part', part.name, part.part_sha256),
     )
-    if list(given.ids) != classes:
+    if list(given.members) != classes:
         raise InvalidValueError(
-            f'invalid classes {list(given.ids)} in --expected {str(path)!r}: expected those of '
-            f'{part.name}, {classes} (a class that was never seen has count 0)'
+            f'invalid classes {list(given.members)} in --expected {str(path)!r}: expected those '
+            f'of {part.name}, {classes} (a class that was never seen has count 0)'
         )
     return path
 
@@ -187,7 +198,8 @@ def _expected(
 def _write(result: 'DriftResult', arguments: argparse.Namespace) -> None:
     """Save and print the result, even if saving fails."""
     from resting_aspects_ros.cli.console import make_console, show_table
-    from resting_aspects_ros.report.drift_table import live_table, power_sentences, window_table
+    from resting_aspects_ros.report.drift_table import live_table, window_table
+    from resting_aspects_ros.report.drift_text import power_sentences, unclassified_text
 
     try:
         if arguments.out is not None:
@@ -199,10 +211,11 @@ def _write(result: 'DriftResult', arguments: argparse.Namespace) -> None:
         else:
             console = make_console()
             console.print(result.verdict, markup=False, highlight=False)
-            console.print(power_sentences(result.tested), markup=False, highlight=False)
+            notes = f'{power_sentences(result.tested)} {unclassified_text(result.tested)}'.strip()
+            console.print(notes, markup=False, highlight=False)
             console.print()
             show_table(console, window_table(result.tested, result.title))
             console.print()
-            show_table(console, live_table(result.live, result.tested.confidence))
+            show_table(console, live_table(result.tested))
     if arguments.out is not None and not arguments.json:
         print(f'Written: {arguments.out / DOCUMENT}, {arguments.out / PICTURE}')

@@ -40,6 +40,7 @@ EXAMPLES = """examples:
 """
 DOCUMENT, PICTURE = 'forecast.json', 'forecast.png'
 INTERRUPTED = 130
+PER_ASPECT = 200
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,8 +67,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--per-aspect',
         metavar='N',
         type=parse_integer,
-        default=400,
-        help='number of actions from each aspect (400)',
+        default=PER_ASPECT,
+        help=f'number of actions from each aspect ({PER_ASPECT}); four times as many halve the '
+        'interval',
     )
     parser.add_argument(
         '--drops',
@@ -166,13 +168,25 @@ def _write(
 def _show(results: 'Sequence[ForecastResult]') -> None:
     """Print a sentence for each result, then the table, and notes."""
     from resting_aspects_ros.cli.console import make_console, show_table
-    from resting_aspects_ros.report.forecast_table import forecast_notes, forecast_table
+    from resting_aspects_ros.report.forecast_table import cell_text, forecast_table
 
     console = make_console()
     several = len(results) > 1
     for result in results:
         name = f'{result.named.title}: ' if several else ''
         console.print(f'{name}{result.sentence}', markup=False, highlight=False, soft_wrap=True)
+    console.print(cell_text(results[0].named), markup=False, highlight=False)
+    console.print()
     show_table(console, forecast_table([result.named for result in results]))
-    for note in dict.fromkeys(note for each in results for note in forecast_notes(each.named)):
+    for note in _notes(results):
         console.print(note, markup=False, highlight=False)
+
+
+def _notes(results: 'Sequence[ForecastResult]') -> list[str]:
+    """Return the notes of all results; with a name if they do not hold for each of them."""
+    notes = {result.named.title: result.notes for result in results}
+    common = [note for note in results[0].notes if all(note in each for each in notes.values())]
+    named = [
+        f'{name}: {note}' for name, each in notes.items() for note in each if note not in common
+    ]
+    return [*common, *named]

@@ -10,6 +10,7 @@ from resting_aspects_ros.cli.options import (
     add_part_place,
 )
 from resting_aspects_ros.cli.values import parse_quantity
+from resting_aspects_ros.core.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from resting_aspects_ros.core.vision.identification import Identification
@@ -23,6 +24,8 @@ EXAMPLES = """examples:
   resting_aspects identify my_part.stl --polygon seen.json --noise 0.2mm
 """
 MAX_BYTES = 1 << 24
+# Candidates whose logarithms of the likelihood differ by less fit equally well.
+EQUAL_LIKELIHOOD = 0.7
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,8 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         required=True,
         help='JSON file {"outer": [[x, y], ...], "holes": [[[x, y], ...], ...]} in m, on the tray '
-        'seen from above, x to the right and y up; holes can be left out if '
-        'the part has none',
+        'seen from above, x to the right and y up; through-holes are part of the outline',
     )
     parser.add_argument(
         '--noise',
@@ -52,30 +54,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Identify and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     # These imports are slow because of NumPy and shapely.
-    from resting_aspects_ros.api.identify import identification_json, identify_part
+    from resting_aspects_ros.api.identify import identification_document, identify_part, known_part
+    from resting_aspects_ros.api.identify_hint import identification_hint
     from resting_aspects_ros.api.inputs.json_document import parse_json
     from resting_aspects_ros.api.load_part import load_part
     from resting_aspects_ros.core.input_file import read_input
     from resting_aspects_ros.core.vision.likelihood import OutlineNoise
+    from resting_aspects_ros.core.vision.observation import observed_polygon
+    from resting_aspects_ros.report.document import to_json
 
     noise = OutlineNoise(parse_quantity('--noise', arguments.noise, 'm'))
     path = arguments.polygon
-    text = read_input(path, MAX_BYTES, 'polygon').decode('utf-8', 'replace')
-    polygon = parse_json(path, text)
+    text = read_input(path, MAX_BYTES, 'polygon').decode('utf-8-sig', 'replace')
+    document = parse_json(path, text)
+    if 'outlines' in document and 'outer' not in document:
+        raise InvalidValueError(
+            f'invalid --polygon {str(path)!r}: expected one outline with outer and holes; this is '
+            'the document of resting_aspects outlines, whose list outlines has one for each class'
+        )
+    seen = observed_polygon(document)
     parts = [
         load_part(part, arguments.unit, arguments.parts, arguments.body)
         for part in arguments.parts_
     ]
-    found = identify_part(polygon, parts, noise=noise)
+    known = [known_part(part) for part in parts]
+    found = identify_part(seen, known, noise=noise)
+    hint = identification_hint(found, seen, known, noise)
     if arguments.json:
-        sys.stdout.write(identification_json(found))
+        sys.stdout.write(to_json({**identification_document(found), 'hint': hint or None}))
     else:
-        _show(found, path.name)
+        _show(found, path.name, hint)
     return 0
 
 
-def _show(found: 'Identification', name: str) -> None:
-    """Print the candidates and the other answers as a table."""
+def _show(found: 'Identification', name: str, hint: str) -> None:
+    """Print the candidates and the other answers as a table, and remarks below it."""
     import numpy as np
 
     from resting_aspects_ros.cli.console import make_console, show_table
@@ -105,7 +118,28 @@ def _show(found: 'Identification', name: str) -> None:
     table.add_section()
     for label, share in (('none of these', found.none), ('touching parts', found.touching)):
         table.add_row(label, '', f'{100 * share:.1f} %')
-    show_table(make_console(), table)
+    console = make_console()
+    show_table(console, table)
+    for text in (hint, _equal_text(found)):
+        if text:
+            console.print(text, markup=False, highlight=False)
+
+
+def _equal_text(found: 'Identification') -> str:
+    """Return which candidates the outline does not distinguish; empty without any."""
+    first, *others = found.candidates
+    equal = [
+        each
+        for each in (first, *others)
+        if abs(each.log_likelihood - first.log_likelihood) < EQUAL_LIKELIHOOD
+    ]
+    if found.best is None or len(equal) < 2:
+        return ''
+    names = [f'{each.part} {", ".join(map(str, each.aspects))}' for each in equal]
+    return (
+        f'The outline fits these aspects equally well: {"; ".join(names)}. Only their shares make '
+        'one of them more probable.'
+    )
 
 
 def _answer(found: 'Identification') -> str:

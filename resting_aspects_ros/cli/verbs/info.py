@@ -23,15 +23,18 @@ from resting_aspects_ros.report.document import (
 from resting_aspects_ros.ros.conversions import run_from
 from resting_aspects_ros.ros.transition_conversions import action_from
 from resting_aspects_ros.run_logs.contents import LoggedRun, read_logged_run, rest_of_run
+from resting_aspects_ros.run_logs.feeder_contents import read_feeder_log
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 DESCRIPTION = """Show the part, the conditions, the seed, the versions, the number of poses
-and the distribution in a log, or the action of a log of reorient_part. The log
-may be unfinished."""
+and the distribution in a log, or the action of a log of reorient_part. Of the
+log of a feeder, show what was seen, advised, picked and counted. The log may
+be unfinished."""
 EXAMPLES = """examples:
   resting_aspects info out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
   resting_aspects info run_0.mcap --json
+  resting_aspects info out/logs/feeder-20250131T120000Z-2718281824f1c
 """
 
 # Maximum length of a text of the log, which is shown without control characters.
@@ -66,7 +69,8 @@ def _lines(found: LoggedRun) -> Iterator[tuple[str, str]]:
     yield '', f'{_state(found)}, {found.messages} messages'
     run = _run(found)
     if run is None:
-        yield 'drops', 'none'
+        feeder = read_feeder_log(found.log)
+        yield from feeder.lines() if feeder else [('drops', 'none')]
         return
     part = found.part
     yield 'part', f'{run.part}, sha256 {run.part_sha256}'
@@ -129,6 +133,8 @@ def _document(found: LoggedRun) -> dict[str, object]:
         'poses': found.outcome.drops if action is None else 0,
     }
     fields: dict[str, object] = {}
+    if run is None and (feeder := read_feeder_log(found.log)) is not None:
+        fields['feeder'] = feeder.document()
     if run is not None:
         fields = {name: plain(value) for name, value in dataclasses.asdict(run).items()}
     if part is not None:

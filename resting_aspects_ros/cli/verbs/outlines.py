@@ -98,8 +98,12 @@ def _write(
     check_output('--counting-sheet', sheet)
     lines = []
     if out is not None:
-        names = ', '.join(path.name for path in result.save(out, scale))
-        lines.append(f'Written to {out}: {names}')
+        number = len(result.save(out, scale))
+        lines.append(
+            f'Written: {number} files in {out}: outlines.json (all outlines), coco.json\n'
+            '(annotations), and for each class, such as 1, class_1.svg, class_1.dxf,\n'
+            'class_1_template.png and class_1_mask.png'
+        )
     if sheet is not None:
         result.save_counting_sheet(sheet)
         lines.append(f'Counting sheet: {sheet}')

@@ -123,9 +123,7 @@ class ControllerModel:
         if not rate > 0:
             return PartValues(0.0, state.mix, np.zeros_like(state.mix), 0.0)
         moves = moves_of(feeder.drop, feeder.transitions)
-        free = np.where(feeder.pickable, self.table.at(number), 0.0)
-        # A limited number of picks reduces the share of each class by the same factor.
-        taken = free * (state.picks.mean / (number * (state.mix @ free)))
+        taken = state.taken
         supply = rate * times.supply
         pick = taken * (1 - rate * times.robot - supply)
         expected = pick - (1 - taken) * moves.left * supply
@@ -138,12 +136,7 @@ class ControllerModel:
 
     def free(self, number: Array) -> Array:
         """Return the shares of free parts (..., k), interpolated, with numbers of parts (...)."""
-        table = self.table.free
-        at = np.clip(number, 1, len(table)) - 1
-        low = np.floor(at).astype(np.int64)
-        high = np.minimum(low + 1, len(table) - 1)
-        part = (at - low)[..., None]
-        return np.asarray((1 - part) * table[low] + part * table[high])
+        return self.table.between(number)
 
     def _without_traps(self) -> FeederModel:
         if not self.trapped.any():

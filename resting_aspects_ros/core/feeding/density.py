@@ -41,10 +41,14 @@ class FreeShares:
         Probability that a part of each class is free with 1, 2, ..., n parts on the tray.
     full : bool
         Whether the table ends because no further part fits.
+    clustering : (n,) float or None
+        Covariance of two parts of a tray being free, relative to the squared share of free parts:
+        parts that are close to each other block each other. None: 0.
     """
 
     free: Array
     full: bool
+    clustering: Array | None = None
 
     def at(self, number: int | Counts) -> Array:
         """Return the shares (..., k) with a number of parts, or with several numbers (...).
@@ -57,6 +61,14 @@ class FreeShares:
                 + (', as no more fit on it without overlap' if self.full else '')
             )
         return np.asarray(self.free[np.asarray(number) - 1])
+
+    def between(self, number: Array) -> Array:
+        """Return the shares (..., k), interpolated; those at the ends beyond the table."""
+        at = np.clip(number, 1, len(self.free)) - 1
+        low = np.floor(at).astype(np.int64)
+        high = np.minimum(low + 1, len(self.free) - 1)
+        part = np.asarray(at - low)[..., None]
+        return np.asarray((1 - part) * self.free[low] + part * self.free[high])
 
 
 def free_shares(
@@ -93,6 +105,7 @@ def free_shares(
     placing = Placing(tray, footprints, trays, limit)
     generator = np.random.default_rng(seed)
     rows: list[Counts] = []
+    pairs: list[float] = []
     full = False
     while len(rows) < limit:
         kind = generator.choice(len(share), size=trays, p=share)
@@ -100,9 +113,10 @@ def free_shares(
             full = True
             break
         rows.append(placing.counts(len(share)))
+        pairs.append(placing.clustering())
         if len(rows) >= number and rows[-1][0].sum() < MIN_FREE * rows[-1][1].sum():
             break
-    return FreeShares(_smooth(np.array(rows)), full)
+    return FreeShares(_smooth(np.array(rows)), full, _line(np.array(pairs)))
 
 
 def coverage(tray: Tray, footprints: Sequence[Footprint], mix: Array, number: int) -> float:
@@ -152,6 +166,16 @@ def _few_free(tray: Tray, footprints: Sequence[Footprint]) -> int:
     """
     area = min(blocking_area(tray, each, each) for each in footprints)
     return int(min(1 - math.log(MIN_FREE) * tray.area / max(area, 1e-12), MAX_NUMBER)) + 1
+
+
+def _line(clustering: Array) -> Array:
+    """Return a line (n,) through the clustering with n = 1, 2, ... parts, of which 1 has none."""
+    n = np.arange(1, len(clustering) + 1)
+    if len(n) < 3:
+        return np.zeros(len(n))
+    # The standard error of a covariance is about the inverse of the number of parts.
+    slope, start = np.polyfit(n[1:], clustering[1:], 1, w=n[1:])
+    return np.where(n > 1, np.maximum(slope * n + start, 0.0), 0.0)
 
 
 def _smooth(counts: Counts) -> Array:

@@ -22,11 +22,15 @@ class Footprint:
         Sides of the rectangle, m; both 0 for a disc.
     radius : float
         Distance from the rectangle, m; 0 for a rectangle with sharp corners.
+    grips : tuple of Grip
+        Where the gripper can take the part; one without other parts in its footprint is
+        sufficient. Without any, the tray states what the gripper needs.
     """
 
     length: float
     width: float
     radius: float = 0.0
+    grips: 'tuple[Grip, ...]' = ()
 
     def __post_init__(self) -> None:
         if not all(0 <= value < math.inf for value in (self.length, self.width, self.radius)):
@@ -66,6 +70,28 @@ class Footprint:
 
 
 @dataclass(frozen=True)
+class Grip:
+    """What a gripper covers when it takes a part.
+
+    footprint : Footprint
+    x, y : float
+        Centre relative to that of the part's footprint, along its length and its width, m.
+    yaw : float
+        Angle from the length of the part's footprint to that of the gripper's, rad.
+    """
+
+    footprint: Footprint
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+
+    @property
+    def reach(self) -> float:
+        """Largest distance from the centre of the part's footprint, m."""
+        return math.hypot(self.x, self.y) + self.footprint.reach
+
+
+@dataclass(frozen=True)
 class Tray:
     """The tray and the room that the gripper needs.
 
@@ -78,7 +104,8 @@ class Tray:
         Minimum distance between the outline of a free part and any other outline, m.
     gripper : Footprint or None
         What the gripper covers, centred on the part and turned with it, so that its length is
-        along that of the part; None: only the clearance matters.
+        along that of the part, for footprints of parts without grips; None: only the clearance
+        matters.
     """
 
     size: tuple[float, float]

@@ -18,12 +18,17 @@ from resting_aspects_ros.core.feeding.density import (
     coverage_limit,
     free_shares,
 )
-from resting_aspects_ros.core.feeding.model import FeederModel, LongRun, check_number
+from resting_aspects_ros.core.feeding.model import (
+    FeederModel,
+    LongRun,
+    check_number,
+    tray_state,
+)
 from resting_aspects_ros.core.feeding.steady_state import (
     Moves,
+    RunSpread,
     SteadyState,
     drawn_moves,
-    steady_state,
 )
 from resting_aspects_ros.core.reorientation.markov import Mask
 from resting_aspects_ros.core.statistics.intervals import (
@@ -110,6 +115,14 @@ class Forecast:
         return (self.number - mean) / mean if mean > 0 else math.inf
 
 
+def check_minutes(minutes: float) -> None:
+    """Raise InvalidValueError unless the duration of a run is within its limits."""
+    if not (isinstance(minutes, int | float) and 0 < minutes <= MAX_MINUTES):
+        raise InvalidValueError(
+            f'invalid minutes {shown(minutes)}: expected more than 0 and at most {MAX_MINUTES:g}'
+        )
+
+
 def forecast(
     model: FeederModel,
     number: int | None = None,
@@ -121,8 +134,8 @@ def forecast(
     """Forecast the parts per minute with a number of parts on the tray, by default the best one.
 
     The interval of the mean has the quantiles of rates of draws from the posteriors of the drops
-    and of the transitions. The prediction interval has those of runs of so many minutes, in the
-    steady state, each with one of these draws.
+    and of the transitions. The prediction interval has those of runs of so many minutes that begin
+    with an empty tray, each with one of these draws.
 
     Raises
     ------
@@ -132,10 +145,7 @@ def forecast(
     check_confidence(confidence)
     if number is not None:
         check_number('number of parts on the tray', number)
-    if not (isinstance(minutes, int | float) and 0 < minutes <= MAX_MINUTES):
-        raise InvalidValueError(
-            f'invalid minutes {shown(minutes)}: expected more than 0 and at most {MAX_MINUTES:g}'
-        )
+    check_minutes(minutes)
     long_run = LongRun(model)
     table, rates = _table(model, long_run, number, seed)
     limit = coverage_limit(model.tray, model.footprints, model.drop / model.drop.sum())
@@ -144,18 +154,18 @@ def forecast(
     # If nothing can be picked, the number with most free parts.
     chosen = number or best or int((long_run.free(table) * numbers).argmax()) + 1
     state = long_run.at(table, chosen)
-    variance = long_run.variance(table, chosen)
+    spread = long_run.spread(table, chosen)
     generator = np.random.default_rng(seed)
     drawn = drawn_moves(model.drop, model.transitions, DRAWS, generator)
     tail = (1 - confidence) / 2
     points = _points(len(rates), chosen, best or chosen)
-    draws = np.array([_rates(model, drawn, table, n) for n in points])
+    draws = np.array([drawn_rates(model, drawn, table, n) for n in points])
     lower, upper = np.quantile(draws, [tail, 1 - tail], axis=1)
     shown_rates = rates[points - 1]
     lower, upper = np.minimum(lower, shown_rates), np.maximum(upper, shown_rates)
     here = int(np.flatnonzero(points == chosen)[0])
     rate = float(rates[chosen - 1])
-    runs = _runs(draws[here], variance / rate if rate else 0.0, minutes, generator)
+    runs = _runs(draws[here], spread, rate, model.times.feeder, minutes, generator)
     low, high = np.quantile(runs, [tail, 1 - tail])
     cycle = model.times, state.picks, state.supplied
     return Forecast(
@@ -165,9 +175,9 @@ def forecast(
         rate=rate,
         lower=float(lower[here]),
         upper=float(upper[here]),
-        prediction=(min(float(low), lower[here].item()), max(float(high), upper[here].item())),
+        prediction=(float(low), float(high)),
         minutes=float(minutes),
-        variance=variance,
+        variance=spread.variance,
         state=state,
         coverage=coverage(model.tray, model.footprints, state.mix, chosen),
         time_shares=time_shares(*cycle),
@@ -210,22 +220,31 @@ def _points(last: int, *needed: int) -> Counts:
     return np.unique(np.concatenate([*halves, needed]).round().astype(np.int64))
 
 
-def _rates(model: FeederModel, drawn: Moves, table: FreeShares, number: int) -> Array:
+def drawn_rates(model: FeederModel, drawn: Moves, table: FreeShares, number: int) -> Array:
     """Return the parts per minute (d,) of each of the drawn moves."""
-    free = np.where(model.pickable, table.at(number), 0.0)
-    if not free.any():
+    if not table.at(number)[model.pickable].any():
         return np.zeros(len(drawn.drop))
-    found = steady_state(drawn, free, number, model.max_picks)
+    every = np.ones_like(model.pickable)
+    found = tray_state(drawn, table, model.pickable, every, number, model.max_picks)
     return parts_per_minute(model.times, found.picks, found.supplied)
 
 
 def _runs(
-    rates: Array, dispersion: float, minutes: float, generator: np.random.Generator
+    rates: Array,
+    spread: RunSpread,
+    rate: float,
+    feeder: float,
+    minutes: float,
+    generator: np.random.Generator,
 ) -> Array:
     """Return parts per minute of random runs (d, r), of which r have each of the rates (d,).
 
-    ``dispersion`` is the variance of the number of parts of a long run divided by its mean.
+    ``spread`` is that of the point estimate; it is assumed to be proportional to the rate.
+    A run ends anywhere in a cycle, so that up to the picks of ``feeder``, s, are missing.
     """
-    spread = np.sqrt(dispersion * rates / minutes)[:, None]
+    relative = (rates / rate if rate else np.zeros_like(rates))[:, None]
     deviation = generator.standard_normal((len(rates), RUNS))
-    return np.maximum(rates[:, None] + spread * deviation, 0.0)
+    start = spread.start * relative / minutes
+    end = rates[:, None] * feeder / 60 / minutes * generator.random(deviation.shape)
+    runs = start + np.sqrt(spread.variance * relative / minutes) * deviation
+    return np.maximum(rates[:, None] + runs - end, 0.0)

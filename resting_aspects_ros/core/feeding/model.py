@@ -11,10 +11,12 @@ from resting_aspects_ros.core.feeding.density import FreeShares
 from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
 from resting_aspects_ros.core.feeding.steady_state import (
     Moves,
+    RunSpread,
     SteadyState,
     moves_of,
     recurrent,
-    run_variance,
+    refilled_later,
+    run_spread,
     steady_state,
 )
 from resting_aspects_ros.core.reorientation.markov import Mask
@@ -84,13 +86,16 @@ class LongRun:
         """
         found = self._at(table, number)
         mix, taken = np.zeros((2, len(self._occupied)))
-        mix[self._occupied], taken[self._occupied] = found.mix, found.taken
+        mix[self._occupied] = found.mix[:-1] / found.mix[:-1].sum()
+        taken[self._occupied] = found.taken[:-1]
         return SteadyState(mix, taken, found.picks, found.lost)
 
-    def variance(self, table: FreeShares, number: int) -> float:
-        """Return the variance of the number of parts per minute of a run; see run_variance."""
+    def spread(self, table: FreeShares, number: int) -> RunSpread:
+        """Return how the number of picks of runs differs from that of the long run."""
         found = self._at(table, number)
-        return run_variance(self._inside, found, number, self._model.times)
+        near = 0.0 if table.clustering is None else float(table.clustering[number - 1])
+        moves = refilled_later(self._inside)
+        return run_spread(moves, found, number, self._model.times, near)
 
     def rates(self, table: FreeShares) -> Array:
         """Return the parts per minute (n,) for each number of parts of a table."""
@@ -107,16 +112,48 @@ class LongRun:
     def _at(self, table: FreeShares, number: int | Counts) -> SteadyState:
         """Return the steady state over the aspects that are occupied in the long run.
 
-        For several numbers of parts (n,), its arrays have a leading axis.
+        The last class is that of missing parts. For several numbers of parts (n,), its arrays have
+        a leading axis.
         """
-        free = np.where(self._model.pickable, table.at(number), 0.0)[..., self._occupied]
         if self.trapped.any():
-            mix = np.broadcast_to(self._shares[self._occupied], free.shape)
-            none = picks(number, np.zeros(free.shape[:-1]))
-            return SteadyState(mix, np.zeros_like(mix), none, np.zeros(free.shape[:-1]))
+            shape = np.shape(table.at(number))[:-1]
+            mix = np.append(self._shares[self._occupied], 0.0)
+            mix = np.broadcast_to(mix, (*shape, len(mix)))
+            none = picks(number, np.zeros(shape))
+            return SteadyState(mix, np.zeros_like(mix), none, np.zeros(shape))
+        pickable, most = self._model.pickable, self._model.max_picks
+        return tray_state(self._inside, table, pickable, self._occupied, number, most)
+
+
+def tray_state(
+    moves: Moves,
+    table: FreeShares,
+    pickable: Mask,
+    which: Mask,
+    number: int | Counts,
+    max_picks: int | None,
+) -> SteadyState:
+    """Return the steady state with a last class of missing parts; see `refilled_later`.
+
+    Parameters
+    ----------
+    moves : Moves
+        Of the aspects ``which`` (k,) of the table.
+    number : int or (n,) int
+        Parts on the tray after it is refilled. As some are missing in an image, the others are
+        free with the share of their mean number.
+    """
+    places = refilled_later(moves)
+
+    def state(shares: Array) -> SteadyState:
         # Where no part is ever free, the mix is that of a tray whose parts are hardly ever picked.
-        free = np.where(self._model.pickable[self._occupied], np.maximum(free, _HARDLY), 0.0)
-        return steady_state(self._inside, free, number, self._model.max_picks)
+        free = np.where(pickable, np.maximum(shares, _HARDLY), 0.0)[..., which]
+        free = np.concatenate([free, np.zeros((*free.shape[:-1], 1))], axis=-1)
+        return steady_state(places, free, number, max_picks)
+
+    found = state(table.at(number))
+    missing = found.mix[..., -1]
+    return state(table.between(number * (1 - missing))) if missing.any() else found
 
 
 def check_number(name: str, value: object) -> None:

@@ -1,11 +1,11 @@
 """Random placement of parts without overlap, on many trays at once."""
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from resting_aspects_ros.core.feeding.footprint import Footprint, Poses, Tray, gap
+from resting_aspects_ros.core.feeding.grip_room import GripRoom, free_grip
 from resting_aspects_ros.core.reorientation.markov import Mask
 from resting_aspects_ros.core.statistics.intervals import Array, Counts
 
@@ -22,14 +22,14 @@ class Placing:
     ) -> None:
         self._tray = tray
         self._size = np.array([f.values for f in footprints])
-        gripper = Footprint(0, 0) if tray.gripper is None else tray.gripper
-        self._gripper = gripper.values
+        self._grips = GripRoom(tray, footprints)
         # Distance of two centres from which on neither part matters for the other.
         self._reach = np.array([footprint.reach for footprint in footprints])
-        self._room = max(tray.clearance, gripper.reach)
+        self._room = max(tray.clearance, self._grips.reach)
         self._poses = np.zeros((trays, limit, 4))  # x, y, cosine and sine of the yaw
         self._kind = np.zeros((trays, limit), dtype=np.int64)
         self._blocked = np.zeros((trays, limit), dtype=np.bool_)
+        self._hit = np.zeros((trays, limit, self._grips.number), dtype=np.bool_)
         self._fitting = np.ones(trays, dtype=np.bool_)
         self._placed = 0
 
@@ -40,6 +40,7 @@ class Placing:
         """
         j = self._placed
         self._kind[:, j] = kind
+        self._hit[:, j] = self._grips.missing(kind)
         missing = np.flatnonzero(self._fitting)
         for _ in range(TRIES):
             self._poses[missing, j], inside = self._proposed(kind[missing], generator)
@@ -54,15 +55,20 @@ class Placing:
             return False
         row, other = self._near(np.flatnonzero(self._fitting), self._room)
         for mine, theirs in ((np.full_like(other, j), other), (other, np.full_like(other, j))):
-            blocking = self._blocks(row, mine, theirs)
-            self._blocked[row[blocking], mine[blocking]] = True
+            poses, size = self._parts(row, mine)
+            there = self._parts(row, theirs)
+            close = gap(poses, size, *there) < self._tray.clearance
+            self._blocked[row[close], mine[close]] = True
+            pair, grip = self._grips.hits(self._kind[row, mine], poses, *there).nonzero()
+            self._hit[row[pair], mine[pair], grip] = True
         self._placed = j + 1
         return True
 
     def counts(self, classes: int) -> Counts:
         """Return the numbers of free parts and of all parts of each class, (2, k)."""
-        kind = self._kind[self._fitting, : self._placed].ravel()
-        free = ~self._blocked[self._fitting, : self._placed].ravel()
+        used = self._fitting, slice(self._placed)
+        kind = self._kind[used].ravel()
+        free = (~self._blocked[used] & free_grip(self._hit[used])).ravel()
         return np.stack(
             [
                 np.bincount(kind, weights, minlength=classes)
@@ -70,9 +76,17 @@ class Placing:
             ]
         )
 
+    def clustering(self) -> float:
+        """Return the covariance of two parts being free, relative to the squared free share."""
+        used, number = (self._fitting, slice(self._placed)), self._placed
+        free = (~self._blocked[used] & free_grip(self._hit[used])).sum(axis=1)
+        mean = free.mean() / number
+        pairs = (free * (free - 1)).mean() / max(number * (number - 1), 1)
+        return float(pairs / mean**2 - 1) if mean > 0 and number > 1 else 0.0
+
     def _proposed(self, kind: Counts, generator: np.random.Generator) -> tuple[Poses, Mask]:
         """Return random poses within the tray, and whether the parts fit into it so."""
-        yaw = generator.uniform(0, math.pi, len(kind))
+        yaw = generator.uniform(0, self._grips.turn, len(kind))
         cos, sin = np.cos(yaw), np.sin(yaw)
         a, b, radius = self._size[kind].T
         half = np.stack(
@@ -92,18 +106,3 @@ class Placing:
 
     def _parts(self, row: Counts, part: object) -> tuple[Poses, Array]:
         return self._poses[row, part], self._size[self._kind[row, part]]  # type: ignore[index]
-
-    def _blocks(
-        self,
-        row: Counts,
-        mine: Counts,
-        theirs: Counts,
-    ) -> Mask:
-        """Return whether the second part of each pair is in the way of picking the first."""
-        poses, size = self._parts(row, mine)
-        other = self._parts(row, theirs)
-        blocked = gap(poses, size, *other) < self._tray.clearance
-        if self._tray.gripper is not None:
-            covered = np.broadcast_to(self._gripper, size.shape)
-            blocked |= gap(poses, covered, *other) < 0
-        return blocked

@@ -71,6 +71,20 @@ def moves_of(drop: Counts, transitions: Counts) -> Moves:
     return Moves(drop / drop.sum(), rows[:, :k], rows[:, k:].sum(axis=1))
 
 
+def refilled_later(moves: Moves) -> Moves:
+    """Return the moves with a further class: places whose part has left the aspects.
+
+    The image after the action shows that the part is missing; its place is empty in this image,
+    and is refilled before the next.
+    """
+    shape = moves.drop.shape[:-1]
+    none = np.zeros((*shape, 1))
+    rows = np.concatenate([moves.transitions, moves.left[..., None]], axis=-1)
+    rows = np.concatenate([rows, np.zeros((*shape, 1, rows.shape[-1]))], axis=-2)
+    left = np.concatenate([np.zeros_like(moves.left), none + 1], axis=-1)
+    return Moves(np.concatenate([moves.drop, none], axis=-1), rows, left)
+
+
 def drawn_moves(
     drop: Counts, transitions: Counts, samples: int, generator: np.random.Generator
 ) -> Moves:
@@ -151,20 +165,38 @@ def steady_state(
     return SteadyState(mix, taken, found, np.asarray(lost))
 
 
-def run_variance(moves: Moves, state: SteadyState, number: int, times: CycleTimes) -> float:
-    """Return the variance of the number of picked parts per minute of a long run, 1/min.
+@dataclass(frozen=True)
+class RunSpread:
+    """How the number of picks of a run differs from the long-run rate times its duration.
 
-    The variance in a run of m minutes is m times this value (central limit theorem of renewal
+    start : float
+        Mean difference, because the run begins with an empty tray: the first image follows the
+        supply of all parts, which have the shares of dropped ones.
+    variance : float
+        Variance per minute, 1/min.
+    """
+
+    start: float
+    variance: float
+
+
+def run_spread(
+    moves: Moves, state: SteadyState, number: int, times: CycleTimes, clustering: float = 0.0
+) -> RunSpread:
+    """Return the mean and the variance that runs add; only for moves without further axes.
+
+    The variance in a run of m minutes is m times the value (central limit theorem of renewal
     reward processes): it is that of picks - rate x duration over many cycles, divided by the mean
-    duration. The places on the tray are independent chains, whose asymptotic variance follows from
-    Poisson's equation; cycles without a pick, which have no overlap, are a linear function of the
-    picks with an independent rest. Only for moves without further axes.
+    duration. The places on the tray are chains, whose asymptotic variance follows from Poisson's
+    equation. They are independent but for the clustering (see FreeShares), which in each cycle
+    changes the chance of all picks alike. Cycles without a pick, which have no overlap, are a
+    linear function of the picks with an independent rest.
     """
     found = state.picks
     duration = float(cycle_time(times, found, state.supplied)) / 60
     mean, none = float(found.mean), float(found.none)
     if mean < NO_PICKS or duration <= 0:
-        return 0.0
+        return RunSpread(0.0, 0.0)
     rate = mean / duration
     share = mean / number
     binomial = number * share * (1 - share)
@@ -173,24 +205,38 @@ def run_variance(moves: Moves, state: SteadyState, number: int, times: CycleTime
     rest = max(none * (1 - none) - slope**2 * variance, 0.0)
     per_pick = 1 - rate * (times.robot + times.supply - times.overlap * slope) / 60
     per_loss = -rate * times.supply / 60
-    of_place = _asymptotic_variance(moves, state, per_pick, per_loss)
+    value = _values(moves, state, per_pick, per_loss)
+    of_place = _asymptotic_variance(moves, state, value, per_pick, per_loss)
+    # What it changes that a part is picked, and not moved.
+    dropped = float(moves.drop @ value)
+    kept = moves.transitions @ value + moves.left * (per_loss + dropped)
+    gain = float(state.mix @ (state.taken * (per_pick + dropped - kept)))
+    common = clustering * number * (number - 1) * gain**2
     limited = variance / binomial if binomial > 0 else 1.0
-    total = number * of_place * limited + (rate * times.overlap / 60) ** 2 * rest
-    return total / duration
+    total = (number * of_place + common) * limited + (rate * times.overlap / 60) ** 2 * rest
+    first = (times.settle + times.image + number * times.supply) / 60
+    return RunSpread(number * dropped - rate * first, total / duration)
 
 
-def _asymptotic_variance(moves: Moves, state: SteadyState, pick: float, loss: float) -> float:
-    """Return the variance per cycle of the sum of the rewards of one place on the tray.
+def _values(moves: Moves, state: SteadyState, pick: float, loss: float) -> Array:
+    """Return the value (k,) of each aspect in an image, by Poisson's equation.
 
     ``pick`` is the reward of a pick and ``loss`` that of a part that leaves the aspects.
     """
     x, taken = state.mix, state.taken
-    lost = (1 - taken) * moves.left
-    expected = taken * pick + lost * loss
-    mean = x @ expected
+    expected = taken * pick + (1 - taken) * moves.left * loss
     chain = _chain(moves, taken)
-    # Poisson's equation h = expected - mean + chain h, with x h = 0.
-    h = np.linalg.solve(np.eye(len(x)) - chain + x, expected - mean)
+    # h = expected - mean + chain h, with x h = 0.
+    return np.asarray(np.linalg.solve(np.eye(len(x)) - chain + x, expected - x @ expected))
+
+
+def _asymptotic_variance(
+    moves: Moves, state: SteadyState, h: Array, pick: float, loss: float
+) -> float:
+    """Return the variance per cycle of the sum of the rewards of one place on the tray."""
+    x, taken = state.mix, state.taken
+    lost = (1 - taken) * moves.left
+    mean = x @ (taken * pick + lost * loss)
     square = taken * (moves.drop @ (pick - mean + h) ** 2)
     square += lost * (moves.drop @ (loss - mean + h) ** 2)
     square += (1 - taken) * (moves.transitions @ (h - mean) ** 2)

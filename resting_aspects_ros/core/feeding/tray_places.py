@@ -6,7 +6,8 @@ from typing import Protocol
 import numpy as np
 
 from resting_aspects_ros.core.feeding.controller_model import ControllerModel
-from resting_aspects_ros.core.feeding.footprint import Footprint, Poses, gap
+from resting_aspects_ros.core.feeding.footprint import Poses, gap
+from resting_aspects_ros.core.feeding.grip_room import GripRoom, free_grip
 from resting_aspects_ros.core.reorientation.markov import Mask
 from resting_aspects_ros.core.statistics.intervals import Array, Counts
 
@@ -71,12 +72,14 @@ class RandomPlaces:
 
     def __init__(self, model: ControllerModel, generator: np.random.Generator) -> None:
         self._tray, self._generator = model.feeder.tray, generator
+        self._grips = GripRoom(self._tray, model.feeder.footprints)
+        self._kinds: Counts = np.zeros(0, dtype=np.int64)
         self._sizes = np.array([footprint.values for footprint in model.feeder.footprints])
         self._poses: Poses = np.zeros((0, 4))
         self._size: Array = np.zeros((0, 3))
 
     def shake(self, classes: Counts) -> None:  # noqa: D102
-        self._poses, self._size = np.zeros((0, 4)), np.zeros((0, 3))
+        self.keep(np.zeros(len(self._kinds), dtype=np.bool_))
         self.add(classes)
 
     def add(self, classes: Counts) -> None:  # noqa: D102
@@ -84,9 +87,11 @@ class RandomPlaces:
             pose = self._empty_place(self._sizes[kind])
             self._poses = np.vstack([self._poses, pose])
             self._size = np.vstack([self._size, self._sizes[kind]])
+            self._kinds = np.append(self._kinds, kind)
 
     def keep(self, which: Mask) -> None:  # noqa: D102
         self._poses, self._size = self._poses[which], self._size[which]
+        self._kinds = self._kinds[which]
 
     def clearance(self) -> Array:  # noqa: D102
         number = len(self._poses)
@@ -96,19 +101,20 @@ class RandomPlaces:
             return found
         there = self._poses[other], self._size[other]
         np.minimum.at(found, one, gap(self._poses[one], self._size[one], *there))
-        gripper: Footprint | None = self._tray.gripper
-        if gripper is not None:
-            covered = np.broadcast_to(gripper.values, (len(one), 3))
-            found[one[gap(self._poses[one], covered, *there) < 0]] = -1.0
+        hit = self._grips.missing(self._kinds)
+        pair, grip = self._grips.hits(self._kinds[one], self._poses[one], *there).nonzero()
+        hit[one[pair], grip] = True
+        found[~free_grip(hit)] = -1.0
         return found
 
     def _empty_place(self, size: Array) -> Poses:
         """Return the first of random poses (4,) in which a part overlaps no other."""
         for _ in range(TRIES // _AT_ONCE):
-            yaw = self._generator.uniform(0, math.pi, _AT_ONCE)
+            yaw = self._generator.uniform(0, self._grips.turn, _AT_ONCE)
             cos, sin = np.cos(yaw), np.sin(yaw)
             a, b, radius = size
-            half = np.stack([a * np.abs(cos) + b * sin, a * sin + b * np.abs(cos)], axis=1)
+            along, across = np.abs(cos), np.abs(sin)
+            half = np.stack([a * along + b * across, a * across + b * along], axis=1)
             room = np.array(self._tray.size) / 2 - half - radius
             place = self._generator.uniform(-1, 1, (_AT_ONCE, 2)) * np.maximum(room, 0.0)
             poses = np.column_stack([place, cos, sin])

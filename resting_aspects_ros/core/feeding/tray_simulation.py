@@ -11,7 +11,7 @@ from resting_aspects_ros.core.feeding.controller_model import ControllerModel
 from resting_aspects_ros.core.feeding.decision import Advice, Choice, SeenPart
 from resting_aspects_ros.core.feeding.tray_places import DensityPlaces, Places, RandomPlaces
 from resting_aspects_ros.core.reorientation.markov import Mask
-from resting_aspects_ros.core.statistics.intervals import Counts
+from resting_aspects_ros.core.statistics.intervals import Array, Counts
 
 WAITING = 1.0  # s, until a feeder that waits takes the next image
 
@@ -22,6 +22,8 @@ class TrayRun:
 
     picks, images, supplied : int
     seconds : float
+    picked : (picks,) float
+        When each pick was over, s.
     choices : mapping from Choice to int
         How often each was chosen; after picks, the action that follows counts as well.
     """
@@ -30,6 +32,7 @@ class TrayRun:
     images: int
     supplied: int
     seconds: float
+    picked: Array
     choices: Mapping[Choice, int]
 
     @property
@@ -49,11 +52,15 @@ class SimulatedTray:
         unrecognised: float = 0.0,
     ) -> None:
         self._places, self._generator, self._unrecognised = places, generator, unrecognised
+        self.classes: Counts = np.zeros(0, dtype=np.int64)
+        self._known: Mask = np.zeros(0, dtype=np.bool_)
+        self.use(model)
+
+    def use(self, model: ControllerModel) -> None:
+        """Take the shares of drops and flips from another model of the same part from now on."""
         moves = model.moves
         self._drop = np.cumsum(moves.drop)
         self._flips = np.cumsum(np.column_stack([moves.transitions, moves.left]), axis=1)
-        self.classes: Counts = np.zeros(0, dtype=np.int64)
-        self._known: Mask = np.zeros(0, dtype=np.bool_)
 
     def seen(self) -> list[SeenPart]:
         """Return what an image shows."""
@@ -103,6 +110,7 @@ def simulate(
     success: float = 1.0,
     unrecognised: float = 0.0,
     positions: bool = False,
+    places: Places | None = None,
 ) -> TrayRun:
     """Simulate a feeder that obeys a controller, from an empty tray on.
 
@@ -123,21 +131,24 @@ def simulate(
     positions : bool
         Whether parts have random positions without overlap (RandomPlaces). Otherwise, it is drawn
         from the table of the model whether they are free (DensityPlaces).
+    places : Places, optional
+        Empty places to be used instead.
     """
     if not seconds > 0:
         raise InvalidValueError(f'invalid seconds {shown(seconds)}: expected more than 0')
-    places = (RandomPlaces if positions else DensityPlaces)(model, generator)
+    places = places or (RandomPlaces if positions else DensityPlaces)(model, generator)
     tray = SimulatedTray(model, places, generator, unrecognised)
-    clock, images, done, supplied = 0.0, 0, 0, 0
+    clock, images, supplied = 0.0, 0, 0
+    done: list[float] = []
     choices: Counter[Choice] = Counter()
     while clock < seconds:
         images += 1
         advice = controller(tray.seen())
         action = advice.then if advice.choice is Choice.PICK else advice.choice
         choices.update({advice.choice, action or advice.choice})
-        picked = [i for i in advice.picks if success >= 1 or generator.random() < success]
-        done += len(picked)
-        tray.remove(picked)
+        hits = [success >= 1 or bool(generator.random() < success) for _ in advice.picks]
+        done += [clock + k * model.times.robot for k, hit in enumerate(hits, 1) if hit]
+        tray.remove([i for i, hit in zip(advice.picks, hits, strict=True) if hit])
         if action is Choice.FLIP:
             tray.flip()
         elif action is Choice.SPREAD:
@@ -145,7 +156,7 @@ def simulate(
         tray.supply(advice.supply)
         supplied += advice.supply
         clock += _duration(model, action, len(advice.picks)) + model.times.supply * advice.supply
-    return TrayRun(done, images, supplied, clock, dict(choices))
+    return TrayRun(len(done), images, supplied, clock, np.array(done), dict(choices))
 
 
 def _duration(model: ControllerModel, action: Choice | None, picks: int) -> float:

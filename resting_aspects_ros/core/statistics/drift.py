@@ -17,6 +17,8 @@ from resting_aspects_ros.core.statistics.intervals import (
 
 LEVEL = 0.01
 MIN_LEVEL, MAX_LEVEL = 1e-4, 0.25
+# Maximum number of windows up to the last alarm, and after it, in which drift is searched.
+MAX_SEARCHED = 1000
 
 
 @dataclass(frozen=True)
@@ -61,9 +63,8 @@ class DriftTest:
     level : float
         Probability of an alarm in a window without drift.
     drifted : range
-        Indices of the windows that deviate, empty without an alarm. They begin where the shares
-        most likely changed: from there on, all windows together have the largest G statistic.
-        If they do not deviate significantly, it is the single window with the smallest p value.
+        Indices of the windows that deviate, empty without an alarm; see `drifted_windows`. If the
+        windows recovered, it ends before the last one.
     """
 
     simulated: Counts
@@ -121,26 +122,51 @@ def find_drift(
             'classes, 0 or more, with at least one part in each window'
         )
     p_values = np.array([p_of_window(row, simulated, generator, level) for row in given])
-    drifted = range(0)
-    if (p_values <= level).any():
-        drifted = _drifted(given, simulated, p_values, generator, level)
+    drifted = drifted_windows(given, simulated, p_values, level)
     return DriftTest(simulated, given, g_statistic(given, simulated), p_values, level, drifted)
 
 
-def _drifted(
-    windows: Counts,
-    simulated: Counts,
-    p_values: Array,
-    generator: np.random.Generator,
-    level: float,
-) -> range:
-    # The parts from each window on, up to the last alarm: the maximum is the most likely change.
-    later = windows[::-1].cumsum(axis=0)[::-1][: int(np.flatnonzero(p_values <= level)[-1]) + 1]
-    start = int(g_statistic(later, simulated).argmax())
-    if p_of_window(later[start], simulated, generator, level) <= level:
-        return range(start, len(windows))
-    lowest = int(p_values.argmin())
-    return range(lowest, lowest + 1)
+def drifted_windows(windows: Counts, simulated: Counts, p_values: Array, level: float) -> range:
+    """Return the latest successive windows that most likely deviate; empty without an alarm.
+
+    All windows are divided into those with the simulated shares and runs of windows with other
+    shares, so that the sum of the G statistics of the runs, less a penalty for each, is largest
+    (optimal partitioning; Jackson et al. 2005, IEEE Signal Processing Letters 12:105). The penalty
+    2 log(windows / level) + classes - 1 makes a run that is only due to chance improbable.
+    The last run is returned. It lasts to the end unless the later windows speak against it by a
+    likelihood ratio of more than 1 / level. If there is no such run, the result is the single
+    window with the smallest p value.
+
+    Only MAX_SEARCHED windows up to the last alarm, and as many after it, are searched.
+
+    windows, simulated : (w, c) and (c,) int
+    p_values : (w,) float
+    """
+    alarms = np.flatnonzero(p_values <= level)
+    if not len(alarms):
+        return range(0)
+    last, count = int(alarms[-1]) + 1, len(windows)
+    begin, end = max(0, last - MAX_SEARCHED), min(count, last + MAX_SEARCHED)
+    totals = np.concatenate([windows[:1] * 0, windows[begin:end].cumsum(axis=0)])
+    penalty = 2 * np.log((end - begin) / level) + windows.shape[1] - 1
+    best, runs = np.zeros(len(totals)), [range(0)] * len(totals)
+    for k in range(1, len(totals)):
+        scores = best[:k] + g_statistic(totals[k] - totals[:k], simulated) - penalty
+        first = int(scores.argmax())
+        best[k], runs[k] = best[k - 1], runs[k - 1]
+        if scores[first] > best[k]:
+            # Two runs that follow each other are one.
+            before = runs[first]
+            best[k] = scores[first]
+            runs[k] = range(before.start if before.stop == first > 0 else first, k)
+    run = runs[-1]
+    if not run:
+        lowest = int(p_values.argmin())
+        return range(lowest, lowest + 1)
+    ends = totals[[run.stop, -1]] - totals[run.start]
+    recovered, lasting = g_statistic(ends, simulated)
+    stop = run.stop if recovered - lasting > -2 * np.log(level) else count - begin
+    return range(begin + run.start, begin + stop)
 
 
 def largest_deviation(

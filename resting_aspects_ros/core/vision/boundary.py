@@ -1,6 +1,6 @@
 """The boundary of an outline as points, with the distance to it and the effect of its mesh."""
 
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -148,12 +148,6 @@ class Boundary:
             np.bincount(ray % RAYS, np.sign(cross[piece]) * np.abs(r) ** p, RAYS) for p in POWERS
         ]
         return np.array(sums)
-
-
-@lru_cache(maxsize=256)
-def boundary_of(polygon: shapely.Polygon) -> Boundary:
-    """Return the boundary of a polygon; the latest ones are kept."""
-    return Boundary(polygon)
 
 
 def turn(angle: float) -> Array:

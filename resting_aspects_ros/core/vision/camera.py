@@ -27,6 +27,7 @@ from resting_aspects_ros.core.vision.homography import (
     checked_homography,
     checked_points,
     mapped,
+    on_tray,
 )
 from resting_aspects_ros.core.vision.location import Pose
 
@@ -48,23 +49,15 @@ class Telecentric:
         object.__setattr__(self, 'homography', checked_homography(self.homography))
 
     def to_tray(self, pixels: npt.ArrayLike) -> Array:
-        """Return the points (n, 2) of the surface, m, that are seen at pixels (n, 2)."""
-        return mapped(self.homography, checked_points('pixels', pixels))
+        """Return the points (n, 2) of the surface, m, that are seen at pixels (n, 2).
+
+        Raises InvalidValueError if a pixel is beyond the horizon of the tray.
+        """
+        return on_tray(self.homography, checked_points('pixels', pixels))
 
     def to_image(self, points: npt.ArrayLike) -> Array:
         """Return the pixels (n, 2) at which points (n, 2) of the surface, m, are seen."""
         return mapped(np.linalg.inv(self.homography), checked_points('points', points))
-
-    def to_tray_pose(self, u: float, v: float, angle: float) -> tuple[float, float, float]:
-        """Return x, y, m, and yaw, rad, of a pixel and a direction in the image.
-
-        ``angle`` is from u towards v, which is clockwise in the image; yaw is counter-clockwise
-        seen from above.
-        """
-        x, y, w = self.homography @ (u, v, 1.0)
-        across = self.homography @ (np.cos(angle), np.sin(angle), 0.0)
-        direction = across[:2] * w - np.array([x, y]) * across[2]
-        return float(x / w), float(y / w), float(np.arctan2(direction[1], direction[0]))
 
     def projected(self, polygon: shapely.Polygon, height: float) -> shapely.Polygon:  # noqa: ARG002
         """Return the outline of a part of a height from its image on the surface."""

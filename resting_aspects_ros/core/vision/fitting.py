@@ -1,11 +1,11 @@
-"""Fit of an outline to an observed polygon: poses of least squares and their residuals.
+"""Fit of an outline to a seen one: poses of least squares and their residuals.
 
-It is a fast version of `matching.align` for noisy polygons: what depends on only one of the two is
-computed once, and the residuals are those that a likelihood needs.
+The yaws come from the signatures of the boundaries and are refined by the distances of the
+boundaries. What depends on only one of the two outlines is computed once, by Shape.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import shapely
@@ -16,9 +16,10 @@ from resting_aspects_ros.core.vision.boundary import RAYS, Boundary, turn
 
 # Number of points on a boundary at equal distances along it.
 SAMPLES = 240
-# Maximum number of yaws that are refined, and every how many points and how often.
-MAX_YAWS, EVERY, ITERATIONS = 4, 2, 4
-# Yaws whose signatures match worse than the best by more than this share are not refined.
+# Maximum number of yaws that are tried, and of those that are refined, the nearest ones after one
+# step; every how many points and how often.
+MAX_TRIED, MAX_YAWS, EVERY, ITERATIONS = 12, 4, 2, 4
+# Yaws whose signatures match worse than the best by more than this share are not tried.
 MAX_WORSE = 0.05
 # Yaws closer than this are the same, rad; signatures that vary less are round.
 SAME_YAW, ROUND = 0.02, 1e-6
@@ -34,6 +35,8 @@ class Shape:
         Points on all rings at equal distances, relative to the centroid, m.
     area, perimeter, moment : float
         m^2, m, and the polar moment of the area about the centroid, m^4.
+    lever : float
+        Perimeter times the root mean square of the squared radius on the boundary, m^3.
     """
 
     def __init__(self, polygon: shapely.Polygon) -> None:
@@ -44,6 +47,7 @@ class Shape:
         points = [_points_on(ring, SAMPLES / self.perimeter) for ring in rings]
         self.samples = np.concatenate(points) - self.boundary.centre
         self.moment = sum(_moment(ring, self.boundary.centre) for ring in rings)
+        self.lever = self.perimeter * np.sqrt(((self.samples**2).sum(axis=1) ** 2).mean())
 
     def difference(self, other: 'Shape') -> float:
         """Return a lower bound of the root mean square distance after the best fit, m.
@@ -52,12 +56,15 @@ class Shape:
         moment of the area about its centroid by that of d times the squared radius, to first
         order; both are bounded by the root mean square of d (Cauchy and Schwarz).
         """
-        both = (self, other)
-        areas = abs(self.area - other.area) / max(one.perimeter for one in both)
-        lever = max(
-            one.perimeter * np.sqrt(((one.samples**2).sum(axis=1) ** 2).mean()) for one in both
-        )
-        return float(max(areas, abs(self.moment - other.moment) / lever))
+        areas = abs(self.area - other.area) / max(self.perimeter, other.perimeter)
+        moments = abs(self.moment - other.moment) / max(self.lever, other.lever)
+        return float(max(areas, moments))
+
+    def distance(self, other: 'Shape') -> float:
+        """Return the root mean square distance of the boundaries about their centroids, m."""
+        there, _ = other.boundary.nearest(self.samples)
+        back, _ = self.boundary.nearest(other.samples)
+        return float(np.sqrt(((there**2).sum(axis=1).mean() + (back**2).sum(axis=1).mean()) / 2))
 
     @cached_property
     def signature(self) -> Array:
@@ -68,6 +75,11 @@ class Shape:
     def spectrum(self) -> Array:
         """Fourier transform of the signature."""
         return np.asarray(np.fft.rfft(self.signature))
+
+    @cached_property
+    def squares(self) -> Array:
+        """(2,) float: sums of the squares of the signature."""
+        return np.asarray((self.signature**2).sum(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,29 +113,51 @@ class Fit:
         return common / (float(model.area) + float(seen.area) - common)
 
 
-def fit(model: Shape, seen: Shape, order: int) -> tuple[Fit, ...]:
-    """Return the fits of a model to an observed polygon, the least residual first.
+@lru_cache(maxsize=256)
+def shape_of(polygon: shapely.Polygon) -> Shape:
+    """Return the shape of a polygon; the latest ones are kept."""
+    return Shape(polygon)
+
+
+def fit(model: Shape, seen: Shape, order: int = 1) -> tuple[Fit, ...]:
+    """Return the fits of a model to a seen outline, the least residual first.
 
     ``order`` is the yaw symmetry of the model (0: round): of solutions that differ by a rotation
     of the model onto itself, one is returned.
     """
-    yaws = _yaws(model, seen, order)
+    return refined(model, seen, candidate_yaws(model, seen, order), order)
+
+
+def refined(
+    model: Shape, seen: Shape, yaws: Array, order: int = 1, iterations: int = ITERATIONS
+) -> tuple[Fit, ...]:
+    """Return the fits near yaws (k,), rad, the least residual first.
+
+    They minimize the squared distances of the seen samples to the lines of the nearest pieces of
+    the model (Chen and Medioni 1992).
+    """
     shifts = np.zeros((len(yaws), 2))
     some = seen.samples[::EVERY]
     scale = model.boundary.radius
-    for last in [False] * ITERATIONS + [True]:
+    for step in range(iterations + 1):
         points = _turned(some[None] - shifts[:, None], -yaws)
         way, piece = model.boundary.nearest(points.reshape(-1, 2))
+        if step == 1 and len(yaws) > MAX_YAWS:
+            nearest = (way**2).sum(axis=1).reshape(len(yaws), -1).sum(axis=1)
+            kept = np.sort(np.argsort(nearest, kind='stable')[:MAX_YAWS])
+            yaws, shifts, points = yaws[kept], shifts[kept], points[kept]
+            way = way.reshape(len(nearest), -1, 2)[kept].reshape(-1, 2)
+            piece = piece.reshape(len(nearest), -1)[kept].ravel()
         normal = model.boundary.normals(piece).reshape(points.shape)
         off = (way.reshape(points.shape) * normal).sum(axis=2)
         lever = (points[..., 0] * normal[..., 1] - points[..., 1] * normal[..., 0]) / scale
         design = np.concatenate([lever[..., None], normal], axis=2)
         square = np.einsum('kmi,kmj->kij', design, design) / len(some) + 1e-9 * np.eye(3)
-        if last:
+        if step == iterations:
             break
-        step = np.linalg.solve(square, np.einsum('kmi,km->ki', design, off)[..., None])[..., 0]
-        shifts = shifts - _turned(step[:, None, 1:] / len(some), yaws)[:, 0]
-        yaws = yaws - step[:, 0] / len(some) / scale
+        moved = np.linalg.solve(square, np.einsum('kmi,km->ki', design, off)[..., None])[..., 0]
+        shifts = shifts - _turned(moved[:, None, 1:] / len(some), yaws)[:, 0]
+        yaws = yaws - moved[:, 0] / len(some) / scale
     stiffness = scale**2 / np.linalg.inv(square)[:, 0, 0]
     there, back = _distances(model, seen, yaws, shifts)
     squares = ((there**2).mean(axis=1) + (back**2).mean(axis=1)) / 2
@@ -138,21 +172,32 @@ def fit(model: Shape, seen: Shape, order: int) -> tuple[Fit, ...]:
     return tuple(found)
 
 
-def _yaws(model: Shape, seen: Shape, order: int) -> Array:
+def mismatch(spectra: Array, squares: Array, seen: Shape) -> Array:
+    """Return how much signatures (..., 2) differ from that of a seen outline, (..., RAYS).
+
+    It is relative, for each rotation by 2 pi k / RAYS; ``spectra`` are those of the signatures,
+    ``squares`` their sums of squares.
+    """
+    match = np.fft.irfft(spectra.conj() * seen.spectrum, RAYS)
+    norms = squares + seen.squares
+    return np.asarray((1 - 2 * match / norms[..., None]).mean(axis=-2))
+
+
+def candidate_yaws(model: Shape, seen: Shape, order: int = 1) -> Array:
     """Return yaws (k,), rad, at which the signatures match, best first, one of each symmetry."""
-    match = np.fft.irfft(model.spectrum.conj() * seen.spectrum, RAYS)
-    norms = (model.signature**2).sum(axis=1) + (seen.signature**2).sum(axis=1)
-    off = (1 - 2 * match / norms[:, None]).mean(axis=0)
+    off = mismatch(model.spectrum, model.squares, seen)
     if order == 0 or np.ptp(off) < ROUND:
         return np.zeros(1)
-    low = np.flatnonzero((off <= np.roll(off, 1)) & (off < np.roll(off, -1)))
+    before, after = np.roll(off, 1), np.roll(off, -1)
+    low = np.flatnonzero((off <= before) & (off < after))
     low = low[np.argsort(off[low], kind='stable')]
     low = low[off[low] <= off[low[0]] + MAX_WORSE]
+    curve = before[low] + after[low] - 2 * off[low]
     chosen: list[float] = []
-    for yaw in low * 2 * np.pi / RAYS:
+    for yaw in (low + (before[low] - after[low]) / (2 * curve)) * 2 * np.pi / RAYS:
         if not any(_same(yaw, other, order) for other in chosen):
             chosen.append(float(yaw))
-        if len(chosen) == MAX_YAWS:
+        if len(chosen) == MAX_TRIED:
             break
     return np.array(chosen)
 

@@ -1,9 +1,12 @@
 """Grasps: where a gripper takes a part, and what it covers on the tray."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
+from shapely import affinity
 
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.rotations import (
@@ -19,6 +22,8 @@ from resting_aspects_ros.core.vision.location import Pose
 @dataclass(frozen=True, eq=False)
 class Grasp:
     """A pose of a gripper relative to a part that lies in an aspect, with its footprint.
+
+    z of the gripper frame is its approach direction, away from the robot: down on a tray.
 
     aspect : int
         One aspect of a symmetry class is sufficient: the poses of a class contain all its aspects.
@@ -74,3 +79,28 @@ def gripper_poses(grasp: Grasp, poses: Iterable[Pose]) -> tuple[Pose, ...]:
         for pose in poses
         if pose.aspect == grasp.aspect
     )
+
+
+def approach_angle(pose: Pose) -> float:
+    """Return the angle between z of a gripper and the vertical downward, rad."""
+    z = rotate(pose.orientation, np.array([[0.0, 0.0, 1.0]]))[0]
+    return math.acos(min(max(-float(z[2]), -1.0), 1.0))
+
+
+def gripper_place(pose: Pose) -> tuple[float, float, float]:
+    """Return x and y of a gripper, m, and its yaw: the direction of its x axis from above, rad."""
+    x = rotate(pose.orientation, np.array([[1.0, 0.0, 0.0]]))[0]
+    return float(pose.position[0]), float(pose.position[1]), math.atan2(x[1], x[0])
+
+
+def gripper_area(grasp: Grasp, pose: Pose) -> shapely.Geometry:
+    """Return what a gripper in a pose of `gripper_poses` covers, seen from above, tray frame, m.
+
+    A gripper that is inclined covers less than this.
+    """
+    x, y, yaw = gripper_place(pose)
+    half = grasp.length / 2, grasp.width / 2
+    corners = [(a * half[0], b * half[1]) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    sides = shapely.MultiPoint(corners).convex_hull
+    turned = affinity.rotate(sides, yaw, origin=(0, 0), use_radians=True)
+    return affinity.translate(turned, x, y).buffer(grasp.radius)

@@ -11,6 +11,15 @@ MIN_PAIRS = 4
 # Points are degenerate if the second smallest singular value of the system of equations is smaller
 # than this share of the largest: three points on a line or two equal ones leave a freedom.
 DEGENERATE = 1e-4
+# Marks farther from the origin of the tray than this, m, are given in another unit.
+MAX_DISTANCE = 10.0
+# The corners of the largest image, px.
+LARGEST_IMAGE = 20_000.0 * np.array([[0, 0], [1, 0], [0, 1], [1, 1]])
+MIRRORS = (
+    'invalid homography that mirrors the image: expected pixels with u to the right and v down, '
+    'seen by a camera above the tray, and points [x, y] with z up; a mirrored image shows a part '
+    'as if it were turned over'
+)
 
 
 def find_homography(pixels: npt.ArrayLike, points: npt.ArrayLike) -> Array:
@@ -30,14 +39,21 @@ def find_homography(pixels: npt.ArrayLike, points: npt.ArrayLike) -> Array:
     ------
     InvalidValueError
         There are fewer than four pairs, the points are degenerate (three of four on one line, or
-        equal), or the image is mirrored: v is not down, x and y are exchanged, or the camera is
-        below the tray.
+        equal, or on both sides of the horizon), or the image is mirrored: v is not down, x and y
+        are exchanged, or the camera is below the tray. Points of the tray are more than 10 m from
+        the origin, and so probably in mm.
     """
     source, target = checked_points('pixels', pixels), checked_points('points', points)
     if len(source) != len(target) or len(source) < MIN_PAIRS:
         raise InvalidValueError(
             f'invalid pairs, {len(source)} pixels and {len(target)} points: expected at least '
             f'{MIN_PAIRS} of each'
+        )
+    farthest = float(np.abs(target).max())
+    if farthest > MAX_DISTANCE:
+        raise InvalidValueError(
+            f'invalid points up to {farthest:.4g} m from the origin of the tray frame: expected '
+            f'at most {MAX_DISTANCE:g} m; they are probably in mm, and must be in m'
         )
     before, after = _normalization(source), _normalization(target)
     a, b = mapped(before, source), mapped(after, target)
@@ -59,7 +75,7 @@ def find_homography(pixels: npt.ArrayLike, points: npt.ArrayLike) -> Array:
     behind = np.ptp(np.sign(np.column_stack([a, ones]) @ found[2])) != 0
     if stretch[2] < DEGENERATE * stretch[0] or behind:
         raise _degenerate()
-    return checked_homography(np.linalg.inv(after) @ found @ before, source.mean(axis=0))
+    return checked_homography(np.linalg.inv(after) @ found @ before, source)
 
 
 def _degenerate() -> InvalidValueError:
@@ -82,22 +98,39 @@ def checked_points(name: str, given: npt.ArrayLike) -> Array:
     return points
 
 
-def checked_homography(homography: npt.ArrayLike, visible: npt.ArrayLike = (0.0, 0.0)) -> Array:
-    """Return a homography whose last entry is 1, if possible; ``visible`` is a pixel it maps."""
+def checked_homography(homography: npt.ArrayLike, pixels: Array | None = None) -> Array:
+    """Return a homography that is positive, (u, v, 1) -> w > 0, where it does not mirror.
+
+    Its last entry is 1 or -1, if possible. The Jacobian of the mapping has the determinant
+    det(H) / w^3, so the pixels on one side of the horizon, w = 0, are mirrored. The homography is
+    refused if the pixels (n, 2) that are used are mirrored; by default, if all of an image are.
+    """
     found = np.asarray(homography, dtype=np.float64)
     if found.shape != (3, 3) or not np.isfinite(found).all() or np.linalg.det(found) == 0:
         raise InvalidValueError(
             f'invalid homography {shown(found.tolist())}: expected an invertible 3 x 3 matrix'
         )
-    w = float(found[2] @ np.append(visible, 1.0))
-    # The Jacobian of the mapping has the determinant det(H) / w^3.
-    if np.linalg.det(found) * w > 0:
+    found = -found * np.sign(np.linalg.det(found)) / (abs(found[2, 2]) or 1.0)
+    used = LARGEST_IMAGE if pixels is None else pixels
+    if (np.column_stack([used, np.ones(len(used))]) @ found[2]).max() <= 0:
+        raise InvalidValueError(MIRRORS)
+    return np.asarray(found)
+
+
+def on_tray(homography: Array, pixels: Array) -> Array:
+    """Return the points (n, 2) of the tray at pixels (n, 2), m; see checked_homography.
+
+    Raises InvalidValueError if a pixel is beyond the horizon, or mirrored.
+    """
+    beyond = np.column_stack([pixels, np.ones(len(pixels))]) @ homography[2] <= 0
+    if beyond.all() and len(pixels):
+        raise InvalidValueError(MIRRORS)
+    if beyond.any():
         raise InvalidValueError(
-            'invalid homography that mirrors the image: expected pixels with u to the right and '
-            'v down, seen by a camera above the tray, and points [x, y] with z up; a mirrored '
-            'image shows a part as if it were turned over'
+            f'invalid pixel {shown(pixels[beyond][0].tolist())}: expected pixels that show the '
+            'tray, not beyond its horizon'
         )
-    return found / w
+    return mapped(homography, pixels)
 
 
 def mapped(homography: npt.ArrayLike, points: Array) -> Array:

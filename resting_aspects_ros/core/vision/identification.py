@@ -13,22 +13,22 @@ import shapely
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.vision.camera import Telecentric
-from resting_aspects_ros.core.vision.fitting import Fit, Shape, fit
+from resting_aspects_ros.core.vision.fitting import Shape
 from resting_aspects_ros.core.vision.known_part import KnownPart
 from resting_aspects_ros.core.vision.likelihood import (
     OutlineNoise,
-    known_likelihood,
     log_sum,
     unknown_likelihood,
 )
 from resting_aspects_ros.core.vision.location import Pose
+from resting_aspects_ros.core.vision.rolling_fit import NEGLIGIBLE, ViewFit, class_fits
 from resting_aspects_ros.core.vision.touching import touching_odds
 
 # Prior probabilities that a polygon shows none of the known parts, or several that touch.
 NONE_PRIOR, TOUCHING_PRIOR = 0.01, 0.03
 # Outlines that differ at least so much, as a multiple of the noise, are not fitted, except for the
-# nearest; nor are the fits given whose likelihood is smaller by more than this logarithm.
-FAR, NEAREST, NEGLIGIBLE = 8.0, 2, 12.0
+# nearest.
+FAR, NEAREST = 8.0, 2
 # The prior share of a class is at least this, because a share that was never seen is not zero.
 MIN_SHARE = 1e-4
 # Details of an observed polygon that are smaller than this share of the noise are left out.
@@ -55,6 +55,9 @@ class Candidate:
         Natural logarithm up to a constant that all answers share; see `likelihood`.
     prior, posterior : float
         Probabilities; those of all candidates, none and touching add up to 1.
+    roll : float
+        Angle by which the part has rolled about the axis of the aspect, rad: that of the first
+        pose, one of several if the outline does not tell it. 0 if the part does not roll.
     poses : tuple of Pose
         All poses of the part that look like this, tray frame; the most probable first.
     """
@@ -71,6 +74,7 @@ class Candidate:
     log_likelihood: float
     prior: float
     posterior: float
+    roll: float
     poses: tuple[Pose, ...]
 
 
@@ -114,13 +118,12 @@ class _Hypothesis:
     known: KnownPart
     index: int
     seen: Shape
-    fits: tuple[tuple[float, Fit, Shape], ...]
+    fits: tuple[tuple[float, ViewFit], ...]
     prior: float
 
     @property
     def evidence(self) -> float:
-        shapes = len(self.known.shapes[self.index])
-        return log_sum([each[0] for each in self.fits]) - float(np.log(shapes))
+        return log_sum([each[0] for each in self.fits])
 
 
 def identify(
@@ -151,12 +154,14 @@ def identify(
     found = []
     for part, k, shape in _near(known, views, noise):
         prior = share * max(float(part.shares[k]), MIN_SHARE)
-        found.append(_Hypothesis(part, k, shape, _fits(part, k, shape, noise, count), prior))
+        order = part.outlines[k].yaw_symmetry
+        fits = class_fits(part.views[k], order, shape, noise, count)
+        found.append(_Hypothesis(part, k, shape, fits, prior))
     found.sort(key=lambda each: -each.evidence - np.log(each.prior))
     scores = [each.evidence + np.log(each.prior) for each in found]
-    nearest = min((one for each in found for one in each.fits), key=lambda one: one[1].square)
+    nearest = min((one for each in found for _, one in each.fits), key=lambda one: one.fit.square)
     size = float(np.ptp(shapely.get_coordinates(views.at(0.0).polygon), axis=0).max())
-    unknown = unknown_likelihood(nearest[1], nearest[2], noise, count, size)
+    unknown = unknown_likelihood(nearest.fit, nearest.shape, noise, count, size)
     scores += [unknown + np.log(NONE_PRIOR), unknown + np.log(TOUCHING_PRIOR)]
     # Whether parts touch is found out only where it matters, because it takes longer.
     posterior = np.exp(np.array(scores) - log_sum(scores))
@@ -211,38 +216,31 @@ def _near(
     return [row[1:] for n, row in enumerate(rows) if n < NEAREST or row[0] < FAR * noise.sd]
 
 
-def _fits(
-    part: KnownPart, k: int, seen: Shape, noise: OutlineNoise, count: float
-) -> tuple[tuple[float, Fit, Shape], ...]:
-    """Return log likelihood, fit and model of all fits of a class, the most probable first."""
-    order = part.outlines[k].yaw_symmetry
-    found = [
-        (known_likelihood(one, shape, order, noise, count), one, shape)
-        for shape in part.shapes[k]
-        for one in fit(shape, seen, order)
-    ]
-    found.sort(key=lambda row: -row[0])
-    return tuple(row for row in found if row[0] > found[0][0] - NEGLIGIBLE)
-
-
 def _candidate(each: _Hypothesis, posterior: float, noise: OutlineNoise) -> Candidate:
     known, k = each.known, each.index
     outline, placement = known.outlines[k], known.placements[k]
-    _, first, model = each.fits[0]
-    # A family's outlines differ by a roll, which is unknown, so that they have one pose.
-    fits = [each.fits[0][1]] if outline.family else [row[1] for row in each.fits]
+    first = each.fits[0][1]
+    best = first.fit
+    rolls = len(known.views[k].shapes) > 1
     return Candidate(
         known.part.name,
         outline.symmetry_class,
         outline.aspects,
-        first.x,
-        first.y,
-        first.yaw,
-        first.overlap(model.polygon, each.seen.polygon.simplify(noise.sd / 2)),
-        first.largest,
-        float(np.sqrt(first.square)),
+        best.x,
+        best.y,
+        best.yaw,
+        best.overlap(first.shape.polygon, each.seen.polygon.simplify(noise.sd / 2)),
+        best.largest,
+        float(np.sqrt(best.square)),
         each.evidence,
         each.prior,
         float(posterior),
-        tuple(pose for one in fits for pose in placement.poses(one.x, one.y, one.yaw)),
+        first.roll,
+        tuple(
+            pose
+            for _, one in each.fits
+            for pose in placement.poses(
+                one.fit.x, one.fit.y, one.fit.yaw, one.orientation if rolls else None
+            )
+        ),
     )

@@ -9,6 +9,7 @@ from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.vision.fitting import Shape
 from resting_aspects_ros.core.vision.location import Placement
 from resting_aspects_ros.core.vision.outline import Outline
+from resting_aspects_ros.core.vision.rolling import Views, find_views
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +31,14 @@ class KnownPart:
         return tuple(Placement(self.part, self.aspects, each) for each in self.outlines)
 
     @cached_property
-    def shapes(self) -> tuple[tuple[Shape, ...], ...]:
-        """For each class, the shapes of the outline and of its family."""
-        found = tuple(
-            tuple(Shape(polygon) for polygon in (each.polygon, *each.family))
-            for each in self.outlines
-        )
-        for shape in (shape for shapes in found for shape in shapes):
-            _ = shape.spectrum  # computed now, so that the first identification is fast, too
+    def views(self) -> tuple[Views, ...]:
+        """For each class, its outlines by roll."""
+        found = tuple(find_views(self.part, self.aspects, each) for each in self.outlines)
+        for views in found:
+            _ = views.spectra  # computed now, so that the first identification is fast, too
         return found
+
+    @property
+    def shapes(self) -> tuple[tuple[Shape, ...], ...]:
+        """For each class, the shapes of its outlines."""
+        return tuple(views.shapes for views in self.views)

@@ -72,10 +72,6 @@ class Placement:
     They are the aspects of the class, which rotations of the part map onto each other, each with
     those rotations of the outline onto itself that no rotation of the part causes. Poses that
     differ by a rotation of the part onto itself are given once for each aspect.
-
-    part : Part
-    aspects : AspectSet
-    outline : Outline
     """
 
     part: Part
@@ -124,7 +120,9 @@ class Placement:
             is_symmetry(self.aspects.symmetry, angle * down, SAME_TURN) for angle in (1.0, 2.2)
         )
 
-    def poses(self, x: float, y: float, yaw: float) -> tuple[Pose, ...]:
+    def poses(
+        self, x: float, y: float, yaw: float, orientation: Array | None = None
+    ) -> tuple[Pose, ...]:
         """Return the poses of the part for a camera pose of the outline.
 
         The first is that of the representative aspect without a turn; the solutions of all
@@ -136,6 +134,8 @@ class Placement:
             Projection of the centre of mass, m, tray frame.
         yaw : float
             Counter-clockwise seen from above, rad.
+        orientation : (4,) float, optional
+            Tray from part at yaw 0 of a part that has rolled; see `outline.rolled`.
 
         Raises
         ------
@@ -147,23 +147,36 @@ class Placement:
                 raise InvalidValueError(f'invalid {name} {shown(value)}: expected a number')
             if not np.isfinite(value):
                 raise InvalidValueError(f'invalid {name} {shown(value)}: expected a finite number')
+        if orientation is not None:
+            return self._rolled(x, y, yaw, orientation)
         centroid = np.asarray(self.outline.centroid)
         found = []
         for turn in self.turns:
             # The outline turns about its centroid, so the centre of mass moves.
             moved = _turn(yaw)[:2, :2] @ centroid - _turn(yaw + turn)[:2, :2] @ centroid
             for number, start in zip(self.outline.aspects, self.members, strict=True):
-                rotation = _turn(yaw + turn) @ start
-                centre = np.array([x + moved[0], y + moved[1], self._aspect(number).com_height])
-                found.append(
-                    Pose(
-                        number,
-                        centre - rotation @ self.part.centre_of_mass,
-                        canonical(Rotation.from_matrix(rotation).as_quat()),
-                        self.yaw_known,
-                    )
-                )
+                place = np.array([x + moved[0], y + moved[1], self._aspect(number).com_height])
+                found.append(self._pose(number, place, _turn(yaw + turn) @ start))
         return tuple(found)
+
+    def _rolled(self, x: float, y: float, yaw: float, orientation: Array) -> tuple[Pose, ...]:
+        """Return the poses of a part that has rolled, one for each aspect of the class."""
+        rotation = Rotation.from_quat(orientation).as_matrix()
+        start = Rotation.from_quat(self.outline.orientation).as_matrix()
+        heights = (self.part.hull_vertices - self.part.centre_of_mass) @ rotation[2]
+        place = np.array([x, y, -heights.min()])
+        return tuple(
+            self._pose(number, place, _turn(yaw) @ rotation @ start.T @ member)
+            for number, member in zip(self.outline.aspects, self.members, strict=True)
+        )
+
+    def _pose(self, number: int, centre: Array, rotation: Array) -> Pose:
+        return Pose(
+            number,
+            centre - rotation @ self.part.centre_of_mass,
+            canonical(Rotation.from_matrix(rotation).as_quat()),
+            self.yaw_known,
+        )
 
     def camera_pose(self, aspect: int, position: Array, orientation: Array) -> CameraPose:
         """Return the camera pose of a 6D pose in an aspect of the class.

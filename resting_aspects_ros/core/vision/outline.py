@@ -12,7 +12,8 @@ from resting_aspects_ros.core.aspects.symmetry import HIGHEST_ORDER, Symmetry
 from resting_aspects_ros.core.geometry.tessellation import sagittas
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import composed, rotate, turned_down
-from resting_aspects_ros.core.vision.boundary import Boundary, boundary_of
+from resting_aspects_ros.core.vision.boundary import Boundary
+from resting_aspects_ros.core.vision.fitting import shape_of
 from resting_aspects_ros.core.vision.matching import mirrored, same_outline
 from resting_aspects_ros.core.vision.silhouette import silhouette
 
@@ -143,7 +144,7 @@ def _outline(part: Part, aspects: AspectSet, members: tuple[Aspect, ...]) -> Out
         height=aspect.com_height + float(up),
         com_height=aspect.com_height,
         orientation=aspect.orientation,
-        yaw_symmetry=_yaw_symmetry(boundary_of(polygon)),
+        yaw_symmetry=_yaw_symmetry(shape_of(polygon).boundary),
         mirror_symmetric=same_outline(mirrored(polygon), polygon),
         family=_family(part, aspects, aspect, polygon),
     )
@@ -153,19 +154,19 @@ def _family(
     part: Part, aspects: AspectSet, aspect: Aspect, main: shapely.Polygon
 ) -> tuple[shapely.Polygon, ...]:
     """Return the outlines at other directions of the sweep that differ from each other."""
-    if aspect.sweep is Sweep.POINT or _rolls_round(aspects.symmetry, aspect):
+    if aspect.sweep is Sweep.POINT or rolls_round(aspects.symmetry, aspect):
         return ()
     # A curved side of few strips has different widths in different directions.
     play = float(sagittas(part.vertices, part.faces)[0].max())
     found = [main]
-    for down in _spread(aspect.directions)[1:]:
-        polygon = seen_outline(part, _rolled(aspect, down))
+    for down in spread(aspect.directions)[1:]:
+        polygon = seen_outline(part, rolled_down(aspect, down))
         if not any(same_outline(polygon, other, play) for other in found):
             found.append(polygon)
     return tuple(found[1:])
 
 
-def _rolls_round(symmetry: Symmetry | None, aspect: Aspect) -> bool:
+def rolls_round(symmetry: Symmetry | None, aspect: Aspect) -> bool:
     """Return whether a rotation of the part onto itself causes each direction of the sweep."""
     if symmetry is None or symmetry.axis is None:
         return symmetry is not None and symmetry.kind == 'spherical'
@@ -173,25 +174,37 @@ def _rolls_round(symmetry: Symmetry | None, aspect: Aspect) -> bool:
     return bool(about_axis) and aspect.sweep in {Sweep.RING, Sweep.ARC}
 
 
-def _rolled(aspect: Aspect, down: Array) -> Array:
+def rolled(aspect: Aspect, roll: float) -> Array:
+    """Return the orientation (4,) after the part has rolled by an angle about the axis, rad.
+
+    The axis of the sweep keeps its direction on the tray, so that the yaw is that of the aspect.
+    """
+    turn = np.append(np.sin(roll / 2) * aspect.axis, np.cos(roll / 2))
+    return np.asarray(composed(aspect.orientation[None], turn)[0])
+
+
+def rolled_down(aspect: Aspect, down: Array) -> Array:
     """Return the orientation (4,) after the part has rolled until ``down`` points down.
 
-    It rolls about the axis of the sweep, which keeps its direction on the tray, so that the yaw is
-    that of the main outline; in a dome, which has no such axis, the way is the shortest.
+    In a dome, which has no axis, the way is the shortest.
     """
     if aspect.sweep not in (Sweep.ARC, Sweep.RING):
         return np.asarray(turned_down(aspect.orientation[None], down[None])[0])
+    return rolled(aspect, roll_between(aspect, down))
+
+
+def roll_between(aspect: Aspect, down: Array) -> float:
+    """Return by which angle the part rolls about its axis until ``down`` points down, rad."""
     axis, start = aspect.axis, aspect.down_in_part
-    angle = np.arctan2(axis @ np.cross(down, start), down @ start - (axis @ down) * (axis @ start))
-    roll = np.append(np.sin(angle / 2) * axis, np.cos(angle / 2))
-    return np.asarray(composed(aspect.orientation[None], roll)[0])
+    across = axis @ np.cross(down, start)
+    return float(np.arctan2(across, down @ start - (axis @ down) * (axis @ start)))
 
 
-def _spread(directions: Array) -> Array:
-    """Return at most MAX_DIRECTIONS directions, the first one and those far from each other."""
+def spread(directions: Array, count: int = MAX_DIRECTIONS) -> Array:
+    """Return at most ``count`` directions, the first one and those far from each other."""
     chosen = [0]
     nearest = np.linalg.norm(directions - directions[0], axis=1)
-    while len(chosen) < min(MAX_DIRECTIONS, len(directions)):
+    while len(chosen) < min(count, len(directions)):
         chosen.append(int(nearest.argmax()))
         nearest = np.minimum(nearest, np.linalg.norm(directions - directions[chosen[-1]], axis=1))
     return directions[chosen]

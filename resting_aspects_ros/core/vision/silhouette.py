@@ -1,8 +1,9 @@
 """The silhouette of a mesh: the union of its projected triangles, without effects of rounding.
 
-A union of a million triangles would take half a minute. So upward triangles that share edges are
-first merged to patches, by cancelling the edges between them; a patch is used if its area is the
-sum of those of its triangles, so that it does not overlap itself.
+A union of a million triangles would take half a minute. So the steep triangles of the walls of a
+scan are first replaced by the hulls of stacks, and the other upward triangles that share edges are
+merged to patches, by cancelling the edges between them; a patch is used if its area is the sum of
+those of its triangles, so that it does not overlap itself.
 """
 
 import numpy as np
@@ -22,13 +23,16 @@ ROUNDING = 1e-5
 # border differs from that of another one by 1e-16 (GEOS 3.14).
 GRID = 1e-9
 # Pieces of a silhouette are joined over gaps up to twice this, R, or left out if they are so
-# small.
+# small; holes that are so small are filled.
 MAX_GAP = 1e-3
 # Mean number of triangles in a patch.
 PATCH = 128
-# Sides of cells in which slivers are stacked, in steps of the mesh (root of the median area of a
-# triangle seen from above), and the minimum number of slivers in a stack.
-STACK_STEPS, MIN_STACK = 1.0, 16
+# A triangle is steep if its projection is smaller than this share of its area. Sides of cells in
+# which steep triangles are stacked, in steps of the mesh (root of the median area of a triangle),
+# and the minimum number of triangles in a stack.
+STEEP, STACK_STEPS, MIN_STACK = 0.2, 1.0, 16
+# Pieces with at most so many points are left out of a union if they are inside the others.
+MAX_SMALL = 6
 # Relative difference of the areas of a patch and of its triangles.
 _SAME_AREA = 1e-9
 
@@ -55,49 +59,60 @@ def silhouette(corners: Array, faces: Indices, closed: bool, radius: float) -> s
     PartError
         If the silhouette has no area or several pieces.
     """
-    plane = corners[:, :2] / radius
-    triangles = plane[faces]
-    twice = _cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    scaled = corners / radius
+    triangles = scaled[faces]
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    twice = normals[:, 2]
     if not closed:
         faces = np.where((twice < 0)[:, None], faces[:, ::-1], faces)
         twice = np.abs(twice)
     seen = twice > ROUNDING**2 * 1e-3
-    union = _union(plane, faces[seen], twice[seen] / 2)
+    full = np.linalg.norm(normals[seen], axis=1) / 2
+    union = _union(scaled[:, :2], faces[seen], twice[seen] / 2, full)
     cleaned = _cleaned(union)
-    scaled = shapely.transform(cleaned, lambda points: points * radius)
-    return shapely.geometry.polygon.orient(scaled)
+    return shapely.geometry.polygon.orient(
+        shapely.transform(cleaned, lambda points: points * radius)
+    )
 
 
-def _cross(a: Array, b: Array) -> Array:
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+def _union(plane: Array, faces: Indices, area: Array, full: Array) -> shapely.Geometry:
+    """Return the union of the projections of counter-clockwise triangles.
+
+    ``area`` (k,) is that of the projection, ``full`` (k,) that of the triangle.
+    """
+    stacks, stacked = _stacks(plane[faces], area, full)
+    patches, rest = _patches(plane, faces[~stacked], area[~stacked])
+    small = shapely.get_num_coordinates(patches) <= MAX_SMALL
+    union = shapely.union_all(np.concatenate([patches[~small], stacks]), grid_size=GRID)
+    others = np.concatenate([patches[small], shapely.polygons(rest)])
+    shapely.prepare(union)
+    others = others[~shapely.contains_properly(union, others)]
+    return shapely.union_all(np.append(others, union), grid_size=GRID)
 
 
-def _union(plane: Array, faces: Indices, area: Array) -> shapely.Geometry:
-    """Return the union of the projections of counter-clockwise triangles."""
-    patches, rest = _patches(plane, faces, area)
-    union = shapely.union_all(patches, grid_size=GRID)
-    if len(rest):
-        step = float(np.sqrt(np.median(area)))
-        others = shapely.union_all(_without_walls(rest, step), grid_size=GRID)
-        union = shapely.union(union, others, grid_size=GRID)
-    return union
-
-
-def _without_walls(triangles: Array, step: float) -> npt.NDArray[np.object_]:
-    """Return polygons that cover triangles (k, 3, 2), with the hull of each stack of slivers.
+def _stacks(
+    triangles: Array, area: Array, full: Array
+) -> tuple[npt.NDArray[np.object_], npt.NDArray[np.bool_]]:
+    """Return the hulls of stacks of steep triangles, and which triangles (k,) are in them.
 
     The vertical walls of a scan are such stacks: noise turns half of their triangles upward. In a
     cell of a few steps of the mesh the hull is narrower than 2 MAX_GAP, so that it adds less.
     """
-    cell = np.floor(triangles.mean(axis=1) / max(STACK_STEPS * step, ROUNDING)).astype(np.int64)
+    stacked = np.zeros(len(triangles), dtype=np.bool_)
+    steep = np.flatnonzero(area < STEEP * full)
+    if len(steep) < MIN_STACK:
+        return np.array([], dtype=object), stacked
+    step = max(STACK_STEPS * float(np.sqrt(np.median(full))), ROUNDING)
+    cell = np.floor(triangles[steep].mean(axis=1) / step).astype(np.int64)
     cell -= cell.min(axis=0)
     _, stack, size = np.unique(cell @ [1 << 32, 1], return_inverse=True, return_counts=True)
-    order = np.argsort(np.repeat(stack, 3), kind='stable')
-    points = shapely.points(triangles.reshape(-1, 2)[order])
-    hulls = shapely.convex_hull(shapely.multipoints(points, indices=np.repeat(stack, 3)[order]))
+    order = np.argsort(stack, kind='stable')
+    points = shapely.points(triangles[steep[order]].reshape(-1, 2))
+    hulls = shapely.convex_hull(shapely.multipoints(points, indices=np.repeat(stack[order], 3)))
     width = 2 * shapely.area(hulls) / np.maximum(shapely.length(hulls), ROUNDING)
     walls = (size >= MIN_STACK) & (width < 2 * MAX_GAP)
-    return np.concatenate([hulls[walls], shapely.polygons(triangles[~walls[stack]])])
+    stacked[steep[walls[stack]]] = True
+    return hulls[walls], stacked
 
 
 def _patches(plane: Array, faces: Indices, area: Array) -> tuple[npt.NDArray[np.object_], Array]:
@@ -148,7 +163,8 @@ def _cleaned(union: shapely.Geometry) -> shapely.Polygon:
             f'invalid outline of {shapely.get_num_geometries(outline)} separate pieces: '
             f'expected a part whose outline is connected'
         )
-    return outline
+    holes = [hole for hole in outline.interiors if shapely.Polygon(hole).area > MAX_GAP**2]
+    return shapely.Polygon(outline.exterior, holes)
 
 
 def _closed(shape: shapely.Geometry, gap: float) -> shapely.Geometry:

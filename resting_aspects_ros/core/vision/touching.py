@@ -49,9 +49,9 @@ def touching_odds(seen: Shape, outlines: Sequence[Shape], sd: float) -> float:
 
 
 def _cover(placed: Sequence[shapely.Polygon], seen: shapely.Polygon, sd: float) -> bool:
-    """Return whether some of the placed outlines, chosen greedily, cover a polygon."""
+    """Return whether two or more of the placed outlines, chosen greedily, cover a polygon."""
     rest, total = seen, 0.0
-    for _ in range(MAX_PARTS):
+    for others in range(MAX_PARTS):
         if not placed:
             return False
         common = [shapely.intersection(one, rest).area for one in placed]
@@ -59,7 +59,8 @@ def _cover(placed: Sequence[shapely.Polygon], seen: shapely.Polygon, sd: float) 
         total += placed[k].area
         rest = shapely.difference(rest, placed[k].buffer(2 * sd))
         if rest.area <= MAX_UNCOVERED * seen.area:
-            return bool(total * (1 - MAX_OVERLAP) <= seen.area)
+            # A single one is a part whose holes are missing.
+            return others > 0 and bool(total * (1 - MAX_OVERLAP) <= seen.area)
     return False
 
 

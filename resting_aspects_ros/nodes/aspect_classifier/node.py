@@ -16,7 +16,9 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.nodes.aspect_classifier.classify_pose import answer_pose
 from resting_aspects_ros.nodes.aspect_classifier.distribution_store import DistributionStore
 from resting_aspects_ros.nodes.aspect_classifier.drop_part_requests import DropRequests
+from resting_aspects_ros.nodes.aspect_classifier.forecast_service import ForecastService
 from resting_aspects_ros.nodes.aspect_classifier.get_distribution import DistributionService
+from resting_aspects_ros.nodes.aspect_classifier.live_monitor import LIVE_PARAMETERS, LiveMonitor
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import LogLoader
 from resting_aspects_ros.nodes.aspect_classifier.outline_service import OutlineServices
 from resting_aspects_ros.nodes.aspect_classifier.outline_store import OutlineStore
@@ -59,15 +61,18 @@ PARAMETERS = (
         'out/logs',
         'folder of logs, from which earlier runs are read at the start; empty: none',
     ),
+    *LIVE_PARAMETERS,
 )
+# A forecast for a part with very many triangles needs more time than a file, s.
+MAX_SECONDS = 120.0
 
 
 class AspectClassifier(Node):
-    """Subscribes to resting_poses, transitions/*, parts/* and default_conditions.
+    """Subscribes to resting_poses, transitions/*, parts/*, observed_counts/*, default_conditions.
 
-    Publishes aspect_distributions/<part>, outlines/<part>, markers and current_poses, and known
-    transitions/<part>. Serves get_distribution, get_transitions, classify_pose, identify_part,
-    locate_part and list_parts.
+    Publishes aspect_distributions/<part>, outlines/<part>, posterior/<part>, markers and
+    current_poses, and known transitions/<part>. Serves get_distribution, get_transitions,
+    classify_pose, identify_part, locate_part, forecast and list_parts.
     """
 
     def __init__(self) -> None:
@@ -93,13 +98,13 @@ class AspectClassifier(Node):
             self._parts,
         )
         self._outlines = OutlineStore(self, self._files, self._parts, self._runs.newest)
-        self._vision = OutlineServices(
-            self,
-            self._parts,
-            self._outlines,
-            self._check_ready,
-            self._requests.simulator_is_ready,
-        )
+        ready = self._check_ready, self._requests.simulator_is_ready
+        self._vision = OutlineServices(self, self._parts, self._outlines, *ready)
+        self._worker = FileWorker(self, MAX_SECONDS)  # of drift tests and forecasts
+        stored = self._parts, self._known, self._transitions
+        self._monitor = LiveMonitor(self, *stored, self._worker)
+        known = self._parts, self._transitions, self._monitor
+        ForecastService(self, *known, self._worker, *ready)
         self._discovery = TopicDiscovery(
             self, PARTS, PartDescription, self._on_description, gone=self._parts.remove, raw=True
         )
@@ -116,6 +121,7 @@ class AspectClassifier(Node):
     def destroy_node(self) -> None:
         """Destroy the action clients and end the process that reads files too."""
         self._files.stop()
+        self._worker.stop()
         self._vision.stop()
         self._runs.tracker.destroy()
         self._requests.destroy()
@@ -178,9 +184,11 @@ class AspectClassifier(Node):
             'drops not counted yet': self._runs.pending_drops(),
             'distributions known': len(self._known),
             'transition matrices known': len(self._transitions),
+            'parts counted': self._monitor.counted,
             **self._health.values(),
         }
-        return Diagnosis(self._health.state, values, self._health.warnings())
+        warnings = [*self._health.warnings(), *self._monitor.warnings()]
+        return Diagnosis(self._health.state, values, warnings)
 
     # Services
 

@@ -47,6 +47,10 @@ class TransitionStore:
         while len(self._known) > MAX_KNOWN:
             self._known.pop(next(iter(self._known)))
 
+    def find(self, part: str, part_sha256: str, action: str) -> TransitionMatrix | None:
+        """Return the newest matrix of an action on a version of a part, or None."""
+        return self._known.get((part, part_sha256, action))
+
     def publish(self, part: str) -> None:
         """Publish the newest matrix of a part, unless another node publishes its matrices."""
         known = [each for each in self._of(part) if each.ended]

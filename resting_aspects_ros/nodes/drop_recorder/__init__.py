@@ -1,5 +1,6 @@
 """The node that records each run in an MCAP log of its own.
 
 `log_folder` checks and locks the folder of the logs, `transition_recorder` records the actions,
-and `status_publisher` publishes recorded_runs. Read `node.py` first.
+`feeder_recorder` the topics of a feeder, and `status_publisher` publishes recorded_runs. Read
+`node.py` first.
 """

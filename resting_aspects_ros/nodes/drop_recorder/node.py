@@ -9,6 +9,7 @@ from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
 
 from resting_aspects_ros.logs.topic_metadata import POSES_TYPE, Topic
+from resting_aspects_ros.nodes.drop_recorder.feeder_recorder import FeederRecorder
 from resting_aspects_ros.nodes.drop_recorder.log_folder import (
     FolderLock,
     absolute_folder,
@@ -57,7 +58,8 @@ CLOSE_PERIOD = 0.2
 class DropRecorder(Node):
     """Records resting_poses, parts/*, aspect_distributions/* and transitions/*.
 
-    Each run of drop_part and of reorient_part has an MCAP log of its own.
+    Each run of drop_part and of reorient_part has an MCAP log of its own. The topics of a feeder,
+    detections, pick_result, feeder_advice/*, observed_counts/* and posterior/*, have others.
     """
 
     def __init__(self) -> None:
@@ -91,6 +93,9 @@ class DropRecorder(Node):
             self._reports,
             self._tracker.is_abandoned,
         )
+        self._feeder = FeederRecorder(
+            self, lambda: self._folder, lambda part: self._parts.get(part, (None, None))[1]
+        )
         self._poses = Topic(self.resolve_topic_name(RESTING_POSES), POSES_TYPE, offered_qos(POSES))
         subscribe(self, RestingPoses, RESTING_POSES, self._record_batch, POSES, raw=True)
         close = guarded(self, 'logs are not closed', self._close_finished)
@@ -106,6 +111,7 @@ class DropRecorder(Node):
         self._tracker.destroy()
         for run_id in list(self._logs):
             self._close(run_id)
+        self._feeder.close()
         self._lock.release()
         super().destroy_node()
 
@@ -188,6 +194,7 @@ class DropRecorder(Node):
 
     def _close_finished(self) -> None:
         self._transitions.end_abandoned()
+        self._feeder.close_idle()
         for run_id in [run_id for run_id, log in self._logs.items() if log.done]:
             self._close(run_id)
 
@@ -197,9 +204,11 @@ class DropRecorder(Node):
 
     def _diagnose(self) -> Diagnosis:
         files = [str(log.folder) for log in self._logs.values() if log.being_written]
+        files += [self._feeder.file] if self._feeder.file else []
         values = {
             'drops recorded': self._drops.total,
             'drops per second': self._drops.rate(),
+            'messages of the feeder recorded': self._feeder.messages,
             'logs open': len(files),
             'log files': ', '.join(files),
             'log folder': self._folder,
@@ -208,7 +217,7 @@ class DropRecorder(Node):
         state = self._health.state
         if files and not state:
             state = count_text(len(files), 'log open', 'logs open')
-        errors = [self._reports.error] if self._reports.error else []
+        errors = [each for each in (self._reports.error, self._feeder.problem) if each]
         return Diagnosis(state, values, self._health.warnings(), errors)
 
     def _now(self) -> int:

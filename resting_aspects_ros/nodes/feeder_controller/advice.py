@@ -6,6 +6,9 @@ from dataclasses import dataclass, field, replace
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.feeding.controller_model import ControllerModel
 from resting_aspects_ros.core.feeding.decision import Choice, Expected, SeenPart, advise
+from resting_aspects_ros.core.vision.location import Pose
+from resting_aspects_ros.nodes.feeder_controller.grasp_choice import free_grasps
+from resting_aspects_ros.nodes.feeder_controller.model import FedPart
 from resting_aspects_ros.nodes.feeder_controller.tray_state import (
     Detection,
     Image,
@@ -22,11 +25,24 @@ PHRASES = {
 
 
 @dataclass(frozen=True, eq=False)
+class ChosenPart:
+    """A part to be picked.
+
+    grasps : tuple of Pose
+        Poses of the gripper in the frame of the image, best first; empty if no grasps are given.
+    """
+
+    detection: Detection
+    symmetry_class: int
+    grasps: tuple[Pose, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class CurrentAdvice:
     """What to do now.
 
-    picks : tuple of (Detection, int)
-        Parts to be picked with their symmetry classes, best first.
+    picks : tuple of ChosenPart
+        Parts to be picked, best first.
     then : Choice
         After the picks; WAIT: only the next image.
     image, frame : the image that the advice follows from
@@ -38,7 +54,7 @@ class CurrentAdvice:
 
     choice: Choice
     reason: str
-    picks: tuple[tuple[Detection, int], ...] = ()
+    picks: tuple[ChosenPart, ...] = ()
     then: Choice = Choice.WAIT
     supply: int = 0
     expected: Mapping[Choice, Expected] = field(default_factory=dict)
@@ -63,7 +79,7 @@ class CurrentAdvice:
     def after_picks(self, image: Image) -> 'CurrentAdvice':
         """Return the advice for an image from which parts have been picked since then."""
         left = {each.index for each in image.detections}
-        picks = tuple(pick for pick in self.picks if pick[0].index in left)
+        picks = tuple(pick for pick in self.picks if pick.detection.index in left)
         if self.choice is not Choice.PICK or picks:
             return replace(self, picks=picks)
         done = f'All chosen parts of image {self.image} are picked'
@@ -73,12 +89,13 @@ class CurrentAdvice:
         return replace(advice, reason=f'{done}: {advice.phrase}.')
 
 
-def advise_image(image: Image, part: str, model: ControllerModel) -> CurrentAdvice:
+def advise_image(image: Image, fed: FedPart, model: ControllerModel) -> CurrentAdvice:
     """Return the advice for an image.
 
     Detections of other parts are left out; their places are in the clearances. Invalid ones count
-    as parts that are not recognised.
+    as parts that are not recognised. With grasps, a part is only picked if one of them is free.
     """
+    part = fed.known.part.name
     own, classes, problems = [], [], []
     for each in image.detections:
         if each.part not in (part, ''):
@@ -94,6 +111,15 @@ def advise_image(image: Image, part: str, model: ControllerModel) -> CurrentAdvi
         SeenPart(number, each.clearance if number else 0.0, each.score if number else 0.0)
         for each, number in zip(own, classes, strict=True)
     ]
+    grasps: list[tuple[Pose, ...]] = [()] * len(own)
+    if fed.grasps:
+        strange = [each for each in image.detections if each.part not in (part, '')]
+        all_classes = [*classes, *([0] * len(strange))]
+        grasps = free_grasps([*own, *strange], all_classes, fed.known, fed.grasps)[: len(own)]
+        seen = [
+            each if poses else replace(each, clearance=-1.0)
+            for each, poses in zip(seen, grasps, strict=True)
+        ]
     found = advise(seen, model)
     others = other_parts(image.detections, part)
     reason = found.reason
@@ -102,7 +128,7 @@ def advise_image(image: Image, part: str, model: ControllerModel) -> CurrentAdvi
     return CurrentAdvice(
         choice=found.choice,
         reason=reason,
-        picks=tuple((own[i], classes[i]) for i in found.picks),
+        picks=tuple(ChosenPart(own[i], classes[i], grasps[i]) for i in found.picks),
         then=found.then or Choice.WAIT,
         supply=found.supply,
         expected=found.expected,

@@ -4,13 +4,15 @@ import math
 from collections.abc import Mapping, Sequence
 
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Pose as PoseMsg
 from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, FeederPick, PickResult
 from std_msgs.msg import Header
 
 from resting_aspects_ros.core.feeding.decision import Choice, Expected
 from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.core.vision.known_part import KnownPart
-from resting_aspects_ros.nodes.feeder_controller.advice import CurrentAdvice
+from resting_aspects_ros.core.vision.location import Pose
+from resting_aspects_ros.nodes.feeder_controller.advice import ChosenPart, CurrentAdvice
 from resting_aspects_ros.nodes.feeder_controller.tray_state import Detection, Image, Outcome
 from resting_aspects_ros.ros.conversions import nanoseconds, pose_msg
 
@@ -43,20 +45,26 @@ def image_from(msg: DetectionArray) -> Image:
     )
 
 
-def pick_msgs(picks: Sequence[tuple[Detection, int]], part: KnownPart) -> list[FeederPick]:
-    """Return the messages for detections with their symmetry classes, with all poses."""
+def pick_msgs(picks: Sequence[ChosenPart], part: KnownPart) -> list[FeederPick]:
+    """Return the messages for parts to be picked, with all poses."""
     return [
         FeederPick(
-            detection=each.index,
-            symmetry_class=number,
-            score=each.score,
-            poses=[
-                pose_msg(pose.position.tolist(), pose.orientation.tolist())
-                for pose in part.placements[number - 1].poses(each.x, each.y, each.yaw)
-            ],
+            detection=pick.detection.index,
+            symmetry_class=pick.symmetry_class,
+            score=pick.detection.score,
+            poses=_pose_msgs(
+                part.placements[pick.symmetry_class - 1].poses(
+                    pick.detection.x, pick.detection.y, pick.detection.yaw
+                )
+            ),
+            grasps=_pose_msgs(pick.grasps),
         )
-        for each, number in picks
+        for pick in picks
     ]
+
+
+def _pose_msgs(poses: Sequence[Pose]) -> list[PoseMsg]:
+    return [pose_msg(pose.position.tolist(), pose.orientation.tolist()) for pose in poses]
 
 
 def advice_msg(

@@ -13,6 +13,7 @@ from resting_aspects_interfaces.msg import AspectDistribution, PartDescription
 from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
 
 from resting_aspects_ros.api.forecast_setup import footprints_of, pickable_aspects
+from resting_aspects_ros.api.grasps import check_grasps
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
 from resting_aspects_ros.core.errors import InvalidValueError, shown
@@ -26,6 +27,7 @@ from resting_aspects_ros.core.feeding.model import FeederModel
 from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.intervals import Array, Counts, Interval
+from resting_aspects_ros.core.vision.grasp import Grasp
 from resting_aspects_ros.core.vision.known_part import KnownPart
 from resting_aspects_ros.nodes.feeder_controller.settings import Settings
 from resting_aspects_ros.ros.conversions import check_description, part_from
@@ -42,10 +44,11 @@ MIN_DROPS, MIN_FLIPS = 100, 20
 
 @dataclass(frozen=True, eq=False)
 class FedPart:
-    """The part in a feeder, with the footprints of its classes."""
+    """The part in a feeder, with the footprints of its classes, and the grasps of the robot."""
 
     known: KnownPart
     footprints: tuple[Footprint, ...]
+    grasps: tuple[Grasp, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +77,14 @@ class Evidence:
         return int(self.flips.counts.sum()) if self.flips is not None else 0
 
 
-def read_part(data: bytes, name: str) -> FedPart:
+def read_part(data: bytes, name: str, grasps: tuple[Grasp, ...] = ()) -> FedPart:
     """Return the part in a serialized description on parts/<name>; runs in a FileWorker."""
     message = deserialize_message(data, PartDescription)
     check_description(message, name)
     known = known_part(part_from(message))
-    return FedPart(known, footprints_of(known.part, known.aspects, known.aspects.classes()))
+    check_grasps(grasps, known.placements, ())
+    classes = known.aspects.classes()
+    return FedPart(known, footprints_of(known.part, known.aspects, classes, grasps), grasps)
 
 
 def build_model(
@@ -100,7 +105,13 @@ def build_model(
             flips = evidence.flips.by_class().counts
         rows = [_filled(row, drop / drop.sum(), MIN_FLIPS) for row in flips]
         feeder = FeederModel(drop, np.array(rows), *common)
-    model = controller_model(feeder, spread=settings.spread, number=settings.best_number)
+    model = controller_model(
+        feeder,
+        spread=settings.spread,
+        max_supply=settings.max_supply,
+        min_score=settings.min_score,
+        number=settings.best_number,
+    )
     _ = model.values  # found here, and not in the process of the node
     return model
 
@@ -121,15 +132,18 @@ def pickable_share(
 def ids_of_classes(part: KnownPart, settings: Settings) -> tuple[int, ...]:
     """Return the ids of the aspects of the pickable classes.
 
-    Raises InvalidValueError if the part does not have one of the classes.
+    Raises InvalidValueError if the part does not have one of the classes, or if one has no grasp.
     """
     try:
-        return pickable_aspects(part.aspects, None, settings.pickable)
+        ids = pickable_aspects(part.aspects, None, settings.pickable)
     except InvalidValueError:
         raise InvalidValueError(
             f'invalid pickable_classes {list(settings.pickable)}: expected symmetry classes of '
             f'{settings.part}, 1 to {len(part.outlines)}'
         ) from None
+    if settings.grasps:
+        check_grasps(settings.grasps, part.placements, ids)
+    return ids
 
 
 def drops_in(message: AspectDistribution, part: KnownPart) -> Distribution:

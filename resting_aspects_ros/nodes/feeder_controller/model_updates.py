@@ -11,9 +11,13 @@ from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixM
 
 from resting_aspects_ros.core.errors import RestingAspectsError
 from resting_aspects_ros.core.feeding.controller_model import ControllerModel
-from resting_aspects_ros.core.vision.known_part import KnownPart
 from resting_aspects_ros.nodes.feeder_controller.evidence import PartEvidence
-from resting_aspects_ros.nodes.feeder_controller.model import Evidence, build_model, read_part
+from resting_aspects_ros.nodes.feeder_controller.model import (
+    Evidence,
+    FedPart,
+    build_model,
+    read_part,
+)
 from resting_aspects_ros.nodes.feeder_controller.settings import Settings
 from resting_aspects_ros.ros.callbacks import guarded_task, subscribe
 from resting_aspects_ros.ros.file_worker import FileWorker
@@ -62,10 +66,10 @@ class ModelUpdates:
         self._files.stop()
 
     @property
-    def part(self) -> KnownPart:
+    def part(self) -> FedPart:
         """The part; only if there is a model."""
         assert self._known.fed is not None
-        return self._known.fed.known
+        return self._known.fed
 
     @property
     def state(self) -> str:
@@ -130,7 +134,9 @@ class ModelUpdates:
         """Read a description of the part, unless a newer one has arrived."""
         had_part = self._known.fed is not None
         try:
-            fed = await self._files.run(read_part, data, self._settings.part)
+            fed = await self._files.run(
+                read_part, data, self._settings.part, self._settings.grasps
+            )
             if digest != self._digest:
                 return
             self._known.set_part(fed)

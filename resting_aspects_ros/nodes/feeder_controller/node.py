@@ -129,7 +129,7 @@ class FeederController(Node):
         if image is None or model is None:
             self._advice = None
             return
-        self._advice = advise_image(image, self._part, model)
+        self._advice = advise_image(image, self._model.part, model)
         for problem in self._advice.problems[:1]:
             self._report(problem)
 
@@ -177,7 +177,7 @@ class FeederController(Node):
     def _update(self) -> None:
         """Publish the advice if it has changed."""
         advice = self._current()
-        picks = [each.index for each, _ in advice.picks]
+        picks = [each.detection.index for each in advice.picks]
         # The time in a hint changes all the time.
         changing = (advice.choice, advice.supply, picks, advice.image, self._tray.epoch)
         reason = self._waits or advice.reason
@@ -192,7 +192,7 @@ class FeederController(Node):
                 self._part,
                 self._tray.epoch,
                 self.get_clock().now().to_msg(),
-                pick_msgs(advice.picks, self._model.part) if advice.picks else [],
+                pick_msgs(advice.picks, self._model.part.known) if advice.picks else [],
                 **self._model.evidence_fields,
             )
         )

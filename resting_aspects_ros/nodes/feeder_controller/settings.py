@@ -1,13 +1,17 @@
 """The parameters of feeder_controller, and what they state."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from resting_aspects_ros.api.grasps import load_grasps
 from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.feeding.controller_model import DEFAULT_MIN_SCORE
 from resting_aspects_ros.core.feeding.cycle import MAX_TIME, CycleTimes
 from resting_aspects_ros.core.feeding.density import MAX_REQUESTED
 from resting_aspects_ros.core.feeding.footprint import Tray
 from resting_aspects_ros.core.part import is_valid_name
+from resting_aspects_ros.core.vision.grasp import Grasp
 from resting_aspects_ros.ros.parameters import Parameter
 
 TIME = (0.0, MAX_TIME)
@@ -15,8 +19,14 @@ PARAMETERS = (
     Parameter('part', 'l_bracket', 'name of the part in the feeder'),
     Parameter('pickable_classes', [1], 'symmetry classes in which the robot can pick the part'),
     Parameter('clearance', 0.005, 'free distance that the gripper needs, m', (0.0, 1.0)),
+    Parameter(
+        'grasps', '', 'YAML file of the grasps of the part; empty: only the clearance matters'
+    ),
     Parameter('tray', [0.2, 0.2], 'width and depth of the tray, m'),
     Parameter('robot_time', 1.2, 'time from one pick to the next, s', (0.001, MAX_TIME)),
+    Parameter(
+        'place_time', 0.0, 'part of it in which the feeder and the camera may work, s', TIME
+    ),
     Parameter('vibrate_time', 0.6, 'duration of a flip, s', TIME),
     Parameter('settle_time', 0.6, 'time until the parts are at rest, s', TIME),
     Parameter('image_time', 0.2, 'time of an image and its evaluation, s', TIME),
@@ -24,22 +34,33 @@ PARAMETERS = (
     Parameter('spread_time', 0.0, 'duration of a spread, s; 0: the feeder has none', TIME),
     Parameter('best_number', 0, 'parts on the tray; 0: the best number', (0, MAX_REQUESTED)),
     Parameter('max_picks', 0, 'maximum number of picks after an image; 0: all', (0, 1000)),
+    Parameter('max_supply', 0, 'maximum number of parts supplied at once; 0: all', (0, 1000)),
+    Parameter(
+        'min_score', DEFAULT_MIN_SCORE, 'minimum score of a part that is picked', (0.0, 1.0)
+    ),
     Parameter('action', 'flip', 'action whose transitions are those of a flip'),
 )
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What the parameters of the node state; None: the model finds it, or there is no limit."""
+    """What the parameters of the node state; None: the model finds it, or there is no limit.
+
+    grasps : tuple of Grasp
+        The preferred ones first; empty: only the clearance matters.
+    """
 
     part: str
     pickable: tuple[int, ...]
     action: str
+    grasps: tuple[Grasp, ...]
     tray: Tray
     times: CycleTimes
     spread: float | None
     best_number: int | None
     max_picks: int | None
+    max_supply: int | None
+    min_score: float
 
 
 def settings_from(values: dict[str, Any]) -> Settings:
@@ -58,14 +79,17 @@ def settings_from(values: dict[str, Any]) -> Settings:
         raise InvalidValueError(
             f'invalid action {shown(values["action"])}: expected the name of an action'
         )
-    names = ('robot', 'vibrate', 'settle', 'image', 'supply')
+    names = ('robot', 'place', 'vibrate', 'settle', 'image', 'supply')
     return Settings(
         part=part,
         pickable=tuple(pickable),
         action=values['action'],
+        grasps=load_grasps(Path(values['grasps'])) if values['grasps'] else (),
         tray=Tray((sides[0], sides[1]), values['clearance']),
         times=CycleTimes(**{name: values[f'{name}_time'] for name in names}),
         spread=values['spread_time'] or None,
         best_number=values['best_number'] or None,
         max_picks=values['max_picks'] or None,
+        max_supply=values['max_supply'] or None,
+        min_score=values['min_score'],
     )

@@ -14,9 +14,15 @@ from resting_aspects_ros.logs.message_reader import check_definition
 from resting_aspects_ros.logs.playback_reader import RecordedTopic, Recording
 from resting_aspects_ros.ros.interface import (
     ASPECT_DISTRIBUTIONS,
+    CELL,
+    DETECTIONS,
+    FEEDER_ADVICE,
     LATCHED,
+    OBSERVED_COUNTS,
     PARTS,
+    PICK_RESULT,
     POSES,
+    POSTERIOR,
     RESTING_POSES,
     TRANSITIONS,
 )
@@ -28,10 +34,16 @@ _SUITE = {
     PARTS: (f'{_MESSAGES}/PartDescription', LATCHED),
     ASPECT_DISTRIBUTIONS: (f'{_MESSAGES}/AspectDistribution', LATCHED),
     TRANSITIONS: (f'{_MESSAGES}/TransitionMatrix', LATCHED),
+    DETECTIONS: (f'{_MESSAGES}/DetectionArray', CELL),
+    PICK_RESULT: (f'{_MESSAGES}/PickResult', CELL),
+    FEEDER_ADVICE: (f'{_MESSAGES}/FeederAdvice', LATCHED),
+    OBSERVED_COUNTS: (f'{_MESSAGES}/ObservedCounts', LATCHED),
+    POSTERIOR: (f'{_MESSAGES}/Posterior', LATCHED),
 }
+_SINGLE = (RESTING_POSES, DETECTIONS, PICK_RESULT)
 _SUITE_TOPIC = re.compile(
     rf'(?P<namespace>(?:/\w+)*)/'
-    rf'(?:{RESTING_POSES}|(?:{PARTS}|{ASPECT_DISTRIBUTIONS}|{TRANSITIONS})/\w+)',
+    rf'(?:{"|".join(_SINGLE)}|(?:{"|".join(_SUITE.keys() - set(_SINGLE))})/\w+)',
     re.ASCII,
 )
 # QoS of other topics if the log has none, as in rosbag2.

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.feeding import density
+from resting_aspects_ros.core.feeding import forecast as forecast_module
 from resting_aspects_ros.core.feeding.cycle import CycleTimes, parts_per_minute
 from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
 from resting_aspects_ros.core.feeding.forecast import forecast
@@ -19,7 +20,8 @@ from resting_aspects_ros.core.feeding.steady_state import (
     Moves,
     drawn_moves,
     moves_of,
-    run_variance,
+    refilled_later,
+    run_spread,
     steady_state,
 )
 
@@ -45,7 +47,8 @@ OVERLAP = dataclasses.replace(TIMES, place=0.6)
 
 @pytest.fixture(autouse=True)
 def few_parts_are_placed(monkeypatch):
-    monkeypatch.setattr(density, 'PLACED', 3000)
+    monkeypatch.setattr(density, 'PLACED', 2000)
+    monkeypatch.setattr(forecast_module, 'DRAWS', 60)
 
 
 def simulated(moves, free, number, times, max_picks, seconds, seed):
@@ -103,7 +106,7 @@ def expected(times, number, most):
     """Return the rate of the formulas, and the variance of the picks per minute."""
     state = steady_state(MOVES, FREE, number, most)
     rate = float(parts_per_minute(times, state.picks, state.supplied))
-    return rate, run_variance(MOVES, state, number, times)
+    return rate, run_spread(MOVES, state, number, times).variance
 
 
 def test_rate_is_that_of_a_discrete_event_simulation(case):
@@ -127,9 +130,9 @@ def test_variance_is_that_of_a_discrete_event_simulation(case):
 def test_runs_are_within_the_prediction_interval():
     """Runs whose probabilities are drawn from the posterior, of which 95 % are expected inside."""
     found = forecast(MODEL, 10, minutes=20)
-    free = np.where(MODEL.pickable, found.free, 0.0)
+    free = np.append(np.where(MODEL.pickable, found.free, 0.0), 0.0)
     generator = np.random.default_rng(3)
-    drawn = drawn_moves(DROP, TRANSITIONS, 30, generator)
+    drawn = refilled_later(drawn_moves(DROP, TRANSITIONS, 30, generator))
     low, high = found.prediction
     within = 0
     for k in range(30):
@@ -178,7 +181,11 @@ def test_one_part_that_can_always_be_picked_has_a_closed_form():
     seconds = 1.2 + 0.8 + 0.5 + 0.2 + 0.05
     assert found.rate == pytest.approx(60 / seconds)
     assert (found.lower, found.upper) == pytest.approx([60 / seconds] * 2)
-    assert found.prediction == pytest.approx([60 / seconds] * 2)
+    # A run begins with an empty tray: the first image follows after settling and supply.
+    expected = 60 / seconds * (1 - (0.5 + 0.2 + 0.05) / 3600)
+    # It ends anywhere in a cycle, of which the feeder and the camera take 1.5 s.
+    low, high = found.prediction
+    assert expected - 60 / seconds * 1.5 / 3600 < low < high < expected
     assert found.flips_per_part == pytest.approx(0, abs=1e-9)
     assert found.state.picks.none == pytest.approx(0, abs=1e-9)
 
@@ -232,8 +239,12 @@ def test_part_with_one_aspect_is_always_pickable():
         footprints=FOOTPRINTS[:1],
     )
     found = forecast(one, 5)
-    assert found.state.picks.mean == pytest.approx(5 * found.free[0])
-    assert found.state.lost == pytest.approx(5 * (1 - found.free[0]) * 0.1)
+    # Lost parts are missing in the image after the action.
+    parts, taken = 5 - found.state.lost, found.state.taken[0]
+    assert found.free[0] < taken < 1
+    assert found.state.picks.mean == pytest.approx(parts * taken)
+    assert found.state.lost == pytest.approx(parts * (1 - taken) * 0.1)
+    assert found.state.mix == pytest.approx([1])
 
 
 def test_faster_robot_and_smaller_clearance_raise_the_rate():

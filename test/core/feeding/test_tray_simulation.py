@@ -33,10 +33,8 @@ def model():
 
 def test_rate_of_the_cycle_of_the_forecast_is_the_forecast(model):
     run = simulate(flip_and_refill(model), model, 20_000, np.random.default_rng(1))
-    deviation = np.sqrt(LongRun(FEEDER).variance(model.table, NUMBER) / (20_000 / 60))
-    # Left parts are replaced one cycle later than in the forecast.
-    slack = 0.02 * run.rate
-    assert abs(run.rate - 60 * model.values.rate) < 4 * deviation + slack
+    spread = LongRun(FEEDER).spread(model.table, NUMBER)
+    assert abs(run.rate - 60 * model.values.rate) < 4 * np.sqrt(spread.variance / (20_000 / 60))
 
 
 @pytest.mark.slow

@@ -94,6 +94,16 @@ def test_passing_drift_is_a_single_window():
     assert list(found.alarms) == [1]
 
 
+def test_drift_begins_and_ends_with_the_shares():
+    good, bad = [54, 56, 48, 26, 16], [40, 90, 40, 20, 10]
+    assert found_in(good, bad, bad, good, good).drifted == range(1, 3)
+    # The last run counts, and the windows between two of them belong to neither.
+    assert found_in(bad, bad, bad, good, good, good, bad).drifted == range(6, 7)
+    assert found_in(bad).drifted == range(1)
+    # A single window that is nearer to the simulation is no recovery.
+    assert found_in(good, bad, bad, [48, 72, 44, 23, 13]).drifted == range(1, 4)
+
+
 def test_bounds_are_those_of_a_comparison():
     parts = np.array([60, 80, 30, 20, 10])
     found = largest_deviation(parts, SIMULATED, 0.9)

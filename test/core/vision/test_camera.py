@@ -73,18 +73,48 @@ def test_mirrored_image_is_refused():
         Telecentric(np.diag([1e-4, 1e-4, 1]))
 
 
+def oblique(tilt, distance=0.5, focal=2000.0):
+    """The homography of a camera, degrees from straight down, that aims at the origin.
+
+    Where v is small enough, its pixels show the sky.
+    """
+    t = np.radians(tilt)
+    down, right = np.array([0, np.sin(t), -np.cos(t)]), np.array([1.0, 0, 0])
+    axes = np.stack([right, np.cross(down, right), down])
+    to_image = np.diag([focal, focal, 1]) @ axes[:, [0, 1]]
+    to_image = np.column_stack([to_image, np.array([0, 0, distance])])
+    to_image = np.array([[1, 0, 1000], [0, 1, 500], [0, 0, 1]]) @ to_image
+    return np.linalg.inv(to_image)
+
+
+@pytest.mark.parametrize('tilt', [0, 45, 75, 85])
+def test_oblique_cameras_are_not_mirrored(tilt):
+    exact = oblique(tilt)
+    marks = np.array([[-0.05, -0.05], [0.05, -0.05], [0.05, 0.05], [-0.05, 0.05], [0, 0]])
+    seen = np.column_stack([marks, np.ones(5)]) @ np.linalg.inv(exact).T
+    pixels = seen[:, :2] / seen[:, 2:]
+    found = find_homography(pixels, marks)
+    for homography in (found, -found, found / found[2, 2]):
+        camera = Telecentric(homography)
+        np.testing.assert_allclose(camera.to_tray(pixels), marks, atol=1e-9)
+    with pytest.raises(InvalidValueError, match='mirrors'):
+        find_homography(pixels, marks * [1, -1])
+    if tilt >= 75:
+        with pytest.raises(InvalidValueError, match='horizon'):
+            camera.to_tray([[1000, -500], [1000, 500]])
+
+
+def test_marks_in_millimetres_are_refused_with_a_hint():
+    with pytest.raises(InvalidValueError, match='probably in mm'):
+        find_homography(CORNERS, perspective(CORNERS) * 1000)
+
+
 def test_clockwise_in_the_image_is_negative_yaw():
-    camera = Telecentric(SIMPLE)
-    x, y, yaw = camera.to_tray_pose(1000, 400, np.radians(30))
-    assert (x, y, np.degrees(yaw)) == pytest.approx((0, 0.01, -30))
-
-
-def test_direction_agrees_with_two_close_pixels():
-    camera = Telecentric(find_homography(CORNERS, perspective(CORNERS)))
-    _, _, yaw = camera.to_tray_pose(700, 300, 2.0)
-    near = np.array([[700, 300], [700 + np.cos(2) / 100, 300 + np.sin(2) / 100]])
-    (way,) = np.diff(camera.to_tray(near), axis=0)
-    assert yaw == pytest.approx(np.arctan2(way[1], way[0]), abs=1e-5)
+    start = np.array([1000, 400])
+    end = start + np.array([np.cos(np.radians(30)), np.sin(np.radians(30))])
+    (x, y), (right, up) = Telecentric(SIMPLE).to_tray([start, end])
+    yaw = np.degrees(np.arctan2(up - y, right - x))
+    assert (x, y, yaw) == pytest.approx((0, 0.01, -30))
 
 
 def test_pinhole_magnifies_high_edges_about_its_foot():

@@ -1,21 +1,23 @@
-"""Alignment of outlines against known poses and overlaps, and look-alikes of known solids."""
+"""Fits of outlines against known poses, their overlaps, and look-alikes of known solids."""
 
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.affinity import rotate, scale, translate
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.vision.fitting import MAX_YAWS, Shape, fit
 from resting_aspects_ros.core.vision.matching import (
-    MAX_SOLUTIONS,
-    align,
+    best_overlap,
     look_alikes,
     mirrored,
     same_outline,
 )
 from resting_aspects_ros.core.vision.outline import find_outlines
+
+few = settings(max_examples=settings.default.max_examples // 5)
 
 
 def circle(sides, radius=10.0, centre=(0.0, 0.0)):
@@ -51,6 +53,10 @@ def placed(polygon, yaw, x, y):
     return translate(rotate(polygon, np.degrees(yaw), origin=(0, 0)), x, y)
 
 
+def fits(model, seen, order=1):
+    return fit(Shape(model), Shape(seen), order)
+
+
 def off(yaw, expected, order=1):
     """Distance of angles modulo the symmetry, degrees."""
     return abs(np.degrees(np.angle(np.exp(1j * order * (yaw - expected))))) / order
@@ -66,37 +72,31 @@ def test_pose_is_recovered_modulo_the_symmetry(name, yaw, x, y):
     polygon, order = POLYGONS[name]
     polygon = scale(polygon, 1e-3, 1e-3, origin=(0, 0))
     seen = placed(polygon, yaw, x * 1e-3, y * 1e-3)
-    best, *_ = align(polygon, seen)
+    best, *_ = fits(polygon, seen)
     assert off(best.yaw, yaw, order) < 0.2
-    assert best.overlap > 0.995
-    assert best.distance < 1e-4
+    assert best.overlap(polygon, seen) > 0.995
+    assert best.largest < 1e-4
     again = placed(polygon, best.yaw, best.x, best.y)
-    assert overlap(again, seen) == pytest.approx(best.overlap, abs=1e-6)
+    assert overlap(again, seen) == pytest.approx(best.overlap(polygon, seen), abs=1e-6)
 
 
 @pytest.mark.parametrize('name', ['rectangle', 'square', 'hexagon', 'gear'])
-def test_all_yaws_of_a_symmetric_outline_are_returned(name):
+def test_yaws_of_a_symmetric_outline_are_returned(name):
     polygon, order = POLYGONS[name]
-    found = np.sort([a.yaw % (2 * np.pi) for a in align(polygon, placed(polygon, 0.2, 5, 7))])
-    assert len(found) == order
-    np.testing.assert_allclose(found, 0.2 + 2 * np.pi * np.arange(order) / order, atol=2e-3)
-
-
-def test_solutions_are_sorted_and_limited():
-    disc = shapely.Polygon(circle(20))
-    found = align(disc, placed(disc, 0.1, 1, 1))
-    assert 1 <= len(found) <= MAX_SOLUTIONS
-    overlaps = [a.overlap for a in found]
-    assert overlaps == sorted(overlaps, reverse=True)
+    found = fits(polygon, placed(polygon, 0.2, 5, 7))
+    assert len(found) == min(order, MAX_YAWS)
+    assert max(off(each.yaw, 0.2, order) for each in found) < 0.1
+    assert len(fits(polygon, placed(polygon, 0.2, 5, 7), order)) == 1
 
 
 def test_near_symmetry_follows_the_best_solution():
     notched = shapely.box(0, 0, 30, 12) - shapely.box(29, 0, 30, 1)
-    best, second = align(notched, placed(notched, 1.0, 2, 3))
+    seen = placed(notched, 1.0, 2, 3)
+    best, second = fits(notched, seen)
     assert off(best.yaw, 1.0) < 0.2
     assert off(second.yaw, 1.0 + np.pi) < 0.5
-    assert second.overlap == pytest.approx(358 / 360, abs=1e-3)
-    assert best.overlap > second.overlap
+    assert 0.98 < second.overlap(notched, seen) < 358 / 360
+    assert best.square < second.square
 
 
 @pytest.mark.parametrize('noise', [0.1, 0.3])
@@ -108,24 +108,26 @@ def test_noise_of_pixels_hardly_changes_the_pose(name, noise):
     rings = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(fine)]
     outer, *holes = [ring + generator.normal(0, noise, ring.shape) for ring in rings]
     noisy = shapely.Polygon(outer, holes).buffer(0)
-    best, *_ = align(polygon, noisy)
+    best, *_ = fits(polygon, noisy)
+    # The standard error is noise / (lever sqrt(number of points)): 0.8 degrees for the two holes,
+    # with 38 points at a lever of 3.5 mm, and noise of 0.3 mm.
     assert off(best.yaw, 0.7, order) < (1.0 if noise < 0.2 else 2.0)
     centre = np.array([best.x, best.y])
     np.testing.assert_allclose(centre, [12, -9], atol=0.2)
 
 
 def test_overlap_and_distance_of_concentric_rectangles():
-    best, *_ = align(shapely.box(-15, -6, 15, 6), shapely.box(-14, -5, 14, 5))
-    assert best.overlap == pytest.approx(280 / 360, abs=1e-3)
+    found, distance = best_overlap(shapely.box(-15, -6, 15, 6), shapely.box(-14, -5, 14, 5))
+    assert found == pytest.approx(280 / 360, abs=1e-3)
     # The overlap is the same while the small one is inside the large one.
-    assert np.sqrt(2) - 1e-3 <= best.distance <= 2 * np.sqrt(2)
+    assert np.sqrt(2) - 1e-3 <= distance <= 2 * np.sqrt(2)
 
 
 def test_hole_counts_in_the_overlap_and_in_the_distance():
     plain, ring = shapely.Polygon(circle(90)), shapely.Polygon(circle(90), [circle(90, 4.0)])
-    best, *_ = align(plain, ring)
-    assert best.overlap == pytest.approx(1 - 0.16, abs=1e-3)
-    assert best.distance == pytest.approx(6, abs=0.15)
+    found, distance = best_overlap(plain, ring)
+    assert found == pytest.approx(1 - 0.16, abs=1e-3)
+    assert distance == pytest.approx(6, abs=0.15)
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -133,22 +135,23 @@ def test_distance_is_that_of_shapely(seed):
     generator = np.random.default_rng(seed)
     points = [shapely.MultiPoint(generator.normal(size=(9, 2)) * 10) for _ in range(2)]
     a, b = (each.convex_hull for each in points)
-    best, *_ = align(a, b)
+    best, *_ = fits(a, b)
     moved = placed(a, best.yaw, best.x, best.y)
     exact = shapely.hausdorff_distance(moved.boundary, b.boundary, densify=0.01)
-    assert best.distance == pytest.approx(exact, rel=0.03)
-    assert best.overlap == pytest.approx(overlap(moved, b), abs=1e-6)
+    assert best.largest == pytest.approx(exact, rel=0.05)
+    assert best.overlap(a, b) == pytest.approx(overlap(moved, b), abs=1e-6)
 
 
 @given(seed=st.integers(0, 2**32 - 1))
+@few
 def test_no_pose_on_a_grid_overlaps_much_more(seed):
     generator = np.random.default_rng(seed)
     points = [shapely.MultiPoint(generator.normal(size=(8, 2)) * 10) for _ in range(2)]
     a, b = (each.convex_hull for each in points)
-    found = align(a, b)[0].overlap
+    found, _ = best_overlap(a, b)
     centred = translate(a, *(np.array(b.centroid.coords[0]) - np.array(a.centroid.coords[0])))
     grid = [overlap(rotate(centred, angle, origin='centroid'), b) for angle in range(0, 360, 5)]
-    assert found > max(grid) - 0.02
+    assert found > max(grid) - 0.005
 
 
 def test_mirror_image_changes_the_sign_of_y_and_keeps_the_directions():

@@ -86,14 +86,14 @@ SHAPES = {
     'circle_200': (shapely.Polygon(circle(200)), 0, True),
     'ring': (shapely.Polygon(circle(40), [circle(24, 5.0)]), 0, True),
     'nut': (shapely.Polygon(circle(6), [circle(40, 5.0)]), 6, True),
-    'off_centre_hole': (shapely.Polygon(circle(64), [circle(24, 2.0, (4, 0))]), 1, True),
+    'off_centre_hole': (shapely.Polygon(circle(40), [circle(16, 2.0, (4, 0))]), 1, True),
     'three_holes': (
-        shapely.Polygon(circle(64), [circle(24, 2.0, c) for c in circle(3, 5.0)]),
+        shapely.Polygon(circle(40), [circle(16, 2.0, c) for c in circle(3, 5.0)]),
         3,
         True,
     ),
     'two_unequal_holes': (
-        shapely.Polygon(circle(64), [circle(24, 2.0, (5, 0)), circle(24, 1.0, (0, 5))]),
+        shapely.Polygon(circle(40), [circle(16, 2.0, (5, 0)), circle(16, 1.0, (0, 5))]),
         1,
         False,
     ),

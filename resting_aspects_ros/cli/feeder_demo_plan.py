@@ -1,0 +1,125 @@
+"""What `resting_aspects feeder_demo` was asked for."""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from resting_aspects_ros.api.forecast import DEFAULT_ACTION, IMAGE, ROBOT
+from resting_aspects_ros.api.forecast_setup import check_tray, cycle_times, pickable_aspects
+from resting_aspects_ros.api.identify import known_part
+from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.plan_actions import named_action
+from resting_aspects_ros.cli.forecast_options import parse_numbers, parse_tray, requested_time
+from resting_aspects_ros.cli.values import parse_quantity
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.feeding.cycle import CycleTimes
+from resting_aspects_ros.core.feeding.footprint import Tray
+from resting_aspects_ros.core.vision.known_part import KnownPart
+from resting_aspects_ros.core.vision.tray_image import TrayCamera
+
+# Of the camera.
+PX_PER_MM = 5.0
+MAX_MINUTES = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedDemo:
+    """What a demo was asked for.
+
+    classes : tuple of int
+        Numbers of the pickable classes.
+    default : bool
+        Whether they were chosen here.
+    """
+
+    known: KnownPart
+    folder: Path | None
+    classes: tuple[int, ...]
+    default: bool
+    tray: Tray
+    times: CycleTimes
+    parts_on_tray: int | None
+    max_picks: int | None
+    minutes: float
+    seed: int
+    drops: int
+    per_aspect: int
+    real_time: bool
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """Ids of the pickable aspects."""
+        return pickable_aspects(self.known.aspects, None, self.classes)
+
+    @property
+    def pickable_text(self) -> str:
+        """Which aspects can be picked, as a sentence."""
+        ids, name = ', '.join(map(str, self.ids)), self.known.part.name
+        aspects = f'aspect{"s" if len(self.ids) > 1 else ""} {ids}'
+        if not self.default:
+            return f'The robot picks {name} in {aspects}.'
+        share = self.known.shares[self.classes[0] - 1]
+        return (
+            f'The robot picks {name} in {aspects}, the most probable by its shape '
+            f'({100 * share:.0f} %); choose others with --pickable.'
+        )
+
+
+def planned_demo(arguments: argparse.Namespace, drops: int, per_aspect: int) -> PlannedDemo:
+    """Return what the flags request; raises RestingAspectsError for wrong input."""
+    if arguments.gripper is not None:
+        raise InvalidValueError('invalid --gripper: expected none, this demo has only a clearance')
+    known = known_part(load_part(arguments.part, None, arguments.parts, None))
+    classes, default = _pickable(arguments, known)
+    given = {name: requested_time(arguments, name) for name in ('robot', 'image', 'supply')}
+    times = cycle_times(
+        named_action(DEFAULT_ACTION),
+        robot=ROBOT if given['robot'] is None else given['robot'],
+        vibrate=requested_time(arguments, 'vibrate'),
+        settle=requested_time(arguments, 'settle'),
+        image=IMAGE if given['image'] is None else given['image'],
+        supply=given['supply'] or 0.0,
+        overlap=arguments.overlap,
+        place=requested_time(arguments, 'place'),
+    )
+    clearance = parse_quantity('--clearance', arguments.clearance, 'm')
+    tray = Tray(parse_tray(arguments.tray), clearance)
+    minutes = parse_quantity('--minutes', arguments.minutes, '')
+    if not 0 < minutes <= MAX_MINUTES:
+        raise InvalidValueError(
+            f'invalid --minutes {minutes:g}: expected more than 0, at most {MAX_MINUTES}'
+        )
+    check_tray(known.part, known.aspects, tray, arguments.parts_on_tray)
+    TrayCamera(tray.size, PX_PER_MM)
+    return PlannedDemo(
+        known=known,
+        folder=arguments.parts,
+        classes=classes,
+        default=default,
+        tray=tray,
+        times=times,
+        parts_on_tray=arguments.parts_on_tray,
+        max_picks=arguments.max_picks,
+        minutes=minutes,
+        seed=arguments.seed,
+        drops=drops,
+        per_aspect=per_aspect,
+        real_time=arguments.real_time,
+    )
+
+
+def _pickable(arguments: argparse.Namespace, known: KnownPart) -> tuple[tuple[int, ...], bool]:
+    """Return the numbers of the pickable classes, and whether they are the default."""
+    classes = known.aspects.classes()
+    if arguments.pickable_classes is not None:
+        numbers = parse_numbers('--pickable-classes', arguments.pickable_classes)
+        pickable_aspects(known.aspects, None, numbers)
+        return tuple(sorted(set(numbers))), False
+    if arguments.pickable is None:
+        return (int(np.argmax(known.shares)) + 1,), True
+    ids = parse_numbers('--pickable', arguments.pickable)
+    given = set(pickable_aspects(known.aspects, ids, None))
+    members = [{aspect.id for aspect in each} for each in classes]
+    return tuple(k for k, each in enumerate(members, start=1) if each & given), False

@@ -1,0 +1,250 @@
+"""The run of `resting_aspects feeder_demo`: nodes, forecast, and results."""
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from resting_aspects_ros.api.forecast import DEFAULT_ACTION, forecast_from
+from resting_aspects_ros.api.forecast_result import ForecastResult
+from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.cli.console import make_console
+from resting_aspects_ros.cli.feeder_demo_plan import PX_PER_MM, PlannedDemo
+from resting_aspects_ros.cli.node_processes import NodeProcesses
+from resting_aspects_ros.core.vision.tray_image import TrayCamera
+from resting_aspects_ros.report.document import SCHEMA_VERSION
+from resting_aspects_ros.report.document import to_json as json_text
+from resting_aspects_ros.report.feeder_table import FeederView, feeder_sentence
+from resting_aspects_ros.report.tray_picture import DrawnPart, save_tray_picture
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.client.feeder_watch import FeederWatch, Moment
+
+SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
+CELL = ('feeder_controller', 'vision_example', 'camera_simulator')
+# For messages of the last cycle that are still on their way, s.
+REST = 0.3
+
+
+class FeederDemo:
+    """The nodes of a demo, and what they have done.
+
+    Parameters
+    ----------
+    plan : PlannedDemo
+    out : Path
+    check : raises KeyboardInterrupt after Ctrl-C
+    """
+
+    def __init__(self, plan: PlannedDemo, out: Path, check: Callable[[], None]) -> None:
+        self._plan, self._out, self._check = plan, out, check
+        self._forecast: ForecastResult | None = None
+        self._watch: FeederWatch | None = None
+        self._seconds = 0.0
+
+    def run(self) -> None:
+        """Run the nodes until the simulated time is over."""
+        # A unique namespace separates the demo from other suites on this machine, and LOCALHOST
+        # from other machines in the network.
+        os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        name = f'/feeder_demo_{os.getpid()}'
+        namespace = ['-r', f'__ns:={name}']
+        _say(self._plan.pickable_text)
+        _say(f'Starting {len(SUITE) + len(CELL)} nodes in the namespace {name} ...')
+        with NodeProcesses(self._out) as processes:
+            for node, given in self._parameters(f'{name}/clock').items():
+                processes.start(node, [*namespace, *given])
+
+            def check() -> None:
+                self._check()
+                processes.check()
+
+            self._forecast = self._ask(namespace, check)
+            _say(f'Forecast: {self._forecast.sentence}.')
+            self._follow(namespace, check)
+
+    def save(self, document: Path, picture: Path) -> str:
+        """Write what was found, print a summary, and return the document."""
+        watch, forecast, plan = self._watch, self._forecast, self._plan
+        found: dict[str, Any] = {
+            'schema_version': SCHEMA_VERSION,
+            'part': plan.known.part.name,
+            'pickable': list(plan.ids),
+            'pickable_classes': list(plan.classes),
+            'seed': plan.seed,
+            'complete': watch is not None and watch.done.done(),
+        }
+        if forecast is not None:
+            low, high = forecast.prediction
+            found['forecast'] = {
+                'parts_per_minute': forecast.parts_per_minute,
+                'lower': forecast.lower,
+                'upper': forecast.upper,
+                'prediction_minutes': plan.minutes,
+                'prediction_lower': low,
+                'prediction_upper': high,
+            }
+        if watch is not None:
+            found['run'] = {**watch.fields(), 'real_seconds': self._seconds}
+        text = json_text(found)
+        with whole_file(document) as file:
+            file.write_text(text, encoding='utf-8')
+        written = [document]
+        if watch is not None and watch.best is not None:
+            with whole_file(picture) as file:
+                self._draw(watch.best, file)
+            written.append(picture)
+        if watch is not None and forecast is not None and watch.images:
+            _say(feeder_sentence(FeederView.of(watch, forecast, plan.minutes), self._seconds))
+        written += sorted((self._out / 'logs').glob('*/*.mcap'))
+        _say('Written: ' + ', '.join(str(path) for path in written))
+        return text
+
+    def _parameters(self, clock: str) -> dict[str, list[str]]:
+        """Return the ROS arguments of each node."""
+        plan = self._plan
+        cell = {
+            'part': plan.known.part.name,
+            'tray': [float(side) for side in plan.tray.size],
+            'action': DEFAULT_ACTION,
+            **{
+                f'{name}_time': float(getattr(plan.times, name))
+                for name in ('robot', 'place', 'vibrate', 'settle', 'image', 'supply')
+            },
+        }
+        controller = {
+            **cell,
+            'pickable_classes': list(plan.classes),
+            'clearance': float(plan.tray.clearance),
+            'best_number': plan.parts_on_tray or 0,
+            'max_picks': plan.max_picks or 0,
+        }
+        camera = {
+            **cell,
+            'px_per_mm': PX_PER_MM,
+            'seed': plan.seed,
+            'evidence': True,
+            'speed': 1.0 if plan.real_time else 0.0,
+        }
+        simulated = ['-p', 'use_sim_time:=true', '-r', f'/clock:={clock}']
+        folder = [] if plan.folder is None else ['-p', f'parts_folder:={plan.folder}']
+        return {
+            'drop_simulator': folder,
+            # Without logs, a second demo makes its drops again.
+            'aspect_classifier': ['-p', "log_folder:=''"],
+            'drop_recorder': ['-p', f'log_folder:={self._out / "logs"}'],
+            'feeder_controller': [*simulated, *_values(controller)],
+            'vision_example': [*simulated, '-p', f'part:={plan.known.part.name}'],
+            'camera_simulator': ['-r', f'/clock:={clock}', *_values(camera)],
+        }
+
+    def _ask(self, namespace: list[str], check: Callable[[], None]) -> ForecastResult:
+        """Request drops and flips, and forecast from them."""
+        from resting_aspects_ros.client.client import RestingAspectsClient
+        from resting_aspects_ros.ros.conversions import run_from
+        from resting_aspects_ros.ros.distribution_conversions import distribution_from
+        from resting_aspects_ros.ros.transition_conversions import (
+            action_from,
+            transition_matrix_from,
+        )
+
+        plan, name = self._plan, self._plan.known.part.name
+        flips = plan.per_aspect * len(plan.known.aspects)
+        with RestingAspectsClient(ros_args=namespace, check=check) as client:
+            with DropProgress(name, plan.drops) as progress:
+                drops = client.get_distribution(
+                    name, drops=plan.drops, seed=plan.seed, progress=progress.update
+                )
+            with DropProgress(name, flips, 'flips') as progress:
+                found = client.reorient_part(
+                    name,
+                    DEFAULT_ACTION,
+                    plan.per_aspect,
+                    drops=plan.drops,
+                    seed=plan.seed,
+                    progress=progress.update,
+                )
+        result = ReorientResult(
+            transition_matrix_from(found),
+            action_from(found.action),
+            run_from(found.run),
+            plan.known.part,
+            distribution_from(drops),
+            complete=True,
+        )
+        return forecast_from(
+            result,
+            plan.ids,
+            plan.tray,
+            plan.times,
+            parts_on_tray=plan.parts_on_tray,
+            max_picks=plan.max_picks,
+            minutes=plan.minutes,
+        )
+
+    def _follow(self, namespace: list[str], check: Callable[[], None]) -> None:
+        """Show the run until its time is over."""
+        from resting_aspects_ros.cli.feeder_display import FeederDisplay
+        from resting_aspects_ros.client.feeder_watch import FeederWatch
+        from resting_aspects_ros.client.private_node import PrivateNode
+
+        plan, forecast = self._plan, self._forecast
+        assert forecast is not None
+        begin = time.monotonic()
+        with FeederDisplay() as display:
+
+            def refresh() -> None:
+                check()
+                self._seconds = time.monotonic() - begin
+                if self._watch is not None and self._watch.images:
+                    display.show(FeederView.of(self._watch, forecast, plan.minutes))
+
+            own = PrivateNode(namespace, refresh)
+            try:
+                watch = self._watch = FeederWatch(own.node, plan.known.part.name, plan.minutes)
+                own.wait(lambda: watch.done)
+                own.spin_for(REST)
+                refresh()
+            finally:
+                own.close()
+
+    def _draw(self, moment: 'Moment', path: Path) -> None:
+        """Write the picture of a moment."""
+        plan, advice, image = self._plan, moment.advice, moment.image
+        ranks = {pick.detection: k for k, pick in enumerate(advice.picks, start=1)}
+        parts = [
+            DrawnPart(int(each.class_id or 0), each.x, each.y, each.yaw, ranks.get(k, 0))
+            for k, each in enumerate(moment.detections.detections)
+        ]
+        save_tray_picture(
+            path,
+            np.frombuffer(image.data, np.uint8).reshape(image.height, image.width),
+            TrayCamera(plan.tray.size, PX_PER_MM),
+            parts,
+            plan.known.outlines,
+            f'Image {advice.image} of {plan.known.part.name}: '
+            + (f'pick {len(ranks)} of {len(parts)}' if ranks else 'no pick'),
+            advice.reason,
+            plan.classes,
+        )
+
+
+def _values(parameters: dict[str, Any]) -> list[str]:
+    texts = {
+        name: str(value).lower() if isinstance(value, bool) else str(value)
+        for name, value in parameters.items()
+    }
+    return [word for name, text in texts.items() for word in ('-p', f'{name}:={text}')]
+
+
+def _say(text: str) -> None:
+    """Print to standard error, which leaves standard output to the JSON document."""
+    console = make_console()
+    console.file = sys.stderr
+    console.print(text, markup=False, highlight=False, soft_wrap=True)

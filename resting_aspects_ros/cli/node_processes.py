@@ -1,0 +1,77 @@
+"""Nodes as processes of a command, which end with it."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+
+from resting_aspects_ros.core.errors import RestingAspectsError
+
+STOP_TIMEOUT = 10.0  # s, for a node to end in order
+
+
+class NodeProcesses:
+    """Running nodes, whose output is in <folder>/<node>.log.
+
+    Requires an Interruption: if Ctrl-C raised an exception in `start`, a process could be left.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def __enter__(self) -> 'NodeProcesses':  # noqa: PYI034 - Self is newer than Python 3.10
+        return self
+
+    def start(self, node: str, ros_args: Sequence[str]) -> None:
+        """Start a node of resting_aspects_ros.nodes."""
+        module = f'resting_aspects_ros.nodes.{node}.node'
+        with self._log(node).open('wb') as log:
+            self._running[node] = subprocess.Popen(
+                [sys.executable, '-m', module, '--ros-args', *ros_args],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                # Ctrl-C reaches only this process, which then stops the nodes in order.
+                start_new_session=True,
+            )
+
+    def check(self) -> None:
+        """Raise RestingAspectsError if a node has ended."""
+        for node, process in self._running.items():
+            if (code := process.poll()) is not None:
+                raise RestingAspectsError(
+                    f'{node} ended {_manner(code)}: see {str(self._log(node))!r}'
+                )
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        # SIGTERM ends a node without a traceback even while it is still importing.
+        for process in self._running.values():
+            process.terminate()
+        end = time.monotonic() + STOP_TIMEOUT
+        for process in self._running.values():
+            try:
+                process.wait(max(0.0, end - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                with suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)  # also ends its workers
+                process.wait()
+
+    def _log(self, node: str) -> Path:
+        return self._folder / f'{node}.log'
+
+
+def _manner(code: int) -> str:
+    if code >= 0:
+        return f'with exit code {code}'
+    return f'by signal {signal.Signals(-code).name}'

@@ -1,0 +1,91 @@
+"""`resting_aspects feeder_demo`: a vision feeder without hardware, over ROS."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from resting_aspects_ros.api.output_files import check_output, make_folder
+from resting_aspects_ros.cli.forecast_options import add_cell
+from resting_aspects_ros.cli.options import add_output
+from resting_aspects_ros.cli.values import parse_integer
+from resting_aspects_ros.simulation.interruption import Interruption
+
+PART, MINUTES, SEED = 'l_bracket', '10', 1
+DROPS, PER_ASPECT = 300, 40
+DOCUMENT, PICTURE = 'feeder_demo.json', 'feeder_demo.png'
+INTERRUPTED = 130
+
+DESCRIPTION = f"""Run a vision feeder without hardware, in simulated time: drop the part {DROPS}
+times and flip it {PER_ASPECT} times from each aspect over ROS, forecast the parts per
+minute, and then let camera_simulator, vision_example and feeder_controller work
+together as processes that communicate over DDS. Shows what is picked beside the
+forecast, and writes a picture of the tray, a JSON document and logs."""
+EXAMPLES = """examples:
+  resting_aspects feeder_demo
+  resting_aspects feeder_demo hex_nut --pickable-classes 1 --robot 0.9s
+  resting_aspects feeder_demo l_bracket --pickable 1,3 --minutes 30 --seed 2
+  resting_aspects feeder_demo t_prism --tray 150x150mm --out result --json
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        'part', metavar='PART', nargs='?', default=PART, help=f'name of a part ({PART})'
+    )
+    parser.add_argument(
+        '--parts', metavar='DIR', type=Path, help='folder of named parts (the examples)'
+    )
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(
+        '--pickable',
+        metavar='IDS',
+        help='aspects in which the robot can pick the part, such as 1,3: all of their symmetry '
+        'classes (the class that is most probable by the shape)',
+    )
+    group.add_argument('--pickable-classes', metavar='NUMBERS', help='symmetry classes instead')
+    add_cell(parser)
+    parser.set_defaults(minutes=MINUTES)
+    parser.add_argument(
+        '--seed',
+        metavar='S',
+        type=parse_integer,
+        default=SEED,
+        help=f'of drops, flips, places on the tray and noise of the camera ({SEED})',
+    )
+    parser.add_argument(
+        '--real-time',
+        action='store_true',
+        help='run as fast as a real feeder, to watch it with RViz or Foxglove',
+    )
+    parser.add_argument(
+        '--out',
+        metavar='DIR',
+        type=Path,
+        default=Path('out/feeder_demo'),
+        help='folder of the picture, the document, the logs and the output of the nodes '
+        '(out/feeder_demo)',
+    )
+    add_output(parser, each=False)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the demo; returns the exit code. Raises RestingAspectsError if a node fails."""
+    out: Path = arguments.out
+    make_folder('--out', out)
+    for name in (DOCUMENT, PICTURE):
+        check_output('--out', out / name)
+    with Interruption() as stop:
+        # These imports take a second, and --help does not need them.
+        from resting_aspects_ros.cli.feeder_demo_plan import planned_demo
+        from resting_aspects_ros.cli.feeder_demo_run import FeederDemo
+
+        demo = FeederDemo(planned_demo(arguments, DROPS, PER_ASPECT), out, stop.check)
+        try:
+            demo.run()
+        except KeyboardInterrupt:
+            print('interrupted', file=sys.stderr)
+        found = demo.save(out / DOCUMENT, out / PICTURE)
+        if arguments.json:
+            sys.stdout.write(found)
+        return INTERRUPTED if stop.asked else 0

@@ -1,0 +1,103 @@
+"""Random places of outlines on a tray, for `SimulatedTray` with a camera above it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from shapely import affinity
+
+from resting_aspects_ros.core.reorientation.markov import Mask
+from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.core.statistics.intervals import Counts
+from resting_aspects_ros.core.vision.outline import Outline
+
+# Random places that are tried for a part; if none is empty, the part lies on another one.
+TRIES = 60
+# Corners of the outlines are left out up to this distance, m, so that the places are found faster.
+DETAIL = 5e-6
+
+
+class OutlinePlaces:
+    """Random places of the outlines without overlap, which stay until the next vibration.
+
+    Other than with `RandomPlaces`, the outlines themselves are placed, and not the rectangles
+    around them. Each part of a rolling class has a random outline of its family.
+
+    Parameters
+    ----------
+    outlines : sequence of Outline
+        One for each class.
+    size : (float, float)
+        Width and depth of the tray, within which all parts lie, m.
+    generator : Generator
+
+    Attributes
+    ----------
+    poses : (n, 3) float
+        Camera poses of the parts in their order: x and y of the centre of mass, m, and yaw, rad,
+        in the tray frame, whose origin is the middle of the tray.
+    polygons : list of Polygon
+        Their outlines, tray frame, m.
+    """
+
+    def __init__(
+        self,
+        outlines: Sequence[Outline],
+        size: tuple[float, float],
+        generator: np.random.Generator,
+    ) -> None:
+        self._shapes = [
+            [shapely.simplify(each, DETAIL) for each in (outline.polygon, *outline.family)]
+            for outline in outlines
+        ]
+        self._half = np.array(size) / 2
+        self._generator = generator
+        self.poses: Array = np.zeros((0, 3))
+        self.polygons: list[shapely.Polygon] = []
+
+    @property
+    def centres(self) -> Array:
+        """(n, 2) float: centroids of the outlines, m."""
+        polygons = np.array(self.polygons, dtype=object)
+        return np.asarray(shapely.get_coordinates(shapely.centroid(polygons)))
+
+    def shake(self, classes: Counts) -> None:
+        """Give parts of these classes (n,) new places; nothing else is on the tray."""
+        self.poses, self.polygons = np.zeros((0, 3)), []
+        self.add(classes)
+
+    def add(self, classes: Counts) -> None:
+        """Add places for the last ones of the classes (n,), which do not have one yet."""
+        for kind in classes[len(self.polygons) :]:
+            shapes = self._shapes[kind]
+            shape = shapes[self._generator.integers(len(shapes))]
+            pose, polygon = self._empty_place(shape)
+            self.poses = np.vstack([self.poses, pose])
+            self.polygons.append(polygon)
+
+    def keep(self, which: Mask) -> None:
+        """Remove all but some of the parts."""
+        self.poses = self.poses[which]
+        self.polygons = [self.polygons[k] for k in np.flatnonzero(which)]
+
+    def clearance(self) -> Array:
+        """Return the distance (n,) of each outline from the next, m; infinite for one alone."""
+        all_of_them = np.array(self.polygons, dtype=object)
+        apart = shapely.distance(all_of_them[:, None], all_of_them[None, :])
+        np.fill_diagonal(apart, np.inf)
+        return np.asarray(apart.min(axis=1, initial=np.inf))
+
+    def _empty_place(self, shape: shapely.Polygon) -> tuple[Array, shapely.Polygon]:
+        """Return the first of random camera poses (3,) with an empty place, and its outline."""
+        others = np.array(self.polygons, dtype=object)
+        for _ in range(TRIES):
+            yaw = self._generator.uniform(-np.pi, np.pi)
+            turned = affinity.rotate(shape, yaw, origin=(0, 0), use_radians=True)
+            low, high = np.reshape(turned.bounds, (2, 2))
+            # A part that is longer than the tray is in its middle.
+            middle, room = -(low + high) / 2, np.maximum(self._half - (high - low) / 2, 0.0)
+            place = middle + room * self._generator.uniform(-1, 1, 2)
+            placed = affinity.translate(turned, *place)
+            if not shapely.intersects(placed, others).any():
+                break
+        return np.array([*place, yaw]), placed

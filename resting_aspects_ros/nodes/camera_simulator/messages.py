@@ -1,0 +1,66 @@
+"""The messages of camera_simulator."""
+
+import array
+
+import numpy as np
+from resting_aspects_interfaces.msg import Detection, FeederAdvice
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
+
+from resting_aspects_ros.core.feeding.decision import Choice
+from resting_aspects_ros.core.feeding.virtual_feeder import VirtualFeeder
+from resting_aspects_ros.core.vision.outline import Outline
+from resting_aspects_ros.core.vision.tray_image import Bytes, TrayCamera
+
+CHOICES = {
+    FeederAdvice.WAIT: Choice.WAIT,
+    FeederAdvice.PICK: Choice.PICK,
+    FeederAdvice.FLIP: Choice.FLIP,
+    FeederAdvice.SPREAD: Choice.SPREAD,
+    FeederAdvice.SUPPLY: Choice.SUPPLY,
+}
+
+
+def image_msg(image: Bytes, header: Header) -> Image:
+    """Return the message for a grey image (height, width)."""
+    height, width = image.shape
+    message = Image(header=header, height=height, width=width, encoding='mono8', step=width)
+    message.data = array.array('B', image.tobytes())
+    return message
+
+
+def camera_info_msg(camera: TrayCamera, header: Header) -> CameraInfo:
+    """Return the message for a camera.
+
+    A telecentric camera has no centre of projection. The message is that of a pinhole camera 1 m
+    above the surface, which has the same image of the surface.
+    """
+    (width, height), (u, v), scale = camera.size, camera.centre, camera.scale
+    matrix = [scale, 0.0, u, 0.0, scale, v, 0.0, 0.0, 1.0]
+    return CameraInfo(
+        header=header,
+        width=width,
+        height=height,
+        distortion_model='plumb_bob',
+        d=[0.0] * 5,
+        k=matrix,
+        r=np.eye(3).ravel().tolist(),
+        p=[scale, 0.0, u, 0.0, 0.0, scale, v, 0.0, 0.0, 0.0, 1.0, 0.0],
+    )
+
+
+def seen_centre(detection: Detection, outline: Outline) -> tuple[float, float]:
+    """Return where a detection has the centroid of its outline, tray frame, m."""
+    cos, sin = np.cos(detection.yaw), np.sin(detection.yaw)
+    x, y = outline.centroid
+    return float(detection.x + cos * x - sin * y), float(detection.y + sin * x + cos * y)
+
+
+def feeder_values(feeder: VirtualFeeder) -> dict[str, object]:
+    """Return the values of a feeder for the diagnostics."""
+    return {
+        'simulated seconds': f'{feeder.seconds:.1f}',
+        'parts on the tray': len(feeder.tray.classes),
+        'picks': feeder.picks,
+        'supplied': feeder.supplied,
+    }

@@ -1,0 +1,263 @@
+"""The camera_simulator node: virtual parts on a tray, for development without hardware."""
+
+import sys
+import time
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
+
+from resting_aspects_ros.core.feeding.decision import Choice
+from resting_aspects_ros.core.feeding.virtual_feeder import VirtualFeeder
+from resting_aspects_ros.core.vision.known_part import KnownPart
+from resting_aspects_ros.core.vision.outline import Outline
+from resting_aspects_ros.core.vision.outline_places import OutlinePlaces
+from resting_aspects_ros.core.vision.tray_image import TrayCamera, render_tray
+from resting_aspects_ros.nodes.camera_simulator.answers import Answers
+from resting_aspects_ros.nodes.camera_simulator.messages import (
+    CHOICES,
+    camera_info_msg,
+    feeder_values,
+    image_msg,
+    seen_centre,
+)
+from resting_aspects_ros.nodes.camera_simulator.settings import PARAMETERS
+from resting_aspects_ros.nodes.camera_simulator.truth import Truth
+from resting_aspects_ros.ros.callbacks import (
+    advertise,
+    guarded,
+    guarded_task,
+    sleep_for,
+    steady_timer,
+)
+from resting_aspects_ros.ros.conversions import time_msg
+from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
+from resting_aspects_ros.ros.interface import CELL, PICK_RESULT
+from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
+from resting_aspects_ros.ros.parameters import check_frame, declare
+from resting_aspects_ros.ros.spin import run_node
+
+CAMERA_SIMULATOR = 'camera_simulator'
+IMAGE, CAMERA_INFO, CLOCK = 'camera/image_raw', 'camera/camera_info', '/clock'
+IMAGES = QoSProfile(depth=2)
+# Simulated time at which the node begins, ns: ROS takes 0 as unknown.
+START = 1_000_000_000
+# An image without advice is published again after this real time, s.
+RETRY = 1.0
+# Without advice for this real time there is a warning, s.
+PATIENCE = 5.0
+# Real time between messages on /clock while simulated time stands still, s.
+CLOCK_PERIOD = 0.1
+# Step of simulated time with a limited speed, in real time, s.
+STEP = 0.02
+
+
+class CameraSimulator(Node):
+    """Publishes camera/image_raw, camera/camera_info, pick_result and /clock.
+
+    Shows virtual parts on a tray and obeys the advice on feeder_advice/<part>. Simulated time
+    stands still while vision system and controller work: run them with use_sim_time.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(CAMERA_SIMULATOR)
+        values = declare(self, PARAMETERS)
+        self._part, self._values = values['part'], values
+        self._frame = check_frame(values['frame_id'])
+        self._camera = TrayCamera(tuple(values['tray']), values['px_per_mm'])
+        self._truth = Truth(self, values, self._on_truth)
+        self._tray_generator, self._noise_generator = (
+            np.random.default_rng([values['seed'], k]) for k in range(2)
+        )
+        self._feeder: VirtualFeeder | None = None
+        self._known: KnownPart | None = None
+        self._places: OutlinePlaces | None = None
+        self._now = START
+        self._answers = Answers(self, self._part)
+        self._epoch = 0  # of the controller, after all results that were sent
+        self._images, self._missed, self._silent_since = 0, 0, 0.0
+        self._loop: object = None
+        self._image_output = advertise(self, Image, IMAGE, IMAGES)
+        self._info_output = advertise(self, CameraInfo, CAMERA_INFO, IMAGES)
+        self._result_output = advertise(self, PickResult, PICK_RESULT, CELL)
+        self._clock_output = advertise(self, Clock, CLOCK, QoSProfile(depth=1))
+        self._duplicates = DuplicateNodeDetector(self, CAMERA_SIMULATOR)
+        publish_diagnostics(self, self._diagnose, self._duplicates)
+        steady_timer(self, CLOCK_PERIOD, guarded(self, 'the clock stops', self._tick))
+        self.get_logger().info('ready')
+
+    # Inputs
+
+    def _on_truth(self) -> None:
+        """Use the new model; parts of another mesh are put on an empty tray."""
+        model, part = self._truth.model, self._truth.part
+        assert model is not None
+        if self._feeder is not None and self._known is part:
+            self._feeder.use(model)
+            return
+        self._known = part
+        places = OutlinePlaces(part.outlines, self._camera.tray, self._tray_generator)
+        before = self._feeder.seconds if self._feeder is not None else 0.0
+        self._feeder = VirtualFeeder(model, places, self._tray_generator)
+        self._feeder.seconds, self._places = before, places
+
+    def _tick(self) -> None:
+        self._publish_clock()
+        if self._loop is None and self.executor is not None:
+            self._loop = self.executor.create_task(self._run)
+
+    # The cycle
+
+    async def _run(self) -> None:
+        cycle = guarded_task(self, 'a cycle has failed', self._cycle)
+        while True:
+            images = self._images
+            is_ready = self._feeder is not None and not self._truth.error
+            if self._values['evidence'] and not (self._truth.has_evidence and self._is_known()):
+                is_ready = False
+            if is_ready and not self._duplicates.check():
+                await cycle()
+            if self._images == images:
+                await sleep_for(self, CLOCK_PERIOD)
+
+    def _is_known(self) -> bool:
+        """Return whether the controller knows the drops and flips, too."""
+        advice = self._answers.advice
+        return advice is not None and (advice.drops, advice.actions) == self._truth.counts
+
+    async def _cycle(self) -> None:
+        """Show the tray, and do what is advised."""
+        feeder, places, known = self._feeder, self._places, self._known
+        assert feeder is not None
+        assert places is not None
+        assert known is not None
+        header = Header(stamp=time_msg(self._now), frame_id=self._frame)
+        image = render_tray(
+            places.polygons,
+            self._camera,
+            self._noise_generator,
+            blur=self._values['blur'],
+            noise=self._values['noise'],
+        )
+        message, info = image_msg(image, header), camera_info_msg(self._camera, header)
+        detections, advice = await self._ask(message, info)
+        if feeder is not self._feeder:
+            return  # the part has changed
+        self._images += 1
+        self._epoch = advice.epoch
+        feeder.take_image()
+        await self._pass(feeder)
+        action = CHOICES[advice.choice]
+        if action is Choice.PICK:
+            if not await self._pick(feeder, known.outlines, detections, advice):
+                return
+            action = CHOICES[advice.then]
+            if action is Choice.WAIT:
+                return
+        feeder.move(action, advice.supply)
+        await self._pass(feeder)
+        if action is not Choice.WAIT:
+            await self._report(PickResult.MOVED)
+
+    async def _ask(self, image: Image, info: CameraInfo) -> tuple[DetectionArray, FeederAdvice]:
+        """Publish an image until there is advice for it; messages may be lost."""
+        begin, stamp = time.monotonic(), image.header.stamp
+        is_first = True
+        while True:
+            self._info_output.publish(info)
+            self._image_output.publish(image)
+            # A controller that was restarted counts epochs from 0.
+            least = self._epoch if is_first else 0
+            found = await self._answers.until(partial(self._answers.to, stamp, least), RETRY)
+            if found is not None:
+                self._silent_since = 0.0
+                return found
+            if (waits := self._answers.to(stamp, 0, waits=True)) is not None:
+                self._silent_since = 0.0
+                return waits
+            is_first = False
+            if time.monotonic() - begin > PATIENCE:
+                self._silent_since = begin
+                self.get_logger().warning(
+                    self._answers.hint(self._now), throttle_duration_sec=2 * PATIENCE
+                )
+
+    async def _pick(
+        self,
+        feeder: VirtualFeeder,
+        outlines: Sequence[Outline],
+        detections: DetectionArray,
+        advice: FeederAdvice,
+    ) -> bool:
+        """Pick the chosen parts; return whether all picks have succeeded."""
+        for pick in advice.picks:
+            seen = detections.detections[pick.detection]
+            x, y = seen_centre(seen, outlines[pick.symmetry_class - 1])
+            is_picked = feeder.pick(x, y, pick.symmetry_class)
+            self._missed += not is_picked
+            await self._pass(feeder)
+            result = PickResult.PICKED if is_picked else PickResult.MISSED
+            await self._report(result, detections.image, pick.detection)
+            if not is_picked:
+                return False
+        return True
+
+    async def _report(self, result: int, image: int = 0, detection: int = 0) -> None:
+        """Publish what was done, and wait until the controller knows it."""
+        self._epoch += 1
+        stamp = time_msg(self._now)
+        self._result_output.publish(
+            PickResult(stamp=stamp, image=image, detection=detection, result=result)
+        )
+
+        def known() -> bool | None:
+            advice = self._answers.advice
+            return True if advice is not None and advice.epoch >= self._epoch else None
+
+        await self._answers.until(known, RETRY)
+
+    # Time
+
+    async def _pass(self, feeder: VirtualFeeder) -> None:
+        """Let simulated time advance to that of the feeder."""
+        end = START + round(feeder.seconds * 1e9)
+        speed = self._values['speed']
+        begin, real = self._now, time.monotonic()
+        while speed and (now := begin + round((time.monotonic() - real) * speed * 1e9)) < end:
+            self._now = now
+            self._publish_clock()
+            await sleep_for(self, STEP)
+        self._now = end
+        self._publish_clock()
+
+    def _publish_clock(self) -> None:
+        self._clock_output.publish(Clock(clock=time_msg(self._now)))
+
+    # Diagnostics
+
+    def _diagnose(self) -> Diagnosis:
+        feeder = self._feeder
+        values = {'part': self._part, 'images': self._images, 'missed picks': self._missed}
+        if feeder is not None:
+            values |= feeder_values(feeder)
+        begun = self._images > 0
+        state = 'runs' if begun else self._truth.state or 'begins'
+        errors = [self._truth.error] if self._truth.error else []
+        return Diagnosis(
+            state, values, [self._answers.hint(self._now)] if self._silent_since else [], errors
+        )
+
+
+def main() -> int:
+    """Run the node in a process of its own."""
+    return run_node(CameraSimulator, PARAMETERS)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

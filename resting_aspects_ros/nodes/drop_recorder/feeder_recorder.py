@@ -1,0 +1,208 @@
+"""Recording of the topics of a feeder: what was seen, advised, picked and counted.
+
+The messages go to logs of their own, beside those of runs. A log ends when it has MAX_BYTES or
+MAX_MESSAGES, or after IDLE seconds without a message; the next message begins another one. Each
+log begins with the parts and the newest latched messages, so that it is complete in itself.
+"""
+
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from datetime import datetime, timezone
+from functools import partial
+from pathlib import Path
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from resting_aspects_interfaces.msg import (
+    DetectionArray,
+    FeederAdvice,
+    ObservedCounts,
+    PickResult,
+    Posterior,
+)
+
+from resting_aspects_ros.core.errors import LogError
+from resting_aspects_ros.logs.bag_metadata import OUTCOME, Outcome
+from resting_aspects_ros.logs.run_writer import RunLog
+from resting_aspects_ros.logs.topic_metadata import PART_TYPE, Topic
+from resting_aspects_ros.ros.callbacks import subscribe
+from resting_aspects_ros.ros.conversions import NANOSECONDS
+from resting_aspects_ros.ros.formatting import count_text
+from resting_aspects_ros.ros.interface import (
+    ALL_LATCHED,
+    CELL,
+    COUNTS,
+    DETECTIONS,
+    FEEDER_ADVICE,
+    LATCHED,
+    OBSERVED_COUNTS,
+    PARTS,
+    PICK_RESULT,
+    POSTERIOR,
+    offered_qos,
+)
+from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
+
+# Limits of a log. Until a file is closed, its index is in memory, about 1 kB for each message.
+MAX_BYTES = 20_000_000
+MAX_MESSAGES = 20_000
+# Time without a message after which a log is closed, so that other programs can read it, s.
+IDLE = 600.0
+# Time after an error until recording is tried again, s.
+RETRY = 10.0
+# A subscriber deeper than the publishers loses no message while the node is busy.
+ALL = QoSProfile(depth=1000)
+BY_PART = (
+    (FEEDER_ADVICE, FeederAdvice, ALL_LATCHED),
+    (OBSERVED_COUNTS, ObservedCounts, COUNTS),
+    (POSTERIOR, Posterior, ALL_LATCHED),
+)
+
+
+class FeederRecorder:
+    """Subscribes to the topics of a feeder, and writes every message at once.
+
+    Parameters
+    ----------
+    folder : returns the folder of the logs
+    parts : returns the serialized description of a part by name, or None
+
+    Attributes
+    ----------
+    messages : int
+        Number of messages that were written.
+    error : str
+        Why the last message was not written; empty if it was.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        folder: Callable[[], Path],
+        parts: Callable[[str], bytes | None],
+    ) -> None:
+        self._node = node
+        self._folder = folder
+        self._parts = parts
+        self._log: RunLog | None = None
+        self._path = Path()
+        self._bytes = self._count = 0
+        self._last = self._retry = 0.0
+        self._described: set[str] = set()
+        self._newest: dict[str, tuple[Topic, bytes]] = {}  # of the latched topics, by name
+        self.messages = self.lost = 0
+        self.error = ''
+        qos = offered_qos(CELL)
+        for name, kind in ((DETECTIONS, DetectionArray), (PICK_RESULT, PickResult)):
+            topic = Topic(node.resolve_topic_name(name), _type_name(kind), qos)
+            subscribe(node, kind, name, partial(self._record, topic), ALL, raw=True)
+        self._discoveries = [
+            TopicDiscovery(node, name, kind, partial(self._record_of, k), raw=True, qos=each)
+            for k, (name, kind, each) in enumerate(BY_PART)
+        ]
+
+    @property
+    def file(self) -> str:
+        """Path of the log that is being written, or ''."""
+        return str(self._path) if self._log is not None else ''
+
+    @property
+    def problem(self) -> str:
+        """Error with the number of lost messages, or ''."""
+        lost = count_text(self.lost, 'message', 'messages')
+        return f'{lost} of the feeder not recorded: {self.error}' if self.error else ''
+
+    def close_idle(self) -> None:
+        """Close the log if no message has arrived for a time; to be called regularly."""
+        if self._log is not None and time.monotonic() - self._last > IDLE:
+            self.close()
+
+    def close(self) -> None:
+        """Close the log, if there is one."""
+        log, self._log = self._log, None
+        if log is None:
+            return
+        try:
+            # So that nobody searches the whole file for drops.
+            log.add_metadata(OUTCOME, Outcome(0, whole=True).record())
+            log.close()
+        except LogError as error:
+            self._fail(error)
+            return
+        written = count_text(self._count, 'message', 'messages')
+        self._node.get_logger().info(f'{written} of the feeder are in {self._path}')
+
+    def _record_of(self, kind: int, part: str, data: bytes) -> None:
+        watch = self._discoveries[kind]
+        topic = Topic(watch.topic(part), watch.type_name, offered_qos(LATCHED))
+        self._record(topic, data, part)
+        self._newest[topic.name] = topic, data
+
+    def _record(self, topic: Topic, data: bytes, part: str = '') -> None:
+        """Write a message, and what has to precede it."""
+        self._last = time.monotonic()
+        if self.error and self._last < self._retry:
+            self.lost += 1
+            return
+        try:
+            if self._bytes >= MAX_BYTES or self._count >= MAX_MESSAGES:
+                self.close()
+            if self._log is None:
+                self._log = self._begin()
+            for each, content in [*self._descriptions(part), (topic, data)]:
+                self._write(self._log, each, content)
+            self._log.flush()
+        except LogError as error:
+            self._fail(error)
+            self.lost += 1
+            return
+        self.messages += 1
+        self.error, self.lost = '', 0
+
+    def _begin(self) -> RunLog:
+        """Begin a log with the newest latched messages; raises LogError."""
+        # A run folder begins with the name of a part, which has no "-".
+        # The fraction of the second sorts logs by their start.
+        seconds, fraction = divmod(time.time_ns(), NANOSECONDS)
+        started = datetime.fromtimestamp(seconds, timezone.utc)
+        name = f'feeder-{started:%Y%m%dT%H%M%SZ}-{fraction:09d}{uuid.uuid4().hex[:4]}'
+        self._path, self._bytes, self._count = self._folder() / name, 0, 0
+        self._described = set()
+        log = RunLog(self._folder(), name)
+        log.add_metadata('feeder', {'namespace': self._node.get_namespace()})
+        for topic, data in self._newest.values():
+            for each, content in [
+                *self._descriptions(topic.name.rpartition('/')[2]),
+                (topic, data),
+            ]:
+                self._write(log, each, content)
+        return log
+
+    def _descriptions(self, part: str) -> Iterator[tuple[Topic, bytes]]:
+        """Yield the description of a part that is not in the log yet."""
+        data = self._parts(part) if part and part not in self._described else None
+        if data is not None:
+            self._described.add(part)
+            name = self._node.resolve_topic_name(f'{PARTS}/{part}')
+            yield Topic(name, PART_TYPE, offered_qos(LATCHED)), data
+
+    def _write(self, log: RunLog, topic: Topic, data: bytes) -> None:
+        log.write(topic, data, time.time_ns())  # not ROS time, which can be paused
+        self._bytes += len(data)
+        self._count += 1
+
+    def _fail(self, error: LogError) -> None:
+        if not self.error:
+            self._node.get_logger().error(f'the feeder is not recorded: {error}')
+        self.error = str(error)
+        self._retry = time.monotonic() + RETRY
+        log, self._log = self._log, None
+        if log is not None:
+            with suppress(LogError):  # keeps the content of the file
+                log.close()
+
+
+def _type_name(kind: type) -> str:
+    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'

@@ -1,0 +1,199 @@
+"""Conversions between counted parts, what follows from them, and ROS messages."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from rclpy.serialization import deserialize_message
+from resting_aspects_interfaces.msg import MachineTransitions as MachineTransitionsMsg
+from resting_aspects_interfaces.msg import ObservedCounts as ObservedCountsMsg
+from resting_aspects_interfaces.msg import Posterior
+from std_msgs.msg import Header
+
+from resting_aspects_ros.api.inputs.class_groups import single_groups
+from resting_aspects_ros.api.inputs.observed_counts import ObservedCounts
+from resting_aspects_ros.api.machine_transitions import MachineTransitions, machine_transitions
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
+from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.core.statistics.count_sessions import CountSessions, Totals
+from resting_aspects_ros.core.statistics.intervals import Counts
+from resting_aspects_ros.core.statistics.live_counts import LiveCounts
+from resting_aspects_ros.report.drift_table import DriftWindows, drift_sentence
+from resting_aspects_ros.report.rounding import points_text
+from resting_aspects_ros.ros.conversions import nanoseconds, run_msg
+from resting_aspects_ros.simulation.run_description import RunDescription
+
+MAX_SESSION_NAME = 200
+
+
+def totals_from(msg: ObservedCountsMsg, part: str, part_sha256: str) -> Totals:
+    """Return the totals in a message on observed_counts/<part>.
+
+    Raises InvalidValueError if they are of another part, or of another version of it than
+    ``part_sha256`` (empty: of any).
+    """
+    if msg.part != part:
+        raise InvalidValueError(f'invalid part {shown(msg.part)} of counts: expected {part}')
+    if msg.part_sha256 and part_sha256 not in ('', msg.part_sha256):
+        raise InvalidValueError(
+            f'invalid part_sha256 {shown(msg.part_sha256)} of counts of {part}: expected that of '
+            f'the offered version, {part_sha256}'
+        )
+    if len(msg.session) > MAX_SESSION_NAME:
+        raise InvalidValueError(
+            f'invalid session {shown(msg.session)}: expected at most {MAX_SESSION_NAME} characters'
+        )
+    return Totals(
+        session=msg.session,
+        time=nanoseconds(msg.header.stamp),
+        supplied=np.array(msg.supplied, dtype=np.uint64),
+        action=msg.action,
+        moved=np.array(msg.moved, dtype=np.uint64),
+    )
+
+
+def observed_from(
+    messages: Iterable[tuple[int, bytes]], source: str, ids: Sequence[int]
+) -> tuple[ObservedCounts, CountSessions]:
+    """Return the parts that serialized messages on observed_counts/<part> count.
+
+    Each message is a batch with the parts since the last one of its session; messages that are
+    not valid are left out, as aspect_classifier does.
+
+    messages : with their time of arrival, ns
+    source : name of the log, for messages
+    ids : numbers of the symmetry classes of the part
+    """
+    sessions = CountSessions(len(ids))
+    batches: list[Counts] = []
+    labels: list[str] = []
+    for time, data in messages:
+        msg = deserialize_message(data, ObservedCountsMsg)
+        totals = totals_from(msg, msg.part, '')
+        try:
+            new = sessions.add(totals, time)
+        except InvalidValueError:
+            continue
+        if new.any():
+            batches.append(new)
+            labels.append(time_label(totals.time or time))
+    rows = np.array(batches, dtype=np.int64).reshape(-1, len(ids))
+    batch, place = np.indices(rows.shape).reshape(2, -1)
+    groups = single_groups(ids)
+    return ObservedCounts(source, groups, batch, place, rows.ravel(), tuple(labels)), sessions
+
+
+def time_label(time: int) -> str:
+    """Return a time, ns since 1970, as text of whole seconds in UTC."""
+    text = np.datetime_as_string(np.datetime64(time // 1_000_000_000, 's'))
+    return f'{str(text).replace("T", " ")} UTC'
+
+
+def posterior_msg(
+    part: str,
+    part_sha256: str,
+    live: LiveCounts,
+    run: RunDescription | None,
+    confidence: float,
+    stamp: Time,
+) -> Posterior:
+    """Return the message for counted parts without a drift test; see `add_drift`.
+
+    run : of the simulated drops; None: no drops are known, and those of ``live`` are a prior with
+        equal shares
+    """
+    intervals = live.intervals(confidence)
+    message = Posterior(
+        header=Header(stamp=stamp),
+        part=part,
+        part_sha256=part_sha256,
+        prior_weight=live.prior_weight,
+        parts=live.parts,
+        simulated=live.simulated.tolist() if run else [0] * len(live.ids),
+        observed=live.observed.tolist(),
+        concentration=live.concentration.tolist(),
+        probability=[each.probability for each in intervals],
+        lower=[each.lower for each in intervals],
+        upper=[each.upper for each in intervals],
+        confidence=confidence,
+    )
+    for name in ('share', 'expected', 'deviation_lower', 'deviation_upper'):
+        setattr(message, name, math.nan)
+    if run is not None:
+        message.run = run_msg(run)
+    return message
+
+
+def add_drift(message: Posterior, tested: DriftWindows) -> None:
+    """Add the tests of all windows to a message."""
+    test, found = tested.test, tested.deviation
+    message.message = drift_sentence(tested)
+    message.window_end = tested.ends[1:].tolist()
+    message.statistic = test.g.tolist()
+    message.p_value = test.p_values.tolist()
+    if found is None:
+        return
+    drifted = test.drifted
+    message.drift = drifted.stop == len(test.windows)
+    message.first_part = int(tested.ends[drifted.start]) + 1
+    message.last_part = int(tested.ends[drifted.stop])
+    message.drift_class = tested.live.ids[found.index]
+    message.share, message.expected = found.share, found.expected
+    message.deviation_lower, message.deviation_upper = found.lower, found.upper
+
+
+def machine_transitions_msg(
+    action: str, counts: Counts, simulated: TransitionMatrix, run_id: str
+) -> MachineTransitionsMsg:
+    """Return the message for parts that were followed through an action.
+
+    Parameters
+    ----------
+    counts : (c, c) int
+        From class to class; at least one part.
+    simulated : TransitionMatrix
+        Over the aspects of the part; without actions if no transitions are known.
+    run_id : str
+        Run of the simulated transitions; empty if they are not known.
+    """
+    ids = [members[0].symmetry_class for members in simulated.aspects.classes()]
+    rows = [(ids[i], ids[j], int(counts[i, j])) for i in range(len(ids)) for j in range(len(ids))]
+    found = machine_transitions(rows, simulated)
+    return MachineTransitionsMsg(
+        action=action,
+        counts=counts.ravel().tolist(),
+        run_id=run_id,
+        message=_difference_text(found) if run_id else '',
+        **_shares(found.machine, ('probability', 'lower', 'upper')),
+        **_shares(found.simulated, ('simulated', 'simulated_lower', 'simulated_upper'), run_id),
+    )
+
+
+def _shares(
+    matrix: TransitionMatrix, names: tuple[str, ...], known: str = 'known'
+) -> Mapping[str, list[float]]:
+    """Return the probabilities and bounds from class to class by the names of fields."""
+    count = len(matrix.counts)
+    lower, upper = matrix.bounds()
+    arrays: tuple[Array, ...] = (matrix.probability, lower, upper)
+    if not known:
+        arrays = (np.full((count, count), np.nan),) * 3
+    return {
+        name: each[:, :count].ravel().tolist() for name, each in zip(names, arrays, strict=True)
+    }
+
+
+def _difference_text(found: MachineTransitions) -> str:
+    """Return the pair of classes that differs most from the simulation, in words; or ''."""
+    differing = [each for each in found.comparisons if each.lower > 0 or each.upper < 0]
+    if not differing:
+        return ''
+    most = max(differing, key=lambda each: abs(each.difference))
+    return (
+        f'{100 * most.measured.probability:.0f} % of class {most.pair.from_aspect} come to class '
+        f'{most.pair.to_aspect} instead of {100 * most.simulated.probability:.0f} %: '
+        f'{points_text(most.difference, most.lower, most.upper)} points '
+        f'({100 * most.confidence:g} % interval of this pair)'
+    )

@@ -1,0 +1,91 @@
+"""Forecasts of runs with a controller against simulated runs and a closed form."""
+
+import dataclasses
+from functools import partial
+
+import numpy as np
+import pytest
+
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.feeding import controlled_runs
+from resting_aspects_ros.core.feeding.baselines import flip_and_refill
+from resting_aspects_ros.core.feeding.controlled_runs import forecast_controller
+from resting_aspects_ros.core.feeding.controller_model import ControllerModel
+from resting_aspects_ros.core.feeding.cycle import CycleTimes
+from resting_aspects_ros.core.feeding.decision import advise
+from resting_aspects_ros.core.feeding.density import FreeShares
+from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
+from resting_aspects_ros.core.feeding.model import FeederModel, LongRun
+from resting_aspects_ros.core.feeding.tray_places import DensityPlaces
+from resting_aspects_ros.core.feeding.tray_simulation import simulate
+
+DROP, FLIPS = np.array([600_000, 400_000]), np.array([[600_000, 350_000, 50_000]] * 2)
+FEEDER = FeederModel(
+    DROP,
+    FLIPS,
+    np.array([False, True]),
+    [Footprint(0.03, 0.02), Footprint(0.02, 0.01)],
+    Tray((0.2, 0.2), 0.005),
+    CycleTimes(robot=1.0, vibrate=0.8, settle=0.5, image=0.2, supply=0.1),
+)
+TABLE = FreeShares(np.full((12, 2), 0.8), False)
+MODEL = ControllerModel(FEEDER, TABLE, 8)
+
+
+@pytest.fixture(autouse=True)
+def few_draws(monkeypatch):
+    monkeypatch.setattr(controlled_runs, 'DRAWS', 50)
+
+
+def density(generator):
+    return DensityPlaces(MODEL, generator)
+
+
+def test_rate_of_the_cycle_of_the_forecast_is_that_of_the_formula():
+    found = forecast_controller(MODEL, places=density, controller=flip_and_refill(MODEL))
+    expected = LongRun(FEEDER).rates(TABLE)[7]
+    # The interval of the mean contains it in 95 % of cases, so twice its width nearly always.
+    assert abs(found.rate - expected) < found.upper - found.lower
+    assert found.prediction[0] < found.lower < found.rate < found.upper < found.prediction[1]
+
+
+@pytest.mark.parametrize('rule', [None, flip_and_refill], ids=['advice', 'cycle'])
+def test_runs_are_within_the_prediction_interval(monkeypatch, rule):
+    """Runs three times as long as those that the interval follows from."""
+    monkeypatch.setattr(controlled_runs, 'CYCLES', 30)
+    chosen = {} if rule is None else {'controller': rule(MODEL)}
+    low, high = forecast_controller(MODEL, 10, places=density, **chosen).prediction
+    decide = chosen.get('controller', partial(advise, model=MODEL))
+    rates = []
+    for seed in range(100, 130):
+        run = simulate(decide, MODEL, 600, np.random.default_rng(seed))
+        rates.append(np.searchsorted(run.picked, 600) / 10)
+    # At least 24 of 30 in 99.9 % of cases, if each is within with 95 %.
+    assert sum(low <= rate <= high for rate in rates) >= 24
+
+
+def test_formula_predicts_runs_of_its_cycle():
+    """From an empty tray, with parts that are lost and replaced after the next image."""
+    spread = LongRun(FEEDER).spread(TABLE, 8)
+    rate = LongRun(FEEDER).rates(TABLE)[7]
+    found = [
+        simulate(flip_and_refill(MODEL), MODEL, 300, np.random.default_rng(seed))
+        for seed in range(60)
+    ]
+    deviations = np.array([run.picks - rate * run.seconds / 60 for run in found])
+    error = np.sqrt(spread.variance * 5 / 60)
+    assert abs(deviations.mean() - spread.start) < 4 * error
+    # The variance of n normal numbers has a relative standard error of sqrt(2 / (n - 1)).
+    assert deviations.var(ddof=1) == pytest.approx(5 * spread.variance, rel=4 * np.sqrt(2 / 59))
+
+
+def test_clustered_free_parts_vary_more():
+    even = LongRun(FEEDER).spread(TABLE, 8).variance
+    table = dataclasses.replace(TABLE, clustering=np.full(12, 0.05))
+    assert LongRun(FEEDER).spread(table, 8).variance > 1.02 * even
+
+
+@pytest.mark.parametrize('minutes', [0, np.nan, 1e9])
+def test_invalid_duration_is_refused(minutes):
+    with pytest.raises(InvalidValueError, match='invalid minutes'):
+        forecast_controller(MODEL, minutes)

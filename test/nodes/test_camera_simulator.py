@@ -1,0 +1,180 @@
+"""camera_simulator, vision_example and feeder_controller together over ROS."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo, Image
+
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.vision.tray_image import TrayCamera
+from resting_aspects_ros.nodes.camera_simulator.messages import camera_info_msg
+from resting_aspects_ros.nodes.camera_simulator.node import IMAGES
+from resting_aspects_ros.nodes.vision_example.node import camera_from, grey_image
+from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL
+
+PART = 'l_bracket'
+QUICK = {'ros.diagnostics.PERIOD': 0.1, 'ros.callbacks.LOG_PERIOD': 0.0}
+SECOND = 10**9
+
+
+def seconds(stamp):
+    return stamp.sec + stamp.nanosec / SECOND
+
+
+class Watch:
+    """Everything that a running cell says."""
+
+    def __init__(self, client, namespace):
+        self.client = client
+        self.images = client.listen(Image, 'camera/image_raw', IMAGES)
+        self.seen = client.listen(DetectionArray, 'detections', CELL)
+        self.results = client.listen(PickResult, 'pick_result', CELL)
+        self.advice = client.listen(FeederAdvice, f'feeder_advice/{PART}', ALL_LATCHED)
+        self.clock = client.listen(Clock, f'{namespace}/clock', IMAGES)
+
+    def picked(self):
+        return [each for each in self.results if each.result == PickResult.PICKED]
+
+
+@pytest.fixture(scope='module')
+def cell(start, connect):
+    """A running cell in a module; the nodes end in order."""
+    namespace = f'/test_camera_simulator_{os.getpid()}'
+    clock = ['-r', f'/clock:={namespace}/clock']
+    simulated = {'part': PART, 'use_sim_time': 'true'}
+    camera = {'part': PART, 'px_per_mm': 3.0, 'seed': 2}
+    watch = Watch(connect(namespace), namespace)
+    nodes = {
+        'drop_simulator': start('drop_simulator', namespace),
+        'aspect_classifier': start('aspect_classifier', namespace, {'log_folder': "''"}),
+        'feeder_controller': start(
+            'feeder_controller', namespace, simulated, QUICK, arguments=clock
+        ),
+        'vision_example': start('vision_example', namespace, simulated, QUICK, arguments=clock),
+        'camera_simulator': start('camera_simulator', namespace, camera, QUICK, arguments=clock),
+    }
+    yield watch, nodes, namespace
+    for process in nodes.values():
+        assert process.end(signal.SIGINT) == 0
+        assert 'Traceback' not in process.output
+
+
+def test_parts_are_picked_in_simulated_time(cell):
+    watch, _, _ = cell
+    watch.client.wait(lambda: len(watch.picked()) >= 8, 'picks')
+    results = list(watch.results)
+    assert all(each.result in (PickResult.PICKED, PickResult.MOVED) for each in results)
+    stamps = [seconds(each.stamp) for each in results]
+    assert stamps == sorted(stamps)
+    # A pick takes 1.2 s, and a flip or a supply at least 0.6 s.
+    for before, after, each in zip(stamps, stamps[1:], results[1:], strict=False):
+        least = 1.2 if each.result == PickResult.PICKED else 0.6
+        assert after - before > least - 1e-6
+    clock = [seconds(each.clock) for each in watch.clock]
+    assert clock == sorted(clock)
+    # The advice to an image that was exposed at a time is given at that time.
+    exposed = {each.image: each.header.stamp for each in watch.seen}
+    advised = [each for each in watch.advice if each.picks and each.image in exposed]
+    assert advised
+    for each in advised:
+        assert seconds(each.header.stamp) >= seconds(exposed[each.image])
+
+
+def test_every_part_in_the_images_is_recognised_or_touches(cell):
+    watch, _, _ = cell
+    watch.client.wait(lambda: len(watch.seen) >= 4, 'detections')
+    parts = [each for message in watch.seen for each in message.detections]
+    known = [each for each in parts if each.class_id]
+    assert len(known) > 0.8 * len(parts)
+    assert all(each.part == PART and each.score > 0.5 for each in known)
+    assert all(each.clearance > 0 for each in known)
+
+
+def test_bad_images_do_not_end_the_vision(cell):
+    watch, nodes, _ = cell
+    output = watch.client.node.create_publisher(Image, 'camera/image_raw', IMAGES)
+    watch.client.wait(output.get_subscription_count, 'vision')
+    good = {'height': 2, 'width': 3, 'step': 3, 'encoding': 'mono8', 'data': bytes(6)}
+    for bad in ({'encoding': '16UC1'}, {'data': bytes(2)}, {'height': 0, 'data': b''}):
+        output.publish(Image(**{**good, **bad}))
+    watch.client.wait(lambda: 'ignored an image: invalid' in nodes['vision_example'].output, 'it')
+    before = len(watch.seen)
+    watch.client.wait(lambda: len(watch.seen) > before + 2, 'detections')
+
+
+@pytest.mark.slow
+def test_vision_that_stops_is_named_and_continued(cell, start, diagnostics_of):
+    watch, nodes, namespace = cell
+    diagnostics = diagnostics_of(watch.client)
+    assert nodes['vision_example'].end(signal.SIGINT) == 0
+    diagnostics.wait(
+        'camera_simulator', lambda level, text, _: 'no advice' in text, 'missing vision'
+    )
+    time = watch.clock[-1].clock
+    nodes['vision_example'] = start(
+        'vision_example',
+        namespace,
+        {'part': PART, 'use_sim_time': 'true'},
+        arguments=['-r', f'/clock:={namespace}/clock'],
+    )
+    picks = len(watch.picked())
+    watch.client.wait(lambda: len(watch.picked()) > picks, 'picks')
+    # Simulated time stood still.
+    assert any(each.clock == time for each in watch.clock[-2000:])
+
+
+@pytest.mark.slow
+def test_second_simulator_is_an_error_and_both_pause(cell, start, diagnostics_of):
+    watch, _, namespace = cell
+    diagnostics = diagnostics_of(watch.client)
+    second = start(
+        'camera_simulator',
+        namespace,
+        {'part': PART},
+        arguments=['-r', f'/clock:={namespace}/other', '-r', '__node:=second'],
+    )
+    diagnostics.wait('camera_simulator', lambda level, text, _: '2 camera_sim' in text, 'both')
+    assert second.end(signal.SIGINT) == 0
+    picks = len(watch.picked())
+    watch.client.wait(lambda: len(watch.picked()) > picks, 'picks of the first one')
+
+
+def test_unknown_part_is_a_status(start, connect, diagnostics_of, namespace):
+    client = connect(namespace)
+    process = start(
+        'camera_simulator',
+        namespace,
+        {'part': 'nothing'},
+        QUICK,
+        arguments=['-r', f'/clock:={namespace}/clock'],
+    )
+    diagnostics_of(client).wait(
+        'camera_simulator', lambda level, text, _: 'parts/nothing' in text, 'what is missing'
+    )
+    assert process.end(signal.SIGINT) == 0
+
+
+# -- without a graph -----------------------------------------------------------------------------
+
+
+def test_camera_info_is_the_camera_of_the_simulator():
+    camera = TrayCamera((0.2, 0.1), 4.0)
+    found = camera_from(camera_info_msg(camera, Image().header))
+    pixels = np.array([[0.0, 0.0], [300.0, 20.0], [17.5, 401.0]])
+    np.testing.assert_allclose(found.to_tray(pixels), camera.model.to_tray(pixels), atol=1e-12)
+    with pytest.raises(InvalidValueError, match='invalid K'):
+        camera_from(CameraInfo())
+
+
+@pytest.mark.parametrize('encoding', ['mono8', 'rgb8', 'bgr8'])
+def test_images_are_read_with_padding_of_their_rows(encoding):
+    channels = 1 if encoding == 'mono8' else 3
+    pixels = np.zeros((2, 3, channels), dtype=np.uint8)
+    pixels[1, 2] = 200
+    rows = np.pad(pixels.reshape(2, -1), ((0, 0), (0, 5)), constant_values=77)
+    message = Image(height=2, width=3, step=rows.shape[1], encoding=encoding, data=rows.tobytes())
+    assert grey_image(message).tolist() == [[0, 0, 0], [0, 0, 200]]

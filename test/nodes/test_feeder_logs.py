@@ -1,0 +1,208 @@
+"""Logs of the topics of a feeder: recorded at once, readable, replayed in order."""
+
+import json
+import os
+import signal
+
+import pytest
+import yaml
+from rclpy.serialization import deserialize_message
+from resting_aspects_interfaces.msg import (
+    Detection,
+    DetectionArray,
+    FeederAdvice,
+    ObservedCounts,
+    PartDescription,
+    PickResult,
+    Posterior,
+)
+from rosbags.highlevel import AnyReader
+
+from resting_aspects_ros.api.inputs.counts_csv import read_observed
+from resting_aspects_ros.cli.main import main
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.logs.message_reader import messages
+from resting_aspects_ros.logs.playback_reader import Recording
+from resting_aspects_ros.nodes.log_replayer.topics import replayed_topics
+from resting_aspects_ros.ros.conversions import part_msg
+from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL, LATCHED
+
+PART = 'hex_nut'
+SMALL = {
+    'nodes.drop_recorder.feeder_recorder.MAX_MESSAGES': 12,
+    'nodes.drop_recorder.feeder_recorder.RETRY': 0.2,
+    'ros.diagnostics.PERIOD': 0.1,
+}
+TOPICS = {
+    'detections': (DetectionArray, CELL),
+    'pick_result': (PickResult, CELL),
+    f'feeder_advice/{PART}': (FeederAdvice, LATCHED),
+    f'observed_counts/{PART}': (ObservedCounts, LATCHED),
+    f'posterior/{PART}': (Posterior, LATCHED),
+    f'parts/{PART}': (PartDescription, LATCHED),
+}
+
+
+class Cell:
+    """A feeder that is recorded."""
+
+    def __init__(self, client, folder, description):
+        self.client, self.folder = client, folder
+        self.outputs = {
+            name: client.node.create_publisher(kind, name, qos)
+            for name, (kind, qos) in TOPICS.items()
+        }
+        self.outputs[f'parts/{PART}'].publish(description)
+        self.sent = []
+
+    def meet(self):
+        for output in self.outputs.values():
+            self.client.wait(output.get_subscription_count, 'recorder')
+
+    def send(self, name, **fields):
+        """Publish a message, and wait until it is in a log."""
+        message = TOPICS[name][0](**fields)
+        self.outputs[name].publish(message)
+        self.client.wait(lambda: message in self.logged(TOPICS[name][0]), name)
+        self.sent.append(message)
+
+    def logs(self):
+        return sorted(self.folder.glob('feeder-*'))
+
+    def logged(self, kind):
+        """Return all messages of a type, also of a log that is being written."""
+        return [
+            deserialize_message(data, kind)
+            for log in self.folder.glob('feeder-*/')
+            for data in messages(log, f'resting_aspects_interfaces/msg/{kind.__name__}')
+        ]
+
+
+@pytest.fixture(scope='module')
+def cell(start, connect, part, tmp_path_factory):
+    namespace = f'/test_feeder_logs_{os.getpid()}'
+    folder = tmp_path_factory.mktemp('logs')
+    cell = Cell(connect(namespace), folder, part_msg(part(PART)))
+    cell.process = start('drop_recorder', namespace, {'log_folder': folder}, SMALL)
+    cell.meet()
+    return cell
+
+
+@pytest.fixture(scope='module')
+def shift(cell):
+    """The folder with the logs of a shift of two images, two sessions and a change of the log."""
+    seen = [Detection(part=PART, class_id=str(k)) for k in (1, 2, 2)]
+    for k, total in enumerate(([1, 0], [3, 4], [5, 5], [5, 9]), 1):
+        cell.send('detections', image=k, detections=seen)
+        cell.send(f'feeder_advice/{PART}', part=PART, image=k, choice=FeederAdvice.PICK)
+        cell.send('pick_result', image=k, result=PickResult.PICKED)
+        cell.send(f'observed_counts/{PART}', part=PART, supplied=total, session='a')
+        cell.send(f'posterior/{PART}', part=PART, parts=sum(total), observed=total)
+    cell.send('pick_result', image=4, result=PickResult.MISSED, detection=1)
+    return cell
+
+
+def test_every_message_is_in_a_log_at_once(shift):
+    assert len(shift.logs()) == 3
+    # Also after the recorder is killed; a log begins with the part and what is latched.
+    shift.process.end(signal.SIGKILL)
+    assert main(['recover', *map(str, shift.logs())]) == 0
+    for each in shift.sent:
+        assert each in shift.logged(type(each))
+    for log in shift.logs():
+        with AnyReader([log]) as bag:
+            assert {each.topic.rpartition('/')[2] for each in bag.connections} >= {PART}
+            first = next(bag.messages())[0]
+            if log != shift.logs()[0]:
+                assert first.msgtype.endswith('PartDescription')
+        counted = yaml.safe_load((log / 'metadata.yaml').read_text())
+        topics = counted['rosbag2_bagfile_information']['topics_with_message_count']
+        for each in (topic['topic_metadata'] for topic in topics):
+            name = each['name'].partition('_logs_')[2].partition('/')[2]
+            offered = each['offered_qos_profiles'][0]
+            of_cell = name in ('detections', 'pick_result')
+            expected = ('volatile', 10) if of_cell else ('transient_local', 1)
+            assert (offered['durability'], offered['depth']) == expected
+
+
+def test_info_states_what_was_seen_advised_and_picked(shift, capsys):
+    documents = []
+    for log in shift.logs():
+        assert main(['info', str(log), '--json']) == 0
+        documents.append(json.loads(capsys.readouterr().out)['feeder'])
+    assert sum(each['images'] for each in documents) == 4
+    assert sum(each['detections'] for each in documents) == 12
+    assert sum(each['pick_results'].get('picked', 0) for each in documents) == 4
+    assert documents[-1]['counted_parts'] == {PART: [5, 9]}
+    assert main(['info', str(shift.logs()[-1])]) == 0
+    text = capsys.readouterr().out
+    assert '1 missed' in text
+    assert f'parts       {PART}: 14 counted, class 1: 5, class 2: 9' in text
+
+
+def test_drift_is_tested_from_the_logs(shift):
+    observed = read_observed(shift.folder, [1, 2], part=PART)
+    windows, ends, _ = observed.windows(4)
+    assert windows.tolist() == [[3, 4], [2, 5]]
+    assert ends.tolist() == [0, 7, 14]
+    assert observed.totals.tolist() == [5, 9]
+    # The second log by itself begins with the totals up to then.
+    last = read_observed(shift.logs()[-1], [1, 2])
+    assert last.totals.tolist() == [5, 9]
+    with pytest.raises(InvalidValueError, match=r'observed_counts of cube, found .hex_nut'):
+        read_observed(shift.folder, [1, 2], part='cube')
+
+
+def test_replay_has_all_topics_in_order(shift):
+    for log in shift.logs():
+        recording = Recording(log)
+        topics, skipped = replayed_topics(recording)
+        assert skipped == []
+        assert {each.name for each in topics} <= TOPICS.keys()
+        times = [each.time for each in recording.messages(recording.topics)]
+        assert times == sorted(times)
+
+
+def test_replayed_counts_give_the_same_posterior(shift, start, connect, processes):
+    """The messages pass through a replayer and a classifier."""
+    namespace = f'/test_feeder_replay_{os.getpid()}'
+    client = connect(namespace)
+    received = client.listen(Posterior, f'posterior/{PART}', ALL_LATCHED)
+    start('aspect_classifier', namespace, {'log_folder': "''"})
+    start('log_replayer', namespace, {'log': shift.logs()[-1], 'as_fast_as_possible': True})
+
+    def posterior():
+        # The recorded ones have no prior.
+        return [each for each in received if each.prior_weight and each.parts == 14]
+
+    found = client.wait(posterior, 'posterior')[-1]
+    assert list(found.concentration) == [6, 10]  # without drops, all shares are equally probable
+
+
+def test_full_disk_is_reported_and_recording_continues(
+    start, connect, part, tmp_path, diagnostics_of
+):
+    namespace = f'/test_feeder_disk_{os.getpid()}'
+    client = connect(namespace)
+    folder = tmp_path / 'file'
+    folder.write_text('')  # no folder
+    process = start('drop_recorder', namespace, {'log_folder': folder}, SMALL)
+    cell = Cell(client, folder, part_msg(part(PART)))
+    cell.meet()
+    status = diagnostics_of(client)
+    cell.outputs['pick_result'].publish(PickResult(image=1))
+    status.wait(
+        'drop_recorder', lambda _, text, __: '1 message of the feeder not' in text, 'error'
+    )
+    folder.unlink()
+
+    def written():
+        cell.outputs['pick_result'].publish(PickResult(image=2))
+        return list(folder.glob('feeder-*/*.mcap'))
+
+    client.wait(written, 'log')
+    status.wait('drop_recorder', lambda level, text, __: level == b'\0', 'no error')
+    assert process.end(signal.SIGINT) == 0
+    (log,) = cell.logs()
+    assert (log / 'metadata.yaml').exists()
+    assert cell.logged(PickResult)

@@ -1,0 +1,130 @@
+"""Which parts feeder_controller picks with the grasps of a robot, without a ROS graph."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.rotations import rotate
+from resting_aspects_ros.core.vision.grasp import gripper_poses
+from resting_aspects_ros.nodes.feeder_controller.advice import advise_image
+from resting_aspects_ros.nodes.feeder_controller.messages import pick_msgs
+from resting_aspects_ros.nodes.feeder_controller.model import (
+    Evidence,
+    build_model,
+    ids_of_classes,
+    read_part,
+)
+from resting_aspects_ros.nodes.feeder_controller.settings import PARAMETERS, settings_from
+from resting_aspects_ros.nodes.feeder_controller.tray_state import Detection, Image
+from resting_aspects_ros.ros.conversions import part_msg
+
+DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
+VALUES = {**DEFAULTS, 'grasps': 'config/grasps/l_bracket.yaml', 'clearance': 0.0, 'best_number': 6}
+UNKNOWN = {'class_id': ''}
+
+
+@pytest.fixture(scope='module')
+def settings():
+    return settings_from(VALUES)
+
+
+@pytest.fixture(scope='module')
+def fed(part, settings):
+    return read_part(serialize_message(part_msg(part('l_bracket'))), 'l_bracket', settings.grasps)
+
+
+@pytest.fixture(scope='module')
+def model(fed, settings):
+    return build_model(Evidence(fed.known.shares), fed.footprints, settings)
+
+
+@pytest.fixture(scope='module')
+def advise(fed, model):
+    def advise(*detections):
+        image = Image(1, 1, 'tray', tuple(detections))
+        return advise_image(image, fed, model)
+
+    return advise
+
+
+def seen(index, x, y, yaw=0.0, clearance=math.inf, **changes):
+    values = {'part': 'l_bracket', 'class_id': '1', 'score': 0.99, **changes}
+    return Detection(index, x=x, y=y, yaw=yaw, clearance=clearance, **values)
+
+
+def beside(fed, grasp, distance, **changes):
+    """A part of class 1, and another detection at a distance along x of one of its grasps."""
+    (pose,) = gripper_poses(fed.grasps[grasp], fed.known.placements[0].poses(0.0, 0.0, 0.0))
+    x, y, _ = pose.position
+    return seen(0, 0.0, 0.0), seen(1, x + distance, y, **changes)
+
+
+def test_grasps_are_in_the_order_of_the_file(fed, advise):
+    advice = advise(seen(0, 0.03, -0.02, yaw=0.6))
+    (message,) = pick_msgs(advice.picks, fed.known)
+    lying = fed.known.placements[0].poses(0.03, -0.02, 0.6)
+    expected = [pose for grasp in fed.grasps for pose in gripper_poses(grasp, lying)]
+    assert len(message.grasps) == len(expected) == 2
+    for found, pose in zip(message.grasps, expected, strict=True):
+        at, turned = found.position, found.orientation
+        assert [at.x, at.y, at.z] == pytest.approx(pose.position.tolist())
+        assert [turned.x, turned.y, turned.z, turned.w] == pytest.approx(pose.orientation.tolist())
+
+
+@pytest.mark.parametrize(('gap', 'picked'), [(0.002, []), (0.006, [0, 1])])
+def test_part_without_a_free_grasp_is_not_picked(fed, model, gap, picked):
+    """The fingers reach 5 mm beyond the long legs of two brackets, which are side by side."""
+    fingers = dataclasses.replace(fed, grasps=fed.grasps[1:])
+    (part,) = fed.known.placements[0].poses(0.0, 0.0, 0.0)
+    x, y, _ = rotate(part.orientation, np.array([[0.0, -0.02 - gap, 0.0]]))[0]
+    image = Image(1, 1, 'tray', (seen(0, 0.0, 0.0), seen(1, x, y, yaw=math.pi)))
+    found = advise_image(image, fingers, model)
+    assert sorted(pick.detection.index for pick in found.picks) == picked
+
+
+def test_unknown_outline_near_the_gripper_blocks_it(fed, advise):
+    length = max(outline.length for outline in fed.known.outlines)
+    for changes in (UNKNOWN, {'part': 'washer'}):
+        far = advise(*beside(fed, 0, length + 0.02, **changes))
+        assert [len(pick.grasps) for pick in far.picks] == [2]
+        near = advise(*beside(fed, 0, length - 0.002, **changes))
+        # The cup is above the part itself.
+        assert [len(pick.grasps) for pick in near.picks] == [1]
+    # The fingers reach 5 mm beyond the part.
+    for clearance, grasps in ((0.004, 1), (0.0051, 2)):
+        first, near = beside(fed, 0, length - 0.002, **UNKNOWN)
+        advice = advise(dataclasses.replace(first, clearance=clearance), near)
+        assert [len(pick.grasps) for pick in advice.picks] == [grasps]
+
+
+def test_pickable_class_without_a_grasp_is_an_error(fed):
+    with pytest.raises(InvalidValueError, match='expected one for pickable aspect 3'):
+        ids_of_classes(fed.known, settings_from({**VALUES, 'pickable_classes': [1, 3]}))
+
+
+def test_settings_of_the_decision_reach_its_model(fed):
+    settings = settings_from(
+        {**VALUES, 'place_time': 0.3, 'max_supply': 3, 'min_score': 0.8, 'max_picks': 2}
+    )
+    model = build_model(Evidence(fed.known.shares), fed.footprints, settings)
+    assert (model.max_supply, model.min_score) == (3, 0.8)
+    assert (model.times.place, model.feeder.max_picks) == (0.3, 2)
+    assert model.feeder.footprints[0].grips
+    image = Image(1, 1, 'tray', ())
+    assert advise_image(image, fed, model).supply == 3
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'words'),
+    [
+        ('grasps', 'no_such.yaml', "grasps file 'no_such.yaml' does not exist"),
+        ('place_time', 2.0, 'invalid place time 2 s: expected at most the robot time'),
+    ],
+)
+def test_invalid_setting_of_the_robot_is_refused(name, value, words):
+    with pytest.raises(InvalidValueError, match=words):
+        settings_from({**VALUES, name: value})

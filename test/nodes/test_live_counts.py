@@ -1,0 +1,326 @@
+"""Counted parts over ROS: posterior, drift and forecasts of aspect_classifier."""
+
+import math
+import os
+import signal
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+from resting_aspects_interfaces.msg import (
+    ObservedCounts,
+    PartDescription,
+    Posterior,
+    Status,
+    TransitionMatrix,
+)
+from resting_aspects_interfaces.srv import FeederForecast
+from std_msgs.msg import Header
+
+from resting_aspects_ros.api.drift import watch_drift
+from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.forecast import forecast_from
+from resting_aspects_ros.api.forecast_counts import with_live_counts
+from resting_aspects_ros.api.forecast_setup import cycle_times
+from resting_aspects_ros.api.plan_actions import named_action
+from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.client.client import RestingAspectsClient
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.feeding.footprint import Tray
+from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix as Matrix
+from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
+from resting_aspects_ros.core.statistics.live_counts import LiveCounts
+from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE, PART_TYPE, Topic
+from resting_aspects_ros.ros.conversions import part_msg, time_msg
+from resting_aspects_ros.ros.distribution_conversions import distribution_msg
+from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, SERVICES, offered_qos
+from resting_aspects_ros.ros.transition_conversions import transitions_msg
+from resting_aspects_ros.run_logs.run_recorder import RunRecorder
+from resting_aspects_ros.simulation.plan import plan_run
+
+PART = 'hex_nut'
+SECOND = 10**9
+WINDOW = 100
+QUICK = {
+    'nodes.aspect_classifier.live_monitor.PERIOD': 0.05,
+    'nodes.aspect_classifier.part_registry.QUIET_PERIOD': 0.5,
+    'ros.diagnostics.PERIOD': 0.1,
+}
+
+
+@pytest.fixture(scope='module')
+def simulated(part, surfaces):
+    """An action on a nut, and its drops: invented counts of a run."""
+    nut = part(PART)
+    aspects = find_aspects(nut)
+    members = [[each.id - 1 for each in alike] for alike in aspects.classes()]
+    assert len(members) == 2
+    counts = np.zeros(len(aspects), np.int64)
+    counts[[each[0] for each in members]] = 7200, 2800
+    drop = Distribution(aspects, counts, 0, 0, 0)
+    moved = np.zeros((len(aspects), len(aspects) + 4), np.int64)
+    moved[:, members[0][0]], moved[:, members[1][0]] = 60, 40
+    given = {'seed': 1, 'run_id': 'a', 'started': SECOND}
+    run = plan_run(nut, surfaces.get('rubber_mat'), drops=drop.drops, **given)[1]
+    return ReorientResult(
+        Matrix(aspects, moved), named_action('flip'), run, nut, drop, complete=True
+    )
+
+
+@pytest.fixture(scope='module')
+def logs(simulated, tmp_path_factory):
+    """The folder with the log of the drops."""
+    folder = tmp_path_factory.mktemp('logs')
+    log = RunRecorder(folder, simulated.run)
+    described = part_msg(simulated.part)
+    qos = offered_qos(LATCHED)
+    log.write_part(
+        Topic(f'/parts/{PART}', PART_TYPE, qos), serialize_message(described), described, 1
+    )
+    message = distribution_msg(simulated.drop, simulated.run, Time(sec=1), complete=True)
+    topic = Topic(f'/aspect_distributions/{PART}', DISTRIBUTION_TYPE, qos)
+    log.write(topic, serialize_message(message), 1, 1)
+    log.drops = simulated.drop.drops
+    log.run_is_over(whole=True)
+    assert log.close() is not None
+    return folder
+
+
+class Machine:
+    """A counter, a simulator that offers the nut, and a classifier."""
+
+    def __init__(self, client, simulated):
+        self.client, self.now = client, client.node.get_clock().now
+        publish = client.node.create_publisher
+        self.parts = publish(PartDescription, f'parts/{PART}', LATCHED)
+        self.moves = publish(TransitionMatrix, f'transitions/{PART}', LATCHED)
+        self.counts = publish(ObservedCounts, f'observed_counts/{PART}', LATCHED)
+        self.received = client.listen(Posterior, f'posterior/{PART}', ALL_LATCHED)
+        self.description = part_msg(simulated.part)
+        self.number = 0
+
+    def send(self, supplied=(), **fields):
+        message = ObservedCounts(part=PART, supplied=[int(k) for k in supplied], **fields)
+        self.counts.publish(message)
+
+    def posterior(self, holds):
+        def found():
+            return self.received and holds(self.received[-1]) and self.received[-1]
+
+        return self.client.wait(found, 'posterior')
+
+
+@pytest.fixture(scope='module')
+def machine(start, connect, simulated, logs):
+    namespace = f'/test_live_counts_{os.getpid()}'
+    given = {'log_folder': logs, 'drift_window': WINDOW}
+    machine = Machine(connect(namespace), simulated)
+    # Before the classifier starts, and before the part is known: they are received, and wait.
+    machine.send([1, 0], session='before')
+    machine.process = start('aspect_classifier', namespace, given, QUICK)
+    yield machine
+    assert machine.process.end(signal.SIGINT) == 0
+    assert 'Traceback' not in machine.process.output
+
+
+@pytest.fixture(scope='module')
+def status(machine, diagnostics_of):
+    """Wait for the status of the classifier."""
+    diagnostics = diagnostics_of(machine.client)
+
+    def status(holds):
+        return diagnostics.wait('aspect_classifier', holds, 'status')
+
+    return status
+
+
+def test_counts_before_the_part_is_known_wait_for_it(machine, status):
+    _, message, _ = status(lambda _, text, __: 'wait' in text)
+    assert message == f'counts of {PART} wait: no such part is offered'
+    machine.parts.publish(machine.description)
+    found = machine.posterior(lambda each: each.run.run_id == 'a')
+    assert (list(found.simulated), list(found.observed)) == ([7200, 2800], [1, 0])
+    assert found.prior_weight == 60
+    assert list(found.concentration) == pytest.approx([44.2, 16.8], abs=0.01)
+    assert (found.window, found.message, found.drift, found.first_part) == (WINDOW, '', False, 0)
+    assert math.isnan(found.share)
+    status(lambda level, text, values: level == b'\0' and values['parts counted'] == '1')
+
+
+def has_parts(number):
+    """Return a condition for a posterior."""
+    return lambda each: each.parts == number
+
+
+def test_posterior_and_drift_are_those_of_the_command(machine, simulated, status):
+    batches = [[36, 14], [34, 16], [30, 20], [25, 25], [24, 26], [26, 24], [3, 0]]
+    total = np.zeros(2, np.int64)
+    for batch in batches:
+        total += batch
+        stamp = time_msg(int(total[0]) * SECOND)
+        machine.send(total, session='b', header=Header(stamp=stamp))
+        machine.posterior(has_parts(1 + total.sum()))
+    found = machine.posterior(lambda each: each.drift and each.parts == 304)
+    dropped = DropResult(simulated.drop, simulated.run, simulated.part, METHOD, complete=True)
+    expected = watch_drift(dropped, [[1, 0], *batches], window=WINDOW)
+    test = expected.tested.test
+    assert list(found.concentration) == expected.live.concentration.tolist()
+    assert list(found.window_end) == expected.tested.ends[1:].tolist() == [101, 201, 301]
+    assert list(found.statistic) == test.g.tolist()
+    assert list(found.p_value) == test.p_values.tolist()
+    deviation = expected.tested.deviation
+    assert (found.drift_class, found.share) == (deviation.index + 1, deviation.share)
+    assert (found.deviation_lower, found.deviation_upper) == (deviation.lower, deviation.upper)
+    assert found.first_part == expected.tested.ends[test.drifted.start] + 1
+    # In words, with the time of the first part, also as a warning.
+    words, _ = expected.verdict.split(' since')
+    assert found.message.startswith(f'{words} since part {found.first_part} (1970-01-01 00:01')
+    status(lambda level, text, _: level == b'\1' and text == f'{PART}: {found.message}')
+
+
+@pytest.mark.parametrize(
+    ('fields', 'message'),
+    [
+        ({'supplied': [1, 1], 'session': 'b'}, 'count 1 in supplied of class 1: expected 17'),
+        ({'supplied': [1, 1, 1]}, 'number of counts 3 in supplied: expected 2, or none'),
+        ({'part_sha256': 'other', 'supplied': [900, 9]}, "part_sha256 'other' of counts of hex"),
+        ({'part': 'cube', 'supplied': [900, 9]}, "part 'cube' of counts: expected hex_nut"),
+        ({'supplied': [2**63, 9]}, 'count 9223372036854775808 in supplied'),
+        ({'supplied': [900, 9], 'header': Header(stamp=Time(sec=2**31 - 1))}, 'in the future'),
+        ({'moved': [1, 0, 0, 0], 'session': 'new'}, "action '' of moved parts"),
+    ],
+)
+def test_invalid_counts_are_refused_with_a_reason(machine, status, fields, message):
+    before = machine.received[-1].parts
+    machine.counts.publish(ObservedCounts(**{'part': PART, 'session': 'b', **fields}))
+    status(lambda level, text, _: level == b'\1' and message in text)
+    machine.number += 1
+    machine.send([machine.number, 0], session='valid')
+    machine.posterior(lambda each: each.parts == before + 1)
+
+
+def test_refused_counts_are_forgotten_after_valid_ones(status, machine):
+    status(lambda _, text, __: 'invalid' not in text)
+
+
+def test_moved_parts_give_the_transitions_of_the_machine(machine, simulated):
+    machine.send(session='moves', action='flip', moved=[3, 7, 40, 50])
+    (found,) = machine.posterior(lambda each: each.transitions).transitions
+    assert (found.run_id, found.message) == ('', '')
+    assert list(found.probability) == pytest.approx([3 / 10, 7 / 10, 4 / 9, 5 / 9])
+    assert all(map(math.isnan, found.simulated))
+    machine.moves.publish(transitions_msg(simulated, Time(sec=1), ended=True))
+    # The next counts show them.
+    machine.send(session='moves', action='flip', moved=[3, 7, 40, 51])
+    holds = lambda each: list(each.transitions[0].counts) == [3, 7, 40, 51]  # noqa: E731
+    (found,) = machine.posterior(holds).transitions
+    assert found.run_id == 'a'
+    assert list(found.simulated) == pytest.approx([0.6, 0.4, 0.6, 0.4])
+    assert found.message.startswith('44 % of class 2 come to class 1 instead of 60 %: -16 (-27 to')
+
+
+@pytest.fixture
+def ask(machine, simulated):
+    client = machine.client.node.create_client(FeederForecast, 'forecast', qos_profile=SERVICES)
+    machine.moves.publish(transitions_msg(simulated, Time(sec=1), ended=True))
+
+    def ask(**fields):
+        request = FeederForecast.Request(**{'part': PART, 'classes': [1], **fields})
+        return machine.client.call(client, request)
+
+    return ask
+
+
+def forecast_of(result, *pickable, **options):
+    """Return the forecast of the Python interface with the defaults of the service."""
+    given = {'vibrate': None, 'settle': None, 'overlap': False, 'place': None}
+    times = cycle_times(result.action, robot=1.2, image=0.2, supply=0.0, **given)
+    return forecast_from(result, pickable, Tray((0.2, 0.2), 0.005), times, **options)
+
+
+def test_forecast_is_that_of_the_python_interface(ask, simulated, machine):
+    alike = simulated.drop.aspects.classes()[0]
+    expected = forecast_of(simulated, *[each.id for each in alike])
+    found = ask()
+    assert found.status.code == Status.OK, found.status.message
+    assert found.sentence == expected.sentence
+    assert found.parts_per_minute == expected.parts_per_minute
+    assert (found.lower, found.upper) == (expected.lower, expected.upper)
+    assert (found.prediction_lower, found.prediction_upper) == expected.prediction
+    assert (found.best_number, found.limited_by) == (expected.best_number, expected.limited_by)
+    assert found.flips_per_part == expected.named.forecast.flips_per_part
+    shorter = dict(zip(found.times, found.shorter, strict=True))
+    assert shorter == {k: v[0] for k, v in expected.named.forecast.sensitivity.items()}
+    assert (found.run_id, found.drops, found.counted_parts) == ('a', 10_000, 0)
+
+    # With the counts of the machine, of which fewer parts are pickable.
+    counted = ask(use_counts=True, parts_on_tray=20)
+    observed = np.array(list(machine.received[-1].observed))
+    live = LiveCounts((1, 2), np.array([7200, 2800]), observed, 60.0)
+    both = with_live_counts(simulated, live, np.array([[3, 7], [40, 51]]))
+    expected = forecast_of(both, *[each.id for each in alike], parts_on_tray=20)
+    assert counted.parts_per_minute == expected.parts_per_minute < found.parts_per_minute
+    assert counted.counted_parts == observed.sum()
+
+
+@pytest.mark.parametrize(
+    ('fields', 'code', 'message'),
+    [
+        ({'part': 'cube'}, Status.UNKNOWN_PART, 'cube'),
+        ({'action': 'tap'}, Status.NOT_AVAILABLE, "by action 'tap' are known, request reorient"),
+        ({'classes': []}, Status.INVALID, 'expected either aspects or classes'),
+        ({'aspects': [1]}, Status.INVALID, 'expected either aspects or classes'),
+        ({'classes': [3]}, Status.INVALID, 'invalid pickable symmetry class 3: expected 1 to 2'),
+        ({'classes': [], 'aspects': [99]}, Status.INVALID, 'invalid pickable aspect 99'),
+        ({'robot_time': math.nan}, Status.INVALID, 'invalid robot time nan s'),
+        ({'vibrate_time': math.inf}, Status.INVALID, 'invalid vibrate time inf s'),
+        ({'place_time': 0.1}, Status.INVALID, 'expected only with overlap'),
+        ({'tray': [0.0, 0.2]}, Status.INVALID, 'invalid'),
+        ({'tray': [math.nan, 0.2]}, Status.INVALID, 'invalid'),
+        ({'tray': [0.001, 0.001]}, Status.INVALID, 'invalid'),
+        ({'clearance': math.nan}, Status.INVALID, 'invalid'),
+        ({'gripper': [0.01, -1.0]}, Status.INVALID, 'invalid gripper'),
+        ({'parts_on_tray': 100_000}, Status.INVALID, 'invalid'),
+        ({'minutes': 0.0}, Status.INVALID, 'invalid minutes 0'),
+    ],
+)
+def test_invalid_forecast_has_a_status(ask, fields, code, message):
+    found = ask(**fields)
+    assert (found.status.code, math.isnan(found.parts_per_minute)) == (code, True)
+    assert message in found.status.message
+
+
+def test_client_asks_for_a_forecast(machine, ask):
+    found = ask(parts_on_tray=30)
+    ros_args = ['-r', f'__ns:={machine.client.node.get_namespace()}']
+    with RestingAspectsClient(ros_args=ros_args) as client:
+        assert client.forecast(PART, classes=[1], parts_on_tray=30) == found
+        for wrong in ({'classes': 'a'}, {'robot': 1.0}, {'tray': [1, 2, 3]}, {'minutes': None}):
+            with pytest.raises(InvalidValueError, match='invalid'):
+                client.forecast(PART, **wrong)
+
+
+def test_totals_survive_a_restart_of_the_classifier(machine, start, logs):
+    machine.send([5, 7], session='latched')
+    machine.posterior(lambda each: each.parts > 300)
+    assert machine.process.end(signal.SIGINT) == 0
+    namespace = machine.client.node.get_namespace()
+    machine.received.clear()
+    machine.process = start('aspect_classifier', namespace, {'log_folder': logs}, QUICK)
+    found = machine.posterior(lambda each: each.run.run_id == 'a')
+    assert list(found.observed) == [5, 7]  # of the newest message that is latched
+
+
+def test_counts_of_a_volatile_publisher_are_received(machine):
+    before = machine.received[-1].parts
+    topic = f'observed_counts/{PART}'
+    node = machine.client.node
+    node.destroy_publisher(machine.counts)
+    machine.client.wait(lambda: not node.count_subscribers(topic), 'the end of the topic')
+    machine.counts = node.create_publisher(ObservedCounts, topic, QoSProfile(depth=1))
+    machine.client.wait(machine.counts.get_subscription_count, 'subscriber')
+    machine.send([0, 1], session='volatile')
+    machine.posterior(lambda each: each.parts == before + 1)
