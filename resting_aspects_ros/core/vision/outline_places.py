@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 from shapely import affinity
 
-from resting_aspects_ros.core.reorientation.markov import Mask
 from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.core.statistics.intervals import Counts
 from resting_aspects_ros.core.vision.outline import Outline
 
 # Random places that are tried for a part; if none is empty, the part lies on another one.
@@ -61,12 +60,12 @@ class OutlinePlaces:
         polygons = np.array(self.polygons, dtype=object)
         return np.asarray(shapely.get_coordinates(shapely.centroid(polygons)))
 
-    def shake(self, classes: Counts) -> None:
+    def shake(self, classes: npt.NDArray[np.int64]) -> None:
         """Give parts of these classes (n,) new places; nothing else is on the tray."""
         self.poses, self.polygons = np.zeros((0, 3)), []
         self.add(classes)
 
-    def add(self, classes: Counts) -> None:
+    def add(self, classes: npt.NDArray[np.int64]) -> None:
         """Add places for the last ones of the classes (n,), which do not have one yet."""
         for kind in classes[len(self.polygons) :]:
             shapes = self._shapes[kind]
@@ -75,7 +74,7 @@ class OutlinePlaces:
             self.poses = np.vstack([self.poses, pose])
             self.polygons.append(polygon)
 
-    def keep(self, which: Mask) -> None:
+    def keep(self, which: npt.NDArray[np.bool_]) -> None:
         """Remove all but some of the parts."""
         self.poses = self.poses[which]
         self.polygons = [self.polygons[k] for k in np.flatnonzero(which)]

@@ -46,6 +46,14 @@ class Answers:
             return None
         return None if advice.choice == FeederAdvice.WAIT and not waits else (seen, advice)
 
+    async def reach(self, epoch: int, seconds: float) -> None:
+        """Wait until the controller has counted results up to an epoch, at most a real time."""
+
+        def known() -> bool | None:
+            return True if self.advice is not None and self.advice.epoch >= epoch else None
+
+        await self.until(known, seconds)
+
     async def until(self, found: Callable[[], Found | None], seconds: float) -> Found | None:
         """Return what a function finds after a message; None after a real time."""
         end = time.monotonic() + seconds

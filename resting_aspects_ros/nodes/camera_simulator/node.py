@@ -118,18 +118,17 @@ class CameraSimulator(Node):
         cycle = guarded_task(self, 'a cycle has failed', self._cycle)
         while True:
             images = self._images
-            is_ready = self._feeder is not None and not self._truth.error
-            if self._values['evidence'] and not (self._truth.has_evidence and self._is_known()):
-                is_ready = False
-            if is_ready and not self._duplicates.check():
+            if self._is_ready() and not self._duplicates.check():
                 await cycle()
             if self._images == images:
                 await sleep_for(self, CLOCK_PERIOD)
 
-    def _is_known(self) -> bool:
-        """Return whether the controller knows the drops and flips, too."""
+    def _is_ready(self) -> bool:
+        if self._feeder is None or self._truth.error:
+            return False
         advice = self._answers.advice
-        return advice is not None and (advice.drops, advice.actions) == self._truth.counts
+        known = advice is not None and (advice.drops, advice.actions) == self._truth.counts
+        return not self._values['evidence'] or (self._truth.has_evidence and known)
 
     async def _cycle(self) -> None:
         """Show the tray, and do what is advised."""
@@ -138,15 +137,10 @@ class CameraSimulator(Node):
         assert places is not None
         assert known is not None
         header = Header(stamp=time_msg(self._now), frame_id=self._frame)
-        image = render_tray(
-            places.polygons,
-            self._camera,
-            self._noise_generator,
-            blur=self._values['blur'],
-            noise=self._values['noise'],
-        )
-        message, info = image_msg(image, header), camera_info_msg(self._camera, header)
-        detections, advice = await self._ask(message, info)
+        look = {name: self._values[name] for name in ('blur', 'noise')}
+        image = render_tray(places.polygons, self._camera, self._noise_generator, **look)
+        info = camera_info_msg(self._camera, header)
+        detections, advice = await self._ask(image_msg(image, header), info)
         if feeder is not self._feeder:
             return  # the part has changed
         self._images += 1
@@ -211,16 +205,9 @@ class CameraSimulator(Node):
     async def _report(self, result: int, image: int = 0, detection: int = 0) -> None:
         """Publish what was done, and wait until the controller knows it."""
         self._epoch += 1
-        stamp = time_msg(self._now)
-        self._result_output.publish(
-            PickResult(stamp=stamp, image=image, detection=detection, result=result)
-        )
-
-        def known() -> bool | None:
-            advice = self._answers.advice
-            return True if advice is not None and advice.epoch >= self._epoch else None
-
-        await self._answers.until(known, RETRY)
+        where = {'image': image, 'detection': detection}
+        self._result_output.publish(PickResult(stamp=time_msg(self._now), result=result, **where))
+        await self._answers.reach(self._epoch, RETRY)
 
     # Time
 
@@ -246,8 +233,7 @@ class CameraSimulator(Node):
         values = {'part': self._part, 'images': self._images, 'missed picks': self._missed}
         if feeder is not None:
             values |= feeder_values(feeder)
-        begun = self._images > 0
-        state = 'runs' if begun else self._truth.state or 'begins'
+        state = 'runs' if self._images else self._truth.state or 'begins'
         errors = [self._truth.error] if self._truth.error else []
         return Diagnosis(
             state, values, [self._answers.hint(self._now)] if self._silent_since else [], errors

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.feeding.controller_model import ControllerModel
 from resting_aspects_ros.core.feeding.decision import Choice, Expected, SeenPart, advise
+from resting_aspects_ros.core.vision.grasp_room import free_grasps
 from resting_aspects_ros.core.vision.location import Pose
-from resting_aspects_ros.nodes.feeder_controller.grasp_choice import free_grasps
 from resting_aspects_ros.nodes.feeder_controller.model import FedPart
 from resting_aspects_ros.nodes.feeder_controller.tray_state import (
     Detection,

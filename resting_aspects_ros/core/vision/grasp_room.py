@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 import shapely
@@ -10,7 +11,19 @@ from shapely import affinity
 from resting_aspects_ros.core.vision.grasp import Grasp, gripper_area, gripper_poses
 from resting_aspects_ros.core.vision.known_part import KnownPart
 from resting_aspects_ros.core.vision.location import Pose
-from resting_aspects_ros.nodes.feeder_controller.tray_state import Detection
+
+
+class Detection(Protocol):
+    """A camera pose of a part, m and rad, and its distance to the next outline, m."""
+
+    @property
+    def x(self) -> float: ...  # noqa: D102
+    @property
+    def y(self) -> float: ...  # noqa: D102
+    @property
+    def yaw(self) -> float: ...  # noqa: D102
+    @property
+    def clearance(self) -> float: ...  # noqa: D102
 
 
 def free_grasps(
