@@ -46,6 +46,8 @@ setup(
             f'drop_recorder = {NAME}.nodes.drop_recorder.node:main',
             f'feeder_controller = {NAME}.nodes.feeder_controller.node:main',
             f'log_replayer = {NAME}.nodes.log_replayer.node:main',
+            f'camera_simulator = {NAME}.nodes.camera_simulator.node:main',
+            f'vision_example = {NAME}.nodes.vision_example.node:main',
         ],
     },
 )

@@ -27,6 +27,7 @@ DEPENDENCIES = {
     'builtin_interfaces': (MESSAGES, 'builtin_interfaces'),
     'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg'),
     'coacd': ('coacd', None),  # rosdep has no key for it
+    'cv2': ('opencv-python-headless', 'python3-opencv'),
     'diagnostic_msgs': (MESSAGES, 'diagnostic_msgs'),
     'domain_coordinator': ('ros-domain-coordinator', 'domain_coordinator'),
     'geometry_msgs': (MESSAGES, 'geometry_msgs'),
@@ -52,6 +53,8 @@ DEPENDENCIES = {
     'scipy': ('scipy', 'python3-scipy'),
     'shapely': ('shapely', 'python3-shapely'),
     'simpy': ('simpy', None),  # rosdep has no key for it
+    'rosgraph_msgs': ('ros-jazzy-rclpy', 'rosgraph_msgs'),
+    'sensor_msgs': (MESSAGES, 'sensor_msgs'),
     'std_msgs': (MESSAGES, 'std_msgs'),
     'std_srvs': (MESSAGES, 'std_srvs'),
     'trimesh': ('trimesh', 'python3-trimesh-pip'),

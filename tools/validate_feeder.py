@@ -1,7 +1,7 @@
-"""Validation of the forecast: runs with camera, vision and controller beside its interval.
+"""Validation of `forecast_controlled`: runs with camera, vision and controller beside it.
 
-`tools/validate_feeder.py [--seeds 20] [--minutes 5] [--ros]` prints the section; takes about half
-an hour on one core. With --ros, the first run of each part is repeated over ROS.
+`tools/validate_feeder.py [--seeds 20] [--minutes 5] [--ros]` prints the section; takes about ten
+minutes on one core. With --ros, the first run of each part is repeated over ROS.
 """
 
 import argparse
@@ -19,8 +19,10 @@ from rich.progress import track
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.forecast import forecast_from
+from resting_aspects_ros.api.forecast_controlled import forecast_controlled
 from resting_aspects_ros.api.forecast_setup import pickable_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.feeding.controlled_runs import ControlledRuns
 from resting_aspects_ros.core.feeding.controller_model import ControllerModel, controller_model
 from resting_aspects_ros.core.feeding.cycle import CycleTimes
 from resting_aspects_ros.core.feeding.decision import Choice, SeenPart, advise
@@ -121,8 +123,8 @@ def feeder(seeds: int, minutes: float, over_ros: bool) -> Iterator[str]:
         'for each part: rendered images with noise, contours, identification, decision, and a '
         'robot that picks the part at the detected place. The outlines themselves are placed on '
         f'the tray. Model: {DROPS} drops and {PER_ASPECT} flips from each aspect, which are taken '
-        'as the truth. *Within*: runs in the 95 % prediction interval; at least 17 of 20 are '
-        'required.'
+        'as the truth. The forecast is that of `forecast_controlled`. *Within*: runs in the 95 % '
+        'prediction interval; at least 17 of 20 are required.'
     )
     yield ''
     yield (
@@ -140,7 +142,7 @@ def feeder(seeds: int, minutes: float, over_ros: bool) -> Iterator[str]:
         rates = np.array([run.rate for run in runs])
         low, high = forecast.prediction
         inside = int(((rates >= low) & (rates <= high)).sum())
-        expected = forecast.parts_per_minute
+        expected = forecast.rate
         error = 100 * rates.std(ddof=1) / np.sqrt(len(rates)) / expected if seeds > 1 else 0.0
         yield (
             f'| {name}, {", ".join(map(str, classes))} | {expected:.2f} | {low:.2f} to {high:.2f} '
@@ -157,13 +159,13 @@ def feeder(seeds: int, minutes: float, over_ros: bool) -> Iterator[str]:
 
 def prepared(
     name: str, classes: tuple[int, ...], minutes: float
-) -> tuple[KnownPart, ControllerModel, ra.ForecastResult]:
+) -> tuple[KnownPart, ControllerModel, ControlledRuns]:
     """Return a part, the model of its controller, which is also the truth, and its forecast."""
     result = ra.reorient(name, 'flip', PER_ASPECT, drops=DROPS, seed=SEED)
     ids = pickable_aspects(result.matrix.aspects, None, classes)
     forecast = forecast_from(result, ids, TRAY, TIMES, minutes=minutes)
     known = ra.known_part(name, result.drop)
-    return known, controller_model(forecast.named.model), forecast
+    return known, controller_model(forecast.named.model), forecast_controlled(forecast)
 
 
 def over(name: str, classes: tuple[int, ...], minutes: float, run: CellRun) -> str:

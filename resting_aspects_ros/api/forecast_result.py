@@ -7,6 +7,8 @@ from typing import Any
 
 from resting_aspects_ros.api.look_alike_notes import look_alike_texts
 from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.core.feeding.controlled_runs import ControlledRuns
+from resting_aspects_ros.report.controlled_forecast import controlled_fields
 from resting_aspects_ros.report.document import plain
 from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.report.forecast_document import forecast_fields
@@ -43,11 +45,14 @@ class ForecastResult:
         Ids of the aspects in which the robot can pick the part.
     named : NamedForecast
         The model of the feeder, ``named.model``, and all numbers, ``named.forecast``.
+    controlled : ControlledRuns or None
+        What `forecast_controlled` returned, if it was requested.
     """
 
     reorientation: ReorientResult
     pickable: tuple[int, ...]
     named: NamedForecast
+    controlled: ControlledRuns | None = None
 
     @property
     def parts_per_minute(self) -> float:
@@ -110,6 +115,7 @@ class ForecastResult:
             **{name: base[name] for name in _SHARED},
             'pickable': list(self.pickable),
             **forecast_fields(self.named),
+            'controller': None if self.controlled is None else controlled_fields(self.controlled),
             'transitions': matrix_fields(found.matrix),
             'alternatives': [each.document() for each in alternatives],
         }

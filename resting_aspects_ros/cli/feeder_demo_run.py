@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from resting_aspects_ros.api.forecast import DEFAULT_ACTION, forecast_from
-from resting_aspects_ros.api.forecast_result import ForecastResult
+from resting_aspects_ros.api.forecast_controlled import forecast_controlled
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.cli.console import make_console
 from resting_aspects_ros.cli.feeder_demo_plan import PX_PER_MM, PlannedDemo
 from resting_aspects_ros.cli.node_processes import NodeProcesses
+from resting_aspects_ros.core.feeding.controlled_runs import ControlledRuns
 from resting_aspects_ros.core.vision.tray_image import TrayCamera
+from resting_aspects_ros.report.controlled_forecast import controlled_fields, controlled_text
 from resting_aspects_ros.report.document import SCHEMA_VERSION
 from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.report.feeder_table import FeederView, feeder_sentence
@@ -44,7 +46,7 @@ class FeederDemo:
 
     def __init__(self, plan: PlannedDemo, out: Path, check: Callable[[], None]) -> None:
         self._plan, self._out, self._check = plan, out, check
-        self._forecast: ForecastResult | None = None
+        self._forecast: ControlledRuns | None = None
         self._watch: FeederWatch | None = None
         self._seconds = 0.0
 
@@ -66,7 +68,7 @@ class FeederDemo:
                 processes.check()
 
             self._forecast = self._ask(namespace, check)
-            _say(f'Forecast: {self._forecast.sentence}.')
+            _say(f'Forecast {controlled_text(self._forecast)}.')
             self._follow(namespace, check)
 
     def save(self, document: Path, picture: Path) -> str:
@@ -81,15 +83,7 @@ class FeederDemo:
             'complete': watch is not None and watch.done.done(),
         }
         if forecast is not None:
-            low, high = forecast.prediction
-            found['forecast'] = {
-                'parts_per_minute': forecast.parts_per_minute,
-                'lower': forecast.lower,
-                'upper': forecast.upper,
-                'prediction_minutes': plan.minutes,
-                'prediction_lower': low,
-                'prediction_upper': high,
-            }
+            found['forecast'] = controlled_fields(forecast)
         if watch is not None:
             found['run'] = {**watch.fields(), 'real_seconds': self._seconds}
         text = json_text(found)
@@ -144,8 +138,8 @@ class FeederDemo:
             'camera_simulator': ['-r', f'/clock:={clock}', *_values(camera)],
         }
 
-    def _ask(self, namespace: list[str], check: Callable[[], None]) -> ForecastResult:
-        """Request drops and flips, and forecast from them."""
+    def _ask(self, namespace: list[str], check: Callable[[], None]) -> ControlledRuns:
+        """Request drops and flips, and forecast runs of the controller from them."""
         from resting_aspects_ros.client.client import RestingAspectsClient
         from resting_aspects_ros.ros.conversions import run_from
         from resting_aspects_ros.ros.distribution_conversions import distribution_from
@@ -178,7 +172,7 @@ class FeederDemo:
             distribution_from(drops),
             complete=True,
         )
-        return forecast_from(
+        forecast = forecast_from(
             result,
             plan.ids,
             plan.tray,
@@ -187,6 +181,7 @@ class FeederDemo:
             max_picks=plan.max_picks,
             minutes=plan.minutes,
         )
+        return forecast_controlled(forecast)
 
     def _follow(self, namespace: list[str], check: Callable[[], None]) -> None:
         """Show the run until its time is over."""

@@ -1,8 +1,10 @@
 """What `resting_aspects forecast` is asked for, and the simulations that answer it."""
 
 import argparse
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.forecast import (
@@ -24,9 +26,7 @@ from resting_aspects_ros.cli.forecast_options import (
     parse_tray,
     requested_time,
 )
-from resting_aspects_ros.cli.options import (
-    requested_conditions,
-)
+from resting_aspects_ros.cli.options import requested_conditions
 from resting_aspects_ros.cli.values import parse_quantity
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.errors import InvalidValueError, warn
@@ -39,6 +39,9 @@ from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.run_description import check_drops
 
+if TYPE_CHECKING:
+    from resting_aspects_ros.core.vision.grasp import Grasp
+
 
 @dataclass(frozen=True)
 class RequestedForecasts:
@@ -46,6 +49,8 @@ class RequestedForecasts:
 
     pickable : tuple
         For each part the sets of ids of pickable aspects.
+    controller : bool
+        Whether runs with feeder_controller are forecast, too.
     """
 
     parts: tuple[Part, ...]
@@ -59,6 +64,8 @@ class RequestedForecasts:
     parts_on_tray: int | None
     max_picks: int | None
     minutes: float
+    grasps: 'tuple[Grasp, ...]'
+    controller: bool
 
 
 def requested_forecasts(arguments: argparse.Namespace, confidence: float) -> RequestedForecasts:
@@ -88,6 +95,9 @@ def requested_forecasts(arguments: argparse.Namespace, confidence: float) -> Req
     check_drops(arguments.drops)
     conditions = requested_conditions(arguments, shipped_surfaces())
     sets = _sets(arguments)
+    grasps: tuple[Grasp, ...] = ()
+    if arguments.grasps is not None:
+        grasps = _grasps(arguments)
     parts, planned, pickable = [], [], []
     for number, name in enumerate(arguments.part):
         part = load_part(name, arguments.unit, arguments.parts, arguments.body)
@@ -105,9 +115,21 @@ def requested_forecasts(arguments: argparse.Namespace, confidence: float) -> Req
         aspects = plan.counter.matrix.aspects
         check_tray(part, aspects, tray, arguments.parts_on_tray)
         ids = [pickable_aspects(aspects, *each) for each in sets[number]]
-        for text in dict.fromkeys(
+        if grasps:
+            from resting_aspects_ros.api.forecast_setup import placements_of
+            from resting_aspects_ros.api.grasps import check_grasps
+
+            for each in ids:
+                check_grasps(grasps, placements_of(part, aspects), each)
+        divided = dict.fromkeys(
             text for each in ids for text in divided_class_texts(aspects, each)
-        ):
+        )
+        if divided and arguments.controller:
+            raise InvalidValueError(
+                'invalid --pickable: expected whole symmetry classes with --controller '
+                '(--pickable-classes); the aspects of a class look the same to the camera'
+            )
+        for text in divided:
             warn(f'{part.name}: {text}; --pickable-classes requests whole classes')
         parts.append(part)
         planned.append(plan)
@@ -124,6 +146,8 @@ def requested_forecasts(arguments: argparse.Namespace, confidence: float) -> Req
         arguments.parts_on_tray,
         arguments.max_picks,
         minutes,
+        grasps,
+        arguments.controller,
     )
 
 
@@ -149,7 +173,7 @@ def make_forecasts(
         )
         if stopped():
             return []
-        results += [
+        made = [
             forecast_from(
                 found,
                 ids,
@@ -158,10 +182,33 @@ def make_forecasts(
                 parts_on_tray=requested.parts_on_tray,
                 max_picks=requested.max_picks,
                 minutes=requested.minutes,
+                grasps=requested.grasps,
             )
             for ids in sets
         ]
+        for each in made:
+            if stopped():
+                return []
+            if requested.controller:
+                # The import of shapely is only needed here.
+                from resting_aspects_ros.api.forecast_controlled import forecast_controlled
+
+                results.append(dataclasses.replace(each, controlled=forecast_controlled(each)))
+            else:
+                results.append(each)
     return results
+
+
+def _grasps(arguments: argparse.Namespace) -> 'tuple[Grasp, ...]':
+    """Return the grasps of --grasps; raises InvalidValueError."""
+    # The import of shapely is only needed here.
+    from resting_aspects_ros.api.grasps import load_grasps
+
+    if arguments.gripper is not None:
+        raise InvalidValueError('invalid --gripper: expected none with --grasps')
+    if len(arguments.part) > 1:
+        raise InvalidValueError('invalid --grasps: expected a single part')
+    return load_grasps(arguments.grasps)
 
 
 _Sets = list[tuple[tuple[int, ...] | None, tuple[int, ...] | None]]

@@ -32,7 +32,7 @@ class _Watch(Protocol):
 
 class _Forecast(Protocol):
     @property
-    def parts_per_minute(self) -> float: ...
+    def rate(self) -> float: ...
 
     @property
     def prediction(self) -> tuple[float, float]: ...
@@ -75,7 +75,7 @@ class FeederView:
             supplied=watch.supplied,
             reason=watch.advice.reason if watch.advice is not None else '',
             rate=watch.rate,
-            forecast=forecast.parts_per_minute,
+            forecast=forecast.rate,
             lower=lower,
             upper=upper,
         )

@@ -1,6 +1,7 @@
 """The command `forecast`."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -36,6 +37,24 @@ def test_sentence_comes_first_and_the_table_fits(saved):
 def test_report_is_written(saved):
     names = {path.name for path in saved[0].iterdir()}
     assert names == {'forecast.json', 'forecast.html', 'forecast.png', 'forecast.svg'}
+
+
+def test_grasps_and_controller_reach_the_forecast(run_in, tmp_path):
+    file = Path(__file__).parents[2] / 'config' / 'grasps' / 'l_bracket.yaml'
+    words = ('forecast', 'l_bracket', '--per-aspect', 5, '--drops', 20, '--workers', 2)
+    more = ('--grasps', file, '--controller', '--minutes', 2, '--parts-on-tray', 3)
+    ended = run_in(tmp_path, *words, '--pickable', 1, *more, '--out', 'o')
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout.splitlines()[1].startswith('with feeder_controller: ')
+    found = json.loads((tmp_path / 'o' / 'forecast.json').read_text())
+    controller = found['controller']
+    assert controller['prediction_minutes'] == 2
+    assert controller['prediction_lower'] <= controller['lower'] <= controller['upper']
+    plain = run_in(tmp_path, *words, '--pickable', 1, '--parts-on-tray', 3, '--json')
+    document = json.loads(plain.stdout)
+    assert document['controller'] is None
+    # The drops and flips are the same, but other places have to be empty.
+    assert found['parts_per_minute'] != document['parts_per_minute']
 
 
 def test_flags_reach_the_forecast(run_in, tmp_path):

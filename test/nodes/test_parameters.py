@@ -178,6 +178,9 @@ def test_nodes_read_their_parameters_from_the_file(
             'frame_id': 'cell_tray',
             'publish_period': 0.5,
             'log_folder': '',
+            'prior_weight': 50.0,
+            'drift_window': 30,
+            'drift_level': 0.02,
         },
         'drop_recorder': {'log_folder': str(tmp_path / 'logs')},
     }

@@ -64,6 +64,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--actions', metavar='FILE', type=Path, help='file of named actions (config/actions.yaml)'
     )
     parser.add_argument(
+        '--grasps',
+        metavar='FILE',
+        type=Path,
+        help='YAML file of the grasps of the part instead of --gripper, such as '
+        'config/grasps/l_bracket.yaml (none)',
+    )
+    parser.add_argument(
+        '--controller',
+        action='store_true',
+        help='also simulate runs in which feeder_controller decides, about 5 s for each forecast',
+    )
+    parser.add_argument(
         '--per-aspect',
         metavar='N',
         type=parse_integer,
@@ -168,13 +180,18 @@ def _write(
 def _show(results: 'Sequence[ForecastResult]') -> None:
     """Print a sentence for each result, then the table, and notes."""
     from resting_aspects_ros.cli.console import make_console, show_table
+    from resting_aspects_ros.report.controlled_forecast import controlled_text
     from resting_aspects_ros.report.forecast_table import cell_text, forecast_table
 
     console = make_console()
     several = len(results) > 1
     for result in results:
         name = f'{result.named.title}: ' if several else ''
-        console.print(f'{name}{result.sentence}', markup=False, highlight=False, soft_wrap=True)
+        lines = [result.sentence]
+        if result.controlled is not None:
+            lines.append(controlled_text(result.controlled))
+        for line in lines:
+            console.print(f'{name}{line}', markup=False, highlight=False, soft_wrap=True)
     console.print(cell_text(results[0].named), markup=False, highlight=False)
     console.print()
     show_table(console, forecast_table([result.named for result in results]))

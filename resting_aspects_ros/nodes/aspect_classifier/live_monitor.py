@@ -47,7 +47,7 @@ LIVE_PARAMETERS = (
         'prior_weight',
         PRIOR_WEIGHT,
         'weight of the simulation in posterior/<part>, in parts',
-        (0.001, MAX_SET),
+        (0.001, float(MAX_SET)),
     ),
     Parameter(
         'drift_window',

@@ -125,7 +125,7 @@ class FeederRecorder:
         if log is None:
             return
         try:
-            # So that nobody searches the whole file for drops.
+            # So that no reader searches the whole file for drops.
             log.add_metadata(OUTCOME, Outcome(0, whole=True).record())
             log.close()
         except LogError as error:
@@ -150,7 +150,8 @@ class FeederRecorder:
             if self._bytes >= MAX_BYTES or self._count >= MAX_MESSAGES:
                 self.close()
             if self._log is None:
-                self._log = self._begin()
+                self._begin()
+            assert self._log is not None
             for each, content in [*self._descriptions(part), (topic, data)]:
                 self._write(self._log, each, content)
             self._log.flush()
@@ -161,7 +162,7 @@ class FeederRecorder:
         self.messages += 1
         self.error, self.lost = '', 0
 
-    def _begin(self) -> RunLog:
+    def _begin(self) -> None:
         """Begin a log with the newest latched messages; raises LogError."""
         # A run folder begins with the name of a part, which has no "-".
         # The fraction of the second sorts logs by their start.
@@ -170,7 +171,7 @@ class FeederRecorder:
         name = f'feeder-{started:%Y%m%dT%H%M%SZ}-{fraction:09d}{uuid.uuid4().hex[:4]}'
         self._path, self._bytes, self._count = self._folder() / name, 0, 0
         self._described = set()
-        log = RunLog(self._folder(), name)
+        self._log = log = RunLog(self._folder(), name)  # what fails from here on closes it
         log.add_metadata('feeder', {'namespace': self._node.get_namespace()})
         for topic, data in self._newest.values():
             for each, content in [
@@ -178,7 +179,6 @@ class FeederRecorder:
                 (topic, data),
             ]:
                 self._write(log, each, content)
-        return log
 
     def _descriptions(self, part: str) -> Iterator[tuple[Topic, bytes]]:
         """Yield the description of a part that is not in the log yet."""
@@ -190,7 +190,8 @@ class FeederRecorder:
 
     def _write(self, log: RunLog, topic: Topic, data: bytes) -> None:
         log.write(topic, data, time.time_ns())  # not ROS time, which can be paused
-        self._bytes += len(data)
+        if topic.type != PART_TYPE:  # a large mesh would begin a log for every message
+            self._bytes += len(data)
         self._count += 1
 
     def _fail(self, error: LogError) -> None:
