@@ -7,6 +7,8 @@ from resting_aspects_ros.core.feeding.cycle import cycle_time
 from resting_aspects_ros.report.document import plain
 from resting_aspects_ros.report.forecast_table import NamedForecast, forecast_sentence
 
+_SIZES = ('length', 'width', 'radius')
+
 
 def forecast_fields(named: NamedForecast) -> dict[str, Any]:
     """Return a forecast as plain JSON types.
@@ -30,6 +32,7 @@ def forecast_fields(named: NamedForecast) -> dict[str, Any]:
         ``length`` and ``width`` seen from above, m.
     """
     model, found = named.model, named.forecast
+    gripper = model.tray.gripper
     state, curve = found.state, found.curve
     lower, upper = found.prediction
     drop = model.drop / model.drop.sum()
@@ -58,7 +61,7 @@ def forecast_fields(named: NamedForecast) -> dict[str, Any]:
             'width': model.tray.size[0],
             'depth': model.tray.size[1],
             'clearance': model.tray.clearance,
-            'gripper': model.tray.gripper,
+            'gripper': gripper and {name: getattr(gripper, name) for name in _SIZES},
         },
         'time_shares': found.time_shares,
         'sensitivity': {
