@@ -43,14 +43,14 @@ def test_grasps_and_controller_reach_the_forecast(run_in, tmp_path):
     text = (Path(__file__).parents[2] / 'config' / 'grasps' / 'l_bracket.yaml').read_text()
     file = tmp_path / 'grasps.yaml'
     file.write_text(text.replace('footprint: 6', 'footprint: 90').replace('[20, 6]', '[90, 80]'))
-    words = ('forecast', 'l_bracket', '--per-aspect', 5, '--drops', 20, '--workers', 2)
-    more = ('--grasps', file, '--controller', '--minutes', 2, '--parts-on-tray', 3)
+    words = ('forecast', 'l_bracket', '--per-aspect', 5, '--drops', 20, '--workers', 1)
+    more = ('--grasps', file, '--controller', '--minutes', 1, '--parts-on-tray', 3)
     ended = run_in(tmp_path, *words, '--pickable', 1, *more, '--out', 'o')
     assert ended.returncode == 0, ended.stderr
     assert ended.stdout.splitlines()[1].startswith('with feeder_controller: ')
     found = json.loads((tmp_path / 'o' / 'forecast.json').read_text())
     controller = found['controller']
-    assert controller['prediction_minutes'] == 2
+    assert controller['prediction_minutes'] == 1
     assert controller['prediction_lower'] <= controller['lower'] <= controller['upper']
     plain = run_in(tmp_path, *words, '--pickable', 1, '--parts-on-tray', 3, '--json')
     document = json.loads(plain.stdout)
