@@ -177,7 +177,7 @@ def test_actions_of_a_file_are_simulated(run_in, tmp_path):
         (('--wanted', '9'), 'invalid wanted aspect 9: expected 1 to 4'),
         (('--wanted', 'x'), "invalid --wanted 'x'"),
         (('--wanted-classes', '2'), 'invalid wanted symmetry class 2: expected 1 to 1'),
-        (('--precision', '7'), 'invalid precision'),
+        (('--precision', '7'), 'invalid --precision'),
         (('--per-aspect', '0'), 'invalid number of actions per aspect 0'),
         (('--actions', 'none.yaml'), 'does not exist'),
         (('--measured', 'none.json'), 'does not exist'),

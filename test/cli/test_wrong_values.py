@@ -28,7 +28,7 @@ from resting_aspects_ros.simulation.conditions import QUANTITIES
         (['--height-of', 'top'], ['--height-of', 'LOWEST_POINT', 'CENTRE_OF_MASS']),
         (['--height', '1mm', '--height-of', 'CENTRE_OF_MASS'], ['0.001 m', 'more than']),
         (['--parts', 'nowhere'], ['folder of parts', "'nowhere'", 'folder']),
-        (['--confidence', '95'], ['confidence', '95.0', 'less than 1']),
+        (['--confidence', '95'], ['confidence', '95', '0.95']),
         (['--friktion', '1'], ['--friktion']),
         (['--drop', '5'], ['--drop']),
         (['--seed'], ['--seed']),

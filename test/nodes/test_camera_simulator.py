@@ -94,6 +94,7 @@ def test_every_part_in_the_images_is_recognised_or_touches(cell):
     assert all(each.clearance > 0 for each in known)
 
 
+@pytest.mark.slow
 def test_bad_images_do_not_end_the_vision(cell):
     watch, nodes, _ = cell
     output = watch.client.node.create_publisher(Image, 'camera/image_raw', IMAGES)
