@@ -198,7 +198,7 @@ class CountWindows:
 
 
 def _checked(name: str, totals: Counts, length: int) -> Counts:
-    """Return totals, of which none may be above MAX_TOTAL; if they are empty, they are 0."""
+    """Return the totals, or zeros without any; raises InvalidValueError above MAX_TOTAL."""
     if len(totals) not in (0, length):
         raise InvalidValueError(
             f'invalid number of counts {len(totals)} in {name}: expected {length}, or none'

@@ -154,10 +154,10 @@ def detection(answer: IdentifyPart.Response, outer: Array, clearance: float) -> 
     """
     x, y = outer.mean(axis=0).tolist()
     found = Detection(x=x, y=y, clearance=clearance)
-    if answer.status.code == Status.NOT_AVAILABLE:
-        raise RestingAspectsError(f'{IDENTIFY_PART} is not available: {answer.status.message}')
-    if answer.status.code != Status.OK:
+    if answer.status.code == Status.INVALID:
         return found  # not recognised, as the outline is not valid
+    if answer.status.code != Status.OK:
+        raise RestingAspectsError(f'{IDENTIFY_PART} has no answer: {answer.status.message}')
     best, touching = answer.candidates[0], answer.touching_probability
     if 1 - answer.none_probability - touching >= max(answer.none_probability, touching):
         found.part, found.class_id = best.part, str(best.symmetry_class)
