@@ -198,7 +198,7 @@ class CountWindows:
 
 
 def _checked(name: str, totals: Counts, length: int) -> Counts:
-    """Return the totals, or zeros without any; raises InvalidValueError above MAX_TOTAL."""
+    """Return totals (length,), or (0,) as they are; raises InvalidValueError for any others."""
     if len(totals) not in (0, length):
         raise InvalidValueError(
             f'invalid number of counts {len(totals)} in {name}: expected {length}, or none'
