@@ -97,8 +97,9 @@ def look(
     to_tray = camera.model.to_tray
     blobs = find_blobs(image, LEVEL, MIN_AREA * camera.px_per_mm**2)
     outers = [to_tray(blob.outer) for blob in blobs]
+    apart = clearances([to_tray(blob.boundary) for blob in blobs])
     found, seen = [], []
-    for blob, outer, free in zip(blobs, outers, clearances(outers).tolist(), strict=True):
+    for blob, outer, free in zip(blobs, outers, apart.tolist(), strict=True):
         holes = [to_tray(hole) for hole in blob.holes]
         try:
             each = identify(observed_polygon({'outer': outer, 'holes': holes}), [known])

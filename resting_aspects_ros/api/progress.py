@@ -6,25 +6,17 @@ from types import TracebackType
 from typing import TypeVar
 
 from rich.console import Console
+from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn
 
-Self = TypeVar('Self', bound='ShownProgress')  # typing.Self is newer than Python 3.10
+Self = TypeVar('Self', bound='TerminalDisplay')  # typing.Self is newer than Python 3.10
 LINE_PERIOD = 1.0  # s
 
 
-class ShownProgress:
-    """Context manager of a progress bar on standard error; no bar if that is not a terminal."""
+class TerminalDisplay:
+    """Context manager of a moving display on standard error, which ends with it."""
 
-    def __init__(
-        self, what: str, total: float, *columns: ProgressColumn, shown: bool = True
-    ) -> None:
-        self._bar: Progress | None = None
-        if shown and sys.stderr.isatty():
-            text = TextColumn('{task.fields[text]}', markup=False)
-            title = TextColumn('{task.description}', markup=False)
-            console = Console(stderr=True)
-            self._bar = Progress(title, BarColumn(), *columns, text, console=console)
-            self._task = self._bar.add_task(what, total=total, text='')
+    _moving: Progress | Live | None = None  # None if standard error is no terminal
 
     def __enter__(self: Self) -> Self:  # noqa: PYI019
         return self
@@ -35,8 +27,25 @@ class ShownProgress:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+        if self._moving is not None:
+            self._moving.stop()
+
+
+class ShownProgress(TerminalDisplay):
+    """Progress bar on standard error; no bar if that is not a terminal."""
+
+    def __init__(
+        self, what: str, total: float, *columns: ProgressColumn, shown: bool = True
+    ) -> None:
+        self._bar: Progress | None = None
+        if shown and sys.stderr.isatty():
+            text = TextColumn('{task.fields[text]}', markup=False)
+            title = TextColumn('{task.description}', markup=False)
+            console = Console(stderr=True)
+            self._moving = self._bar = Progress(
+                title, BarColumn(), *columns, text, console=console
+            )
+            self._task = self._bar.add_task(what, total=total, text='')
 
 
 class DropProgress(ShownProgress):

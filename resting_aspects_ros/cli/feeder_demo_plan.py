@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from resting_aspects_ros.api.forecast import DEFAULT_ACTION, IMAGE, ROBOT
-from resting_aspects_ros.api.forecast_setup import check_tray, cycle_times, pickable_aspects
+from resting_aspects_ros.api.forecast import DEFAULT_ACTION
+from resting_aspects_ros.api.forecast_setup import check_tray, pickable_aspects
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.plan_actions import named_action
-from resting_aspects_ros.cli.forecast_options import parse_numbers, parse_tray, requested_time
+from resting_aspects_ros.cli.forecast_options import parse_numbers, parse_tray
+from resting_aspects_ros.cli.forecast_run import requested_times
 from resting_aspects_ros.cli.values import parse_quantity
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.feeding.cycle import CycleTimes
@@ -73,17 +74,7 @@ def planned_demo(arguments: argparse.Namespace, drops: int, per_aspect: int) -> 
         raise InvalidValueError('invalid --gripper: expected none, this demo has only a clearance')
     known = known_part(load_part(arguments.part, None, arguments.parts, None))
     classes, default = _pickable(arguments, known)
-    given = {name: requested_time(arguments, name) for name in ('robot', 'image', 'supply')}
-    times = cycle_times(
-        named_action(DEFAULT_ACTION),
-        robot=ROBOT if given['robot'] is None else given['robot'],
-        vibrate=requested_time(arguments, 'vibrate'),
-        settle=requested_time(arguments, 'settle'),
-        image=IMAGE if given['image'] is None else given['image'],
-        supply=given['supply'] or 0.0,
-        overlap=arguments.overlap,
-        place=requested_time(arguments, 'place'),
-    )
+    times = requested_times(arguments, named_action(DEFAULT_ACTION))
     clearance = parse_quantity('--clearance', arguments.clearance, 'm')
     tray = Tray(parse_tray(arguments.tray), clearance)
     minutes = parse_quantity('--minutes', arguments.minutes, '')

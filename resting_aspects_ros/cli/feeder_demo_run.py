@@ -185,7 +185,7 @@ class FeederDemo:
 
     def _follow(self, namespace: list[str], check: Callable[[], None]) -> None:
         """Show the run until its time is over."""
-        from resting_aspects_ros.cli.feeder_display import FeederDisplay
+        from resting_aspects_ros.cli.feeder_display import FeederDisplay, check_progress
         from resting_aspects_ros.client.feeder_watch import FeederWatch
         from resting_aspects_ros.client.private_node import PrivateNode
 
@@ -197,7 +197,10 @@ class FeederDemo:
             def refresh() -> None:
                 check()
                 self._seconds = time.monotonic() - begin
-                if self._watch is not None and self._watch.images:
+                if self._watch is None:
+                    return
+                check_progress(self._watch, self._out)
+                if self._watch.images:
                     display.show(FeederView.of(self._watch, forecast, plan.minutes))
 
             own = PrivateNode(namespace, refresh)

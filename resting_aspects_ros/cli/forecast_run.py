@@ -35,6 +35,7 @@ from resting_aspects_ros.core.feeding.footprint import Tray
 from resting_aspects_ros.core.feeding.forecast import check_minutes
 from resting_aspects_ros.core.feeding.model import check_number
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.run_description import check_drops
@@ -74,17 +75,7 @@ def requested_forecasts(arguments: argparse.Namespace, confidence: float) -> Req
     actions = requested_actions(arguments)
     if len(actions) > 1:
         raise InvalidValueError(f'invalid --action {arguments.action!r}: expected a single action')
-    given = {name: requested_time(arguments, name) for name in ('robot', 'image', 'supply')}
-    times = cycle_times(
-        actions[0],
-        robot=ROBOT if given['robot'] is None else given['robot'],
-        vibrate=requested_time(arguments, 'vibrate'),
-        settle=requested_time(arguments, 'settle'),
-        image=IMAGE if given['image'] is None else given['image'],
-        supply=given['supply'] or 0.0,
-        overlap=arguments.overlap,
-        place=requested_time(arguments, 'place'),
-    )
+    times = requested_times(arguments, actions[0])
     gripper = None if arguments.gripper is None else parse_gripper(arguments.gripper)
     clearance = parse_quantity('--clearance', arguments.clearance, 'm')
     tray = Tray(parse_tray(arguments.tray), clearance, gripper)
@@ -148,6 +139,21 @@ def requested_forecasts(arguments: argparse.Namespace, confidence: float) -> Req
         minutes,
         grasps,
         arguments.controller,
+    )
+
+
+def requested_times(arguments: argparse.Namespace, action: NamedAction) -> CycleTimes:
+    """Return the times of a cycle with an action; raises InvalidValueError."""
+    robot, image = (requested_time(arguments, name) for name in ('robot', 'image'))
+    return cycle_times(
+        action,
+        robot=ROBOT if robot is None else robot,
+        vibrate=requested_time(arguments, 'vibrate'),
+        settle=requested_time(arguments, 'settle'),
+        image=IMAGE if image is None else image,
+        supply=requested_time(arguments, 'supply') or 0.0,
+        overlap=arguments.overlap,
+        place=requested_time(arguments, 'place'),
     )
 
 

@@ -31,7 +31,7 @@ class NodeProcesses:
     def start(self, node: str, ros_args: Sequence[str]) -> None:
         """Start a node of resting_aspects_ros.nodes."""
         module = f'resting_aspects_ros.nodes.{node}.node'
-        with self._log(node).open('wb') as log:
+        with log_of(self._folder, node).open('wb') as log:
             self._running[node] = subprocess.Popen(
                 [sys.executable, '-m', module, '--ros-args', *ros_args],
                 stdin=subprocess.DEVNULL,
@@ -46,7 +46,7 @@ class NodeProcesses:
         for node, process in self._running.items():
             if (code := process.poll()) is not None:
                 raise RestingAspectsError(
-                    f'{node} ended {_manner(code)}: see {str(self._log(node))!r}'
+                    f'{node} ended {_manner(code)}: see {str(log_of(self._folder, node))!r}'
                 )
 
     def __exit__(
@@ -67,8 +67,10 @@ class NodeProcesses:
                     os.killpg(process.pid, signal.SIGKILL)  # also ends its workers
                 process.wait()
 
-    def _log(self, node: str) -> Path:
-        return self._folder / f'{node}.log'
+
+def log_of(folder: Path, node: str) -> Path:
+    """Return the file with the output of a node."""
+    return folder / f'{node}.log'
 
 
 def _manner(code: int) -> str:

@@ -1,5 +1,7 @@
 """What a run of the feeder demo has done, from the messages of its nodes."""
 
+import time
+from bisect import bisect_left
 from dataclasses import dataclass
 from typing import Any
 
@@ -7,9 +9,11 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 
 from resting_aspects_ros.ros.conversions import nanoseconds
+from resting_aspects_ros.ros.feeder_names import CHOICES
 from resting_aspects_ros.ros.interface import (
     ALL_LATCHED,
     DETECTIONS,
@@ -17,13 +21,7 @@ from resting_aspects_ros.ros.interface import (
     PICK_RESULT,
 )
 
-CHOICES = {
-    FeederAdvice.WAIT: 'wait',
-    FeederAdvice.PICK: 'pick',
-    FeederAdvice.FLIP: 'flip',
-    FeederAdvice.SPREAD: 'spread',
-    FeederAdvice.SUPPLY: 'supply',
-}
+IMAGE = 'camera/image_raw'
 # Results and images of a run in simulated time arrive in quick succession.
 MANY = QoSProfile(depth=1000)
 
@@ -52,7 +50,8 @@ class FeederWatch:
         Done with the first image after these minutes.
     picks, missed, images, supplied : int
     choices : dict of str to int
-        How often each choice was advised, also as what follows after picks.
+        How often the robot picked parts after an image, and the feeder flipped, spread or only
+        supplied parts.
     on_tray : int
         Parts in the newest image; parts that touch count as one.
     advice : FeederAdvice or None
@@ -64,20 +63,28 @@ class FeederWatch:
     def __init__(self, node: Node, part: str, minutes: float) -> None:
         self.done = Future()
         self.picks = self.missed = self.images = self.supplied = self.on_tray = 0
-        self.choices = dict.fromkeys(CHOICES.values(), 0)
+        self.choices = dict.fromkeys(('pick', 'flip', 'spread', 'supply'), 0)
         self.advice: FeederAdvice | None = None
         self.best: Moment | None = None
+        self._topic = f'{FEEDER_ADVICE}/{part}'
         self._length = round(60e9 * minutes)
         self._begin, self._now = 0, 0
         self._images: dict[int, Image] = {}  # the newest ones, by time
         self._seen: DetectionArray | None = None
-        self._advised = 0  # image of the newest advice that was counted
+        self._picked = 0  # image of the newest pick
+        # Messages on different topics arrive in any order. A move is counted once it is known
+        # before which image it happened, and what was advised for the image before it.
+        self._exposed: list[tuple[int, int]] = []  # time and number of each image
+        self._advised: dict[int, tuple[str, int]] = {}  # move and supply for each image
+        self._moves: list[int] = []  # times of moves that are not counted yet
+        self._hears_controller = False
+        self._clock, self._clock_changed = 0, time.monotonic()
         # An intermediate result would be lost with a queue that is too short.
         node.create_subscription(DetectionArray, DETECTIONS, self._on_detections, MANY)
         node.create_subscription(PickResult, PICK_RESULT, self._on_result, MANY)
-        topic = f'{FEEDER_ADVICE}/{part}'
-        node.create_subscription(FeederAdvice, topic, self._on_advice, ALL_LATCHED)
-        node.create_subscription(Image, 'camera/image_raw', self._on_image, MANY)
+        node.create_subscription(FeederAdvice, self._topic, self._on_advice, ALL_LATCHED)
+        node.create_subscription(Image, IMAGE, self._on_image, MANY)
+        node.create_subscription(Clock, 'clock', self._on_clock, QoSProfile(depth=1))
 
     @property
     def minutes(self) -> float:
@@ -88,6 +95,25 @@ class FeederWatch:
     def rate(self) -> float:
         """Parts per minute so far; 0 before the first action is over."""
         return self.picks / self.minutes if self._now > self._begin else 0.0
+
+    @property
+    def silence(self) -> float:
+        """Real time for which simulated time has stood still, s."""
+        return time.monotonic() - self._clock_changed
+
+    @property
+    def silent(self) -> tuple[str, str]:
+        """The node for which the others wait, and what it does not publish."""
+        seen = self._seen
+        if not self._images:
+            if self._hears_controller:
+                return 'camera_simulator', IMAGE
+            return 'feeder_controller', self._topic
+        if seen is None or nanoseconds(seen.header.stamp) < max(self._images):
+            return 'vision_example', f'{DETECTIONS} for the newest image'
+        if seen.image not in self._advised:
+            return 'feeder_controller', f'advice for the newest image on {self._topic}'
+        return 'camera_simulator', f'{PICK_RESULT} or new image after the advice'
 
     def fields(self) -> dict[str, Any]:
         """Return the counts for a document."""
@@ -101,6 +127,10 @@ class FeederWatch:
             'choices': self.choices,
         }
 
+    def _on_clock(self, message: Clock) -> None:
+        if (now := nanoseconds(message.clock)) != self._clock:
+            self._clock, self._clock_changed = now, time.monotonic()
+
     def _on_image(self, message: Image) -> None:
         self._images[nanoseconds(message.header.stamp)] = message
         while len(self._images) > 3:
@@ -113,6 +143,8 @@ class FeederWatch:
         self._seen = message
         self._begin = self._begin or stamp
         self._now = stamp
+        self._exposed.append((stamp, message.image))
+        self._count_moves()
         if stamp - self._begin >= self._length:
             self.done.set_result(None)
             return
@@ -126,19 +158,42 @@ class FeederWatch:
         self._now = max(self._now, stamp)
         self.picks += message.result == PickResult.PICKED
         self.missed += message.result == PickResult.MISSED
+        if message.result == PickResult.MOVED:
+            self._moves.append(stamp)
+            self._count_moves()
+        elif message.image != self._picked:
+            self.choices['pick'] += 1
+            self._picked = message.image
 
     def _on_advice(self, message: FeederAdvice) -> None:
-        seen = self._seen
-        is_new = seen is not None and message.image == seen.image != self._advised
-        if self.done.done() or not is_new or message.choice == FeederAdvice.WAIT:
+        self._hears_controller = True
+        if message.choice == FeederAdvice.WAIT or message.image in self._advised:
             return
-        assert seen is not None
-        self.advice, self._advised = message, message.image
-        self.supplied += message.supply
-        for choice in {message.choice, message.then} - {FeederAdvice.WAIT}:
-            self.choices[CHOICES[choice]] += 1
+        is_pick = message.choice == FeederAdvice.PICK
+        move = message.then if is_pick else message.choice
+        self._advised[message.image] = CHOICES.get(move, ''), message.supply
+        self._count_moves()
+        seen = self._seen
+        if self.done.done() or seen is None or message.image != seen.image:
+            return
+        self.advice = message
         image = self._images.get(nanoseconds(seen.header.stamp))
         if image is not None and (
             self.best is None or len(message.picks) > len(self.best.advice.picks)
         ):
             self.best = Moment(image, seen, message)
+
+    def _count_moves(self) -> None:
+        """Count the moves of which everything is known: each is that advised before it."""
+        waiting = []
+        for stamp in self._moves:
+            after = bisect_left(self._exposed, (stamp,))  # the first image after the move
+            image = self._exposed[after - 1][1] if after else 0
+            if after == len(self._exposed) or (after and image not in self._advised):
+                waiting.append(stamp)
+            elif after:
+                move, supply = self._advised[image]
+                self.supplied += supply
+                if move in self.choices:
+                    self.choices[move] += 1
+        self._moves = waiting

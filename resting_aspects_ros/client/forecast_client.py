@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
 from rclpy.task import Future
 from resting_aspects_interfaces.srv import FeederForecast
 
@@ -82,6 +83,8 @@ def _checked(name: str, value: Any) -> Any:
         check_name(value)
         return value
     if name in SWITCHES:
+        if not isinstance(value, bool | np.bool_):
+            raise InvalidValueError(f'invalid {name} {shown(value)}: expected True or False')
         return bool(value)
     if name in LISTS:
         numbers = list(value) if isinstance(value, Iterable) else [value]

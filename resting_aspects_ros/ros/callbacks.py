@@ -11,7 +11,7 @@ from collections.abc import Awaitable, Callable
 from concurrent.futures import Future as PoolFuture
 from typing import Any
 
-from rclpy.callback_groups import CallbackGroup
+from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.logging import get_logger
@@ -23,6 +23,7 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 
 from resting_aspects_ros.core.errors import RestingAspectsError
+from resting_aspects_ros.ros.interface import SERVICES
 
 # Minimum time between two logged errors of the same callback, s.
 LOG_PERIOD = 60.0
@@ -58,6 +59,15 @@ def advertise(node: Node, kind: Any, topic: str, qos: QoSProfile | int) -> Publi
     return node.create_publisher(
         kind, topic, qos, event_callbacks=PublisherEventCallbacks(use_default_callbacks=False)
     )
+
+
+def serve(node: Node, kind: Any, name: str, callback: Callable[..., object]) -> None:
+    """Create a service whose callback may wait.
+
+    In the default group of the node, a waiting request would block what it waits for.
+    """
+    group = ReentrantCallbackGroup()
+    node.create_service(kind, name, callback, qos_profile=SERVICES, callback_group=group)
 
 
 def guarded(node: Node, failure: str, callback: Callable[..., object]) -> Callable[..., None]:

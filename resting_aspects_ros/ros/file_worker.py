@@ -1,4 +1,4 @@
-"""A process that reads files for a node, so that no file can block or end the node."""
+"""A process that reads files and computes for a node, so that neither can block or end it."""
 
 import os
 import resource
@@ -19,7 +19,7 @@ from resting_aspects_ros.ros.callbacks import await_future
 
 T = TypeVar('T')
 
-# Limits for reading one file: time, s, and memory in addition to that of the process, bytes.
+# Limits for one function: time, s, and memory in addition to that of the process, bytes.
 MAX_SECONDS = 30.0
 MAX_MEMORY = 2 * 1024**3
 # Timeout for loading Python and its modules; sufficient on a very busy machine, s.
@@ -27,7 +27,7 @@ START_TIMEOUT = 120.0
 
 
 class FileLimitError(RestingAspectsError):
-    """A file takes too long to read, needs too much memory, or ends the process that reads it."""
+    """A function takes too long, needs too much memory, fails, or ends its process."""
 
 
 class FileWorker:
@@ -77,11 +77,11 @@ class FileWorker:
                 raise EOFError
             connection.recv()
             if not connection.poll(self._seconds):
-                raise FileLimitError(f'reading takes longer than {self._seconds:g} s')
+                raise FileLimitError(f'the time limit of {self._seconds:g} s was exceeded')
             outcome = connection.recv()
         except (EOFError, OSError):
             self._replace()
-            raise FileLimitError('the process that reads it died') from None
+            raise FileLimitError('the worker process died') from None
         except FileLimitError:
             self._replace()
             raise
@@ -93,7 +93,7 @@ class FileWorker:
     def _ready(self) -> Connection:
         """Return the connection to a running process."""
         if self._process is not None and not self._process.is_alive():
-            self._replace()  # it was killed between two files
+            self._replace()  # it was killed between two functions
         if self._connection is not None:
             return self._connection
         # The process inherits the blocked signal: Ctrl-C in a terminal reaches it too, but the
@@ -140,9 +140,11 @@ def _serve(connection: Connection, memory: int) -> None:
         except RestingAspectsError as error:
             outcome = error
         except MemoryError:
-            outcome = FileLimitError(f'reading takes more than {memory / 1024**2:.0f} MiB')
-        except Exception as error:  # noqa: BLE001 - other files must still be read
-            outcome = FileLimitError(f'it cannot be read: {error!r:.300}')
+            outcome = FileLimitError(
+                f'the memory limit of {memory / 1024**2:.0f} MiB was exceeded'
+            )
+        except Exception as error:  # noqa: BLE001 - other functions must still run
+            outcome = FileLimitError(f'unexpected error {error!r:.300}')
         connection.send(outcome)
 
 

@@ -98,19 +98,19 @@ class LoggedRun:
     def part(self) -> Part | None:
         """The part according to its last description; None if the log has none."""
         data = self._last.get(PART_TYPE)
-        return None if data is None else self._read(serialized_part, data)
+        return None if data is None else parsed(self.log, serialized_part, data)
 
     @cached_property
     def last_distribution(self) -> tuple[Distribution, RunDescription, bool] | None:
         """The last distribution, its run, and whether it counts all drops of this run."""
         data = self._last.get(DISTRIBUTION_TYPE)
-        return None if data is None else self._read(serialized_distribution, data)
+        return None if data is None else parsed(self.log, serialized_distribution, data)
 
     @cached_property
     def transitions(self) -> TransitionMatrix | None:
         """The message with the last transition matrix; None if the log has none."""
         data = self._last.get(TRANSITIONS_TYPE)
-        return None if data is None else self._read(serialized_transitions, data)
+        return None if data is None else parsed(self.log, serialized_transitions, data)
 
     @property
     def outcome(self) -> Outcome:
@@ -145,19 +145,20 @@ class LoggedRun:
 
     def _batch(self, data: bytes) -> tuple[RunDescription, int, int, bool]:
         if not self._keep_poses:
-            return self._read(serialized_batch, data)
-        run, poses, last = self._read(serialized_poses, data)
+            return parsed(self.log, serialized_batch, data)
+        run, poses, last = parsed(self.log, serialized_poses, data)
         self.batches.append((run, poses))
         return run, poses.first_drop, len(poses), last
 
-    def _read(self, read: Callable[[bytes], T], data: bytes) -> T:
-        try:
-            return read(data)
-        except Exception as error:  # the data can be invalid in any way
-            raise LogError(
-                f'{named("log", self.log)} has a message that cannot be read: '
-                f'{one_line(str(error))}'
-            ) from error
+
+def parsed(log: Path, read: Callable[[bytes], T], data: bytes) -> T:
+    """Return what ``read`` returns for a message in a log; raises LogError for any exception."""
+    try:
+        return read(data)
+    except Exception as error:  # the data can be invalid in any way
+        raise LogError(
+            f'{named("log", log)} has a message that cannot be read: {one_line(str(error))}'
+        ) from error
 
 
 def rest_of_run(run: RunDescription, outcome: Outcome) -> str:

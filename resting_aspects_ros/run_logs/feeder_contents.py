@@ -3,6 +3,7 @@
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,13 @@ from resting_aspects_interfaces.msg import (
 )
 
 from resting_aspects_ros.api.inputs.observed_counts import ObservedCounts as CountedParts
-from resting_aspects_ros.core.errors import InvalidValueError, LogError, one_line, shown
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.input_file import is_folder, named
 from resting_aspects_ros.logs.message_reader import mcap_file, typed_messages
 from resting_aspects_ros.logs.record_reader import LogFile
 from resting_aspects_ros.ros.count_conversions import observed_from, time_label
+from resting_aspects_ros.ros.feeder_names import CHOICES, RESULTS
+from resting_aspects_ros.run_logs.contents import parsed
 
 FOLDERS = 'feeder-*'  # the folders of such logs
 KINDS = {
@@ -28,19 +31,6 @@ KINDS = {
     for kind in (DetectionArray, PickResult, FeederAdvice, ObservedCounts, Posterior)
 }
 COUNTS_TYPE = 'resting_aspects_interfaces/msg/ObservedCounts'
-RESULTS = {
-    PickResult.PICKED: 'picked',
-    PickResult.MISSED: 'missed',
-    PickResult.DROPPED: 'dropped',
-    PickResult.MOVED: 'moved',
-}
-CHOICES = {
-    FeederAdvice.WAIT: 'wait',
-    FeederAdvice.PICK: 'pick',
-    FeederAdvice.FLIP: 'flip',
-    FeederAdvice.SPREAD: 'spread',
-    FeederAdvice.SUPPLY: 'supply',
-}
 
 
 @dataclass
@@ -161,12 +151,7 @@ def _messages(
 
 
 def _read(log: Path, kind: Any, data: bytes) -> Any:
-    try:
-        return deserialize_message(data, kind)
-    except Exception as error:  # the data can be invalid in any way
-        raise LogError(
-            f'{named("log", log)} has a message that cannot be read: {one_line(str(error))}'
-        ) from error
+    return parsed(log, partial(deserialize_message, message_type=kind), data)
 
 
 def _listed(counts: Counter[str]) -> str:

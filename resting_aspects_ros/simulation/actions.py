@@ -1,6 +1,7 @@
 """What a feeder does to parts at rest: the actions, and named ones, read from a YAML file."""
 
 import dataclasses
+import difflib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -70,8 +71,10 @@ class Actions:
         """Return a named action; raises InvalidValueError."""
         if name not in self._actions:
             expected = [*KINDS, *(each for each in self._actions if each not in KINDS)]
+            close = difflib.get_close_matches(str(name).lower(), expected, n=1)
+            hint = f'; did you mean {close[0]!r}?' if close else ''
             raise InvalidValueError(
-                f'invalid action {shown(name)}: expected one of {", ".join(expected)}'
+                f'invalid action {shown(name)}: expected one of {", ".join(expected)}{hint}'
             )
         return self._actions[name]
 

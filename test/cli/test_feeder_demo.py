@@ -6,11 +6,21 @@ import signal
 from pathlib import Path
 
 import pytest
+from builtin_interfaces.msg import Time
 from PIL import Image
+from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Image as ImageMsg
+from std_msgs.msg import Header
 
+from resting_aspects_ros.cli import feeder_display
+from resting_aspects_ros.cli.feeder_display import check_progress
 from resting_aspects_ros.cli.main import main
+from resting_aspects_ros.client.feeder_watch import FeederWatch
+from resting_aspects_ros.core.errors import RestingAspectsError
 
 NODES = 6
+PICK, FLIP, SPREAD = FeederAdvice.PICK, FeederAdvice.FLIP, FeederAdvice.SPREAD
 
 
 def processes_of(demo):
@@ -47,6 +57,85 @@ def test_wrong_input_is_refused_before_a_node_starts(flags, message, capsys, tmp
     assert 'Starting' not in printed.err
 
 
+class Watched:
+    """A watch of a minute, and the messages for it; times in s."""
+
+    def __init__(self):
+        self._send = {}
+        self.watch = FeederWatch(self, 'cube', 1.0)
+
+    def create_subscription(self, kind, topic, callback, qos):
+        self._send[kind] = callback
+
+    def image(self, time):
+        self._send[ImageMsg](ImageMsg(header=Header(stamp=Time(sec=time))))
+
+    def seen(self, number, time):
+        header = Header(stamp=Time(sec=time))
+        self._send[DetectionArray](DetectionArray(header=header, image=number))
+
+    def advise(self, number, choice, **fields):
+        self._send[FeederAdvice](FeederAdvice(image=number, choice=choice, **fields))
+
+    def result(self, time, kind, image=0):
+        self._send[PickResult](PickResult(stamp=Time(sec=time), result=kind, image=image))
+
+    def tick(self, time):
+        self._send[Clock](Clock(clock=Time(sec=time)))
+
+
+def test_only_actions_that_happened_are_counted():
+    cell = Watched()
+    cell.seen(1, 10)
+    cell.advise(1, PICK, then=FLIP, supply=5)
+    cell.result(11, PickResult.PICKED, 1)
+    cell.result(12, PickResult.PICKED, 1)
+    cell.result(14, PickResult.MOVED)
+    cell.seen(2, 14)
+    cell.advise(2, PICK, then=FLIP, supply=9)
+    cell.result(15, PickResult.MISSED, 2)  # therefore, no flip and no supply
+    cell.seen(3, 15)
+    cell.result(18, PickResult.MOVED)
+    cell.seen(4, 18)
+    cell.advise(3, SPREAD, supply=1)  # advice and detections may arrive in any order
+    cell.advise(4, FeederAdvice.SUPPLY, supply=3)
+    cell.seen(5, 80)
+    cell.result(70, PickResult.MOVED)
+    cell.result(90, PickResult.MOVED)  # after the minute
+    fields = cell.watch.fields()
+    assert cell.watch.done.done()
+    assert fields['choices'] == {'pick': 2, 'flip': 1, 'spread': 1, 'supply': 1}
+    assert (fields['supplied'], fields['picks'], fields['missed']) == (9, 2, 1)
+
+
+def test_demo_without_progress_names_the_silent_node(tmp_path, monkeypatch):
+    cell = Watched()
+    check_progress(cell.watch, tmp_path)
+    monkeypatch.setattr(feeder_display, 'MAX_SILENCE', -1.0)
+
+    def silent():
+        with pytest.raises(RestingAspectsError, match=r'is silent: no .*see') as error:
+            check_progress(cell.watch, tmp_path)
+        assert str(tmp_path / str(error.value).split()[0]) in str(error.value)
+        return str(error.value).split()[0]
+
+    assert silent() == 'feeder_controller'
+    cell.advise(0, FeederAdvice.WAIT)
+    assert silent() == 'camera_simulator'
+    cell.image(10)
+    assert silent() == 'vision_example'
+    cell.seen(1, 10)
+    assert silent() == 'feeder_controller'
+    cell.advise(1, FLIP)
+    assert silent() == 'camera_simulator'
+    # Simulated time that passes is progress, its repetition is none.
+    before = cell.watch._clock_changed
+    cell.tick(11)
+    changed = cell.watch._clock_changed
+    cell.tick(11)
+    assert before < changed == cell.watch._clock_changed
+
+
 @pytest.mark.slow
 def test_demo_compares_a_run_with_its_forecast(begin, tmp_path):
     demo = begin('feeder_demo', '--minutes', '1.5', '--json', '--out', tmp_path)
@@ -59,6 +148,8 @@ def test_demo_compares_a_run_with_its_forecast(begin, tmp_path):
     assert run['minutes'] >= 1.5
     assert run['picks'] == pytest.approx(run['minutes'] * run['parts_per_minute'])
     assert run['picks'] > 0
+    assert run['choices']['pick'] > 0
+    assert run['supplied'] >= run['picks']
     assert forecast['prediction_lower'] < forecast['parts_per_minute']
     assert 'the robot picked' in said
     with Image.open(tmp_path / 'feeder_demo.png') as picture:

@@ -1,7 +1,10 @@
 """camera_simulator, vision_example and feeder_controller together over ROS."""
 
+import asyncio
 import os
 import signal
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -9,11 +12,15 @@ from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickRes
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.api.identify import known_part
+from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.core.vision.tray_image import TrayCamera
 from resting_aspects_ros.nodes.camera_simulator.messages import camera_info_msg
 from resting_aspects_ros.nodes.camera_simulator.node import IMAGES
-from resting_aspects_ros.nodes.vision_example.node import camera_from, grey_image
+from resting_aspects_ros.nodes.camera_simulator.truth import Truth
+from resting_aspects_ros.nodes.feeder_controller.model import FedPart, read_part
+from resting_aspects_ros.nodes.vision_example import node as vision_example
+from resting_aspects_ros.nodes.vision_example.node import VisionExample, camera_from, grey_image
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL
 
 PART = 'l_bracket'
@@ -183,3 +190,50 @@ def test_images_are_read_with_padding_of_their_rows(encoding):
     rows = np.pad(pixels.reshape(2, -1), ((0, 0), (0, 5)), constant_values=77)
     message = Image(height=2, width=3, step=rows.shape[1], encoding=encoding, data=rows.tobytes())
     assert grey_image(message).tolist() == [[0, 0, 0], [0, 0, 200]]
+
+
+def test_model_is_kept_if_the_same_part_is_offered_again(part):
+    node, changed = Mock(), Mock()
+    node.get_logger().name = 'camera_simulator'
+    truth = Truth(node, {'part': PART, 'evidence': False}, changed)
+    offered = {b'1': part(PART), b'2': part(PART), b'3': part('hex_nut')}
+    models = []
+
+    async def run(function, *arguments):
+        if function is read_part:
+            known = known_part(offered[arguments[0]])
+            return FedPart(known, ())
+        models.append(Mock())
+        return models[-1]
+
+    truth._files = SimpleNamespace(run=run)
+    truth._use = lambda model, _: setattr(truth, 'current', model)
+    found = []
+    for data in offered:
+        truth._digest = data
+        asyncio.run(truth._read(data, data))
+        if truth._building:
+            asyncio.run(truth._build_all())
+        found.append((truth.is_ready(None), len(models)))
+    # Another version has no model until it is built.
+    assert found == [(True, 1), (True, 1), (True, 2)]
+    changed.assert_called_once_with()
+
+
+def test_requests_without_an_answer_are_forgotten(monkeypatch):
+    async def time_out(*_):
+        return False
+
+    monkeypatch.setattr(vision_example, 'wait_for', time_out)
+    pixels = np.full((20, 20), 255, np.uint8)
+    pixels[5:15, 5:15] = 0
+    image = Image(height=20, width=20, step=20, encoding='mono8', data=pixels.tobytes())
+    camera, service = Mock(to_tray=lambda points: np.array(points) / 1000), Mock()
+    settings = {'level': 127.5, 'min_area': 1.0}
+    node = SimpleNamespace(
+        _busy=False, _camera=camera, _identify=service, _settings=settings, _request=Mock()
+    )
+    with pytest.raises(RestingAspectsError, match='has not answered'):
+        asyncio.run(VisionExample._on_image(node, image))
+    service.remove_pending_request.assert_called_once_with(service.call_async.return_value)
+    assert not node._busy

@@ -33,6 +33,7 @@ SMALL = {
     'nodes.drop_recorder.feeder_recorder.RETRY': 0.2,
     'ros.diagnostics.PERIOD': 0.1,
 }
+QUICK = {'nodes.aspect_classifier.live_monitor.PERIOD': 0.05}
 TOPICS = {
     'detections': (DetectionArray, CELL),
     'pick_result': (PickResult, CELL),
@@ -168,7 +169,7 @@ def test_replayed_counts_give_the_same_posterior(shift, start, connect, processe
     namespace = f'/test_feeder_replay_{os.getpid()}'
     client = connect(namespace)
     received = client.listen(Posterior, f'posterior/{PART}', ALL_LATCHED)
-    start('aspect_classifier', namespace, {'log_folder': "''"})
+    start('aspect_classifier', namespace, {'log_folder': "''"}, QUICK)
     start('log_replayer', namespace, {'log': shift.logs()[-1], 'as_fast_as_possible': True})
 
     def posterior():
@@ -179,6 +180,7 @@ def test_replayed_counts_give_the_same_posterior(shift, start, connect, processe
     assert list(found.concentration) == [6, 10]  # without drops, all shares are equally probable
 
 
+@pytest.mark.slow
 def test_full_disk_is_reported_and_recording_continues(
     start, connect, part, tmp_path, diagnostics_of
 ):

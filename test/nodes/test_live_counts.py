@@ -1,8 +1,13 @@
 """Counted parts over ROS: posterior, drift and forecasts of aspect_classifier."""
 
+import asyncio
+import dataclasses
 import math
 import os
 import signal
+from copy import copy
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -27,15 +32,22 @@ from resting_aspects_ros.api.forecast_setup import cycle_times
 from resting_aspects_ros.api.plan_actions import named_action
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.client.client import RestingAspectsClient
+from resting_aspects_ros.client.forecast_client import forecast_request
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.feeding.footprint import Tray
 from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix as Matrix
+from resting_aspects_ros.core.statistics import count_sessions
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
+from resting_aspects_ros.core.statistics.drift_power import parts_needed
 from resting_aspects_ros.core.statistics.live_counts import LiveCounts
 from resting_aspects_ros.logs.topic_metadata import DISTRIBUTION_TYPE, PART_TYPE, Topic
+from resting_aspects_ros.nodes.aspect_classifier.live_monitor import LiveMonitor
+from resting_aspects_ros.nodes.aspect_classifier.live_part import LivePart, drift_test
+from resting_aspects_ros.nodes.aspect_classifier.waiting_counts import WaitingCounts
 from resting_aspects_ros.ros.conversions import part_msg, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
+from resting_aspects_ros.ros.file_worker import FileLimitError
 from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, SERVICES, offered_qos
 from resting_aspects_ros.ros.transition_conversions import transitions_msg
 from resting_aspects_ros.run_logs.run_recorder import RunRecorder
@@ -44,6 +56,7 @@ from resting_aspects_ros.simulation.plan import plan_run
 PART = 'hex_nut'
 SECOND = 10**9
 WINDOW = 100
+TRAY = [0.06, 0.06]  # a small tray is quickly forecast
 QUICK = {
     'nodes.aspect_classifier.live_monitor.PERIOD': 0.05,
     'nodes.aspect_classifier.part_registry.QUIET_PERIOD': 0.5,
@@ -238,13 +251,13 @@ def forecast_of(result, *pickable, **options):
     """Return the forecast of the Python interface with the defaults of the service."""
     given = {'vibrate': None, 'settle': None, 'overlap': False, 'place': None}
     times = cycle_times(result.action, robot=1.2, image=0.2, supply=0.0, **given)
-    return forecast_from(result, pickable, Tray((0.2, 0.2), 0.005), times, **options)
+    return forecast_from(result, pickable, Tray(tuple(TRAY), 0.005), times, **options)
 
 
 def test_forecast_is_that_of_the_python_interface(ask, simulated, machine):
     alike = simulated.drop.aspects.classes()[0]
     expected = forecast_of(simulated, *[each.id for each in alike])
-    found = ask()
+    found = ask(tray=TRAY)
     assert found.status.code == Status.OK, found.status.message
     assert found.sentence == expected.sentence
     assert found.parts_per_minute == expected.parts_per_minute
@@ -257,11 +270,11 @@ def test_forecast_is_that_of_the_python_interface(ask, simulated, machine):
     assert (found.run_id, found.drops, found.counted_parts) == ('a', 10_000, 0)
 
     # With the counts of the machine, of which fewer parts are pickable.
-    counted = ask(use_counts=True, parts_on_tray=20)
+    counted = ask(use_counts=True, tray=TRAY, parts_on_tray=3)
     observed = np.array(list(machine.received[-1].observed))
     live = LiveCounts((1, 2), np.array([7200, 2800]), observed, 60.0)
     both = with_live_counts(simulated, live, np.array([[3, 7], [40, 51]]))
-    expected = forecast_of(both, *[each.id for each in alike], parts_on_tray=20)
+    expected = forecast_of(both, *[each.id for each in alike], parts_on_tray=3)
     assert counted.parts_per_minute == expected.parts_per_minute < found.parts_per_minute
     assert counted.counted_parts == observed.sum()
 
@@ -294,13 +307,10 @@ def test_invalid_forecast_has_a_status(ask, fields, code, message):
 
 
 def test_client_asks_for_a_forecast(machine, ask):
-    found = ask(parts_on_tray=30)
+    found = ask(tray=TRAY)
     ros_args = ['-r', f'__ns:={machine.client.node.get_namespace()}']
     with RestingAspectsClient(ros_args=ros_args) as client:
-        assert client.forecast(PART, classes=[1], parts_on_tray=30) == found
-        for wrong in ({'classes': 'a'}, {'robot': 1.0}, {'tray': [1, 2, 3]}, {'minutes': None}):
-            with pytest.raises(InvalidValueError, match='invalid'):
-                client.forecast(PART, **wrong)
+        assert client.forecast(PART, classes=[1], tray=TRAY) == found
 
 
 def test_totals_survive_a_restart_of_the_classifier(machine, start, logs):
@@ -324,3 +334,120 @@ def test_counts_of_a_volatile_publisher_are_received(machine):
     machine.client.wait(machine.counts.get_subscription_count, 'subscriber')
     machine.send([0, 1], session='volatile')
     machine.posterior(lambda each: each.parts == before + 1)
+
+
+# -- without a graph -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        {'classes': 'a'},
+        {'robot': 1.0},
+        {'tray': [1, 2, 3]},
+        {'minutes': None},
+        {'overlap': 'no'},
+        {'use_counts': 1},
+    ],
+)
+def test_wrong_options_of_a_forecast_are_refused(wrong):
+    with pytest.raises(InvalidValueError, match=f'invalid (option .)?{next(iter(wrong))}'):
+        forecast_request(PART, **wrong)
+
+
+def test_waiting_totals_replace_only_the_same_totals_of_a_session():
+    waiting = WaitingCounts()
+    long = 'of a camera ' * 12
+    for fields in (
+        {'session': 'a', 'supplied': [1, 0]},
+        {'session': 'a', 'moved': [1, 0, 0, 0]},
+        {'session': f'{long}1', 'supplied': [3, 0]},
+        {'session': f'{long}2', 'supplied': [4, 0]},
+        {'session': 'a', 'supplied': [2, 0]},
+    ):
+        waiting.add(PART, ObservedCounts(part=PART, **fields))
+    waiting.add('cube', ObservedCounts(part='cube', supplied=[1]))
+    taken = [message for _, message in waiting.take(lambda name: name == PART)]
+    totals = [(each.session[-1], list(each.supplied), list(each.moved)) for each in taken]
+    moved = [1, 0, 0, 0]
+    assert totals == [('a', [], moved), ('1', [3, 0], []), ('2', [4, 0], []), ('a', [2, 0], [])]
+    assert waiting.names == ['cube']
+
+
+@pytest.fixture
+def follow(simulated):
+    """Return a function that follows the simulation, with a function instead of the worker."""
+
+    def follow(live, run, drop=simulated.drop):
+        async def worker(function, *arguments):
+            return run(function, *arguments)
+
+        monitor = SimpleNamespace(
+            _newest=lambda _: (simulated.run, drop),
+            _worker=SimpleNamespace(run=worker),
+            _node=Mock(),
+            _window=0,
+            _level=0.01,
+            _weight=60.0,
+        )
+        asyncio.run(LiveMonitor._update(monitor, live))
+
+    return follow
+
+
+@pytest.fixture
+def live(simulated):
+    live = LivePart.of(simulated.part, simulated.drop.aspects)
+    for k in range(40):
+        live.windows.add(np.array([40, 20]), k)
+    return live
+
+
+def test_posterior_continues_if_drift_is_not_tested(live, follow, simulated):
+    runs = []
+
+    def fail(function, *_):
+        runs.append(function)
+        if function is drift_test:
+            raise FileLimitError('the time limit of 9 s was exceeded')
+        return 600
+
+    for _ in range(2):  # the same windows are not tested again
+        follow(live, fail)
+    assert len(runs) == 2
+    assert live.changed
+    assert live.test_problem == 'drift is not tested: the time limit of 9 s was exceeded'
+    assert live.tested is None
+    follow(live, lambda function, *arguments: function(*arguments), copy(simulated.drop))
+    assert live.test_problem == ''
+    assert live.tested is not None
+
+
+def test_default_window_grows_with_the_drops(live, follow, simulated):
+    def call(function, *arguments):
+        return function(*arguments)
+
+    few = dataclasses.replace(simulated.drop, counts=simulated.drop.counts // 100)
+    follow(live, call, few)
+    assert live.windows.ends.tolist() == [0, *range(120, 2401, 120)]
+    follow(live, call)
+    size = parts_needed(simulated.drop.by_class().counts)
+    assert np.diff(live.windows.ends).min() >= size
+    assert live.tested.ends.tolist() == live.windows.ends.tolist()
+
+
+def test_windows_that_are_joined_during_a_test_do_not_change_it(live, follow, monkeypatch):
+    monkeypatch.setattr(count_sessions, 'MAX_BATCHES', 4)
+
+    def join(function, *arguments):
+        if function is not drift_test:
+            return 600
+        assert len(arguments[0]) == 4
+        live.windows.add(np.array([400, 200]), 40)
+        assert len(live.windows.windows) == 4
+        return drift_test(*arguments)
+
+    follow(live, join)
+    assert live.tested.ends.tolist() == [0, 600, 1200, 1800, 2400]
+    assert len(live.tested.labels) == len(live.tested.test.windows) == 4
+    assert not live.is_tested

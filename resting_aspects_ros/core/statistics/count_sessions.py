@@ -4,7 +4,7 @@ A counter reports the totals since the beginning of its session. So a lost or re
 no harm, and a counter that is started again begins another session. The sessions are added up.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -158,8 +158,7 @@ class CountWindows:
     """Disjoint windows of successive parts, in whole batches.
 
     size : int
-        Minimum number of parts in a window; 0 while it is not known. A change has no effect on
-        windows that are full.
+        Minimum number of parts in a window; 0 while it is not known.
     windows : list of Batch
         Full windows, each with the time of its first batch.
     """
@@ -173,12 +172,19 @@ class CountWindows:
         """Add a batch, unless it is empty."""
         if counts.any():
             self._open.append(Batch(counts, time))
-            self.fill()
+            self._fill()
             if len(self._open) > MAX_BATCHES:
                 self._open = _joined(self._open)
 
-    def fill(self) -> None:
-        """Make windows of the batches that are in none yet; to be called after a new size."""
+    def resize(self, size: int) -> None:
+        """Set the size; windows that are too small then are joined with those that follow."""
+        if size > self.size:
+            self._open, self.windows = [*self.windows, *self._open], []
+        self.size = size
+        self._fill()
+
+    def _fill(self) -> None:
+        """Make windows of the batches that are in none yet."""
         first = parts = 0
         for k, batch in enumerate(self._open if self.size else ()):
             parts += int(batch.counts.sum())
@@ -193,8 +199,13 @@ class CountWindows:
     @property
     def ends(self) -> Counts:
         """(w + 1,) number of parts before the first window, 0, and up to the end of each."""
-        sizes = [int(each.counts.sum()) for each in self.windows]
-        return np.concatenate([[0], np.cumsum(sizes, dtype=np.int64)])
+        return window_ends(self.windows)
+
+
+def window_ends(windows: Sequence[Batch]) -> Counts:
+    """Return (w + 1,) the number of parts before the first window, 0, and up to each end."""
+    sizes = [int(each.counts.sum()) for each in windows]
+    return np.concatenate([[0], np.cumsum(sizes, dtype=np.int64)])
 
 
 def _checked(name: str, totals: Counts, length: int) -> Counts:

@@ -7,6 +7,7 @@ import numpy.typing as npt
 import shapely
 from shapely import affinity
 
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.vision.outline import Outline
 
@@ -14,6 +15,8 @@ from resting_aspects_ros.core.vision.outline import Outline
 TRIES = 60
 # Corners of the outlines are left out up to this distance, m, so that the places are found faster.
 DETAIL = 5e-6
+# Number of yaws that are tried for an outline that does not fit on the tray in a random one.
+YAWS = 360
 
 
 class OutlinePlaces:
@@ -37,6 +40,11 @@ class OutlinePlaces:
         in the tray frame, whose origin is the middle of the tray.
     polygons : list of Polygon
         Their outlines, tray frame, m.
+
+    Raises
+    ------
+    InvalidValueError
+        An outline does not fit on the tray in any direction.
     """
 
     def __init__(
@@ -51,6 +59,14 @@ class OutlinePlaces:
         ]
         self._half = np.array(size) / 2
         self._generator = generator
+        for outline, shapes in zip(outlines, self._shapes, strict=True):
+            if not all(len(self._fitting_yaws(shape)) for shape in shapes):
+                sides = ' x '.join(f'{1000 * side:.4g}' for side in size)
+                raise InvalidValueError(
+                    f'invalid tray {sides} mm: expected one into which the outline of class '
+                    f'{outline.symmetry_class} fits, {1000 * outline.length:.4g} x '
+                    f'{1000 * outline.width:.4g} mm'
+                )
         self.poses: Array = np.zeros((0, 3))
         self.polygons: list[shapely.Polygon] = []
 
@@ -91,12 +107,29 @@ class OutlinePlaces:
         others = np.array(self.polygons, dtype=object)
         for _ in range(TRIES):
             yaw = self._generator.uniform(-np.pi, np.pi)
-            turned = affinity.rotate(shape, yaw, origin=(0, 0), use_radians=True)
-            low, high = np.reshape(turned.bounds, (2, 2))
-            # A part that is longer than the tray is in its middle.
+            turned, low, high = _turned(shape, yaw)
+            if (high - low > 2 * self._half).any():
+                yaw = self._generator.choice(self._fitting_yaws(shape))
+                turned, low, high = _turned(shape, yaw)
+            # One that only just fits may be larger by rounding.
             middle, room = -(low + high) / 2, np.maximum(self._half - (high - low) / 2, 0.0)
             place = middle + room * self._generator.uniform(-1, 1, 2)
             placed = affinity.translate(turned, *place)
             if not shapely.intersects(placed, others).any():
                 break
         return np.array([*place, yaw]), placed
+
+    def _fitting_yaws(self, shape: shapely.Polygon) -> Array:
+        """Return the yaws (k,) of YAWS in which an outline fits on the tray, rad."""
+        yaws = np.linspace(-np.pi, np.pi, YAWS, endpoint=False)
+        points = shapely.get_coordinates(shape.convex_hull) @ np.array([1, 1j])
+        turned = points * np.exp(1j * yaws)[:, None]
+        half = np.column_stack([np.ptp(turned.real, axis=1), np.ptp(turned.imag, axis=1)]) / 2
+        return yaws[(half <= self._half + DETAIL).all(axis=1)]
+
+
+def _turned(shape: shapely.Polygon, yaw: float) -> tuple[shapely.Polygon, Array, Array]:
+    """Return a polygon rotated about the origin, with the corners (2,) of its bounds."""
+    turned = affinity.rotate(shape, yaw, origin=(0, 0), use_radians=True)
+    low, high = np.reshape(turned.bounds, (2, 2))
+    return turned, low, high

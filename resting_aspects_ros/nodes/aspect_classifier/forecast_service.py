@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import Status, TransitionMatrix
 from resting_aspects_interfaces.srv import FeederForecast, GetTransitions
@@ -24,9 +23,10 @@ from resting_aspects_ros.core.statistics.live_counts import LiveCounts
 from resting_aspects_ros.nodes.aspect_classifier.live_monitor import LiveMonitor
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
+from resting_aspects_ros.ros.callbacks import serve
 from resting_aspects_ros.ros.conversions import run_from, status
 from resting_aspects_ros.ros.file_worker import FileWorker
-from resting_aspects_ros.ros.interface import FORECAST, SERVICES
+from resting_aspects_ros.ros.interface import FORECAST
 from resting_aspects_ros.ros.status import BusyError, NotAvailableError, status_from_errors
 from resting_aspects_ros.ros.transition_conversions import action_from, transition_matrix_from
 
@@ -65,14 +65,7 @@ class ForecastService:
         self._check_ready = check_ready
         self._simulator_is_ready = simulator_is_ready
         self._waiting = 0
-        # In the default group of the node, a waiting request would block what it waits for.
-        node.create_service(
-            FeederForecast,
-            FORECAST,
-            self._forecast,
-            qos_profile=SERVICES,
-            callback_group=ReentrantCallbackGroup(),
-        )
+        serve(node, FeederForecast, FORECAST, self._forecast)
 
     async def _forecast(
         self, request: FeederForecast.Request, response: FeederForecast.Response

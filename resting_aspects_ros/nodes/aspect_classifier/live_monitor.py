@@ -7,7 +7,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from resting_aspects_interfaces.msg import MachineTransitions, ObservedCounts, Posterior
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.core.reorientation.transition_matrix import no_actions
 from resting_aspects_ros.core.statistics.drift import LEVEL, MAX_LEVEL, MIN_LEVEL
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Counts
@@ -19,10 +19,11 @@ from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
 from resting_aspects_ros.nodes.aspect_classifier.live_part import (
     LivePart,
     default_window,
-    test_windows,
+    drift_test,
 )
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
+from resting_aspects_ros.nodes.aspect_classifier.waiting_counts import WaitingCounts
 from resting_aspects_ros.report.drift_table import drift_sentence
 from resting_aspects_ros.ros.callbacks import advertise, guarded, guarded_task, steady_timer
 from resting_aspects_ros.ros.count_conversions import (
@@ -38,8 +39,6 @@ from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
 from resting_aspects_ros.ros.transition_conversions import transition_matrix_from
 
 PERIOD = 0.5
-# Maximum number of messages that wait until their part is offered.
-MAX_WAITING = 100
 # Maximum number of parts that a parameter can state.
 MAX_SET = 100_000
 LIVE_PARAMETERS = (
@@ -92,7 +91,7 @@ class LiveMonitor:
             node.get_parameter(each.name).value for each in LIVE_PARAMETERS
         )
         self._live: dict[str, LivePart] = {}
-        self._waiting: dict[tuple[str, str, str], ObservedCounts] = {}
+        self._waiting = WaitingCounts()
         self._outputs: dict[str, Publisher] = {}
         self._updating = False
         self._update_one = guarded_task(node, 'a posterior is not published', self._update_part)
@@ -115,33 +114,27 @@ class LiveMonitor:
         return sum(each.sessions.parts for each in self._live.values())
 
     def warnings(self) -> list[str]:
-        """Return drift, refused messages, and counts of parts that are not offered."""
+        """Return drift, failed tests, refused messages, and counts of parts not offered."""
         found = []
         for name, live in self._live.items():
             if live.is_drifting and live.tested is not None:
                 found.append(f'{name}: {drift_sentence(live.tested)}')
-            if live.problem:
-                found.append(f'{name}: {live.problem}')
-        waiting = sorted({key[0] for key in self._waiting})
-        return found + [f'counts of {name} wait: no such part is offered' for name in waiting]
+            problems = live.problem, live.test_problem
+            found += [f'{name}: {problem}' for problem in problems if problem]
+        return found + [
+            f'counts of {name} wait: no such part is offered' for name in self._waiting.names
+        ]
 
     def _receive(self, name: str, message: ObservedCounts) -> None:
-        if self._waiting or self._current(name) is None:
-            # In the order of arrival; totals replace earlier ones.
-            key = name, message.session[:MAX_WAITING], message.action[:MAX_WAITING]
-            self._waiting.pop(key, None)
-            self._waiting[key] = message
-            while len(self._waiting) > MAX_WAITING:
-                del self._waiting[next(iter(self._waiting))]
-            self._take_waiting()
+        self._take_waiting()  # those of the part arrived before
+        if (live := self._current(name)) is None:
+            self._waiting.add(name, message)
         else:
-            self._take(self._live[name], message)
+            self._take(live, message)
 
     def _take_waiting(self) -> None:
-        for key, message in list(self._waiting.items()):
-            if (live := self._current(key[0])) is not None:
-                del self._waiting[key]
-                self._take(live, message)
+        for name, message in self._waiting.take(self._current):
+            self._take(self._live[name], message)
 
     def _current(self, name: str) -> LivePart | None:
         """Return the state of the offered version of a part; None if it is not known yet."""
@@ -195,22 +188,23 @@ class LiveMonitor:
 
     async def _update(self, live: LivePart) -> None:
         """Follow the newest simulation, and test the windows that are new."""
-        known = self._newest(live.part.part_sha256)
-        if known is not None and (live.known is None or known[1] is not live.known[1]):
-            live.known, live.tested, live.changed = known, None, True
-            live.windows.size = self._window
-            if live.can_drift and not self._window:
-                live.windows.size = await self._worker.run(
-                    default_window, live.simulated, self._level
-                )
-            live.windows.fill()
-        windows = live.windows.windows
-        if not live.can_drift or not windows or live.is_tested:
-            return
-        counts, was_drifting = np.array([each.counts for each in windows]), live.is_drifting
-        test = await self._worker.run(test_windows, counts, live.simulated, self._level)
-        live.tested, live.changed = live.with_test(test, self._weight), True
-        if live.is_drifting and not was_drifting:
+        known, was_drifting = self._newest(live.part.part_sha256), live.is_drifting
+        try:
+            if known is not None and (live.known is None or known[1] is not live.known[1]):
+                live.follow(known)
+                size = self._window
+                if live.can_drift and not size:
+                    size = await self._worker.run(default_window, live.simulated, self._level)
+                live.windows.resize(size)
+            if live.can_drift and not live.is_tested:
+                windows = live.windows_to_test()
+                counts = np.array([each.counts for each in windows])
+                test = await self._worker.run(drift_test, counts, live.simulated, self._level)
+                live.add_test(test, windows, self._weight)
+        except RestingAspectsError as error:  # the posterior is published in any case
+            live.test_problem = f'drift is not tested: {error}'
+            self._node.get_logger().warning(f'{live.part.name}: {live.test_problem}')
+        if live.is_drifting and live.tested is not None and not was_drifting:
             self._node.get_logger().warning(f'{live.part.name}: {drift_sentence(live.tested)}')
 
     def _newest(self, part_sha256: str) -> Known | None:

@@ -1,12 +1,18 @@
 """What is known of a part that a machine supplies: its counts, the simulation, and drift."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.count_sessions import CountSessions, CountWindows
+from resting_aspects_ros.core.statistics.count_sessions import (
+    Batch,
+    CountSessions,
+    CountWindows,
+    window_ends,
+)
 from resting_aspects_ros.core.statistics.drift import DriftTest, find_drift
 from resting_aspects_ros.core.statistics.drift_power import (
     POWER,
@@ -30,7 +36,8 @@ class LivePart:
 
     known : the run of the simulated drops and their distribution; None: no drops are known
     tested : the windows with their tests; None before the first full window
-    problem : why the last message was refused, or why drift was not tested; empty if it was not
+    problem : why the last message was refused; empty if it was not
+    test_problem : why drift is not tested; empty if it is
     changed : whether there is something new to be published
     """
 
@@ -41,7 +48,9 @@ class LivePart:
     known: Known | None = None
     tested: DriftWindows | None = None
     problem: str = ''
+    test_problem: str = ''
     changed: bool = False
+    _attempted: int = 0  # number of parts in the windows that were tested last, or failed to be
 
     @classmethod
     def of(cls, part: Part, aspects: AspectSet) -> 'LivePart':
@@ -62,8 +71,8 @@ class LivePart:
 
     @property
     def is_tested(self) -> bool:
-        """Whether all full windows have been tested."""
-        return self.tested is not None and self.tested.ends[-1] == self.windows.ends[-1]
+        """Whether all full windows have been tested; a test that failed is not repeated."""
+        return self._attempted == self.windows.ends[-1]
 
     @property
     def can_drift(self) -> bool:
@@ -85,18 +94,29 @@ class LivePart:
             simulated = np.ones_like(simulated)
         return LiveCounts(self.ids, simulated, self.sessions.supplied, weight)
 
-    def with_test(self, test: DriftTest, weight: float) -> DriftWindows:
-        """Return the first windows, which were tested, with their test."""
-        count = len(test.windows)
-        labels = [time_label(each.time) for each in self.windows.windows[:count]]
-        ends = self.windows.ends[: count + 1]
-        return DriftWindows(test, self.live(weight), ends, labels, CONFIDENCE, POWER)
+    def follow(self, known: Known) -> None:
+        """Compare the counts with other simulated drops from now on."""
+        self.known, self.tested, self.test_problem, self.changed = known, None, '', True
+        self._attempted = 0
+
+    def windows_to_test(self) -> list[Batch]:
+        """Return all full windows, which do not change while they are tested."""
+        self._attempted = int(self.windows.ends[-1])
+        return list(self.windows.windows)
+
+    def add_test(self, test: DriftTest, windows: Sequence[Batch], weight: float) -> None:
+        """Take the test of windows; others may have become full, or been joined, since then."""
+        labels = [time_label(each.time) for each in windows]
+        ends = window_ends(windows)
+        self.tested = DriftWindows(test, self.live(weight), ends, labels, CONFIDENCE, POWER)
+        self.test_problem, self.changed = '', True
 
 
 def default_window(simulated: Counts, level: float) -> int:
     """Return the number of parts that find a class that is off by 5 points.
 
-    It is the number of drops if these are too few for it. Runs in a FileWorker.
+    It is the number of drops if these are too few for it, and grows with them. Runs in a
+    FileWorker.
     """
     try:
         return parts_needed(simulated, SHIFT, level)
@@ -104,6 +124,6 @@ def default_window(simulated: Counts, level: float) -> int:
         return int(simulated.sum())
 
 
-def test_windows(windows: Counts, simulated: Counts, level: float) -> DriftTest:
+def drift_test(windows: Counts, simulated: Counts, level: float) -> DriftTest:
     """Return the tests of windows (w, c) against simulated drops (c,); runs in a FileWorker."""
     return find_drift(windows, simulated, np.random.default_rng(SEED), level)

@@ -3,11 +3,9 @@
 import math
 import sys
 from collections.abc import Awaitable, Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import PartDescription, PartSummary, Status
 from resting_aspects_interfaces.srv import ClassifyPose, GetDistribution, GetTransitions, ListParts
@@ -30,7 +28,7 @@ from resting_aspects_ros.nodes.aspect_classifier.publishers import (
 from resting_aspects_ros.nodes.aspect_classifier.run_counting import RunCounter
 from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
 from resting_aspects_ros.nodes.run_tracking.health import RunHealth
-from resting_aspects_ros.ros.callbacks import guarded_task, steady_timer
+from resting_aspects_ros.ros.callbacks import guarded_task, serve, steady_timer
 from resting_aspects_ros.ros.conversions import status
 from resting_aspects_ros.ros.default_conditions import DefaultConditionsSubscriber
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
@@ -108,13 +106,9 @@ class AspectClassifier(Node):
         self._discovery = TopicDiscovery(
             self, PARTS, PartDescription, self._on_description, gone=self._parts.remove, raw=True
         )
-        # In the default group of the node, a waiting request would block what it waits for.
-        serve = partial(
-            self.create_service, qos_profile=SERVICES, callback_group=ReentrantCallbackGroup()
-        )
-        serve(GetDistribution, GET_DISTRIBUTION, self._get_distribution)
-        serve(GetTransitions, GET_TRANSITIONS, self._get_transitions)
-        serve(ClassifyPose, CLASSIFY_POSE, self._classify_pose)
+        serve(self, GetDistribution, GET_DISTRIBUTION, self._get_distribution)
+        serve(self, GetTransitions, GET_TRANSITIONS, self._get_transitions)
+        serve(self, ClassifyPose, CLASSIFY_POSE, self._classify_pose)
         self.create_service(ListParts, LIST_PARTS, self._list_parts, qos_profile=SERVICES)
         self._start = steady_timer(self, 0.0, self._load_logs)
 

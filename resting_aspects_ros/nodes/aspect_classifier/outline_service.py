@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Point
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import Status
 from resting_aspects_interfaces.srv import IdentifyPart, LocatePart
@@ -22,9 +21,9 @@ from resting_aspects_ros.core.vision.likelihood import OutlineNoise
 from resting_aspects_ros.core.vision.observation import observed_polygon
 from resting_aspects_ros.nodes.aspect_classifier.outline_store import OutlineStore
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry, requested_part
-from resting_aspects_ros.ros.callbacks import await_future
+from resting_aspects_ros.ros.callbacks import await_future, serve
 from resting_aspects_ros.ros.conversions import status
-from resting_aspects_ros.ros.interface import IDENTIFY_PART, LOCATE_PART, SERVICES
+from resting_aspects_ros.ros.interface import IDENTIFY_PART, LOCATE_PART
 from resting_aspects_ros.ros.outline_conversions import candidate_msg, polygon_from, pose_fields
 from resting_aspects_ros.ros.status import NotAvailableError, status_from_errors
 
@@ -58,13 +57,8 @@ class OutlineServices:
         self._check_ready = check_ready
         self._simulator_is_ready = simulator_is_ready
         self._threads = ThreadPoolExecutor(THREADS, 'identification')
-        # In the default group of the node, a waiting request would block what it waits for.
-        options: dict[str, Any] = {
-            'qos_profile': SERVICES,
-            'callback_group': ReentrantCallbackGroup(),
-        }
-        node.create_service(IdentifyPart, IDENTIFY_PART, self._identify, **options)
-        node.create_service(LocatePart, LOCATE_PART, self._locate, **options)
+        serve(node, IdentifyPart, IDENTIFY_PART, self._identify)
+        serve(node, LocatePart, LOCATE_PART, self._locate)
 
     def stop(self) -> None:
         """Abandon the requests that wait for a thread."""

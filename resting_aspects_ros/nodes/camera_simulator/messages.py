@@ -3,22 +3,13 @@
 import array
 
 import numpy as np
-from resting_aspects_interfaces.msg import Detection, FeederAdvice
+from resting_aspects_interfaces.msg import Detection
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
-from resting_aspects_ros.core.feeding.decision import Choice
 from resting_aspects_ros.core.feeding.virtual_feeder import VirtualFeeder
 from resting_aspects_ros.core.vision.outline import Outline
 from resting_aspects_ros.core.vision.tray_image import Bytes, TrayCamera
-
-CHOICES = {
-    FeederAdvice.WAIT: Choice.WAIT,
-    FeederAdvice.PICK: Choice.PICK,
-    FeederAdvice.FLIP: Choice.FLIP,
-    FeederAdvice.SPREAD: Choice.SPREAD,
-    FeederAdvice.SUPPLY: Choice.SUPPLY,
-}
 
 
 def image_msg(image: Bytes, header: Header) -> Image:

@@ -21,7 +21,6 @@ from resting_aspects_ros.core.vision.outline_places import OutlinePlaces
 from resting_aspects_ros.core.vision.tray_image import TrayCamera, render_tray
 from resting_aspects_ros.nodes.camera_simulator.answers import Answers
 from resting_aspects_ros.nodes.camera_simulator.messages import (
-    CHOICES,
     camera_info_msg,
     feeder_values,
     image_msg,
@@ -38,6 +37,7 @@ from resting_aspects_ros.ros.callbacks import (
 )
 from resting_aspects_ros.ros.conversions import time_msg
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
+from resting_aspects_ros.ros.feeder_names import CHOICES
 from resting_aspects_ros.ros.interface import CELL, PICK_RESULT
 from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import check_frame, declare
@@ -92,13 +92,19 @@ class CameraSimulator(Node):
         steady_timer(self, CLOCK_PERIOD, guarded(self, 'the clock stops', self._tick))
         self.get_logger().info('ready')
 
+    def destroy_node(self) -> None:
+        """End the process that builds models too."""
+        self._truth.stop()
+        super().destroy_node()
+
     # Inputs
 
     def _on_truth(self) -> None:
-        """Use the new model; parts of another mesh are put on an empty tray."""
-        model, part = self._truth.model, self._truth.part
-        assert model is not None
-        if self._feeder is not None and self._known is part:
+        """Use the new model; parts of another version are put on an empty tray."""
+        if (model := self._truth.current) is None:
+            return
+        part, known = self._truth.part.known, self._known
+        if self._feeder and known and known.part.part_sha256 == part.part.part_sha256:
             self._feeder.use(model)
             return
         self._known = part
@@ -117,18 +123,11 @@ class CameraSimulator(Node):
     async def _run(self) -> None:
         cycle = guarded_task(self, 'a cycle has failed', self._cycle)
         while True:
-            images = self._images
-            if self._is_ready() and not self._duplicates.check():
+            images, is_ready = self._images, self._truth.is_ready(self._answers.advice)
+            if self._feeder is not None and is_ready and not self._duplicates.check():
                 await cycle()
             if self._images == images:
                 await sleep_for(self, CLOCK_PERIOD)
-
-    def _is_ready(self) -> bool:
-        if self._feeder is None or self._truth.error:
-            return False
-        advice = self._answers.advice
-        known = advice is not None and (advice.drops, advice.actions) == self._truth.counts
-        return not self._values['evidence'] or (self._truth.has_evidence and known)
 
     async def _cycle(self) -> None:
         """Show the tray, and do what is advised."""
@@ -147,11 +146,11 @@ class CameraSimulator(Node):
         self._epoch = advice.epoch
         feeder.take_image()
         await self._pass(feeder)
-        action = CHOICES[advice.choice]
+        action = Choice(CHOICES[advice.choice])
         if action is Choice.PICK:
             if not await self._pick(feeder, known.outlines, detections, advice):
                 return
-            action = CHOICES[advice.then]
+            action = Choice(CHOICES[advice.then])
             if action is Choice.WAIT:
                 return
         feeder.move(action, advice.supply)
@@ -233,7 +232,7 @@ class CameraSimulator(Node):
         values = {'part': self._part, 'images': self._images, 'missed picks': self._missed}
         if feeder is not None:
             values |= feeder_values(feeder)
-        state = 'runs' if self._images else self._truth.state or 'begins'
+        state = 'runs' if self._images else self._truth.state
         errors = [self._truth.error] if self._truth.error else []
         return Diagnosis(
             state, values, [self._answers.hint(self._now)] if self._silent_since else [], errors

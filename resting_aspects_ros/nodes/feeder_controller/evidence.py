@@ -48,6 +48,12 @@ class PartEvidence:
         """Why messages are not used."""
         return [text for text in self._ignored.values() if text]
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether the newest drops and the newest flips are those of complete runs."""
+        newest = self._drops, self._flips
+        return all(message is not None and message.complete for message in newest)
+
     def set_part(self, fed: FedPart) -> None:
         """Begin again with the estimate of a part, and what is known of it.
 

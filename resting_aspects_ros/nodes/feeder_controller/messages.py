@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMsg
-from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, FeederPick, PickResult
+from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, FeederPick
 from std_msgs.msg import Header
 
 from resting_aspects_ros.core.feeding.decision import Choice, Expected
@@ -15,20 +15,11 @@ from resting_aspects_ros.core.vision.location import Pose
 from resting_aspects_ros.nodes.feeder_controller.advice import ChosenPart, CurrentAdvice
 from resting_aspects_ros.nodes.feeder_controller.tray_state import Detection, Image, Outcome
 from resting_aspects_ros.ros.conversions import nanoseconds, pose_msg
+from resting_aspects_ros.ros.feeder_names import CHOICES as NAMED_CHOICES
+from resting_aspects_ros.ros.feeder_names import RESULTS
 
-CHOICES = {
-    Choice.WAIT: FeederAdvice.WAIT,
-    Choice.PICK: FeederAdvice.PICK,
-    Choice.FLIP: FeederAdvice.FLIP,
-    Choice.SPREAD: FeederAdvice.SPREAD,
-    Choice.SUPPLY: FeederAdvice.SUPPLY,
-}
-OUTCOMES = {
-    PickResult.PICKED: Outcome.PICKED,
-    PickResult.MISSED: Outcome.MISSED,
-    PickResult.DROPPED: Outcome.DROPPED,
-    PickResult.MOVED: Outcome.MOVED,
-}
+CHOICES = {Choice(name): number for number, name in NAMED_CHOICES.items()}
+OUTCOMES = {number: Outcome(name) for number, name in RESULTS.items()}
 UNKNOWN = Interval(math.nan, math.nan, math.nan)
 
 

@@ -91,15 +91,37 @@ class ModelUpdates:
         return self.current.best_number if self.current is not None else 0
 
     @property
+    def counts(self) -> tuple[int, int]:
+        """Numbers of drops and of flips behind the model; 0 for an estimate, and without one."""
+        if self.current is None or self._evidence is None:
+            return 0, 0
+        return self._evidence.drop_count, self._evidence.flip_count
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether complete runs of drops and of flips are behind the model."""
+        return all(self.counts) and self._known.is_complete
+
+    @property
+    def sentence(self) -> str:
+        """The parts per minute of the model; empty without one."""
+        if self.current is None or self._evidence is None:
+            return ''
+        drops, flips = self.counts
+        return (
+            f'{self._known.share(self._evidence).probability:.1%} of {self._settings.part} can be '
+            f'picked ({f"{drops} drops" if drops else "an estimate, no drops"}, {flips} flips): '
+            f'{60 * self.current.values.rate:.1f} parts per minute with '
+            f'{self.current.best_number} parts on the tray'
+        )
+
+    @property
     def evidence_fields(self) -> dict[str, Any]:
         """The pickable share and the numbers of drops and flips behind the model."""
         if self.current is None or self._evidence is None:
             return {}
-        return {
-            'share': self._known.share(self._evidence),
-            'drops': self._evidence.drop_count,
-            'actions': self._evidence.flip_count,
-        }
+        drops, flips = self.counts
+        return {'share': self._known.share(self._evidence), 'drops': drops, 'actions': flips}
 
     @property
     def values(self) -> dict[str, object]:
@@ -137,7 +159,7 @@ class ModelUpdates:
             fed = await self._files.run(
                 read_part, data, self._settings.part, self._settings.grasps
             )
-            if digest != self._digest:
+            if digest != self._digest or _is_same(fed, self._known.fed):
                 return
             self._known.set_part(fed)
         except RestingAspectsError as error:
@@ -193,12 +215,6 @@ class ModelUpdates:
     def _use(self, model: ControllerModel, evidence: Evidence) -> None:
         self.current, self._evidence, self.error = model, evidence, ''
         self.version += 1
-        drops = f'{evidence.drop_count} drops' if evidence.drop_count else 'an estimate, no drops'
-        self._node.get_logger().info(
-            f'{self._known.share(evidence).probability:.1%} of {self._settings.part} can be '
-            f'picked ({drops}, {evidence.flip_count} flips): {60 * model.values.rate:.1f} parts '
-            f'per minute with {model.best_number} parts on the tray'
-        )
         self._changed()
 
     def _fail(self, error: RestingAspectsError) -> None:
@@ -212,3 +228,8 @@ class ModelUpdates:
         executor = self._node.executor
         assert executor is not None  # it calls the callbacks
         executor.create_task(guarded_task(self._node, 'no model was built', task), *arguments)
+
+
+def _is_same(new: FedPart, known: FedPart | None) -> bool:
+    """Return whether a part is the known version, described in other words."""
+    return known is not None and new.known.part.part_sha256 == known.known.part.part_sha256

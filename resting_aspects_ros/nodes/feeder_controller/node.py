@@ -115,6 +115,8 @@ class FeederController(Node):
         self._update()
 
     def _on_model(self) -> None:
+        if self._model.current is not None:
+            self.get_logger().info(self._model.sentence)
         # The picks of an image are worked off with the model with which they were chosen.
         is_untouched = self._tray.image == self._tray.newest
         if self._model.current is None or self._advice is None or is_untouched:

@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 Array = npt.NDArray[np.float64]
@@ -30,6 +31,11 @@ class Blob:
 
     outer: Array
     holes: list[Array] = field(default_factory=list)
+
+    @property
+    def boundary(self) -> Array:
+        """(k, 2) float: the points of all its boundaries, px."""
+        return np.concatenate([self.outer, *self.holes])
 
 
 def find_blobs(image: npt.NDArray[np.uint8], level: float, min_area: float) -> list[Blob]:
@@ -66,16 +72,17 @@ def find_blobs(image: npt.NDArray[np.uint8], level: float, min_area: float) -> l
     return list(blobs.values())
 
 
-def clearances(outlines: list[Array]) -> Array:
-    """Return the distance (n,) of each outline (m, 2) from the next one; infinite for one alone.
+def clearances(boundaries: list[Array]) -> Array:
+    """Return the distance (n,) of each region from the next one; infinite for one alone.
 
-    The points of an outline are about a pixel apart, so the distance is that of the points.
+    The boundary (m, 2) of a region includes its holes, because the next one can be in a hole. Its
+    points are about a pixel apart, so the distance is that of the points.
     """
-    found = np.full(len(outlines), np.inf)
-    trees = [cKDTree(outline) for outline in outlines]
-    for k, outline in enumerate(outlines):
+    found = np.full(len(boundaries), np.inf)
+    trees = [cKDTree(boundary) for boundary in boundaries]
+    for k, boundary in enumerate(boundaries):
         for j in range(k):
-            apart = np.min(trees[j].query(outline)[0])
+            apart = np.min(trees[j].query(boundary)[0])
             found[k], found[j] = min(found[k], apart), min(found[j], apart)
     return found
 
@@ -89,12 +96,13 @@ def _on_edge(pixels: Array, fields: list[Any], level: float) -> Array:
 
     fields : grey values, and their derivatives along u and v
     """
-    points = pixels.astype(np.float32)
+    points = pixels.astype(np.float64)
     for _ in range(STEPS):
-        u, v = points.T
-        grey, *slope = (cv2.remap(each, u, v, cv2.INTER_LINEAR).ravel() for each in fields)
+        # Not cv2.remap, which takes fewer than 32,767 points and rounds them to 1/32 px.
+        place = points.T[::-1]
+        grey, *slope = (map_coordinates(each, place, order=1, mode='nearest') for each in fields)
         gradient = np.stack(slope, axis=1)
         square = np.maximum((gradient**2).sum(axis=1), 1e-6)
         step = ((level - grey) / square)[:, None] * gradient
         points += step / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1.0)
-    return points.astype(np.float64)
+    return points

@@ -73,7 +73,7 @@ class VisionExample(Node):
             raise InvalidValueError(f'invalid camera: expected its matrix on {CAMERA_INFO} before')
         if not self._identify.service_is_ready():  # a request would be lost
             raise RestingAspectsError(f'{IDENTIFY_PART} is not available: start the suite')
-        self._busy = True
+        self._busy, answers = True, []
         try:
             image, to_tray = grey_image(message), self._camera.to_tray
             scale = np.linalg.norm(np.subtract(*to_tray([[0, 0], [1, 0]]))) * 1000  # mm/px
@@ -81,9 +81,9 @@ class VisionExample(Node):
                 image, self._settings['level'], self._settings['min_area'] / scale**2
             )
             outers = [to_tray(blob.outer) for blob in blobs]
-            free = clearances(outers)
+            free = clearances([to_tray(blob.boundary) for blob in blobs])
             # All requests are sent before the first response is awaited.
-            answers = [self._identify.call_async(self._request(blob, to_tray)) for blob in blobs]
+            answers += [self._identify.call_async(self._request(blob, to_tray)) for blob in blobs]
             for answer in answers:
                 if not await wait_for(self, answer, TIMEOUT):
                     raise RestingAspectsError(f'{IDENTIFY_PART} has not answered')
@@ -93,6 +93,8 @@ class VisionExample(Node):
             ]
         finally:
             self._busy = False
+            for answer in answers:  # otherwise those that never arrive would accumulate
+                self._identify.remove_pending_request(answer)
         if message.header.stamp != self._stamp:
             self._number, self._stamp = self._number + 1, message.header.stamp
         output = DetectionArray(image=self._number, detections=found)

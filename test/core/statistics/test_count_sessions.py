@@ -83,8 +83,7 @@ def test_memory_is_bounded(sessions, monkeypatch):
         add(sessions, report(action=f'a{k}', moved=[1, 0, 0, 0]))
     with pytest.raises(InvalidValueError, match='expected at most 4 actions'):
         add(sessions, report(action='more', moved=[1, 0, 0, 0]))
-    windows.size = 3  # the batches were joined before the size was known
-    windows.fill()
+    windows.resize(3)  # the batches were joined before the size was known
     assert windows.ends[-1] == 60
     assert len(windows.windows) <= 4
     assert np.sum([each.counts for each in windows.windows], axis=0).tolist() == [20, 40]
@@ -97,9 +96,22 @@ def test_memory_is_bounded(sessions, monkeypatch):
 
 def test_windows_have_whole_batches():
     windows = CountWindows()
-    windows.size = 5
+    windows.resize(5)
     for time, counts in enumerate([[3, 0], [1, 0], [0, 4], [9, 0], [0, 2], [0, 0]]):
         windows.add(np.array(counts), time)
     found = [(each.counts.tolist(), each.time) for each in windows.windows]
     assert found == [([4, 4], 0), ([9, 0], 3)]
     assert windows.ends.tolist() == [0, 8, 17]
+
+
+def test_windows_that_became_too_small_are_joined():
+    windows = CountWindows()
+    windows.resize(2)
+    for time in range(6):
+        windows.add(np.array([1, 1]), time)
+    assert windows.ends.tolist() == [0, 2, 4, 6, 8, 10, 12]
+    windows.resize(5)
+    assert windows.ends.tolist() == [0, 6, 12]
+    assert [each.time for each in windows.windows] == [0, 3]
+    windows.resize(4)  # large enough
+    assert windows.ends.tolist() == [0, 6, 12]

@@ -1,6 +1,5 @@
 """Rendered trays: outlines at random places, and what a camera and OpenCV see of them."""
 
-import cv2
 import numpy as np
 import pytest
 import shapely
@@ -62,6 +61,20 @@ def test_part_without_room_lies_on_another_one(bracket):
     assert places.clearance().min() == 0
 
 
+def test_part_that_fits_in_few_directions_is_within_the_tray(bracket):
+    size = (0.045, 0.031)  # the part is 40 x 30 mm
+    places = OutlinePlaces(bracket.outlines[:1], size, np.random.default_rng(1))
+    for _ in range(20):
+        places.shake(np.array([0]))
+        low, high = np.reshape(places.polygons[0].bounds, (2, 2))
+        assert (np.concatenate([-low, high]) <= np.tile(size, 2) / 2 + 1e-9).all()
+
+
+def test_part_longer_than_the_tray_is_refused(bracket):
+    with pytest.raises(InvalidValueError, match=r'tray 39 x 31 mm.*class 1.*40 x 30 mm'):
+        OutlinePlaces(bracket.outlines, (0.039, 0.031), np.random.default_rng(1))
+
+
 @pytest.mark.parametrize('scale', [3.0, 5.0])
 @pytest.mark.parametrize('name', ['washer', 'l_bracket'])
 def test_contours_are_where_the_outlines_are(request, name, scale):
@@ -79,7 +92,7 @@ def test_contours_are_where_the_outlines_are(request, name, scale):
         for outer, blob in zip(outers, blobs, strict=True)
     ]
     assert len(seen) == len(classes)
-    free = clearances(outers)
+    free = clearances([to_tray(blob.boundary) for blob in blobs])
     for k, polygon in enumerate(seen):
         apart = [polygon.centroid.distance(each.centroid) for each in places.polygons]
         true = int(np.argmin(apart))
@@ -119,16 +132,25 @@ def test_touching_parts_are_one_blob_and_an_empty_tray_has_none():
     assert clearances([]).tolist() == []
 
 
-@pytest.mark.parametrize('shape', [(1, 0, 2), (0, 1, 2)])
-def test_contours_do_not_depend_on_the_shape_of_a_remap(monkeypatch, shape):
-    """OpenCV 4 returns (n, 1) for points (n,), and OpenCV 5 (1, n)."""
-    camera = TrayCamera((0.03, 0.03), 4.0)
-    image = render_tray([shapely.box(0, 0, 0.01, 0.01)], camera, np.random.default_rng(1))
-    (before,) = find_blobs(image, LEVEL, 10)
-    remap = cv2.remap
-    monkeypatch.setattr(cv2, 'remap', lambda *a: np.atleast_3d(remap(*a)).transpose(shape)[..., 0])
-    (after,) = find_blobs(image, LEVEL, 10)
-    np.testing.assert_array_equal(before.outer, after.outer)
+def test_contour_of_very_many_points_is_found():
+    image = np.full((600, 600), LIGHT, np.uint8)
+    for left in range(10, 590, 12):  # a comb, whose boundary is longer than 2^15 pixels
+        image[10:590, left : left + 6] = DARK
+    image[10:20, 10:590] = DARK
+    (blob,) = find_blobs(image, LEVEL, 10)
+    assert len(blob.outer) > 1 << 15
+    assert blob.outer.min() == pytest.approx(9.5, abs=0.1)
+
+
+def test_part_in_the_hole_of_another_one_is_close_to_it():
+    """The gripper for either has only the room in the hole."""
+    ring = shapely.Point(0, 0).buffer(0.02).difference(shapely.Point(0, 0).buffer(0.015))
+    inner = shapely.Point(0.001, 0).buffer(0.01)
+    camera = TrayCamera((0.06, 0.06), 10.0)
+    image = render_tray([ring, inner], camera, np.random.default_rng(1))
+    blobs = find_blobs(image, LEVEL, 10)
+    free = clearances([camera.model.to_tray(blob.boundary) for blob in blobs])
+    assert free == pytest.approx([ring.distance(inner)] * 2, abs=1e-4)
 
 
 @pytest.mark.parametrize('scale', [0.0, 1e4, float('nan')])
