@@ -9,6 +9,7 @@ import re
 import signal
 import subprocess
 import time
+import weakref
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -54,7 +55,7 @@ from resting_aspects_ros.simulation.plan import plan_run
 
 SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 # Timeout of every wait, s; with free cores, a fraction of it is enough.
-DEADLINE = 600.0
+DEADLINE = 300.0
 OUTCOMES = {
     GoalStatus.STATUS_SUCCEEDED: 'succeeded',
     GoalStatus.STATUS_CANCELED: 'canceled',
@@ -73,7 +74,7 @@ FORKSERVER.set_forkserver_preload(
 )
 # First statements of a forked process; it also forks the process in which a node reads files.
 FORKED = """
-import faulthandler, multiprocessing, os, sys
+import faulthandler, multiprocessing, os, signal, sys
 from multiprocessing import forkserver
 from resting_aspects_ros.ros import file_worker
 
@@ -86,6 +87,7 @@ os.dup2(file, 1)
 os.dup2(file, 2)
 sys.stdout.reconfigure(line_buffering=True)
 faulthandler.enable(file=2)
+faulthandler.register(signal.SIGUSR2, file=2)
 forkserver._forkserver.ensure_running = lambda: None
 file_worker.get_context = lambda _: multiprocessing.get_context('forkserver')
 """
@@ -153,6 +155,11 @@ class Process:
     def send(self, number):
         self._popen.send_signal(number)
 
+    def print_stack(self):
+        """Let a forked interpreter print the stacks of its threads."""
+        if isinstance(self._popen, ForkedNode):
+            self.send(signal.SIGUSR2)
+
     def send_to_group(self, number):
         """Send a signal to the process group, as a terminal does on Ctrl-C."""
         os.killpg(self.pid, number)
@@ -209,9 +216,12 @@ def _processes():
 class Processes:
     """Starts programs, and kills all of them at the end."""
 
+    alive = weakref.WeakSet()
+
     def __init__(self, tmp_path_factory, wait):
         self._folder, self._wait = tmp_path_factory, wait
         self._started = []
+        Processes.alive.add(self)
 
     def command(self, *command):
         """Start a command and return its process."""
@@ -255,12 +265,31 @@ class Processes:
         self._started.append(Process(start(what, output), output))
         return self._started[-1]
 
+    def outputs(self):
+        """Yield the output of each running program, which ends with what a node is doing."""
+        running = [process for process in self._started if process.running]
+        for process in running:
+            process.print_stack()
+        time.sleep(0.5)  # for a report only
+        for process in running:
+            yield str(process.output_file), process.output[-3000:]
+
     def __enter__(self):
         return self
 
     def __exit__(self, *_):
         for process in self._started:
             process.destroy()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    """Show the programs that run when a test fails."""
+    report = yield
+    if report.failed:
+        for processes in list(Processes.alive):
+            report.sections += processes.outputs()
+    return report
 
 
 @pytest.fixture(scope='module')
