@@ -62,6 +62,8 @@ OUTCOMES = {
     GoalStatus.STATUS_ABORTED: 'aborted',
 }
 _serial = itertools.count()
+# All groups of processes of this test worker.
+_groups = weakref.WeakSet()
 
 
 # An interpreter that has imported the nodes is forked for each process: the imports take 2 s.
@@ -216,12 +218,10 @@ def _processes():
 class Processes:
     """Starts programs, and kills all of them at the end."""
 
-    alive = weakref.WeakSet()
-
     def __init__(self, tmp_path_factory, wait):
         self._folder, self._wait = tmp_path_factory, wait
         self._started = []
-        Processes.alive.add(self)
+        _groups.add(self)
 
     def command(self, *command):
         """Start a command and return its process."""
@@ -287,7 +287,7 @@ def pytest_runtest_makereport(item, call):
     """Show the programs that run when a test fails."""
     report = yield
     if report.failed:
-        for processes in list(Processes.alive):
+        for processes in list(_groups):
             report.sections += processes.outputs()
     return report
 
