@@ -34,6 +34,7 @@ def run(workers, tmp_path, monkeypatch, capsys):
     return run
 
 
+@pytest.mark.slow
 def test_the_tutorial_prints_what_it_shows(run):
     printed = ''
     for language, text in code_blocks(TUTORIAL, 'python', 'text'):

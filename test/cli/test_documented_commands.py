@@ -42,6 +42,8 @@ TUTORIALS = {
 REORIENT = 'docs/how_to/reorient_parts.md'
 # The nodes run until they are stopped. Other tests cover them.
 NODE_VERBS = {'nodes', 'request', 'replay'}
+# Other tests cover it with a shorter run.
+LONG = {'feeder_demo'}
 
 
 def lines_of(page):
@@ -64,7 +66,7 @@ RUN_HERE = [
     pytest.param(
         arguments,
         id=f'{Path(page).stem}: {line.removeprefix(PROGRAM).strip()}',
-        marks=[] if page == 'README.md' else pytest.mark.slow,
+        marks=[] if page == 'README.md' and arguments[0] not in LONG else pytest.mark.slow,
     )
     for (page, line), arguments in COMMANDS.items()
     if arguments[0] not in NODE_VERBS and page not in TUTORIALS

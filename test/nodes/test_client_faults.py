@@ -46,6 +46,7 @@ def test_timeout_error_contains_the_progress(suite, spun, ahead):
         answer.result()
 
 
+@pytest.mark.slow
 def test_stopped_classifier_leads_to_a_timeout(suite, spun, monkeypatch):
     monkeypatch.setattr(pending_request, 'SERVICE_TIMEOUT', 2.0)
     received = []

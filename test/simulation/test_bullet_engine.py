@@ -268,6 +268,7 @@ def test_a_roller_needs_rolling_friction_to_come_to_rest(mat, part):
 
 @pytest.mark.quick_cases(2)
 # Bars and sheets as slender and as thin as parts are.
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize(
     ('make', 'changes'),
     [
