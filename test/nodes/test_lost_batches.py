@@ -28,6 +28,7 @@ DROPS = 40
 QUICK = {
     'nodes.run_tracking.tracker.CHECK_PERIOD': 0.2,
     'nodes.run_tracking.tracker.GRACE': 0.5,
+    'nodes.run_tracking.tracker.REPLACED_GRACE': 1.0,
     'run_logs.run_recorder.END_TIMEOUT': 2.0,
 }
 QUIET = {'nodes.aspect_classifier.part_registry.QUIET_PERIOD': 1.0}
@@ -215,16 +216,20 @@ def test_unrecoverable_drops_fail_the_request(simulator, client, classifier):
     assert_whole(answer.distribution, simulator)
 
 
-@pytest.mark.parametrize('restarted', [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.parametrize(
+    'end', [pytest.param('gone', marks=pytest.mark.slow), 'replaced', 'replaced, late batch']
+)
 def test_drops_before_a_simulator_died_are_kept(
-    simulator, client, connect, start, namespace, classifier, tmp_path, restarted
+    simulator, client, connect, start, namespace, classifier, tmp_path, end
 ):
     """As they are after a restart, from its log."""
     recorder = start('drop_recorder', namespace, {'log_folder': tmp_path}, constants=QUICK)
     # The classifier and the recorder notice a restart only of a simulator that they know.
     client.wait(lambda: simulator._presence.get_subscription_count() >= 2, 'both know it')
     simulator.publish('short', 0, 10)
-    simulator.publish('short', 10, 25)
+    late = end == 'replaced, late batch'
+    if not late:
+        simulator.publish('short', 10, 25)
     run_id = simulator.run_id('short')
     client.wait(lambda: list(tmp_path.glob(f'*_{run_id}')), 'log')
 
@@ -235,20 +240,25 @@ def test_drops_before_a_simulator_died_are_kept(
         return answer.status.code == Status.OK and answer.distribution
 
     assert not found()
-    if restarted:
+    if end == 'gone':
+        simulator.disappear()
+    else:
         gone = simulator._presence
         simulator.appear()
+        if late:
+            client.wait(
+                lambda: simulator._presence.get_subscription_count() >= 2, 'both know the other'
+            )
+            simulator.publish('short', 10, 25)
         client.node.destroy_publisher(gone)
-    else:
-        simulator.disappear()
     before = client.wait(found, 'first drops')
-    if not restarted:
+    if end == 'gone':
         simulator.appear()
     assert not found(26)
     client.wait(lambda: list(tmp_path.glob(f'*_{run_id}/metadata.yaml')), 'closed log')
     assert recorder.end() == 0
     assert simulator.asked == []
-    again = f'{namespace}_again_{restarted}'
+    again = f'{namespace}_again_{simulator.seed}'
     start('aspect_classifier', again, {'log_folder': tmp_path}, QUIET)
     other = connect(again)
     after = other.wait(lambda: found(client=other), 'first drops')

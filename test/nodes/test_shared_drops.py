@@ -46,6 +46,7 @@ def test_concurrent_goals_share_one_run(suite, received, goals, seed, precision)
     first, second = (drop.result for drop in drops)
     assert first.status.code == second.status.code == Status.OK
     assert first == second
+    suite.client.wait(lambda: runs_of(received, seed), 'batches')
     assert runs_of(received, seed) == {first.run_id}
     # The second goal receives feedback too. The last feedback can arrive after the result.
     done = [feedback.done for feedback in drops[1].feedback]

@@ -28,7 +28,8 @@ class TransitionRecorder:
     ----------
     open_log : returns the log of a run of actions; the first call opens it
     reports : publishes the state of the logs
-    abandoned : returns whether the simulator of a run that was last received at a time is gone
+    abandoned : returns whether the simulator of a run is gone, from the times of the first and
+        of the last matrix
     """
 
     def __init__(
@@ -36,12 +37,13 @@ class TransitionRecorder:
         node: Node,
         open_log: Callable[[RunDescription], RunRecorder],
         reports: RecordedRunsPublisher,
-        abandoned: Callable[[float], bool],
+        abandoned: Callable[[float, float], bool],
     ) -> None:
         self._open_log = open_log
         self._reports = reports
         self._abandoned = abandoned
-        self._active: dict[str, tuple[RunRecorder, float]] = {}  # with the time of the last matrix
+        # With the times of the first and of the last matrix.
+        self._active: dict[str, tuple[RunRecorder, float, float]] = {}
         self._ended: deque[str] = deque(maxlen=MAX_ENDED)
         self._discovery = TopicDiscovery(
             node, TRANSITIONS, TransitionMatrix, self._record, raw=True, qos=ALL_LATCHED
@@ -49,8 +51,8 @@ class TransitionRecorder:
 
     def end_abandoned(self) -> None:
         """End the logs of runs whose simulator is gone; to be called regularly."""
-        for log, received in list(self._active.values()):
-            if self._abandoned(received):
+        for log, began, heard in list(self._active.values()):
+            if self._abandoned(began, heard):
                 self._end(log, whole=False)
 
     def _record(self, part: str, data: bytes) -> None:
@@ -64,7 +66,9 @@ class TransitionRecorder:
         log.write(topic, data, time.time_ns(), nanoseconds(message.header.stamp))
         if log.being_written:
             log.drops = sum(message.actions)
-        self._active[run.run_id] = log, time.monotonic()
+        now = time.monotonic()
+        _, began, _ = self._active.get(run.run_id, (log, now, now))
+        self._active[run.run_id] = log, began, now
         if message.ended:
             self._end(log, whole=True)
         self._reports.written(log, always=message.ended)

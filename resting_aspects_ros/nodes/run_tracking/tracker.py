@@ -30,6 +30,9 @@ from resting_aspects_ros.simulation.run_description import RunDescription
 MAX_REPAIRS = 3
 # Time for which batches can still arrive after their simulator disappeared, s.
 GRACE = 2.0
+# Time after which a run without new batches belongs to a simulator that was replaced, s. Longer,
+# because a simulator that was only suspended also counts as replaced.
+REPLACED_GRACE = 10.0
 # Time between two checks for missing drops and for runs whose simulator disappeared, s.
 CHECK_PERIOD = 1.0
 # Number of runs that are remembered, so that drops that are published again do not look new.
@@ -41,11 +44,13 @@ class RunProgress:
     """The drops of one run that have been received.
 
     end : index after its last drop; until ``ended``, as requested
+    began, heard : times of the first and of the last batch, on the monotonic clock, s
     abandoned : whether its simulator disappeared before the last batch
     """
 
     run: RunDescription
     end: int
+    began: float
     ended: bool = False
     abandoned: bool = False
     seen: IndexRanges = field(default_factory=IndexRanges)
@@ -175,7 +180,7 @@ class RunTracker:
     def _find(self, run: RunDescription) -> RunProgress:
         progress = self._runs.get(run.run_id)
         if progress is None:
-            progress = self._runs[run.run_id] = RunProgress(run, run.end)
+            progress = self._runs[run.run_id] = RunProgress(run, run.end, time.monotonic())
             while len(self._runs) > RUNS_KEPT:
                 self._runs.popitem(last=False)
         elif progress.run.sequence() != run.sequence():
@@ -186,23 +191,29 @@ class RunTracker:
 
     def _check(self) -> None:
         for progress in self._active():
-            if self.is_abandoned(progress.heard):
+            if self.is_abandoned(progress.began, progress.heard):
                 progress.ended = progress.abandoned = True
             if progress.abandoned or not progress.repairing:
                 self.settle(progress)
 
-    def is_abandoned(self, heard: float) -> bool:
-        """Return whether the simulator of a run, last received at ``heard``, is gone or replaced.
+    def is_abandoned(self, began: float, heard: float) -> bool:
+        """Return whether the simulator of a run is gone or replaced.
 
         If there never was a simulator or a replayer, the batches have another source.
+
+        Parameters
+        ----------
+        began, heard : times of the first and of the last message, on the monotonic clock, s
         """
-        alive = self.simulators.count
+        alive, now = self.simulators.count, time.monotonic()
         was_seen = self.simulators.was_seen or self.replayers.was_seen
-        if not was_seen or time.monotonic() - heard < GRACE:
+        if not was_seen or now - heard < GRACE:
             return False
         if not alive:
             return not self.replayers.count
-        return alive == 1 and heard < self.simulators.replaced_at
+        # Messages of the replaced simulator can arrive after its replacement appeared.
+        replaced = self.simulators.replaced_at
+        return alive == 1 and began < replaced and now - max(heard, replaced) >= REPLACED_GRACE
 
     def _repair(self, progress: RunProgress) -> None:
         if progress.repairing or not self._client.server_is_ready():
