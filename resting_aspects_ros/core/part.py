@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from resting_aspects_ros.core.geometry.hull import outward_hull
 from resting_aspects_ros.core.geometry.intrinsic_frame import (
+    higher_moments,
     intrinsic_signs,
     principal_frame,
-    third_moments,
 )
 
 Array = npt.NDArray[np.float64]
@@ -102,14 +102,15 @@ class Part:
 
         The axes are in the order of principal_moments and right-handed. Their signs maximize the
         third moments of the solid about the centre of mass (of its hull, if the mesh is not
-        closed), so that the frame rotates with the part. If two moments are equal, the axes in
-        their plane are arbitrary, but identical for identical bytes.
+        closed), and then its fourth moments, so that the frame rotates with the part. If two
+        moments are equal, the axes in their plane are arbitrary, but identical for identical
+        bytes.
         """
         axes = principal_frame(self.inertia)[1]
         vertices, faces, volume = self.vertices, self.faces, self.volume
         if np.isnan(volume):
             vertices, faces, volume = outward_hull(self.hull_vertices)
-        moments = third_moments((vertices - self.centre_of_mass) / self.hull_radius, faces, axes)
+        moments = higher_moments((vertices - self.centre_of_mass) / self.hull_radius, faces, axes)
         return axes * intrinsic_signs(moments / (volume / self.hull_radius**3)) + 0.0
 
     @cached_property

@@ -1,16 +1,20 @@
 """The intrinsic frame belongs to the shape: it turns with the part, independent of the mesh."""
 
+import math
+
 import numpy as np
 import pytest
+import shapely
 import trimesh
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.geometry.intrinsic_frame import (
+    POWERS,
+    higher_moments,
     intrinsic_signs,
     principal_frame,
-    third_moments,
 )
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.part_loading import part_from_bytes
@@ -41,37 +45,47 @@ def angle_bracket() -> trimesh.Trimesh:
     return trimesh.util.concatenate(legs)
 
 
-def test_third_moments_of_a_tetrahedron():
+def s_profile() -> trimesh.Trimesh:
+    """Symmetric about its centre, so that all its third moments are zero."""
+    outline = [(0, 0), (20, 0), (20, 5), (5, 5), (5, 20), (-15, 20), (-15, 15), (0, 15)]
+    return trimesh.creation.extrude_polygon(shapely.Polygon(outline), 7)
+
+
+def moments(**powers: float) -> np.ndarray:
+    """Moments that are zero, except these; x2y=1 is the moment of x^2 y."""
+    found = np.zeros(len(POWERS))
+    for name, value in powers.items():
+        factors = name.replace('x', ' x').replace('y', ' y').replace('z', ' z').split()
+        wanted = {factor[0]: int(factor[1:] or 1) for factor in factors}
+        row = [wanted.get(axis, 0) for axis in 'xyz']
+        found[POWERS.tolist().index(row)] = value
+    return found
+
+
+def test_moments_of_a_tetrahedron():
     """Dirichlet: the integral of x^i y^j z^k over it is i! j! k! / (i + j + k + 3)!."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-    found = third_moments(corners, faces, np.eye(3))
-    np.testing.assert_allclose(found, np.array([6] * 3 + [2] * 6 + [1]) / 720, rtol=1e-14)
-
-
-def test_third_moments_of_a_box_about_its_corner():
-    mesh = trimesh.creation.box(bounds=[[0, 0, 0], [2, 3, 5]])
-    a, b, c = 2, 3, 5
     expected = [
-        a**4 / 4 * b * c,
-        b**4 / 4 * a * c,
-        c**4 / 4 * a * b,
-        a**3 / 3 * b**2 / 2 * c,
-        a**3 / 3 * b * c**2 / 2,
-        b**3 / 3 * a**2 / 2 * c,
-        b**3 / 3 * a * c**2 / 2,
-        c**3 / 3 * a**2 / 2 * b,
-        c**3 / 3 * a * b**2 / 2,
-        (a * b * c) ** 2 / 8,
+        math.prod(math.factorial(power) for power in powers) / math.factorial(sum(powers) + 3)
+        for powers in POWERS.tolist()
     ]
-    np.testing.assert_allclose(third_moments(mesh.vertices, mesh.faces, np.eye(3)), expected)
+    found = higher_moments(corners, faces, np.eye(3))
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
-def test_third_moments_follow_the_axes():
+def test_moments_of_a_box_about_its_corner():
+    sides = np.array([2.0, 3.0, 5.0])
+    mesh = trimesh.creation.box(bounds=[[0, 0, 0], sides])
+    expected = (sides ** (POWERS + 1) / (POWERS + 1)).prod(axis=1)
+    np.testing.assert_allclose(higher_moments(mesh.vertices, mesh.faces, np.eye(3)), expected)
+
+
+def test_moments_follow_the_axes():
     mesh = trimesh.creation.box(bounds=[[0, 0, 0], [2, 3, 5]])
     turn = rotation(1)
-    straight = third_moments(mesh.vertices, mesh.faces, np.eye(3))
-    turned = third_moments(turn.apply(mesh.vertices), mesh.faces, turn.as_matrix())
+    straight = higher_moments(mesh.vertices, mesh.faces, np.eye(3))
+    turned = higher_moments(turn.apply(mesh.vertices), mesh.faces, turn.as_matrix())
     np.testing.assert_allclose(turned, straight)
 
 
@@ -82,10 +96,10 @@ def test_frame_turns_with_an_asymmetric_part(shape, turn):
     part = part_of(mesh)
     gaps = np.diff(part.principal_moments) / part.principal_moments[2]
     assume(gaps.min() > 0.03)
-    moments = third_moments(
+    found = higher_moments(
         (part.vertices - part.centre_of_mass) / part.hull_radius, part.faces, part.principal_axes
     ) / (part.volume / part.hull_radius**3)
-    assume(np.abs(moments[:3]).min() > 1e-4)
+    assume(np.abs(found[:3]).min() > 1e-4)
     turned = part_of(mesh, rotation(turn))
     np.testing.assert_allclose(
         turned.principal_axes, rotation(turn).as_matrix() @ part.principal_axes, atol=ANGLE
@@ -99,6 +113,16 @@ def test_frame_of_a_part_with_a_plane_of_symmetry_turns_with_it(turn):
     np.testing.assert_allclose(
         turned.principal_axes, rotation(turn).as_matrix() @ part.principal_axes, atol=ANGLE
     )
+
+
+@given(turn=SEEDS)
+def test_frame_of_a_part_with_a_centre_of_symmetry_turns_with_it(turn):
+    part, turned = part_of(s_profile()), part_of(s_profile(), rotation(turn))
+    found = part.principal_axes.T @ rotation(turn).inv().as_matrix() @ turned.principal_axes
+    # The axis of the extrusion keeps its sign; half a turn about it is a symmetry of the part.
+    normal = int(np.abs(part.principal_axes[2]).argmax())
+    expected = np.where(np.arange(3) == normal, 1.0, np.sign(found[normal - 1, normal - 1]))
+    np.testing.assert_allclose(found, np.diag(expected), atol=ANGLE)
 
 
 @given(turn=SEEDS)
@@ -125,15 +149,19 @@ def test_mirrored_part_has_a_right_handed_frame_too():
     assert np.linalg.det(part_of(mirrored).principal_axes) == pytest.approx(1)
 
 
-def test_signs_maximize_the_third_moments():
-    assert intrinsic_signs(np.array([-1.0, 1, 1, 0, 0, 0, 0, 0, 0, 0])).tolist() == [-1, 1, -1]
-    assert intrinsic_signs(np.array([0.0, -1, 0, 0, 0, 0, 0, 0, 0, 0])).tolist() == [1, -1, -1]
+def test_signs_maximize_the_moments():
+    assert intrinsic_signs(moments(x3=-1, y3=1, z3=1)).tolist() == [-1, 1, -1]
+    assert intrinsic_signs(moments(y3=-1)).tolist() == [1, -1, -1]
     # A tetrahedron's only moment is xyz, which is the same for all four: the first is taken.
-    assert intrinsic_signs(np.array([0.0, 0, 0, 0, 0, 0, 0, 0, 0, -1])).tolist() == [1, 1, 1]
+    assert intrinsic_signs(moments(xyz=-1)).tolist() == [1, 1, 1]
+    assert intrinsic_signs(moments(xy3=-1)).tolist() == [1, -1, -1]
+    assert intrinsic_signs(moments(xyz2=1)).tolist() == [1, 1, 1]
+    assert intrinsic_signs(moments(yz3=-1)).tolist() == [-1, 1, -1]
+    assert intrinsic_signs(moments(x3=1, yz3=-1)).tolist() == [1, 1, 1]
 
 
 def test_float32_noise_does_not_determine_signs():
-    noise = np.array([-1e-7, -1e-7, -1e-7, 1, 0, 0, 0, 0, 0, 0])
+    noise = moments(x3=-1e-7, y3=-1e-7, z3=-1e-7, x2y=1)
     assert intrinsic_signs(noise).tolist() == [1, 1, 1]
     # x2y is the first one that counts, and is negative.
     assert intrinsic_signs(-noise).tolist() == [1, -1, -1]
@@ -145,9 +173,9 @@ def test_frame_of_a_given_inertia_has_its_axes_and_the_signs_of_the_solid():
     mesh = trimesh.convex.convex_hull(np.random.default_rng(3).uniform(-20, 20, size=(7, 3)))
     part = part_of(mesh, mass=1e-2, inertia=inertia)
     np.testing.assert_allclose(np.abs(turn.T @ part.principal_axes), np.eye(3), atol=1e-12)
-    moments = third_moments(part.vertices - part.centre_of_mass, part.faces, part.principal_axes)
-    assert moments[0] > 0
-    assert moments[1] > 0
+    found = higher_moments(part.vertices - part.centre_of_mass, part.faces, part.principal_axes)
+    assert found[0] > 0
+    assert found[1] > 0
 
 
 def test_frame_of_an_open_mesh_has_the_signs_of_its_hull():
