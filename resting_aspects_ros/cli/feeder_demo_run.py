@@ -3,7 +3,7 @@
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,6 +49,7 @@ class FeederDemo:
         self._forecast: ControlledRuns | None = None
         self._watch: FeederWatch | None = None
         self._seconds = 0.0
+        self._earlier = set(self._logs())
 
     def run(self) -> None:
         """Run the nodes until the simulated time is over."""
@@ -96,9 +97,12 @@ class FeederDemo:
             written.append(picture)
         if watch is not None and forecast is not None and watch.images:
             _say(feeder_sentence(FeederView.of(watch, forecast, plan.minutes), self._seconds))
-        written += sorted((self._out / 'logs').glob('*/*.mcap'))
+        written += sorted(set(self._logs()) - self._earlier)
         _say('Written: ' + ', '.join(str(path) for path in written))
         return text
+
+    def _logs(self) -> Iterator[Path]:
+        return (self._out / 'logs').glob('*/*.mcap')
 
     def _parameters(self, clock: str) -> dict[str, list[str]]:
         """Return the ROS arguments of each node."""

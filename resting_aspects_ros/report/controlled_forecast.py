@@ -3,7 +3,7 @@
 from typing import Any
 
 from resting_aspects_ros.core.feeding.controlled_runs import ControlledRuns
-from resting_aspects_ros.report.rounding import number_text
+from resting_aspects_ros.report.rounding import minutes_text, number_text
 
 
 def controlled_text(found: ControlledRuns) -> str:
@@ -11,7 +11,7 @@ def controlled_text(found: ControlledRuns) -> str:
     low, high = map(number_text, found.prediction)
     return (
         f'with feeder_controller: {number_text(found.rate)} parts per minute '
-        f'({low} to {high} in {found.minutes:g} minutes)'
+        f'({low} to {high} in {minutes_text(found.minutes)})'
     )
 
 

@@ -5,7 +5,7 @@ from typing import Protocol
 
 from rich.table import Table
 
-from resting_aspects_ros.report.rounding import number_text
+from resting_aspects_ros.report.rounding import minutes_text, number_text
 
 
 class _Advice(Protocol):
@@ -130,7 +130,7 @@ def feeder_sentence(view: FeederView, seconds: float) -> str:
         f'In {view.time} minutes of simulated time, which took {seconds:.0f} s, the robot picked '
         f'{view.picks} parts: {number_text(view.rate)} per minute. The forecast is '
         f'{number_text(view.forecast)}, and {number_text(view.lower)} to '
-        f'{number_text(view.upper)} for 95 % of the runs of {view.total:g} minutes'
+        f'{number_text(view.upper)} for 95 % of the runs of {minutes_text(view.total)}'
     )
     if view.minutes < view.total:
         return f'{text}; this run was shorter.'

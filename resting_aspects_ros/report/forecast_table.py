@@ -11,7 +11,7 @@ from resting_aspects_ros.core.feeding.cycle import cycle_time
 from resting_aspects_ros.core.feeding.density import MAX_COVERAGE
 from resting_aspects_ros.core.feeding.forecast import Forecast
 from resting_aspects_ros.core.feeding.model import FeederModel
-from resting_aspects_ros.report.rounding import number_text, share_text
+from resting_aspects_ros.report.rounding import minutes_text, number_text, share_text
 from resting_aspects_ros.report.rows import ids_text
 from resting_aspects_ros.report.table import NOTHING
 from resting_aspects_ros.report.transition_table import titled_table
@@ -145,7 +145,7 @@ def _cells(named: NamedForecast) -> list[tuple[str, str]]:
     ]
     return [
         ('parts per minute', f'{rate}\n{lower} to {upper}'),
-        (f'in a run of {found.minutes:g} minutes', f'{low} to {high}'),
+        (f'in a run of {minutes_text(found.minutes)}', f'{low} to {high}'),
         ('parts on the tray', str(found.number)),
         ('best number', str(found.best_number or NOTHING)),
         ('covered share of the tray', f'{share_text(found.coverage)} %'),

@@ -121,3 +121,8 @@ def _signed(value: float) -> str:
 def number_text(number: float) -> str:
     """Return a number with three significant digits, or as an integer from 100."""
     return f'{number:.0f}' if number >= 99.95 else f'{number:#.3g}'
+
+
+def minutes_text(minutes: float) -> str:
+    """Return a duration: '1 minute', '1.5 minutes'."""
+    return f'{minutes:g} {"minute" if minutes == 1 else "minutes"}'

@@ -64,13 +64,13 @@ def _surface_integrals(triangles: Array) -> Array:
     corners = np.ascontiguousarray(np.moveaxis(triangles, 0, 2))
     # The area of each triangle, multiplied by the distance of its plane from the origin.
     cone = np.einsum('ij,ij->j', corners[0], np.cross(corners[1], corners[2], axis=0)) / 2
-    total = np.zeros(len(POWERS))
+    total = np.zeros((4, 4, 4))
     for weights, share in zip(_POINTS, _WEIGHTS, strict=True):
         points = np.tensordot(weights, corners, axes=1)
-        powers = [np.ones_like(points), points, points**2, points**3]
-        for row, (i, j, k) in enumerate(POWERS):
-            total[row] += share * ((cone * powers[i][0]) @ (powers[j][1] * powers[k][2]))
-    return total
+        x, y, z = np.moveaxis(np.stack([points**0, points, points**2, points**3]), 1, 0)
+        products = (y[:, None] * z[None]).reshape(16, -1)
+        total += share * ((cone * x) @ products.T).reshape(4, 4, 4)
+    return total[tuple(POWERS.T)]
 
 
 def principal_frame(inertia: Array) -> tuple[Array, Array]:
