@@ -21,6 +21,7 @@ from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.api.transition_counter import check_in_finer_steps
 from resting_aspects_ros.core.aspects.landscape import Landscape
+from resting_aspects_ros.core.geometry.decomposition import convex_pieces
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.intervals import (
@@ -34,6 +35,7 @@ from resting_aspects_ros.simulation.run_description import (
     DEFAULT_DROPS,
     DEFAULT_SEED,
 )
+from resting_aspects_ros.simulation.step_action import Step
 from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
 
 
@@ -144,7 +146,13 @@ def counted_result(planned: PlannedActions, part: Part, dropped: Distribution) -
     """Return the result of the actions that were counted so far."""
     counter = planned.counter
     return ReorientResult(
-        counter.matrix, planned.action, planned.run, part, dropped, counter.complete
+        counter.matrix,
+        planned.action,
+        planned.run,
+        part,
+        dropped,
+        counter.complete,
+        pieces=convex_pieces(part) if isinstance(planned.action.action, Step) else None,
     )
 
 

@@ -12,6 +12,7 @@ from resting_aspects_ros.api.condition_text import surface_text
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.transition_counter import MatrixConvergence
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.geometry.decomposition import ConvexPieces
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.reorientation.markov import (
     LongRun,
@@ -48,6 +49,9 @@ class ReorientResult:
         Whether all actions that were requested are counted.
     convergence : MatrixConvergence or None
         How far the matrix moves with a finer time step, if that was checked.
+    pieces : ConvexPieces or None
+        The convex pieces of the part that meet an edge, and their difference from it; None for
+        actions without an edge, and in a result that was read from a log.
     """
 
     matrix: TransitionMatrix
@@ -57,6 +61,7 @@ class ReorientResult:
     drop: Distribution
     complete: bool
     convergence: MatrixConvergence | None = None
+    pieces: ConvexPieces | None = None
 
     @property
     def title(self) -> str:
@@ -181,6 +186,8 @@ class ReorientResult:
             }
         if self.convergence is not None:
             document['convergence'] = plain(self.convergence)
+        if self.pieces is not None:
+            document['convex_pieces'] = self.pieces.summary()
         return document
 
     def to_json(self, wanted: Sequence[int] = ()) -> str:

@@ -134,6 +134,7 @@ def test_best_plan_prefers_the_quicker_way(tetrahedron, workers):
     ('wrong', 'message'),
     [
         ({'action': 'jolt'}, "invalid action 'jolt': expected one of kick"),
+        ({'action': 'tapp'}, "did you mean 'tap'"),
         ({'action': 3}, 'invalid action 3'),
         ({'per_aspect': 0}, 'invalid number of actions per aspect 0'),
         ({'per_aspect': 10**9}, 'invalid number of actions per aspect'),
@@ -175,6 +176,17 @@ def test_convergence_shows_the_entry_that_moves_most(tapped):
     assert (moved.row, moved.column) in [(0, 0), (0, 1)]
     assert moved.lower <= moved.shift <= moved.upper
     assert 'not explained by chance' in moved.text(names)
+
+
+def test_difference_of_the_convex_pieces_from_the_part_is_stated(tetrahedron, workers):
+    """An L of two boxes is divided exactly; only an edge meets the pieces."""
+    result = ra.reorient('l_bracket', 'step_down', 1, drops=5, workers=workers)
+    found = result.document()['convex_pieces']
+    assert found['number'] >= 2
+    assert found['volume_error'] == pytest.approx(0, abs=1e-3)
+    assert max(found['missing'], found['excess']) < 0.01 * result.part.hull_radius
+    tapped = ra.reorient(tetrahedron, 'tap', 1, drops=5, workers=workers)
+    assert 'convex_pieces' not in tapped.document()
 
 
 def test_check_of_the_time_step_repeats_all_actions(tetrahedron, workers):

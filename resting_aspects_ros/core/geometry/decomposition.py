@@ -65,6 +65,15 @@ class ConvexPieces:
     excess: float
     volume_error: float
 
+    def summary(self) -> dict[str, float]:
+        """Return the number of pieces and their difference from the part."""
+        return {
+            'number': len(self.corners),
+            'missing': self.missing,
+            'excess': self.excess,
+            'volume_error': self.volume_error,
+        }
+
 
 _known: OrderedDict[str, ConvexPieces] = OrderedDict()
 

@@ -70,7 +70,7 @@ def _surface_integrals(triangles: Array) -> Array:
         x, y, z = np.moveaxis(np.stack([points**0, points, points**2, points**3]), 1, 0)
         products = (y[:, None] * z[None]).reshape(16, -1)
         total += share * ((cone * x) @ products.T).reshape(4, 4, 4)
-    return total[tuple(POWERS.T)]
+    return np.asarray(total[tuple(POWERS.T)])
 
 
 def principal_frame(inertia: Array) -> tuple[Array, Array]:
