@@ -88,7 +88,7 @@ def test_executables_are_where_ros2_run_looks(workspace):
     names = {path.name for path in folder.iterdir()}
     assert names == {
         'resting_aspects', 'drop_simulator', 'aspect_classifier', 'drop_recorder',
-        'feeder_controller', 'log_replayer'
+        'feeder_controller', 'log_replayer', 'camera_simulator', 'vision_example'
     }  # fmt: skip
     assert 'usage: resting_aspects' in run_sourced(workspace, f'{folder}/resting_aspects --help')
 

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable, Iterable, Sequence
 from itertools import takewhile
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -18,10 +19,22 @@ from rclpy.task import Future
 
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, one_line, shown
 from resting_aspects_ros.ros.parameters import Parameter, help_text, unknown_parameters
+from resting_aspects_ros.ros.process_end import end_process_after
 from resting_aspects_ros.simulation.interruption import catch
 
 # The domain with the highest UDP ports.
 MAX_DOMAIN = 232
+# Time for the middleware to leave the network, s. Rarely, Fast DDS 2.14 waits for ever there, if
+# it finds at the same time that another process is gone (eProsima/Fast-DDS, issue 6502).
+SHUTDOWN = 10
+
+
+@runtime_checkable
+class Closing(Protocol):
+    """A node that ends more than its ROS entities."""
+
+    def close(self) -> None:
+        """End what the node has begun, before it is destroyed."""
 
 
 def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
@@ -100,6 +113,10 @@ def _spin(factories: Sequence[Callable[[], Node]], stopped: Future) -> int:
     except (RestingAspectsError, ParameterException) as error:
         return _print_error(error, code)
     finally:
+        for node in nodes:
+            if isinstance(node, Closing):
+                node.close()
+        end_process_after(SHUTDOWN, 0 if stopped.done() else code)
         for node in nodes:
             node.destroy_node()
         executor.shutdown()

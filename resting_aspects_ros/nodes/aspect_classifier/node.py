@@ -112,14 +112,13 @@ class AspectClassifier(Node):
         self.create_service(ListParts, LIST_PARTS, self._list_parts, qos_profile=SERVICES)
         self._start = steady_timer(self, 0.0, self._load_logs)
 
-    def destroy_node(self) -> None:
-        """Destroy the action clients and end the process that reads files too."""
+    def close(self) -> None:
+        """Destroy the action clients and end the processes that read files."""
         self._files.stop()
         self._worker.stop()
         self._vision.stop()
         self._runs.tracker.destroy()
         self._requests.destroy()
-        super().destroy_node()
 
     # Start
 

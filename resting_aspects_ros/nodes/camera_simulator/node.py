@@ -92,10 +92,9 @@ class CameraSimulator(Node):
         steady_timer(self, CLOCK_PERIOD, guarded(self, 'the clock stops', self._tick))
         self.get_logger().info('ready')
 
-    def destroy_node(self) -> None:
-        """End the process that builds models too."""
+    def close(self) -> None:
+        """End the process that builds models."""
         self._truth.stop()
-        super().destroy_node()
 
     # Inputs
 

@@ -106,14 +106,13 @@ class DropRecorder(Node):
         publish_diagnostics(self, self._diagnose, duplicates)
         self.get_logger().info(f'ready: logs are written to {self._folder}')
 
-    def destroy_node(self) -> None:
-        """Close the logs of unfinished runs, so that they are readable, and destroy the node."""
+    def close(self) -> None:
+        """Close the logs of unfinished runs, so that they are readable."""
         self._tracker.destroy()
         for run_id in list(self._logs):
             self._close(run_id)
         self._feeder.close()
         self._lock.release()
-        super().destroy_node()
 
     def _set_folder(self, path: str) -> None:
         """Set the folder of the logs of runs that start from now on."""

@@ -94,13 +94,12 @@ class DropSimulator(Node):
         )
         self._parts.ready.add_done_callback(self._on_parts_read)
 
-    def destroy_node(self) -> None:
-        """End the worker processes too, and abandon their drops."""
+    def close(self) -> None:
+        """End the worker processes, and abandon their drops."""
         self._workers.stop()
         self._files.stop()
         self._server.destroy()
         self._reorient.destroy()
-        super().destroy_node()
 
     def _on_parts_read(self, _: Future) -> None:
         """Publish diagnostics and log that the node is ready."""

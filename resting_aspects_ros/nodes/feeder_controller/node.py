@@ -75,10 +75,9 @@ class FeederController(Node):
         self._update()
         self.get_logger().info(f'ready: waiting for {self._input.topic_name}')
 
-    def destroy_node(self) -> None:
-        """End the process that builds models too."""
+    def close(self) -> None:
+        """End the process that builds models."""
         self._model.stop()
-        super().destroy_node()
 
     # Inputs
 
