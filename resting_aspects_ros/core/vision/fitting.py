@@ -13,6 +13,7 @@ from shapely.geometry.polygon import orient
 
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.vision.boundary import RAYS, Boundary, turn
+from resting_aspects_ros.core.vision.common_area import common_area
 
 # Number of points on a boundary at equal distances along it.
 SAMPLES = 240
@@ -109,7 +110,7 @@ class Fit:
         """Return the intersection over the union of the polygons."""
         move = np.array([self.x, self.y])
         moved = shapely.transform(model, lambda points: points @ turn(self.yaw).T + move)
-        common = float(shapely.intersection(moved, seen).area)
+        common = common_area(moved, seen)
         return common / (float(model.area) + float(seen.area) - common)
 
 

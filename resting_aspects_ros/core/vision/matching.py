@@ -12,6 +12,7 @@ from scipy.optimize import minimize
 from shapely import affinity
 
 from resting_aspects_ros.core.vision.boundary import ROUGH, SAME, turn
+from resting_aspects_ros.core.vision.common_area import common_area
 from resting_aspects_ros.core.vision.fitting import Fit, Shape, candidate_yaws, fit, shape_of
 
 if TYPE_CHECKING:  # outline.py uses this module
@@ -145,7 +146,7 @@ def _overlap(model: Shape, seen: Shape, yaw: float, shift: Array) -> float:
     matrix = turn(yaw)
     move = seen.boundary.centre + shift - matrix @ model.boundary.centre
     moved = shapely.transform(model.polygon, lambda points: points @ matrix.T + move)
-    common = float(shapely.intersection(moved, seen.polygon).area)
+    common = common_area(moved, seen.polygon)
     return common / (model.area + seen.area - common)
 
 

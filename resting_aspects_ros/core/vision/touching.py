@@ -16,6 +16,7 @@ import shapely
 
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.vision.boundary import turn
+from resting_aspects_ros.core.vision.common_area import common_area
 from resting_aspects_ros.core.vision.fitting import Shape
 
 MIN_AREA, MAX_PARTS = 1.05, 4
@@ -54,7 +55,7 @@ def _cover(placed: Sequence[shapely.Polygon], seen: shapely.Polygon, sd: float) 
     for others in range(MAX_PARTS):
         if not placed:
             return False
-        common = [shapely.intersection(one, rest).area for one in placed]
+        common = [common_area(one, rest) for one in placed]
         k = int(np.argmax(common))
         total += placed[k].area
         rest = shapely.difference(rest, placed[k].buffer(2 * sd))

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from shapely.affinity import rotate, scale, translate
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.vision.common_area import common_area
 from resting_aspects_ros.core.vision.fitting import MAX_YAWS, Shape, fit
 from resting_aspects_ros.core.vision.matching import (
     best_overlap,
@@ -63,7 +64,8 @@ def off(yaw, expected, order=1):
 
 
 def overlap(a, b):
-    return a.intersection(b).area / a.union(b).area
+    common = common_area(a, b)
+    return common / (a.area + b.area - common)
 
 
 @pytest.mark.parametrize('name', POLYGONS)
