@@ -125,6 +125,10 @@ def identify_part(
     seen = observed_polygon(polygon)
     if not isinstance(noise, OutlineNoise | None):
         raise InvalidValueError(f'invalid noise {shown(noise)}: expected an OutlineNoise')
+    if not isinstance(camera, Telecentric | None):
+        raise InvalidValueError(
+            f'invalid camera {shown(camera)}: expected a Pinhole or Telecentric camera'
+        )
     if isinstance(parts, KnownPart | Part | str | Path):
         parts = [parts]
     known = [each if isinstance(each, KnownPart) else known_part(each) for each in parts]
@@ -219,7 +223,7 @@ def _given(shares: Shares, aspects: AspectSet) -> Array:
         shares = [shares.get(number, 0.0) for number in range(1, count + 1)]
     try:
         found = np.asarray(shares, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         found = np.zeros(0)
     if found.shape != (count,) or not (
         np.isfinite(found).all() and found.min() >= 0 < found.sum()

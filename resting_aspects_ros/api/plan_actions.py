@@ -11,7 +11,7 @@ from resting_aspects_ros.api.condition_text import shipped_actions
 from resting_aspects_ros.api.transition_counter import TransitionCounter
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.errors import InvalidValueError, warn
+from resting_aspects_ros.core.errors import InvalidValueError, shown, warn
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, no_actions
 from resting_aspects_ros.core.statistics.intervals import (
@@ -81,7 +81,7 @@ def plan_actions(
         per_aspect = drops_for(precision, per_aspect or limit, columns, interval, confidence)
     if not isinstance(per_aspect, int) or not 1 <= per_aspect <= limit:
         raise InvalidValueError(
-            f'invalid number of actions per aspect {per_aspect!r}: expected 1 to {limit} for '
+            f'invalid number of actions per aspect {shown(per_aspect)}: expected 1 to {limit} for '
             f'{len(aspects)} aspects'
         )
     job, run = plan_run(

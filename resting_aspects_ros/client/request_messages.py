@@ -106,7 +106,7 @@ def reorient_goal(
     per_aspect = default if per_aspect is None else _plain(per_aspect)
     if type(per_aspect) is not int or not 0 <= per_aspect <= MAX_DROPS:
         raise InvalidValueError(
-            f'invalid per_aspect {per_aspect!r}: expected an integer from 0 to {MAX_DROPS}'
+            f'invalid per_aspect {shown(per_aspect)}: expected an integer from 0 to {MAX_DROPS}'
         )
     check_drops(drops)
     check_seed(seed)

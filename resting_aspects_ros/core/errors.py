@@ -6,6 +6,9 @@ any input it is a single short line without control characters.
 
 import reprlib
 import warnings
+from typing import Any
+
+import numpy as np
 
 MAX_SHOWN = 80
 
@@ -47,13 +50,21 @@ def warn(text: str) -> None:
     warnings.warn(text, RestingAspectsWarning, stacklevel=3)
 
 
+class _ShortRepr(reprlib.Repr):
+    """Shows numbers of NumPy as Python does: 0.5, not np.float64(0.5)."""
+
+    def repr1(self, value: Any, level: int) -> str:
+        item = value.item() if isinstance(value, np.number) else value
+        return super().repr1(item, level)
+
+
 def shown(value: object, length: int = MAX_SHOWN) -> str:
     """Return the repr of any value for a message, in one line of at most ``length`` characters.
 
     Text is shortened in the middle, so that the end of a path remains visible. The function never
     raises, and nested or self-referential values do not slow it down.
     """
-    short = reprlib.Repr()
+    short = _ShortRepr()
     short.maxlevel = 3
     short.maxstring = short.maxother = short.maxlong = length
     try:

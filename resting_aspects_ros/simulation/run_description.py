@@ -82,5 +82,5 @@ def check_first_drop(first_drop: int, drops: int) -> None:
 def _check_integer(name: str, value: object, low: int, high: int) -> None:
     if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
         raise InvalidValueError(
-            f'invalid {name} {value!r}: expected an integer from {low} to {high}'
+            f'invalid {name} {shown(value)}: expected an integer from {low} to {high}'
         )

@@ -2,6 +2,7 @@
 
 import time
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -46,6 +47,11 @@ def test_repr_of_any_value_is_one_short_line(value):
 def test_repr_of_short_values_is_unchanged():
     for value in ('bracket', 12, 1e-9, None, [1, 2], {'a': 1}, (0.0, float('inf'))):
         assert shown(value) == repr(value)
+
+
+def test_numbers_of_numpy_are_shown_as_numbers():
+    assert shown(np.float64(99)) == '99.0'
+    assert shown([np.int64(3), np.float32(0.5)]) == '[3, 0.5]'
 
 
 def test_long_text_keeps_its_beginning_and_its_end():

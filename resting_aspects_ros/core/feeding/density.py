@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
 from resting_aspects_ros.core.feeding.placing import Placing
 from resting_aspects_ros.core.statistics.intervals import Array, Counts
@@ -57,7 +57,7 @@ class FreeShares:
         """
         if not 1 <= np.min(number) <= np.max(number) <= len(self.free):
             raise InvalidValueError(
-                f'invalid number of parts on the tray {number!r}: expected 1 to {len(self.free)}'
+                f'invalid number of parts on the tray {shown(number)}: expected 1 to {len(self.free)}'
                 + (', as no more fit on it without overlap' if self.full else '')
             )
         return np.asarray(self.free[np.asarray(number) - 1])
@@ -96,7 +96,7 @@ def free_shares(
     check_fit(tray, footprints)
     if number > MAX_REQUESTED:
         raise InvalidValueError(
-            f'invalid number of parts on the tray {number!r}: expected at most {MAX_REQUESTED}'
+            f'invalid number of parts on the tray {shown(number)}: expected at most {MAX_REQUESTED}'
         )
     share = np.where(mix > 0, np.maximum(mix / mix.sum(), MIN_SHARE), 0.0)
     share /= share.sum()

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.statistics.intervals import Array
 
 Poses = npt.NDArray[np.float64]
+# Longer sides of a tray are probably given in mm, m.
+MAX_SIDE = 50.0
 # Signs of the corners along the length and along the width.
 _SIGNS = np.array([[1.0, 1.0, -1.0, -1.0], [1.0, -1.0, 1.0, -1.0]])
 
@@ -113,9 +115,10 @@ class Tray:
     gripper: Footprint | None = None
 
     def __post_init__(self) -> None:
-        if not all(0 < side < math.inf for side in self.size):
+        if not all(0 < side <= MAX_SIDE for side in self.size):
             raise InvalidValueError(
-                f'invalid tray {self.size!r} m: expected two sides of more than 0 m'
+                f'invalid tray {shown(self.size)} m: expected two sides of more than 0 and at '
+                f'most {MAX_SIDE:g} m'
             )
         if not 0 <= self.clearance <= max(self.size):
             raise InvalidValueError(

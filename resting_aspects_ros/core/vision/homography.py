@@ -87,7 +87,10 @@ def _degenerate() -> InvalidValueError:
 
 def checked_points(name: str, given: npt.ArrayLike) -> Array:
     """Return points as (n, 2) floats; raises InvalidValueError with the name."""
-    points = np.asarray(given, dtype=np.float64)
+    try:
+        points = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        points = np.zeros(0)
     # OpenCV gives contours with the shape (n, 1, 2).
     if points.ndim == 3 and points.shape[1] == 1:
         points = points[:, 0]

@@ -8,6 +8,7 @@ the tray frame is
     R = Rz(yaw) R_a,    t = (x, y, com_height) - R c.
 """
 
+import sys
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -145,7 +146,7 @@ class Placement:
         for name, value in (('x', x), ('y', y), ('yaw', yaw)):
             if isinstance(value, bool) or not isinstance(value, int | float | np.number):
                 raise InvalidValueError(f'invalid {name} {shown(value)}: expected a number')
-            if not np.isfinite(value):
+            if not -sys.float_info.max <= value <= sys.float_info.max:  # also refuses nan
                 raise InvalidValueError(f'invalid {name} {shown(value)}: expected a finite number')
         if orientation is not None:
             return self._rolled(x, y, yaw, orientation)

@@ -90,7 +90,7 @@ def _ring(name: str, points: Any) -> Array:
     """Return the points (n, 2) of a ring without repeated ones."""
     try:
         ring = np.asarray(points, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         ring = np.zeros(0)
     # OpenCV gives contours with the shape (n, 1, 2).
     if ring.ndim == 3 and ring.shape[1] == 1:

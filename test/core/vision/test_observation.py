@@ -61,6 +61,7 @@ def test_small_crossing_is_repaired():
         (SQUARE + 1e6, 'of the origin'),
         (np.where(SQUARE == 0.01, np.nan, SQUARE), 'finite numbers'),
         (np.where(SQUARE == 0.01, np.inf, SQUARE), 'finite numbers'),
+        ([[0, 0], [10**400, 0], [0, 1]], 'expected a list of points'),
         (np.zeros((MAX_POINTS + 5, 2)), 'at most'),
         (np.zeros((4, 3)), r'\[x, y\]'),
         ([[0, 0], [1]], r'\[x, y\]'),
