@@ -18,6 +18,7 @@ from resting_aspects_ros.core.errors import (
     InvalidValueError,
     RestingAspectsError,
     UnknownPartError,
+    shown,
 )
 from resting_aspects_ros.core.part import MAX_NAME, is_valid_name
 from resting_aspects_ros.core.statistics.distribution import METHOD

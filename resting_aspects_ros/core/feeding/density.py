@@ -57,7 +57,8 @@ class FreeShares:
         """
         if not 1 <= np.min(number) <= np.max(number) <= len(self.free):
             raise InvalidValueError(
-                f'invalid number of parts on the tray {shown(number)}: expected 1 to {len(self.free)}'
+                f'invalid number of parts on the tray {shown(number)}: expected 1 to '
+                f'{len(self.free)}'
                 + (', as no more fit on it without overlap' if self.full else '')
             )
         return np.asarray(self.free[np.asarray(number) - 1])
@@ -96,7 +97,8 @@ def free_shares(
     check_fit(tray, footprints)
     if number > MAX_REQUESTED:
         raise InvalidValueError(
-            f'invalid number of parts on the tray {shown(number)}: expected at most {MAX_REQUESTED}'
+            f'invalid number of parts on the tray {shown(number)}: expected at most '
+            f'{MAX_REQUESTED}'
         )
     share = np.where(mix > 0, np.maximum(mix / mix.sum(), MIN_SHARE), 0.0)
     share /= share.sum()
