@@ -1,6 +1,8 @@
 """End the process after a time, even if native code never returns."""
 
 import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 # Constants of Linux: <time.h>, <signal.h>.
 _CLOCK_MONOTONIC, _SIGEV_THREAD = 1, 2
@@ -25,8 +27,9 @@ class _Times(ctypes.Structure):
     _fields_ = tuple((name, ctypes.c_long) for name in ('every_s', 'every_ns', 's', 'ns'))
 
 
-def end_process_after(seconds: int, code: int) -> None:
-    """End this process with an exit code after a time, without any cleaning up.
+@contextmanager
+def at_most(seconds: int, code: int) -> Iterator[None]:
+    """End this process with an exit code if the block takes longer, without any cleaning up.
 
     A thread of Python could not do so: native code that waits for ever may hold the lock of the
     interpreter. A timer of the operating system calls ``_exit`` of the C library instead.
@@ -37,3 +40,7 @@ def end_process_after(seconds: int, code: int) -> None:
     timer = ctypes.c_void_p()
     library.timer_create(_CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer))
     library.timer_settime(timer, 0, ctypes.byref(_Times(s=seconds)), None)
+    try:
+        yield
+    finally:
+        library.timer_delete(timer)

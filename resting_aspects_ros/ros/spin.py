@@ -19,7 +19,7 @@ from rclpy.task import Future
 
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, one_line, shown
 from resting_aspects_ros.ros.parameters import Parameter, help_text, unknown_parameters
-from resting_aspects_ros.ros.process_end import end_process_after
+from resting_aspects_ros.ros.process_end import at_most
 from resting_aspects_ros.simulation.interruption import catch
 
 # The domain with the highest UDP ports.
@@ -116,11 +116,11 @@ def _spin(factories: Sequence[Callable[[], Node]], stopped: Future) -> int:
         for node in nodes:
             if isinstance(node, Closing):
                 node.close()
-        end_process_after(SHUTDOWN, 0 if stopped.done() else code)
-        for node in nodes:
-            node.destroy_node()
-        executor.shutdown()
-        rclpy.try_shutdown()
+        with at_most(SHUTDOWN, 0 if stopped.done() else code):
+            for node in nodes:
+                node.destroy_node()
+            executor.shutdown()
+            rclpy.try_shutdown()
     return 0
 
 

@@ -7,11 +7,15 @@ import pytest
 
 PROGRAM = """
 import ctypes
-from resting_aspects_ros.ros.process_end import end_process_after
-print('begins', flush=True)
-end_process_after(1, {code})
+from resting_aspects_ros.ros.process_end import at_most
 # Unlike CDLL, PyDLL keeps the lock of the interpreter.
-ctypes.PyDLL(None).sleep(600)
+sleep = ctypes.PyDLL(None).sleep
+with at_most(1, 3):
+    pass
+sleep(2)
+print('goes on', flush=True)
+with at_most(1, {code}):
+    sleep(600)
 print('sleeps no longer')
 """
 
@@ -20,4 +24,4 @@ print('sleeps no longer')
 def test_process_ends_while_native_code_waits(code):
     command = [sys.executable, '-c', PROGRAM.format(code=code)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-    assert (done.stdout, done.stderr, done.returncode) == ('begins\n', '', code)
+    assert (done.stdout, done.stderr, done.returncode) == ('goes on\n', '', code)
