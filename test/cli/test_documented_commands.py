@@ -173,7 +173,7 @@ def test_the_table_of_the_readme_is_what_is_printed(folder, printed):
     assert_shown(f'{shown}...\n', printed(folder, 'drop', 'l_bracket'))
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize('page', TUTORIALS)
 def test_the_tutorial_prints_what_it_shows(page, printed, tmp_path):
     shutil.copy(PARTS / 'l_bracket.stl', tmp_path / 'bracket.stl')
@@ -190,6 +190,7 @@ def test_the_tutorial_prints_what_it_shows(page, printed, tmp_path):
     assert (tmp_path / TUTORIALS[page]).is_file()
 
 
+@pytest.mark.slow
 def test_nodes_request_and_the_python_client(tmp_path):
     (nodes,) = [line for line in lines_of('README.md') if ' nodes' in line]
     (request,) = [line for line in lines_of('README.md') if ' request ' in line]

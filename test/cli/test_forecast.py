@@ -39,6 +39,7 @@ def test_report_is_written(saved):
     assert names == {'forecast.json', 'forecast.html', 'forecast.png', 'forecast.svg'}
 
 
+@pytest.mark.slow
 def test_grasps_and_controller_reach_the_forecast(run_in, tmp_path):
     text = (Path(__file__).parents[2] / 'config' / 'grasps' / 'l_bracket.yaml').read_text()
     file = tmp_path / 'grasps.yaml'

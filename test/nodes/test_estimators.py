@@ -11,6 +11,7 @@ from resting_aspects_ros.core.estimators.estimate import METHODS, estimate
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('method', METHODS)
 def test_estimator_responds_without_a_drop(suite, part, method):
     received = suite.client.poses()
