@@ -26,16 +26,17 @@ if TYPE_CHECKING:
     from resting_aspects_ros.core.part import Part
 
 DESCRIPTION = """Test whether the parts that a machine supplies still lie as in the simulation.
-COUNTS.csv counts each newly supplied part once, by the classes of aspects that
-look the same, in the order of time. It has one of two formats: a column class
-and a column count (without it each row is one part), or one column for each
-class and a row for each batch. A column batch or time separates batches. Parts
+COUNTS counts each newly supplied part once, by the classes of aspects that look
+the same, in the order of time. It is a log of a feeder, a folder of such logs,
+or a CSV file in one of two formats: a column class and a column count (without
+it each row is one part), or one column for each class and a row for each batch. A column batch or time separates batches. Parts
 that lie in no class are counted as unclassified, and classes that a camera
 confuses together, such as 3+4. Each window of successive parts is compared with
 simulated drops by a G test. The exit code is 0 with and without drift."""
 EXAMPLES = """examples:
   resting_aspects drift l_bracket counted.csv
   resting_aspects drift hex_nut counted.csv --expected out/nut/distribution.json
+  resting_aspects drift l_bracket out/logs
   resting_aspects drift l_bracket counted.csv --window 200 --level 0.05
   resting_aspects drift l_bracket counted.csv --run-length 1e6 --json
 """
@@ -48,7 +49,12 @@ SIMULATION = ('drops', 'seed', 'surface', *QUANTITIES, 'height_of', 'workers', '
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_part(parser)
-    parser.add_argument('counts', metavar='COUNTS.csv', type=Path, help='counts of parts')
+    parser.add_argument(
+        'counts',
+        metavar='COUNTS',
+        type=Path,
+        help='counts of parts: a CSV file, or logs of a feeder',
+    )
     parser.add_argument(
         '--expected',
         metavar='FILE',
