@@ -8,8 +8,6 @@ import reprlib
 import warnings
 from typing import Any
 
-import numpy as np
-
 MAX_SHOWN = 80
 
 
@@ -54,8 +52,10 @@ class _ShortRepr(reprlib.Repr):
     """Shows numbers of NumPy as Python does: 0.5, not np.float64(0.5)."""
 
     def repr1(self, value: Any, level: int) -> str:
-        item = value.item() if isinstance(value, np.number) else value
-        return super().repr1(item, level)
+        # NumPy is not imported here: it would slow down the help.
+        if type(value).__module__ == 'numpy' and value.ndim == 0:
+            value = value.item()
+        return super().repr1(value, level)
 
 
 def shown(value: object, length: int = MAX_SHOWN) -> str:

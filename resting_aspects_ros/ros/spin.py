@@ -34,7 +34,7 @@ class Closing(Protocol):
     """A node that ends more than its ROS entities."""
 
     def close(self) -> None:
-        """End what the node has begun, before it is destroyed."""
+        """End what the node has started, before it is destroyed."""
 
 
 def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
