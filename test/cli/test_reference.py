@@ -141,7 +141,7 @@ def test_every_key_of_a_result_is_listed(run):
 
 
 def test_every_key_of_transitions_is_listed(run):
-    few = ['--per-aspect', '5', '--drops', '10', '--check-convergence']
+    few = ['--action', 'step_down', '--per-aspect', '5', '--drops', '10', '--check-convergence']
     ended = run('reorient', 'tetrahedron', '--wanted', '1', *few, '--json')
     assert set(keys(FILES, '## Transitions')) == {*json.loads(ended.stdout), 'measured'}
 
