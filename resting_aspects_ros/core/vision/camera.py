@@ -35,10 +35,6 @@ from resting_aspects_ros.core.vision.location import Pose
 RIGID = 1e-6
 
 
-# Cameras that are farther from the origin of the tray frame are probably given in mm, m.
-MAX_POSITION = 50.0
-
-
 @dataclass(frozen=True, eq=False)
 class Telecentric:
     """A camera whose rays are vertical: heights have no effect.
@@ -86,11 +82,10 @@ class Pinhole(Telecentric):
             position = np.asarray(self.position, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
             position = np.zeros(0)
-        near = position.shape == (3,) and (np.abs(position) <= MAX_POSITION).all()  # no nan
-        if not near or position[2] <= 0:
+        if position.shape != (3,) or not np.isfinite(position).all() or position[2] <= 0:
             raise InvalidValueError(
                 f'invalid position of the camera {shown(self.position)}: expected x, y and a '
-                f'height above 0, in m, at most {MAX_POSITION:g} m'
+                'height above 0 m'
             )
         object.__setattr__(self, 'position', position)
 

@@ -148,9 +148,7 @@ def test_height_must_be_below_the_camera(height):
         camera.projected(shapely.box(0, 0, 1, 1), height)
 
 
-@pytest.mark.parametrize(
-    'position', [[0, 0, 0], [0, 0], [0, 0, float('nan')], [0, 0, 500], [0, 0, 10**400]]
-)
+@pytest.mark.parametrize('position', [[0, 0, 0], [0, 0], [0, 0, float('nan')], [0, 0, 10**400]])
 def test_position_of_a_pinhole_must_be_above(position):
     with pytest.raises(InvalidValueError, match='invalid position'):
         Pinhole(SIMPLE, position)
