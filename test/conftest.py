@@ -4,6 +4,7 @@ import dataclasses
 import importlib
 import logging
 import os
+import signal
 import time
 from collections import defaultdict
 from pathlib import Path
@@ -22,6 +23,10 @@ ROOT = Path(__file__).resolve().parents[1]
 
 # Timeout of every wait, s; with free cores, a fraction of it is enough.
 DEADLINE = 600.0
+
+# The processes that tests start are ended by signals. `nohup make test` would let them ignore this
+# one, because a process inherits the signals that are ignored.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 # On a loaded machine, slow examples and slow generation of examples are not failures.
 hypothesis.settings.register_profile(

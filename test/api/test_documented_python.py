@@ -47,6 +47,7 @@ def test_the_tutorial_prints_what_it_shows(run):
     assert printed == ''
 
 
+@pytest.mark.slow
 def test_the_example_of_the_readme_runs(run, tmp_path):
     (text,) = [text for text in code('README.md', 'python') if 'ra.drop' in text]
     assert '(1000, 3)' in run(text, 'README.md')

@@ -106,6 +106,7 @@ def test_grip_covers_the_area_of_the_gripper(known):
         assert area.area == pytest.approx(shape.area, rel=0.01)
 
 
+@pytest.mark.slow
 def test_any_free_grip_is_sufficient(known):
     """The share of free parts grows with each grip, and is 1 if the gripper is within the part."""
     tray = Tray((0.2, 0.2), 0.0)

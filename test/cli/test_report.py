@@ -84,6 +84,7 @@ def test_document_has_the_history_of_counts(dropped):
     }
 
 
+@pytest.mark.slow
 def test_report_finds_the_mesh_file_again(run, tmp_path):
     (tmp_path / 'mine').mkdir()
     mesh = 'solid a\n' + ''.join(

@@ -29,6 +29,7 @@ def test_wrong_input_is_refused_without_a_suite(refused, words, says):
         assert word in line
 
 
+@pytest.mark.slow
 def test_request_returns_every_form_of_result(begin, run, read_until, wait_until, tmp_path):
     ros = ('--ros-args', '-r', f'__ns:=/request_{os.getpid()}')
     nodes = begin('nodes', *ros, '-p', 'log_folder:=logs')

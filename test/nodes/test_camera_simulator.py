@@ -70,6 +70,7 @@ def cell(start, connect):
         assert 'Traceback' not in process.output
 
 
+@pytest.mark.slow
 def test_parts_are_picked_in_simulated_time(cell):
     watch, _, _ = cell
     watch.client.wait(lambda: len(watch.picked()) >= 8, 'picks')

@@ -79,6 +79,7 @@ def test_late_node_receives_the_whole_run(suite, start, recorded, tmp_path, coun
     assert counts(distribution) == counts(expected)
 
 
+@pytest.mark.slow
 def test_suspended_node_loses_no_drops(suite, recorded):
     drops = 4 * MIN_BATCH
     slow = [suite.processes[name] for name in ('aspect_classifier', 'drop_recorder')]
@@ -130,6 +131,7 @@ def test_missing_simulator_is_reported(suite):
 
 
 # Last test: ROS lists a killed node for another 20 s.
+@pytest.mark.slow
 def test_restarted_simulator_does_not_end_other_nodes(suite, counts):
     received = suite.client.poses()
     asked = suite.client.asking('tetrahedron', 3000, seed=[43])

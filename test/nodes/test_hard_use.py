@@ -99,6 +99,7 @@ def test_goal_is_canceled_at_random_times(suite, quick, times):
     assert suite.client.drop('box_10x20x30', 10).outcome == 'succeeded'
 
 
+@pytest.mark.slow
 def test_part_file_is_damaged_during_its_run(suite, folder, quick):
     mesh = folder / 'cylinder_d20_h20.stl'
     whole = mesh.read_bytes()

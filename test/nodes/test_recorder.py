@@ -233,6 +233,7 @@ def test_unwritable_folder_is_reported(suite, start, tmp_path):
     assert recorder.end() == 0
 
 
+@pytest.mark.slow
 def test_restarted_recorder_records_the_whole_run(suite, received, start, tmp_path):
     """What the first wrote stays; the second writes a whole log beside it, and a third none."""
 

@@ -61,6 +61,7 @@ def client(suite):
         yield client
 
 
+@pytest.mark.slow
 def test_counts_are_those_of_the_python_interface(found, expected):
     assert list(found.counts) == expected.matrix.counts.ravel().tolist()
     assert list(found.actions) == [60, 60, 60, 60]

@@ -87,6 +87,7 @@ def test_matrices_are_known_and_latched_after_a_restart(suite, first):
     assert len(list(suite.logs.glob('tetrahedron_*'))) == 2
 
 
+@pytest.mark.slow
 def test_canceled_run_does_not_hide_a_complete_one(suite, first):
     def known():
         found = suite.client.transitions('tetrahedron').transitions

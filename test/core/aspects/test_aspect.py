@@ -352,6 +352,7 @@ def revolved(profile, steps):
     return trimesh.convex.convex_hull(np.array(corners))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('steps', 'rings'), [(48, 8), (64, 10), pytest.param(200, 20, marks=pytest.mark.slow)]
 )
@@ -363,6 +364,7 @@ def test_lens_rests_on_two_sides_for_any_mesh(solid, steps, rings):
     assert len(find_aspects(solid(lens))) == 2
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('steps', [4, 5, 8])
 def test_rounded_disc_keeps_its_rim_for_any_mesh(solid, steps):
     # Diameter 20, height 6, radius 2: from the rim it rises by 0.005 R to fall over.

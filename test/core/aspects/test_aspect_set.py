@@ -72,6 +72,7 @@ def test_the_ends_of_a_cylinder_are_not_in_its_ring(solids, solid):
 @pytest.mark.parametrize(('name', 'arguments'), [
     ('icosphere', (1,)), ('icosphere', (3,)), ('uv_sphere', (16,)),
 ])  # fmt: skip
+@pytest.mark.quick_cases(1)
 def test_every_direction_is_in_the_one_aspect_of_a_sphere(solids, solid, name, arguments):
     aspects = find_aspects(solid(getattr(solids, name)(*arguments)))
     assert [a.sweep for a in aspects.aspects] == [Sweep.SPHERE]
@@ -95,6 +96,7 @@ def test_flat_side_beside_a_fillet_accepts_only_its_tilt(solids, solid, name, ar
             assert (classified(aspects, tilt.apply(aspect.down_in_part)) == expected).all()
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('axes', [(10, 10, 5), (14, 10, 7), (10, 10, 9)])
 def test_the_poles_of_an_ellipsoid_are_domes(solids, solid, axes):
     aspects = find_aspects(solid(solids.ellipsoid(*axes, 3)))

@@ -100,6 +100,7 @@ def test_part_is_found_by_its_place_and_class(feeder):
     assert (cell.picks, len(cell.tray.classes)) == (1, 2)
 
 
+@pytest.mark.slow
 def test_new_model_changes_the_flips_and_keeps_the_parts(feeder):
     cell, other = feeder(), feeder(flips=((9, 0), (9, 0)))
     cell.move(Choice.SUPPLY, 4)

@@ -68,6 +68,7 @@ def test_small_hull_is_unchanged(solids, solid):
     assert part.warnings == ()
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('name', 'arguments', 'aspects'), FINE_SOLIDS)
 def test_a_fine_mesh_has_the_aspects_of_its_shape(solids, solid, whole, name, arguments, aspects):
     mesh = getattr(solids, name)(*arguments)
@@ -85,6 +86,7 @@ def test_a_fine_mesh_has_the_aspects_of_its_shape(solids, solid, whole, name, ar
     assert abs(few.heights.min() - full.heights.min()) <= error
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('name', 'arguments', 'aspects'), FEW)
 def test_error_bounds_the_support_height(solids, solid, whole, name, arguments, aspects):
     mesh = getattr(solids, name)(*arguments)
