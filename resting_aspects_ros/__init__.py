@@ -51,6 +51,7 @@ _MODULES = {
     'RetentionResult': 'api.retention',
     'Step': 'simulation.step_action',
     'Telecentric': 'core.vision.camera',
+    'Surroundings': 'simulation.surroundings.description',
     'UnknownPartError': 'core.errors',
     'Vibration': 'simulation.vibration',
     'classify': 'api.classify',
@@ -74,6 +75,7 @@ _MODULES = {
     'read_log': 'api.read_log',
     'reorient': 'api.reorient',
     'retention': 'api.retention',
+    'surroundings': 'api.surroundings',
     'transformed_pose': 'core.vision.camera',
     'watch_drift': 'api.drift',
 }

@@ -14,6 +14,7 @@ from resting_aspects_ros.api.given_states import CountsByState, given_starts
 from resting_aspects_ros.api.load_part import given_part, mesh_file
 from resting_aspects_ros.api.plan_drops import plan_drops
 from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.api.surroundings import with_surroundings
 from resting_aspects_ros.core.errors import InvalidValueError, LogError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
@@ -31,6 +32,7 @@ from resting_aspects_ros.simulation.run_description import (
 )
 from resting_aspects_ros.simulation.starts import GivenStates, Starts
 from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
+from resting_aspects_ros.simulation.surroundings.description import Surroundings
 
 NO_NOISE = Noise()
 
@@ -47,6 +49,7 @@ def drop(
     initial_states: GivenStates | None = None,
     replicates: int = 1,
     noise: Noise = NO_NOISE,
+    surroundings: str | Path | Surroundings | None = None,
     check_convergence: bool = False,
     workers: int | Workers | None = None,
     keep_poses: bool = True,
@@ -83,6 +86,9 @@ def drop(
         Number of drops from each initial state.
     noise : Noise
         Errors of the initial states, independent for each replicate.
+    surroundings : str, Path or Surroundings, optional
+        Slopes, walls, chutes or a mesh instead of a level plane: a name, a YAML file, or the
+        result of `surroundings`. See `DropResult.contacts`.
     check_convergence : bool
         Repeat the drops with half the time step; see `DropResult.convergence`.
     workers : int or Workers, optional
@@ -120,7 +126,7 @@ def drop(
     >>> result.poses.position.shape
     (100, 3)
     """
-    given = given_conditions(surface, conditions)
+    given = with_surroundings(given_conditions(surface, conditions), surroundings)
     mesh = mesh_file(part) if isinstance(part, str | Path) else None
     loaded = given_part(part)
     starts: Starts | None = None
@@ -146,6 +152,8 @@ def drop(
     )
     chunks: list[RestingPoses] = []
     consumers: list[Consumer] = [lambda poses, _: chunks.append(poses)] if keep_poses else []
+    if planned.contacts is not None:
+        consumers.append(planned.contacts.add)
     by_state: CountsByState | None = None
     if initial_states is not None:
         by_state = CountsByState.none(len(initial_states), len(planned.empty.aspects))
@@ -175,6 +183,7 @@ def drop(
         RestingPoses.join(chunks) if keep_poses else None,
         log_folder,
         by_state,
+        planned.contacts,
     )
 
 

@@ -4,9 +4,11 @@ import time
 import uuid
 from dataclasses import dataclass
 
+from resting_aspects_ros.api.surroundings import aspects_in, contacts_in, scene_of
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.contact_counts import ContactCounts
 from resting_aspects_ros.core.statistics.distribution import Distribution, no_drops
 from resting_aspects_ros.core.statistics.intervals import (
     CONFIDENCE,
@@ -24,11 +26,16 @@ from resting_aspects_ros.simulation.starts import Starts
 
 @dataclass(frozen=True)
 class PlannedDrops:
-    """A run that is ready to be simulated; ``empty`` is its distribution without drops."""
+    """A run that is ready to be simulated.
+
+    ``empty`` is its distribution without drops, and ``contacts`` are its counts by contact with
+    walls, None without walls.
+    """
 
     job: DropJob
     run: RunDescription
     empty: Distribution
+    contacts: ContactCounts | None = None
 
 
 def plan_drops(
@@ -52,8 +59,10 @@ def plan_drops(
     check_method(interval)
     check_confidence(confidence)
     landscape = Landscape(part)
+    scene = scene_of(part, conditions)
+    aspects = aspects_in(scene, find_aspects(part, landscape))
     empty = no_drops(
-        find_aspects(part, landscape),
+        aspects,
         interval=interval,
         confidence=confidence,
         by_precision=precision > 0,
@@ -72,4 +81,4 @@ def plan_drops(
         landscape=landscape,
         starts=starts,
     )
-    return PlannedDrops(job, run, empty)
+    return PlannedDrops(job, run, empty, contacts_in(scene, part, aspects))

@@ -9,6 +9,7 @@ from rich.table import Table
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.report.contact_report import contact_table
 from resting_aspects_ros.report.rounding import size_text
 from resting_aspects_ros.report.table import distribution_table, never_seen_text
 
@@ -59,5 +60,7 @@ def print_result(result: DropResult, *, as_json: bool, each: bool = False) -> No
     size = f', {size_text(part)}' if part else ''
     title = f'{result.run.part}{size}\n{result.subtitle}'
     print_table(result.distribution, title, part, each=each)
+    if result.contacts is not None:
+        show_table(make_console(), contact_table(result.contacts, result.distribution))
     if result.convergence is not None:
         print(result.convergence.text())

@@ -71,6 +71,8 @@ def drop_and_show(
     checked = not arguments.check_convergence
     counter = DropCounter(planned.empty, run, stop_at, request.ranges)
     by_state = _counted_by_state(request, counter)
+    if planned.contacts is not None:
+        counter.consumers.append(planned.contacts.add)
     try:
         with ExitStack() as stack:
             for option, path in _poses_paths(arguments.poses, flag, out):
@@ -107,6 +109,7 @@ def drop_and_show(
         counter.history.points(),
         log=log,
         by_state=by_state,
+        contacts=planned.contacts,
     )
     _write(result, out, arguments)
     done = result.distribution.drops

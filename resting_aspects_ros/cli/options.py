@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Mapping
 from pathlib import Path
 
+from resting_aspects_ros.api.surroundings import requested_surroundings, with_surroundings
 from resting_aspects_ros.cli.values import parse_integer, parse_quantity, parse_share
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.simulation.quantity import Quantity
@@ -76,6 +77,25 @@ def add_conditions(parser: argparse.ArgumentParser, default: str = DEFAULT_SURFA
     )
 
 
+def add_surroundings(parser: argparse.ArgumentParser) -> None:
+    """Add --surroundings and --set; see requested_conditions."""
+    group = parser.add_argument_group('surroundings, instead of a level plane')
+    group.add_argument(
+        '--surroundings',
+        metavar='NAME_OR_FILE',
+        help='a slope, walls, a groove, a chute, a tray or a mesh: the name of one of those in '
+        'config/surroundings, a kind, or a YAML file',
+    )
+    group.add_argument(
+        '--set',
+        metavar='NAME=VALUE',
+        action='append',
+        default=[],
+        help='change a value of the surroundings, such as angle=20deg, belt.friction=0.4, '
+        'belt.speed=0.1 or release.y_min=30mm; can be repeated',
+    )
+
+
 def add_contact_conditions(parser: argparse.ArgumentParser) -> None:
     """Add --surface and a flag for each condition that matters for parts at rest, too."""
     contact = {name: QUANTITIES[name] for name in CONTACT}
@@ -133,7 +153,11 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
 
 def requested_conditions(arguments: argparse.Namespace, surfaces: Surfaces) -> DropConditions:
     """Return the conditions that the flags request; raises InvalidValueError."""
-    return surfaces.get(arguments.surface).changed(**changed_conditions(arguments))
+    conditions = surfaces.get(arguments.surface).changed(**changed_conditions(arguments))
+    name = getattr(arguments, 'surroundings', None)
+    return with_surroundings(
+        conditions, requested_surroundings(name, getattr(arguments, 'set', []))
+    )
 
 
 def changed_conditions(arguments: argparse.Namespace) -> dict[str, object]:

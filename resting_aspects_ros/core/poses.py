@@ -12,7 +12,8 @@ import numpy.typing as npt
 class RestStatus(IntEnum):
     """How a drop ended; the codes of the message RestingPose.
 
-    A lost part left the surface. Its pose is where it was when this was detected, perhaps in
+    A part that slides still slides or rolls on the surface, and does not come to rest. A lost part
+    left the surface. Its pose is where it was when this was detected, perhaps in
     flight; beyond the edge no surface is simulated.
     """
 
@@ -20,6 +21,7 @@ class RestStatus(IntEnum):
     UNSETTLED = 1
     FAILED = 2
     LOST = 3
+    SLIDING = 4
 
 
 class DecidedBy(IntEnum):

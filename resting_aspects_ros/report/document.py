@@ -57,6 +57,8 @@ def distribution_document(
         'unclassified': int(distribution.unclassified),
         'unsettled': int(distribution.unsettled),
         'failed': int(distribution.failed),
+        'lost': int(distribution.lost),
+        'sliding': int(distribution.sliding),
         'energy_growth': distribution.energy_growth,
         'aspect_numbering': ASPECT_NUMBERING,
         'confidence': distribution.confidence,

@@ -24,6 +24,8 @@ OUTSIDE = {
     'unclassified': 'came to rest, but in none of the stable aspects of the shape',
     'unsettled': 'still moving at the end of the simulated time',
     'failed': 'the simulation failed numerically',
+    'lost': 'left the surroundings',
+    'sliding': 'still slid or rolled at the end of the simulated time',
 }
 
 

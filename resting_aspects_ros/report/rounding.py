@@ -19,7 +19,8 @@ def interval_of(distribution: Distribution, count: int) -> Interval:
     """
     rest = distribution.drops - count
     counted = dataclasses.replace(
-        distribution, counts=np.array([count, rest]), unclassified=0, unsettled=0, failed=0
+        distribution, counts=np.array([count, rest]), unclassified=0, unsettled=0, failed=0,
+        lost=0, sliding=0,
     )
     return counted.intervals()[0]
 
@@ -30,6 +31,8 @@ def outside_aspects(distribution: Distribution) -> list[tuple[str, int]]:
         'unclassified': distribution.unclassified,
         'unsettled': distribution.unsettled,
         'failed': distribution.failed,
+        'lost': distribution.lost,
+        'sliding': distribution.sliding,
     }
     return [(name, count) for name, count in counts.items() if count]
 

@@ -68,6 +68,10 @@ def drop_chunk(job: DropJob, first_drop: int, end: int) -> RestingPoses:
         )
     slots = np.arange(first_drop - chunk * CHUNK, end - chunk * CHUNK)
     states = initial_states(job, chunk)
+    if job.scene is not None:
+        from resting_aspects_ros.simulation.bullet_scene import drop_in_scene
+
+        return drop_in_scene(job, states, first_drop, end)
     if job.edge is None:
         return resting_poses(job, first_drop, _World(job).drop(states, slots))
     from resting_aspects_ros.simulation.bullet_edge import fall_over_edge
@@ -102,11 +106,25 @@ class _World:
             deterministicOverlappingPairs=1,
             physicsClientId=client,
         )
-        plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
-        self._ground = self._add_static(plane)
+        self._add_surface()
         self._shape = pybullet.createCollisionShape(
             pybullet.GEOM_MESH, vertices=_corners(job.hull.tobytes()), physicsClientId=client
         )
+
+    def _add_surface(self) -> None:
+        """Add the bodies that the parts can touch."""
+        plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=self._client)
+        self._ground = self._add_static(plane)
+
+    def _pair_values(self) -> dict[str, float]:
+        """Return restitution and friction of the part; Bullet multiplies them with the surface's."""
+        c = self._job.conditions
+        return {
+            'restitution': c.restitution,
+            'lateralFriction': c.friction,
+            'rollingFriction': c.rolling_friction * self._job.rolling_length,
+            'spinningFriction': c.spinning_friction,
+        }
 
     def _add_static(self, shape: int) -> int:
         # With useMaximalCoordinates, Bullet would ignore the velocity that _place gives it.
@@ -131,7 +149,7 @@ class _World:
     def _add(
         self, states: InitialState, slots: npt.NDArray[np.int64], origins: Array
     ) -> list[int]:
-        c = self._job.conditions
+        pair = self._pair_values()
         # Creating all bodies at once and placing them afterwards is faster: creating them one by
         # one takes a tenth of the time of a drop.
         bodies: tuple[int, ...] = pybullet.createMultiBody(
@@ -149,10 +167,7 @@ class _World:
                 # the inertia Bullet uses the inertia of the bounding box.
                 mass=1,
                 localInertiaDiagonal=self._job.moments.tolist(),
-                restitution=c.restitution,
-                lateralFriction=c.friction,
-                rollingFriction=c.rolling_friction * self._job.rolling_length,
-                spinningFriction=c.spinning_friction,
+                **pair,
                 linearDamping=0,
                 angularDamping=0,
                 # Contacts act only on touch. By default, Bullet slows an approaching part before

@@ -79,6 +79,8 @@ class DropConditions:
     )
     height_of: HeightOf = HeightOf.LOWEST_POINT
     surface: str = ''
+    # A JSON document; see simulation.surroundings.description. Empty: an infinite level plane.
+    surroundings: str = ''
 
     def __post_init__(self) -> None:
         check_quantities(self)
@@ -91,15 +93,19 @@ class DropConditions:
             ) from None
 
     def values(self) -> tuple[float, ...]:
-        """Return all physical values, without the surface's name, for comparison."""
+        """Return the values that a surface has, without its name, for comparison."""
         return (*(getattr(self, name) for name in QUANTITIES), float(self.height_of))
+
+    def key(self) -> tuple[object, ...]:
+        """Return everything physical, for comparison: the values and the surroundings."""
+        return (*self.values(), self.surroundings)
 
     def changed(self, **changes: Any) -> 'DropConditions':
         """Return conditions with other values; the surface's name is removed if they differ."""
         new = dataclasses.replace(self, **changes)
-        if new.values() == self.values():
+        if new.key() == self.key():
             return self
-        return dataclasses.replace(new, surface='')
+        return new if new.values() == self.values() else dataclasses.replace(new, surface='')
 
 
 QUANTITIES: dict[str, Quantity] = quantities_of(DropConditions)

@@ -32,3 +32,8 @@ def surfaces_file() -> Path:
 def actions_file() -> Path:
     """Return the file of the named actions."""
     return config_folder() / 'actions.yaml'
+
+
+def surroundings_folder() -> Path:
+    """Return the folder of the named surroundings."""
+    return config_folder() / 'surroundings'

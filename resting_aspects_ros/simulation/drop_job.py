@@ -18,6 +18,7 @@ from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.edge import Edge
 from resting_aspects_ros.simulation.motion import Motion
 from resting_aspects_ros.simulation.starts import Starts
+from resting_aspects_ros.simulation.surroundings.scene import Scene
 
 # Minimum number of time steps per T. Finer steps change no probability of an L bracket by more
 # than the sampling error.
@@ -71,6 +72,10 @@ class DropJob:
         Factor by which the number of time steps is multiplied.
     starts : Starts or None
         Where and how the parts start; None if they are released as the conditions say.
+    scene : Scene or None
+        Surroundings; None: an infinite level plane.
+    pieces : tuple of (k, 3) float
+        Corners of convex pieces of the part, body axes, R, if edges or meshes touch it.
 
     Raises
     ------
@@ -92,6 +97,8 @@ class DropJob:
     until_still: bool = False
     refinement: int = 1
     starts: Starts | None = None
+    scene: Scene | None = None
+    pieces: tuple[Array, ...] = ()
 
     def __post_init__(self) -> None:
         if self.edge is not None:
@@ -181,7 +188,10 @@ class DropJob:
         c = self.conditions
         fall = 2 * c.gravity * c.height
         thrown = math.hypot(3 * c.speed_horizontal, 3 * c.speed_vertical)
-        return math.sqrt(fall + thrown**2) + 3 * c.spin * self.radius
+        belt = 0.0
+        if self.scene is not None:
+            belt = max(abs(body.contact.speed) for body in self.scene.bodies)
+        return math.sqrt(fall + thrown**2) + 3 * c.spin * self.radius + belt
 
     @property
     def steps_per_t(self) -> int:

@@ -10,6 +10,7 @@ from resting_aspects_ros.core.rotations import Array, composed, down_in_part, ra
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.starts import Starts
+from resting_aspects_ros.simulation.surroundings.release import released
 
 # Number of drops in a chunk. They share a world, each in its own slot. A drop's slot is its index
 # modulo the chunk size, because rounding errors, and therefore the pose, depend on the position
@@ -70,7 +71,7 @@ def initial_states(job: DropJob, chunk: int) -> InitialState:
     """
     generator = np.random.default_rng(np.random.SeedSequence(job.seed, spawn_key=(chunk,)))
     if job.starts is None:
-        return _released(job, generator)
+        return _released(job, generator) if job.scene is None else _in_scene(job, generator)
     return _started(job, job.starts, np.arange(chunk * CHUNK, (chunk + 1) * CHUNK), generator)
 
 
@@ -113,6 +114,25 @@ def _released(job: DropJob, generator: np.random.Generator) -> InitialState:
     position[:, :2] = velocity[:, :2] * elapsed[:, None]
     position[:, 2] = clearance + depth
     return InitialState(position, of_body, velocity, spin, elapsed)
+
+
+def _in_scene(job: DropJob, generator: np.random.Generator) -> InitialState:
+    """Return the initial states of parts that are released in surroundings, scene frame."""
+    scene, c, unit = job.scene, job.conditions, job.time_unit
+    assert scene is not None
+    corners = job.hull * job.radius
+    position, of_body, velocity, spin = released(scene, c, corners, job.axes, generator, CHUNK)
+    position /= job.radius
+    elapsed = np.zeros(CHUNK)
+    fall = c.height / job.radius - START_CLEARANCE
+    still = c.speed_horizontal == c.speed_vertical == c.spin == 0
+    if still and fall > 0 and c.height_of is HeightOf.LOWEST_POINT:
+        position += fall * scene.down
+        elapsed += np.sqrt(2 * fall)
+        velocity = np.tile(np.sqrt(2 * fall) * scene.down, (CHUNK, 1))
+    else:
+        velocity *= unit / job.radius
+    return InitialState(position, of_body, velocity, spin * unit, elapsed)
 
 
 def body_from_part(of_part: Array, axes: Array) -> Array:

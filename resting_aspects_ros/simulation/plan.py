@@ -10,8 +10,10 @@ from resting_aspects_ros.core.aspects.joining import JoinedMinima, join_minima
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.aspects.rest_rule import RestRule
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.geometry.decomposition import convex_pieces
 from resting_aspects_ros.core.geometry.polyhedron import SAME_FACET
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.statistics.stopping import check_precision
 from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf
 from resting_aspects_ros.simulation.drop_job import DropJob
@@ -22,6 +24,7 @@ from resting_aspects_ros.simulation.run_description import (
     check_seed,
 )
 from resting_aspects_ros.simulation.starts import Starts
+from resting_aspects_ros.simulation.surroundings.description import surroundings_from
 
 # The engine itself is not imported here, because only the workers need it.
 ENGINE = 'bullet'
@@ -110,6 +113,16 @@ def make_job(
         )
     landscape = Landscape(part) if landscape is None else landscape
     aspects = join_minima(landscape)
+    scene = None
+    pieces: tuple[Array, ...] = ()
+    if conditions.surroundings:
+        surroundings = surroundings_from(conditions.surroundings)
+        scene = surroundings.scene(conditions, radius)
+        if not scene.flat:
+            pieces = tuple(
+                (corners - part.centre_of_mass) @ part.principal_axes / radius
+                for corners in convex_pieces(part).corners
+            )
     job = DropJob(
         hull=(part.hull_vertices - part.centre_of_mass) @ part.principal_axes / radius,
         moments=part.principal_moments / (part.mass * radius**2),
@@ -124,6 +137,8 @@ def make_job(
         until_still=until_still,
         refinement=refinement,
         starts=starts,
+        scene=scene,
+        pieces=pieces,
     )
     fastest = MAX_IMPACT * job.radius / job.time_unit
     if job.impact_speed > fastest:

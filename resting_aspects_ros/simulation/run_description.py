@@ -46,7 +46,7 @@ class RunDescription:
         """Return the inputs that, together with a drop's index, determine its resting pose."""
         return (
             self.part_sha256,
-            self.conditions.values(),
+            self.conditions.key(),
             self.seed,
             self.engine,
             self.engine_version,

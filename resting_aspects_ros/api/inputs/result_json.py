@@ -49,7 +49,12 @@ Vector: TypeAlias = tuple[Number, Number, Number]
 _conditions: dict[str, Any] = dict.fromkeys(QUANTITIES, (Number, ...))
 _conditions |= {'height_of': (Literal['LOWEST_POINT', 'CENTRE_OF_MASS'], ...)}
 # Bounds are checked by DropConditions.
-Conditions: Any = create_model('Conditions', **_conditions, surface=(StrictStr, ...))
+Conditions: Any = create_model(
+    'Conditions',
+    **_conditions,
+    surface=(StrictStr, ...),
+    surroundings=(dict[str, Any] | Literal[''], ''),
+)
 
 
 class CountedAspect(BaseModel):
@@ -88,6 +93,8 @@ class CountsDocument(BaseModel):
     unclassified: Count
     unsettled: Count
     failed: Count
+    lost: Count = 0
+    sliding: Count = 0
     aspects: Sequence[CountedAspect]
 
 

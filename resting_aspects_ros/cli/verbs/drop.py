@@ -10,6 +10,7 @@ from resting_aspects_ros.cli.options import (
     add_output,
     add_part,
     add_run,
+    add_surroundings,
     add_workers,
 )
 from resting_aspects_ros.cli.start_workers import start_workers
@@ -28,6 +29,8 @@ EXAMPLES = """examples:
   resting_aspects drop t_prism --precision 0.02
   resting_aspects drop washer --drops 5000 --check-convergence
   resting_aspects drop l_bracket --drops 1000000 --scheduler tcp://10.0.0.5:8786
+  resting_aspects drop l_bracket --surroundings l_chute --set roll=30deg
+  resting_aspects drop hex_nut --surroundings slope --set angle=12deg
   resting_aspects drop die --initial-states tosses.csv --replicates 24
   resting_aspects drop --from-log out/logs/hex_nut_20250131T120000Z_4f1c2d3e4f50
   resting_aspects drop hex_nut --height 100mm --friction 0.4 --json > nut.json
@@ -100,6 +103,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_output(parser)
     add_conditions(parser)
+    add_surroundings(parser)
     parser.add_argument(
         '--force', action='store_true', help='accept a height that looks like a mistake'
     )

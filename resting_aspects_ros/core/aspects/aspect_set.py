@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from resting_aspects_ros.core.aspects.symmetry import Symmetry
-from resting_aspects_ros.core.rotations import Array, angle_between, down_in_part
+from resting_aspects_ros.core.rotations import Array, angle_between, down_in_part, rotate
 
 # A pose is in the aspect with the nearest down direction, if the angle is at most this. In Bullet
 # parts rest within hundredths of a degree of a facet, on the collision margin; a pose with a
@@ -96,11 +96,16 @@ class Aspect:
 
 @dataclass(frozen=True, eq=False)
 class AspectSet:
-    """All aspects of a part, ordered by id, and its symmetry, if known."""
+    """All aspects of a part, ordered by id, and its symmetry, if known.
+
+    floor_normal : (3,) float or None
+        Normal of the plane on which aspects are counted, tray frame; None: it is vertical.
+    """
 
     part_sha256: str
     aspects: tuple[Aspect, ...]
     symmetry: Symmetry | None = None
+    floor_normal: Array | None = None
 
     def __len__(self) -> int:
         return len(self.aspects)
@@ -121,7 +126,12 @@ class AspectSet:
         orientation : (n, 4) float
             Unit quaternions xyzw, tray from part.
         """
-        ids, angle = self.locate(down_in_part(np.asarray(orientation).reshape(-1, 4)))
+        xyzw = np.asarray(orientation, dtype=np.float64).reshape(-1, 4)
+        down = down_in_part(xyzw)
+        if self.floor_normal is not None:
+            normals = np.tile(self.floor_normal, (len(xyzw), 1))
+            down = -rotate(xyzw * [-1, -1, -1, 1], normals)
+        ids, angle = self.locate(down)
         return np.where(angle <= POSE_ANGLE, ids, 0)
 
     def locate(self, down: Array) -> tuple[npt.NDArray[np.int64], Array]:

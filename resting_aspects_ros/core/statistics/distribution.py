@@ -24,7 +24,9 @@ class Distribution:
         Drops at rest in each aspect, by id from 1.
     unclassified, unsettled, failed : int
         Drops at rest in no aspect, drops not at rest on the surface within the time limit, and
-        drops with numerical errors. Lost parts, which only actions have, are unsettled.
+        drops with numerical errors.
+    lost, sliding : int
+        Parts that left the surroundings, and parts that still slide or roll on them at the end.
     interval : str
         Method of the intervals, one of intervals.METHODS.
     confidence : float
@@ -44,11 +46,14 @@ class Distribution:
     confidence: float = CONFIDENCE
     by_precision: bool = False
     energy_growth: float = 0.0
+    lost: int = 0
+    sliding: int = 0
 
     @property
     def drops(self) -> int:
         """Number of drops that were counted."""
-        return int(self.counts.sum()) + self.unclassified + self.unsettled + self.failed
+        ended = self.unclassified + self.unsettled + self.failed + self.lost + self.sliding
+        return int(self.counts.sum()) + ended
 
     def intervals(self) -> list[Interval]:
         """Return count / drops of each aspect with its interval, for n = drops; see intervals.
@@ -98,6 +103,8 @@ class Distribution:
             unsettled=self.unsettled + other.unsettled,
             failed=self.failed + other.failed,
             energy_growth=max(self.energy_growth, other.energy_growth),
+            lost=self.lost + other.lost,
+            sliding=self.sliding + other.sliding,
         )
 
 
@@ -132,7 +139,13 @@ def count_poses(
         aspects,
         by_id[1:],
         unclassified=int(by_id[0]),
-        unsettled=int(np.isin(poses.status, (RestStatus.UNSETTLED, RestStatus.LOST)).sum()),
-        failed=int((poses.status == RestStatus.FAILED).sum()),
+        unsettled=_number(poses, RestStatus.UNSETTLED),
+        failed=_number(poses, RestStatus.FAILED),
         energy_growth=float(poses.energy_growth.max(initial=0.0)),
+        lost=_number(poses, RestStatus.LOST),
+        sliding=_number(poses, RestStatus.SLIDING),
     )
+
+
+def _number(poses: RestingPoses, status: RestStatus) -> int:
+    return int((poses.status == status).sum())

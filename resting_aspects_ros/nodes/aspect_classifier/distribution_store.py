@@ -106,7 +106,7 @@ class DistributionStore:
         A distribution matches if it has at least the requested drops, or the requested precision.
         With a seed, only a run of this seed matches that starts with drop 0.
         """
-        requested = part_sha256, conditions.values()
+        requested = part_sha256, conditions.key()
         if seed is None:
             known = [each for key, each in self._known.items() if key[:2] == requested]
         else:
@@ -167,7 +167,7 @@ class DistributionStore:
 
 
 def _key(run: RunDescription) -> tuple[object, ...]:
-    return run.part_sha256, run.conditions.values(), run.seed, run.first_drop
+    return run.part_sha256, run.conditions.key(), run.seed, run.first_drop
 
 
 def _start_order(known: Known) -> tuple[int, str]:

@@ -1,0 +1,143 @@
+"""Surroundings in Bullet: parts meet half-spaces, blocks and meshes instead of a level plane.
+
+All parts of a chunk are simulated, also if only some are wanted: Bullet sorts the contacts of a
+part with several bodies in an order that depends on the other parts, so that its motion depends on
+which there are.
+"""
+
+import numpy as np
+import numpy.typing as npt
+import pybullet
+
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.simulation.bullet_edge import _compound, _obj_text
+from resting_aspects_ros.simulation.bullet_engine import SLOT_SPACING, _slot_origins, _World
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.initial_state import CHUNK, InitialState
+from resting_aspects_ros.simulation.surroundings.scene import (
+    Block,
+    HalfSpace,
+    MeshBody,
+    Scene,
+    SceneBody,
+)
+from resting_aspects_ros.simulation.surroundings.scene_settling import (
+    SceneSettling,
+    poses_in_scene,
+)
+
+# Parts in a world in which all are at the same place. Each pair of them costs time in each step,
+# although they do not touch each other.
+TOGETHER = 5
+# Half of the length, R, of a block that is infinitely long.
+LONG = 2000.0
+
+
+def drop_in_scene(job: DropJob, states: InitialState, first_drop: int, end: int) -> RestingPoses:
+    """Return the resting poses of the drops ``first_drop`` to ``end - 1`` of one chunk."""
+    scene = job.scene
+    assert scene is not None
+    start = first_drop // CHUNK * CHUNK
+    size = CHUNK if scene.free else TOGETHER
+    poses = []
+    # Worlds of which no drop is wanted are left out.
+    for slot in range((first_drop - start) // size * size, end - start, size):
+        slots = np.arange(slot, slot + size)
+        ends = SceneWorld(job, scene).drop_all(states, slots)
+        poses.append(poses_in_scene(job, start + slot, ends))
+    return RestingPoses.join(poses).between(first_drop, end)
+
+
+class SceneWorld(_World):
+    """A world with the bodies of the surroundings. Its axes are those of the scene frame."""
+
+    def __init__(self, job: DropJob, scene: Scene) -> None:
+        self._scene = scene
+        self._moving: list[tuple[int, tuple[list[float], ...]]] = []
+        super().__init__(job)
+        pybullet.setGravity(*scene.down.tolist(), physicsClientId=self._client)
+        if not scene.flat and len(job.pieces) > 1:
+            self._shape = _compound(_obj_text(job.pieces), self._client)
+
+    def _add_surface(self) -> None:
+        for body in self._scene.bodies:
+            self._add_body(body)
+
+    def _pair_values(self) -> dict[str, float]:
+        # Bullet multiplies restitution and friction of two bodies; the pair's rolling friction is
+        # r_part mu_body + r_body mu_part. The values of the pair are those of the body.
+        return {
+            'restitution': 1.0,
+            'lateralFriction': 1.0,
+            'rollingFriction': 0.0,
+            'spinningFriction': 0.0,
+        }
+
+    def _add_body(self, body: SceneBody) -> None:
+        job, c = self._job, body.contact
+        position, orientation = [0.0] * 3, [0.0, 0.0, 0.0, 1.0]
+        if isinstance(body, HalfSpace):
+            shape = pybullet.createCollisionShape(
+                pybullet.GEOM_PLANE,
+                planeNormal=body.normal.tolist(),
+                physicsClientId=self._client,
+            )
+            position = (body.normal * body.offset / job.radius).tolist()
+        elif isinstance(body, Block):
+            low = np.maximum(body.low / job.radius, -LONG)
+            high = np.minimum(body.high / job.radius, LONG)
+            shape = pybullet.createCollisionShape(
+                pybullet.GEOM_BOX,
+                halfExtents=((high - low) / 2).tolist(),
+                physicsClientId=self._client,
+            )
+            position = ((high + low) / 2).tolist()
+        else:
+            assert isinstance(body, MeshBody)
+            shape = pybullet.createCollisionShape(
+                pybullet.GEOM_MESH,
+                vertices=(body.vertices / job.radius).tolist(),
+                indices=body.triangles.ravel().tolist(),
+                flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH
+                | pybullet.GEOM_CONCAVE_INTERNAL_EDGE,
+                physicsClientId=self._client,
+            )
+        made = self._add_static(shape)
+        self._set(
+            made,
+            restitution=c.restitution,
+            lateralFriction=c.friction,
+            rollingFriction=c.rolling_friction * job.rolling_length,
+            spinningFriction=job.conditions.spinning_friction,
+        )
+        velocity = (body.velocity * (job.time_unit / job.radius)).tolist()
+        state = (position, orientation, velocity, [0.0] * 3)
+        self._place(made, *state)
+        if body.contact.speed and not isinstance(body, HalfSpace):
+            self._moving.append((made, state))
+
+    def drop_all(self, states: InitialState, slots: npt.NDArray[np.int64]) -> SceneSettling:
+        """Release one body per slot and step until each is at rest, slides, is lost or failed."""
+        origins = self._origins(slots)
+        bodies = self._add(states, slots, origins)
+        settling = SceneSettling(self._job, states, slots)
+        self._settled(bodies, origins, settling)
+        return settling
+
+    def _advance(self, made: int, steps: int) -> None:
+        if not self._moving:
+            super()._advance(made, steps)
+            return
+        for _ in range(steps):
+            # A body with a velocity moves with it, and is put back. This needs no care for
+            # half-spaces, which move along themselves.
+            for body, state in self._moving:
+                self._place(body, *state)
+            pybullet.stepSimulation(physicsClientId=self._client)
+
+    def _origins(self, slots: npt.NDArray[np.int64]) -> Array:
+        if self._scene.free == 2:
+            return _slot_origins(slots)
+        along = np.stack([slots, 0 * slots, 0 * slots], axis=1) * SLOT_SPACING
+        return np.asarray(along * float(self._scene.free), dtype=np.float64)

@@ -1,0 +1,302 @@
+"""Description of surroundings: a kind with its dimensions, its bodies' values and the release."""
+
+import dataclasses
+import functools
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE, canonical
+from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
+from resting_aspects_ros.simulation.quantity import Quantity, quantities_of
+from resting_aspects_ros.simulation.surroundings.kinds import (
+    BowlTrack,
+    Chute,
+    Corner,
+    Kind,
+    Plane,
+    Slope,
+    Tray,
+    VGroove,
+    Wall,
+    tray_from_scene,
+)
+from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
+from resting_aspects_ros.simulation.surroundings.release import STEEP, ground_below
+from resting_aspects_ros.simulation.surroundings.scene import MeshBody, PairValues, Scene
+
+KINDS: dict[str, type[Any]] = {
+    each.kind: each
+    for each in (Plane, Slope, Wall, VGroove, Chute, Corner, BowlTrack, Tray, MeshSurface)
+}
+# Values of a body; those of the pair are taken from the conditions unless they are given.
+BODY_VALUES: dict[str, Quantity] = {
+    **{name: QUANTITIES[name] for name in ('friction', 'restitution', 'rolling_friction')},
+    'speed': Quantity('speed', 'm/s', 'speed of the surface', low=-100.0, high=100.0),
+}
+# Where parts are released, m in the tray frame: x and y are those of the centre of mass.
+RELEASE_VALUES: dict[str, Quantity] = {
+    name: Quantity(name.replace('_', ' '), 'm', text, low=-100.0, high=100.0)
+    for name, text in {
+        'x_min': 'lowest x of the release',
+        'x_max': 'highest x of the release',
+        'y_min': 'lowest y of the release',
+        'y_max': 'highest y of the release',
+    }.items()
+}
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Surroundings of a drop: a kind with its dimensions, values of its bodies, and the release.
+
+    Parameters
+    ----------
+    shape : Kind
+        Such as ``Slope(angle=0.3)``; one of the classes in KINDS.
+    bodies : mapping of str to mapping of str to float
+        Values of a body that differ from the conditions, by the name of the body, such as
+        ``{'belt': {'friction': 0.4, 'speed': 0.1}}``; see BODY_VALUES.
+    release : mapping of str to float
+        Place of release; see RELEASE_VALUES. A value that is not given follows from the kind and
+        the size of the part.
+    orientation : (4,) sequence of float, optional
+        Orientation at release, xyzw, tray from part; by default uniformly random.
+    name : str
+        Name of the surroundings; not part of their values.
+
+    Raises
+    ------
+    InvalidValueError
+        If a name is not known, or a value is out of bounds.
+    """
+
+    shape: Kind
+    bodies: Mapping[str, Mapping[str, float]] = dataclasses.field(default_factory=dict)
+    release: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    orientation: tuple[float, ...] | None = None
+    name: str = ''
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.shape, tuple(KINDS.values())):
+            raise InvalidValueError(
+                f'invalid surroundings {shown(self.shape)}: expected one of '
+                f'{", ".join(each.__name__ for each in KINDS.values())}'
+            )
+        names = self.shape.body_names
+        bodies = _mapping('bodies', self.bodies, names)
+        for body, values in bodies.items():
+            bodies[body] = _checked(body, values, BODY_VALUES)
+        release = _checked('release', self.release, RELEASE_VALUES)
+        for axis in 'xy':
+            low, high = release.get(f'{axis}_min'), release.get(f'{axis}_max')
+            if low is not None and high is not None and low > high:
+                raise InvalidValueError(
+                    f'invalid release {axis}_min {low:g}: expected at most {axis}_max, {high:g} m'
+                )
+        object.__setattr__(self, 'bodies', {k: bodies[k] for k in names if bodies.get(k)})
+        object.__setattr__(self, 'release', release)
+        if self.orientation is not None:
+            object.__setattr__(self, 'orientation', _quaternion(self.orientation))
+
+    @property
+    def level(self) -> bool:
+        """Whether these are the infinite level plane, with the values of the conditions."""
+        flat = isinstance(self.shape, Plane) or (
+            isinstance(self.shape, Slope) and self.shape.angle == 0
+        )
+        return flat and not self.bodies and self.orientation is None
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """Everything that the simulation depends on, as a mapping of plain values."""
+        document: dict[str, Any] = {'kind': self.shape.kind, **self.shape_values}
+        if self.bodies:
+            document['bodies'] = {k: dict(v) for k, v in self.bodies.items()}
+        if self.release:
+            document['release'] = dict(self.release)
+        if self.orientation is not None:
+            document['orientation'] = list(self.orientation)
+        return document
+
+    @property
+    def shape_values(self) -> dict[str, Any]:
+        """Dimensions of the kind, SI units."""
+        values = {name: getattr(self.shape, name) for name in quantities_of(self.shape)}
+        return {**values, **getattr(self.shape, 'texts', {})}
+
+    @cached_property
+    def key(self) -> str:
+        """The document as canonical JSON; equal for equal surroundings, empty if level."""
+        if self.level:
+            return ''
+        return json.dumps(self.document, sort_keys=True, separators=(',', ':'))
+
+    @property
+    def text(self) -> str:
+        """The surroundings in words: 'chute, roll 45 deg, belt friction 0.4'."""
+        parts = [self.name or self.shape.kind]
+        for name, each in quantities_of(self.shape).items():
+            value = getattr(self.shape, name)
+            parts.append(f'{each.label} {_value_text(value, each.unit)}')
+        for body, values in self.bodies.items():
+            for name, value in values.items():
+                each = BODY_VALUES[name]
+                label = body.replace('_', ' ')
+                parts.append(f'{label} {each.label} {_value_text(value, each.unit)}')
+        return ', '.join(parts)
+
+    def scene(self, conditions: DropConditions, radius: float) -> Scene:
+        """Return bodies, gravity and release for a part of a hull radius, m.
+
+        Raises InvalidValueError if a part could touch a body at the release.
+        """
+        contacts = {name: self._contact(name, conditions) for name in self.shape.body_names}
+        bodies, region = self.shape.bodies(contacts), self._region(radius)
+        scene = Scene(
+            bodies=bodies,
+            tray_from_scene=tray_from_scene(*self.shape.tilt),
+            free=self.shape.free,
+            region=region,
+            ground=max((_ground(b, region, radius) for b in bodies if isinstance(b, MeshBody)), default=0.0),
+            lost=self.shape.lost(radius),
+            orientation=None if self.orientation is None else np.array(self.orientation),
+        )
+        _check_release(scene, radius)
+        return scene
+
+    def _contact(self, name: str, conditions: DropConditions) -> PairValues:
+        pair = {k: getattr(conditions, k) for k in BODY_VALUES if k != 'speed'}
+        return PairValues(**{**pair, **self.bodies.get(name, {})})
+
+    def _region(self, radius: float) -> tuple[Any, Any]:
+        low, high = (radius * r for r in self.shape.across)
+        centre = getattr(self.shape, 'centre', (0.0, 0.0))
+        found = []
+        for axis, middle, ends in (('x', centre[0], (0.0, 0.0)), ('y', centre[1], (low, high))):
+            given = self.release.get(f'{axis}_min'), self.release.get(f'{axis}_max')
+            if given == (None, None):
+                found.append(np.array([middle + ends[0], middle + ends[1]]))
+            else:
+                first = given[0] if given[0] is not None else given[1]
+                last = given[1] if given[1] is not None else given[0]
+                found.append(np.array([first, last]))
+        return found[0], found[1]
+
+
+@functools.lru_cache(maxsize=64)
+def surroundings_from(key: str) -> Surroundings:
+    """Return the surroundings with a key; see Surroundings.key. Raises InvalidValueError."""
+    try:
+        return make_surroundings(json.loads(key) if key else {'kind': Plane.kind})
+    except ValueError as error:
+        raise InvalidValueError(f'invalid surroundings {shown(key)}: {error}') from None
+
+
+def make_surroundings(document: Any, name: str = '') -> Surroundings:
+    """Return the surroundings that a mapping describes; see Surroundings.document.
+
+    Raises InvalidValueError, with the name of the key.
+    """
+    if not isinstance(document, Mapping) or not isinstance(document.get('kind'), str):
+        raise InvalidValueError('invalid surroundings: expected a mapping with the key kind')
+    values = {str(key): value for key, value in document.items()}
+    kind = values.pop('kind')
+    if kind not in KINDS:
+        raise InvalidValueError(
+            f'invalid kind of surroundings {shown(kind)}: expected one of {", ".join(KINDS)}'
+        )
+    source = values.pop('source', '')
+    if not isinstance(source, str):
+        raise InvalidValueError(f'invalid source {shown(source)}: expected text')
+    common = {key: values.pop(key) for key in ('bodies', 'release', 'orientation') if key in values}
+    fields = {field.name: field for field in dataclasses.fields(KINDS[kind])}
+    unknown = [key for key in values if key not in fields]
+    if unknown:
+        raise InvalidValueError(
+            f'invalid value {shown(unknown[0])} of a {kind}: expected '
+            f'{", ".join([*fields, "bodies", "release", "orientation"])}'
+        )
+    missing = [
+        key
+        for key, field in fields.items()
+        if field.default is dataclasses.MISSING and key not in values
+    ]
+    if missing:
+        raise InvalidValueError(f'missing {missing[0]} of a {kind}')
+    return Surroundings(KINDS[kind](**values), name=name, **common)
+
+
+def _mapping(name: str, given: Any, allowed: Any) -> dict[str, Any]:
+    if not isinstance(given, Mapping):
+        raise InvalidValueError(f'invalid {name} {shown(given)}: expected a mapping')
+    unknown = [key for key in given if key not in allowed]
+    if unknown:
+        raise InvalidValueError(
+            f'invalid {name} {shown(unknown[0])}: expected one of {", ".join(allowed)}'
+        )
+    return dict(given)
+
+
+def _checked(name: str, given: Any, quantities: Mapping[str, Quantity]) -> dict[str, float]:
+    values = _mapping(name, given, quantities)
+    return {
+        k: each.check(f'{name} {k}', values[k]) for k, each in quantities.items() if k in values
+    }
+
+
+def _quaternion(given: Any) -> tuple[float, ...]:
+    try:
+        xyzw = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        xyzw = np.zeros(0)
+    if xyzw.shape != (4,) or not abs(float(np.linalg.norm(xyzw)) - 1) <= LENGTH_TOLERANCE:
+        raise InvalidValueError(
+            f'invalid orientation {shown(given)}: expected a unit quaternion x, y, z, w'
+        )
+    return tuple(canonical(xyzw).tolist())
+
+
+def _value_text(value: float, unit: str) -> str:
+    if unit == 'rad':
+        return f'{np.degrees(value):g} deg'
+    if unit == 'm':
+        return f'{1000 * value:g} mm'
+    return f'{value:g} {unit}'.rstrip()
+
+
+def _check_release(scene: Scene, radius: float) -> None:
+    """Raise InvalidValueError if the place of release is so near a wall that a part can touch it.
+
+    A wall is a half-space that a part does not reach by falling.
+    """
+    (x, y) = scene.region
+    places = scene.in_scene(np.array([[a, b, 0.0] for a in x for b in y]))
+    for plane in scene.half_spaces:
+        if float(plane.normal @ scene.down) > -STEEP:
+            distance = float((places @ plane.normal).min()) - plane.offset
+            if distance < radius * (1 - 1e-9):
+                raise InvalidValueError(
+                    f'invalid release {1000 * distance:.4g} mm from the {plane.name}: expected at '
+                    f'least the hull radius of the part, {1000 * radius:.4g} mm'
+                )
+
+
+
+def _ground(body: MeshBody, region: tuple[Any, Any], radius: float) -> float:
+    """Return the highest z of a mesh below the place of release; InvalidValueError if none."""
+    low, high = np.transpose(region)
+    for place in (low, high):
+        if ground_below(body.vertices, body.triangles, place, place) is None:
+            x, y = (1000 * place).tolist()
+            raise InvalidValueError(
+                f'invalid release at x {x:.4g} mm, y {y:.4g} mm: expected a place above the mesh'
+            )
+    top = ground_below(body.vertices, body.triangles, low - radius, high + radius)
+    assert top is not None
+    return top

@@ -1,0 +1,124 @@
+"""Named surroundings: one YAML file for each; and changes of single values."""
+
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.input_file import named
+from resting_aspects_ros.core.quantity_text import parse_quantity
+from resting_aspects_ros.core.yaml_file import read_yaml
+from resting_aspects_ros.simulation.config_files import surroundings_folder
+from resting_aspects_ros.simulation.quantity import Quantity, quantities_of
+from resting_aspects_ros.simulation.surroundings.description import (
+    BODY_VALUES,
+    KINDS,
+    RELEASE_VALUES,
+    Surroundings,
+    make_surroundings,
+)
+
+ENDINGS = ('.yaml', '.yml')
+
+
+def surroundings_names() -> list[str]:
+    """Return the names of the surroundings in config/surroundings, sorted."""
+    return sorted(path.stem for path in surroundings_folder().glob('*.yaml'))
+
+
+def named_surroundings(name: str | Path, changes: Mapping[str, Any] | None = None) -> Surroundings:
+    """Return the surroundings of a name, a kind or a YAML file, with changed values.
+
+    Parameters
+    ----------
+    name : str or Path
+        A path with a directory or an ending is a file; otherwise a name of `surroundings_names`,
+        or a kind, such as 'slope'.
+    changes : mapping, optional
+        Values by their names, such as ``{'roll': 0.8, 'belt.friction': '0.4', 'release.y_min':
+        '10mm'}``. A number is in SI units; a text may have a unit.
+
+    Raises
+    ------
+    InvalidValueError
+        If the name is not known, the file cannot be read, or a value is out of bounds.
+    """
+    text = str(name)
+    is_file = isinstance(name, Path) or '/' in text or text.endswith(ENDINGS)
+    file = Path(text) if is_file else surroundings_folder() / f'{text}.yaml'
+    if is_file or text in surroundings_names():
+        document = read_yaml(file, 'surroundings file')
+        where = named('surroundings file', file)
+    elif text in KINDS:
+        document, where = {'kind': text}, 'surroundings'
+    else:
+        known = sorted({*surroundings_names(), *KINDS})
+        close = difflib.get_close_matches(text.lower(), known, n=1)
+        hint = f'; did you mean {close[0]!r}?' if close else ''
+        raise InvalidValueError(
+            f'invalid surroundings {shown(text)}: expected a YAML file or one of '
+            f'{", ".join(known)}{hint}'
+        )
+    try:
+        if not isinstance(document, dict) or document.get('kind') not in KINDS:
+            raise InvalidValueError(f'invalid kind: expected one of {", ".join(KINDS)}')
+        _resolve_mesh(document, file.parent)
+        values = _plain(document)
+        for key, value in (changes or {}).items():
+            _change(values, key, value)
+        title = file.stem if is_file or not changes else text
+        return make_surroundings(values, title)
+    except InvalidValueError as error:
+        raise InvalidValueError(f'{where}: {error}') from None
+
+
+def _resolve_mesh(document: dict[str, Any], folder: Path) -> None:
+    """Make the path of a mesh relative to the folder of the YAML file."""
+    mesh = document.get('mesh')
+    if isinstance(mesh, str) and not Path(mesh).is_absolute():
+        document['mesh'] = str(folder / mesh)
+
+
+def _plain(document: dict[str, Any]) -> dict[str, Any]:
+    """Return a description with numbers instead of texts with units."""
+    values = dict(document)
+    shape = quantities_of(KINDS[values['kind']])
+    for name, value in values.items():
+        if name in shape:
+            values[name] = _number(name, value, shape[name])
+    if isinstance(values.get('release'), dict):
+        values['release'] = _numbers('release', values['release'], RELEASE_VALUES)
+    if isinstance(values.get('bodies'), dict):
+        values['bodies'] = {
+            body: _numbers(str(body), each, BODY_VALUES) if isinstance(each, dict) else each
+            for body, each in values['bodies'].items()
+        }
+    return values
+
+
+def _numbers(name: str, given: dict[str, Any], known: Mapping[str, Quantity]) -> dict[str, Any]:
+    return {
+        key: _number(f'{name} {key}', value, known[key]) if key in known else value
+        for key, value in given.items()
+    }
+
+
+def _number(name: str, value: Any, quantity: Quantity) -> Any:
+    return parse_quantity(name, value, quantity.unit) if isinstance(value, str) else value
+
+
+def _change(values: dict[str, Any], key: str, value: Any) -> None:
+    """Set a value of a description; a body or the release is named before a dot."""
+    group, dot, name = key.partition('.')
+    if not dot:
+        shape = quantities_of(KINDS[values['kind']])
+        values[key] = _number(key, value, shape[key]) if key in shape else value
+        return
+    if group == 'release':
+        target, known = values.setdefault('release', {}), RELEASE_VALUES
+    else:
+        target, known = values.setdefault('bodies', {}).setdefault(group, {}), BODY_VALUES
+    if not isinstance(target, dict):
+        raise InvalidValueError(f'invalid {group} {shown(target)}: expected a mapping')
+    target[name] = _number(key, value, known[name]) if name in known else value

@@ -1,0 +1,141 @@
+"""A mesh as the surface on which parts are dropped."""
+
+import hashlib
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.geometry.mesh_file import read_triangles
+from resting_aspects_ros.core.input_file import named, read_input
+from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS, check_size
+from resting_aspects_ros.simulation.quantity import check_quantities, quantity
+from resting_aspects_ros.simulation.surroundings.kinds import NO_CONTACT, Contacts, X, Y, Z
+from resting_aspects_ros.simulation.surroundings.scene import HalfSpace, MeshBody, SceneBody
+
+# Triangles that are near a part are tested in every step.
+MAX_TRIANGLES = 100_000
+MAX_BYTES = 64 << 20
+
+
+def _position(axis: str) -> Any:
+    return quantity(axis, 'm', f'{axis} of the origin of the file', low=-100, high=100, default=0.0)
+
+
+def _angle(axis: str) -> Any:
+    return quantity(
+        f'rotation about {axis}',
+        'rad',
+        f'rotation of the mesh about {axis}, in the order x, y, z about the axes of the tray',
+        low=-2 * math.pi,
+        high=2 * math.pi,
+        default=0.0,
+    )
+
+
+@dataclass(frozen=True)
+class MeshSurface:
+    """A mesh whose triangles point outward, with its pose in the tray frame.
+
+    mesh : str
+        Path of an STL, OBJ or PLY file.
+    unit : str
+        Unit of its coordinates.
+    x, y, z, rx, ry, rz : float
+        Position of its origin, m, and rotations about the fixed axes x, y and z, in this order,
+        rad.
+
+    Raises
+    ------
+    InvalidValueError, PartError
+        If a value is out of bounds, or the file cannot be read.
+    """
+
+    kind: ClassVar[str] = 'mesh'
+    body_names: ClassVar[tuple[str, ...]] = ('surface',)
+    free: ClassVar[int] = 0
+    across: ClassVar[tuple[float, float]] = (0.0, 0.0)
+
+    mesh: str
+    unit: str = DEFAULT_UNIT
+    x: float = _position('x')
+    y: float = _position('y')
+    z: float = _position('z')
+    rx: float = _angle('x')
+    ry: float = _angle('y')
+    rz: float = _angle('z')
+    sha256: str = field(init=False, default='')
+    vertices: Array = field(init=False, repr=False, compare=False)
+    triangles: npt.NDArray[np.int64] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+        if self.unit not in UNITS:
+            raise InvalidValueError(
+                f'invalid unit {shown(self.unit)}: expected one of {", ".join(UNITS)}'
+            )
+        if not isinstance(self.mesh, str | Path):
+            raise InvalidValueError(f'invalid mesh {shown(self.mesh)}: expected a path')
+        path = Path(self.mesh)
+        label = named('mesh of the surroundings', path)
+        data = read_input(path, MAX_BYTES, 'mesh of the surroundings', InvalidValueError)
+        vertices, triangles = read_triangles(data, path.suffix.lower().removeprefix('.'), label)
+        check_size(vertices, self.unit, label)
+        if len(triangles) > MAX_TRIANGLES:
+            raise InvalidValueError(
+                f'{label} has {len(triangles)} triangles: expected at most {MAX_TRIANGLES}'
+            )
+        set_field = object.__setattr__
+        set_field(self, 'mesh', str(path))
+        set_field(self, 'sha256', hashlib.sha256(data).hexdigest())
+        set_field(self, 'vertices', self._placed(vertices * UNITS[self.unit]))
+        set_field(self, 'triangles', triangles)
+
+    def _placed(self, points: Array) -> Array:
+        """Return points (n, 3) of the file in the tray frame, m."""
+        for axis, angle in enumerate((self.rx, self.ry, self.rz)):
+            a, b = (axis + 1) % 3, (axis + 2) % 3
+            turned = points.copy()
+            turned[:, a] = math.cos(angle) * points[:, a] - math.sin(angle) * points[:, b]
+            turned[:, b] = math.sin(angle) * points[:, a] + math.cos(angle) * points[:, b]
+            points = turned
+        return points + np.array([self.x, self.y, self.z])
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """Values of the description that are not numbers."""
+        return {'mesh_sha256': self.sha256, 'unit': self.unit}
+
+    @property
+    def tilt(self) -> tuple[float, float]:
+        """See Kind."""
+        return 0.0, 0.0
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Middle of the mesh seen from above, m."""
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        x, y = ((low + high) / 2)[:2].tolist()
+        return x, y
+
+    def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
+        """See Kind."""
+        return (MeshBody('surface', contacts['surface'], X, self.vertices, self.triangles),)
+
+    def lost(self, radius: float) -> tuple[HalfSpace, ...]:
+        """See Kind: a part that is below the mesh or beside it has left it."""
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        reach = 2 * radius
+        return (
+            HalfSpace('below', NO_CONTACT, X, Z, float(low[2]) - radius),
+            *(
+                HalfSpace('beside', NO_CONTACT, X, sign * axis, float(sign * end[k]) - reach)
+                for k, axis in enumerate((X, Y))
+                for sign, end in ((1.0, low), (-1.0, high))
+            ),
+        )

@@ -1,0 +1,134 @@
+"""Where parts are released in surroundings: at a height of fall above what they meet first."""
+
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.core.rotations import Array, product, random_orientations, rotate
+from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf
+from resting_aspects_ros.simulation.surroundings.scene import HalfSpace, Scene
+
+# Cosine of the angle between the vertical and the normal of a plane below which it is a wall: a
+# part that falls by a height does not meet it.
+STEEP = 0.02
+
+
+def supports(scene: Scene) -> list[HalfSpace]:
+    """Return the planes that a part can meet when it falls, scene frame."""
+    return [plane for plane in scene.faces if -float(plane.normal @ scene.down) > STEEP]
+
+
+def released(
+    scene: Scene,
+    conditions: DropConditions,
+    corners: Array,
+    axes: Array,
+    generator: np.random.Generator,
+    n: int,
+) -> tuple[Array, Array, Array, Array]:
+    """Return position, orientation, velocity and spin of n parts at release, SI, scene frame.
+
+    Parameters
+    ----------
+    corners : (k, 3) float
+        Corners of the hull relative to the centre of mass, body axes, m.
+    axes : (4,) float
+        Unit quaternion xyzw, part from body.
+
+    Returns
+    -------
+    position : (n, 3) float
+        Of the centre of mass.
+    orientation : (n, 4) float
+        Scene from body.
+    velocity, spin : (n, 3) float
+    """
+    c = conditions
+    of_part = random_orientations(generator, n)
+    deviations = np.array([c.speed_horizontal, c.speed_horizontal, c.speed_vertical])
+    velocity = generator.standard_normal((n, 3)) * deviations
+    spin = generator.standard_normal((n, 3)) * c.spin
+    place = generator.random((n, 2))
+    if scene.orientation is not None:
+        of_part = np.tile(scene.orientation, (n, 1))
+    x, y = (low + (high - low) * place[:, k] for k, (low, high) in enumerate(scene.region))
+    base = scene.in_scene(np.stack([x, y, np.zeros(n)], axis=1))
+    of_body = in_scene_axes(scene, product(of_part, np.tile(axes, (n, 1))))
+    touching = _heights(scene, base, of_body, corners)
+    if c.height_of is HeightOf.CENTRE_OF_MASS:
+        nothing = np.zeros((1, 3))
+        lift = np.maximum(touching, _heights(scene, base, of_body, nothing) + c.height)
+    else:
+        lift = touching + c.height
+    position = base - lift[:, None] * scene.down
+    return position, of_body, scene.in_scene(velocity), scene.in_scene(spin)
+
+
+def in_scene_axes(scene: Scene, orientation: Array) -> Array:
+    """Return orientations (n, 4), tray from body, as orientations scene from body."""
+    inverse = scene.tray_from_scene * [-1, -1, -1, 1]
+    return product(np.tile(inverse, (len(orientation), 1)), orientation)
+
+
+def in_tray_axes(scene: Scene, orientation: Array) -> Array:
+    """Return orientations (n, 4), scene from body, as orientations tray from body."""
+    return product(np.tile(scene.tray_from_scene, (len(orientation), 1)), orientation)
+
+
+def depth_along(orientation: Array, direction: Array, corners: Array) -> Array:
+    """Return how far the corners (k, 3) of bodies in orientations (n, 4) reach, (n,).
+
+    ``direction`` (3,) is a unit vector in the frame of the orientations.
+    """
+    inverse = orientation * [-1, -1, -1, 1]
+    x, y, z = rotate(inverse, np.tile(direction, (len(orientation), 1))).T[:, :, None]
+    # Not a matrix product, whose rounding depends on the number of rows; see depth_of.
+    reach: Array = (x * corners[:, 0] + y * corners[:, 1] + z * corners[:, 2]).max(axis=1)
+    return reach
+
+
+def _heights(scene: Scene, base: Array, orientation: Array, corners: Array) -> Array:
+    """Return the heights (n,) of the centre of mass above z = 0 at which bodies touch first."""
+    planes = supports(scene)
+    if not planes:
+        return scene.ground + depth_along(orientation, scene.down, corners)
+    found = []
+    for plane in planes:
+        reach = depth_along(orientation, -plane.normal, corners)
+        above = (base * plane.normal).sum(axis=1) - plane.offset
+        found.append((reach - above) / -float(plane.normal @ scene.down))
+    return np.asarray(np.max(found, axis=0))
+
+
+def ground_below(
+    vertices: Array, triangles: npt.NDArray[np.int64], low: Array, high: Array
+) -> float | None:
+    """Return the highest z of a mesh inside a rectangle of x and y; None if there is none.
+
+    Parameters
+    ----------
+    vertices, triangles : (n, 3) float and (m, 3) int
+    low, high : (2,) float
+        Corners of the rectangle.
+    """
+    corners = vertices[triangles]
+    near = (corners[:, :, :2].max(axis=1) >= low) & (corners[:, :, :2].min(axis=1) <= high)
+    highest: float | None = None
+    for polygon in corners[near.all(axis=1)]:
+        for axis in (0, 1):
+            polygon = _clipped(_clipped(polygon, axis, 1.0, low[axis]), axis, -1.0, -high[axis])
+        if len(polygon):
+            top = float(polygon[:, 2].max())
+            highest = top if highest is None else max(highest, top)
+    return highest
+
+
+def _clipped(polygon: Array, axis: int, sign: float, bound: float) -> Array:
+    """Return the part of a polygon (k, 3) where sign times the coordinate is at least bound."""
+    kept: list[Array] = []
+    for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        one, other = sign * a[axis] - bound, sign * b[axis] - bound
+        if one >= 0:
+            kept.append(a)
+        if (one >= 0) != (other >= 0):
+            kept.append(a + (b - a) * (one / (one - other)))
+    return np.array(kept).reshape(-1, 3)

@@ -1,0 +1,189 @@
+"""Detection of the end of a drop in surroundings: at rest, sliding, lost, failed or timed out."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.core.rotations import Array, canonical, rotate
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.initial_state import BodyStates, InitialState, part_from_body
+from resting_aspects_ros.simulation.settling import (
+    CHECK_INTERVAL,
+    MAX_DEPTH,
+    MAX_GROWTH,
+    REST_MOTION,
+    REST_WINDOW,
+    Settling,
+)
+from resting_aspects_ros.simulation.surroundings.release import depth_along, in_tray_axes
+
+# A part slides for ever if for this time, T, it turns by at most SLIDE_TURN, and its speed does not
+# decrease. Coulomb friction slows a part at a constant rate, or not at all. On a single plane, only
+# a tilt counts: a part can spin about the normal of the plane while it slides.
+SLIDE_WINDOW = 10.0
+SLIDE_TURN = 1e-3
+# Minimum speed of a sliding part, R / T; a slower part creeps or trembles.
+MIN_SLIDE_SPEED = 1e-3
+# A part that moves faster than this, R / T, and three times as fast as it can hit a surface first,
+# slides or rolls away: it has come down by at least 50 R.
+MAX_SLIDE_SPEED = 10.0
+# A part touches a half-space if its hull is closer than this, R: Bullet lets it rest at 0.001.
+TOUCH = 0.005
+
+
+class SceneSettling(Settling):
+    """The drops of one world in surroundings; see Settling for the attributes."""
+
+    def __init__(self, job: DropJob, states: InitialState, slots: npt.NDArray[np.int64]) -> None:
+        assert job.scene is not None
+        self._scene = job.scene
+        scale = job.time_unit / job.radius
+        self._surface_velocities = self._scene.velocities() * scale
+        self._max_speed = max(MAX_SLIDE_SPEED, 3 * job.impact_speed * scale)
+        super().__init__(job, states, slots)
+        n = len(slots)
+        self._anchor = self._pointing(self.orientation)
+        self._anchor_speed = np.full(n, np.inf)
+        self._anchor_time = np.zeros(n)
+
+    def check(self, now: float, states: BodyStates) -> npt.NDArray[np.int64]:
+        """Update the moving bodies, ``now`` T after the start; returns the drops that ended."""
+        moving = self.moving
+        shaken = self._job.in_motion(self._now)
+        self._now = now
+        failed = self._failed_in_scene(states, shaken=shaken)
+        self.status[moving[failed]] = RestStatus.FAILED
+        self.time[moving[failed]] = math.nan
+        sound, at = moving[~failed], states.select(~failed)
+        still = self._still_on_surface(sound, at, restart=shaken)
+        lost = self._lost(at.position)
+        sliding = self._slides(sound, at) & ~still & ~lost & (not shaken)
+        timed_out = ~(still | lost | sliding) & (now >= self._limit)
+        speed = self._relative_speed(at.velocity)
+        sliding |= timed_out & (speed > MIN_SLIDE_SPEED)
+        self.status[sound[still & ~lost]] = RestStatus.SETTLED
+        self.status[sound[sliding]] = RestStatus.SLIDING
+        self.status[sound[lost]] = RestStatus.LOST
+        self.time[sound] = now + self._elapsed[sound]
+        self.time[sound[still & ~lost]] -= REST_WINDOW
+        ended = still | lost | sliding | timed_out
+        self.moving = sound[~ended]
+        return np.concatenate([moving[failed], sound[ended]])
+
+    def _failed_in_scene(self, states: BodyStates, *, shaken: bool) -> npt.NDArray[np.bool_]:
+        """Update the energies; returns which of the moving drops failed numerically."""
+        numbers = (states.position, states.orientation, states.velocity, states.spin)
+        sound = np.isfinite(np.hstack(numbers)).all(axis=1)
+        radius = self._job.radius
+        for plane in self._scene.half_spaces:
+            height = states.position @ plane.normal - plane.offset / radius
+            sound &= height >= -MAX_DEPTH
+        rows = self.moving[sound]
+        found = states.select(sound)
+        energy = self._energies(found)
+        if shaken or len(self._surface_velocities) > 1:  # what moves adds energy
+            return np.asarray(~sound)
+        self.growth[rows] = np.maximum(self.growth[rows], energy - self._energy[rows])
+        lowest = np.minimum(self._min_energy[rows], energy)
+        self._energy[rows], self._min_energy[rows] = energy, lowest
+        kinetic = energy + found.position @ self._scene.down
+        sound[sound] = energy - lowest <= MAX_GROWTH * (kinetic + 1)
+        return np.asarray(~sound)
+
+    def _energies(self, states: BodyStates) -> Array:
+        """Return the sum, (n,), of kinetic energy and height in the tray frame, m g R."""
+        spin = rotate(states.orientation * [-1, -1, -1, 1], states.spin)
+        kinetic = (states.velocity**2).sum(axis=1) + (self._job.moments * spin**2).sum(axis=1)
+        return np.asarray(kinetic / 2 - states.position @ self._scene.down)
+
+    def _still_on_surface(
+        self, which: npt.NDArray[np.int64], states: BodyStates, *, restart: bool
+    ) -> npt.NDArray[np.bool_]:
+        """Update the poses; returns which drops did not move with some surface, or at all."""
+        moved = states.position - self.position[which]
+        carried = self._surface_velocities * CHECK_INTERVAL
+        distance = np.abs(moved[:, None, :] - carried).max(axis=2).min(axis=1)
+        turned = np.abs(states.orientation - self.orientation[which]).max(axis=1)
+        self.position[which] = states.position
+        self.orientation[which] = states.orientation
+        still = (np.maximum(distance, turned) < REST_MOTION) & (not restart)
+        self._still[which] = np.where(still, self._still[which] + 1, 0)
+        return np.asarray(self._still[which] * CHECK_INTERVAL >= REST_WINDOW)
+
+    def _relative_speed(self, velocity: Array) -> Array:
+        """Return the speeds (n,) relative to the surface that moves most nearly alike."""
+        apart = velocity[:, None, :] - self._surface_velocities
+        return np.asarray(np.sqrt((apart**2).sum(axis=2)).min(axis=1))
+
+    def _slides(self, which: npt.NDArray[np.int64], states: BodyStates) -> npt.NDArray[np.bool_]:
+        """Return which drops slide or roll for ever."""
+        speed = self._relative_speed(states.velocity)
+        pointing = self._pointing(states.orientation)
+        turned = np.abs(pointing - self._anchor[which]).max(axis=1) > SLIDE_TURN
+        over = self._now - self._anchor_time[which] >= SLIDE_WINDOW
+        steady = over & ~turned & (speed > MIN_SLIDE_SPEED)
+        steady &= speed >= self._anchor_speed[which] * (1 - REST_MOTION)
+        new = turned | over
+        self._anchor[which[new]] = pointing[new]
+        self._anchor_speed[which[new]] = speed[new]
+        self._anchor_time[which[new]] = self._now
+        away = speed > self._max_speed if self._scene.free else np.zeros(len(which), dtype=bool)
+        return np.asarray(steady | away)
+
+    def _pointing(self, orientation: Array) -> Array:
+        """Return what does not change while a part slides: its orientation, or its tilt."""
+        if self._scene.free < 2:
+            return orientation.copy()
+        normal = np.tile(self._scene.half_spaces[0].normal, (len(orientation), 1))
+        return rotate(orientation * [-1, -1, -1, 1], normal)
+
+    def _lost(self, position: Array) -> npt.NDArray[np.bool_]:
+        """Return which parts (n,) have left the surroundings."""
+        lost = np.zeros(len(position), dtype=np.bool_)
+        for space in self._scene.lost:
+            lost |= position @ space.normal < space.offset / self._job.radius
+        return lost
+
+
+def poses_in_scene(job: DropJob, first_drop: int, ends: SceneSettling) -> RestingPoses:
+    """Return the poses of drops that have ended, in the tray frame."""
+    scene = job.scene
+    assert scene is not None
+    failed = ends.status == RestStatus.FAILED
+    body = np.where(failed[:, None], [0.0, 0.0, 0.0, 1.0], ends.orientation)
+    settled = ends.status == RestStatus.SETTLED
+    centre = np.where(settled[:, None], _put_down(job, ends.position, body), ends.position)
+    orientation = canonical(part_from_body(in_tray_axes(scene, body), job.axes))
+    position = scene.in_tray(centre * job.radius) - rotate(orientation, job.centre_of_mass)
+    return RestingPoses(
+        first_drop=first_drop,
+        position=np.where(failed[:, None], 0.0, position),
+        orientation=orientation,
+        status=ends.status,
+        decided_by=ends.decided_by,
+        time_to_rest=ends.time * job.time_unit,
+        energy_growth=ends.growth,
+    )
+
+
+def _put_down(job: DropJob, position: Array, orientation: Array) -> Array:
+    """Return positions (n, 3), R, at which hulls that rest near half-spaces touch them.
+
+    In Bullet, a hull rests a margin above a half-space.
+    """
+    scene = job.scene
+    assert scene is not None
+    position = position.copy()
+    planes = [
+        (p.normal, p.offset / job.radius, depth_along(orientation, -p.normal, job.hull))
+        for p in scene.half_spaces
+    ]
+    gaps = [(position * n).sum(axis=1) - offset - reach for n, offset, reach in planes]
+    touching = [np.abs(gap) < TOUCH for gap in gaps]
+    for _ in range(50 if len(planes) > 1 else 1):
+        for (n, offset, reach), touches in zip(planes, touching, strict=True):
+            gap = (position * n).sum(axis=1) - offset - reach
+            position -= np.where(touches, gap, 0.0)[:, None] * n
+    return position
