@@ -151,9 +151,9 @@ def drop(
         starts=starts,
     )
     chunks: list[RestingPoses] = []
-    consumers: list[Consumer] = [lambda poses, _: chunks.append(poses)] if keep_poses else []
-    if planned.contacts is not None:
-        consumers.append(planned.contacts.add)
+    consumers: list[Consumer] = [*planned.consumers]
+    if keep_poses:
+        consumers.append(lambda poses, _: chunks.append(poses))
     by_state: CountsByState | None = None
     if initial_states is not None:
         by_state = CountsByState.none(len(initial_states), len(planned.empty.aspects))

@@ -4,6 +4,7 @@ import time
 import uuid
 from dataclasses import dataclass
 
+from resting_aspects_ros.api.drop_counter import Consumer
 from resting_aspects_ros.api.surroundings import aspects_in, contacts_in, scene_of
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.landscape import Landscape
@@ -36,6 +37,11 @@ class PlannedDrops:
     run: RunDescription
     empty: Distribution
     contacts: ContactCounts | None = None
+
+    @property
+    def consumers(self) -> list[Consumer]:
+        """What counts the poses beside the distribution."""
+        return [] if self.contacts is None else [self.contacts.add]
 
 
 def plan_drops(

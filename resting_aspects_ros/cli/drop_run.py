@@ -69,10 +69,8 @@ def drop_and_show(
     log: Path | None = None
     convergence: Convergence | None = None
     checked = not arguments.check_convergence
-    counter = DropCounter(planned.empty, run, stop_at, request.ranges)
+    counter = DropCounter(planned.empty, run, stop_at, request.ranges, planned.consumers)
     by_state = _counted_by_state(request, counter)
-    if planned.contacts is not None:
-        counter.consumers.append(planned.contacts.add)
     try:
         with ExitStack() as stack:
             for option, path in _poses_paths(arguments.poses, flag, out):

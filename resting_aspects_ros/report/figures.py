@@ -42,7 +42,13 @@ def bands(distribution: Distribution, drops: Counts, counts: Counts) -> list[lis
     """
     return [
         dataclasses.replace(
-            distribution, counts=row, unclassified=int(n - row.sum()), unsettled=0, failed=0, lost=0, sliding=0
+            distribution,
+            counts=row,
+            unclassified=int(n - row.sum()),
+            unsettled=0,
+            failed=0,
+            lost=0,
+            sliding=0,
         )
         .by_class()
         .intervals()

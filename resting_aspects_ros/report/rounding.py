@@ -19,8 +19,13 @@ def interval_of(distribution: Distribution, count: int) -> Interval:
     """
     rest = distribution.drops - count
     counted = dataclasses.replace(
-        distribution, counts=np.array([count, rest]), unclassified=0, unsettled=0, failed=0,
-        lost=0, sliding=0,
+        distribution,
+        counts=np.array([count, rest]),
+        unclassified=0,
+        unsettled=0,
+        failed=0,
+        lost=0,
+        sliding=0,
     )
     return counted.intervals()[0]
 

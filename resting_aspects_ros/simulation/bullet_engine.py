@@ -85,6 +85,8 @@ class _World:
     All worlds of a thread share one Bullet client, so only the newest world of a thread is valid.
     """
 
+    _residual = SOLVER_RESIDUAL
+
     def __init__(self, job: DropJob) -> None:
         client = _empty_client()
         self._job = job
@@ -95,7 +97,7 @@ class _World:
             fixedTimeStep=self._step,
             numSubSteps=0,
             numSolverIterations=MAX_SOLVER_ITERATIONS,
-            solverResidualThreshold=SOLVER_RESIDUAL,
+            solverResidualThreshold=self._residual,
             # Bullet solves small islands together until they exceed this size. With 0, each body
             # is an island of its own and stops iterating independently.
             minimumSolverIslandSize=0,
@@ -117,7 +119,7 @@ class _World:
         self._ground = self._add_static(plane)
 
     def _pair_values(self) -> dict[str, float]:
-        """Return restitution and friction of the part; Bullet multiplies them with the surface's."""
+        """Return restitution and friction of the part; those of the surface are 1."""
         c = self._job.conditions
         return {
             'restitution': c.restitution,

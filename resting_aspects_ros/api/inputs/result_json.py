@@ -32,6 +32,7 @@ from resting_aspects_ros.core.statistics.comparison import REST, DropCounts
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.simulation.run_description import MAX_SEED, RunDescription
+from resting_aspects_ros.simulation.surroundings.description import make_surroundings
 
 if TYPE_CHECKING:
     Id: TypeAlias = int
@@ -48,13 +49,9 @@ Pair: TypeAlias = tuple[Number, Number]
 Vector: TypeAlias = tuple[Number, Number, Number]
 _conditions: dict[str, Any] = dict.fromkeys(QUANTITIES, (Number, ...))
 _conditions |= {'height_of': (Literal['LOWEST_POINT', 'CENTRE_OF_MASS'], ...)}
+_conditions |= {'surroundings': (dict[str, Any] | None, None)}
 # Bounds are checked by DropConditions.
-Conditions: Any = create_model(
-    'Conditions',
-    **_conditions,
-    surface=(StrictStr, ...),
-    surroundings=(dict[str, Any] | Literal[''], ''),
-)
+Conditions: Any = create_model('Conditions', **_conditions, surface=(StrictStr, ...))
 
 
 class CountedAspect(BaseModel):
@@ -134,6 +131,9 @@ class RunDocument(CountsDocument):
         """Return the run; raises InvalidValueError for invalid conditions."""
         conditions = dict(self.conditions)
         conditions['height_of'] = HeightOf[conditions['height_of']]
+        surroundings = conditions.pop('surroundings')
+        if surroundings:
+            conditions['surroundings'] = make_surroundings(surroundings).key
         values: dict[str, Any] = {
             each.name: getattr(self, each.name) for each in fields(RunDescription)
         }

@@ -1,4 +1,4 @@
-"""Surroundings of a drop: slopes, walls, grooves, chutes, trays and meshes instead of a level plane.
+"""Surroundings of a drop: slopes, walls, grooves, chutes, trays and meshes.
 
 Contains their description, the bodies and the gravity that follow from it, where parts are
 released, and when a part is at rest, slides or is lost. It knows no engine: `bullet_scene` puts

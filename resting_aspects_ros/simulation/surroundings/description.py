@@ -163,7 +163,10 @@ class Surroundings:
             tray_from_scene=tray_from_scene(*self.shape.tilt),
             free=self.shape.free,
             region=region,
-            ground=max((_ground(b, region, radius) for b in bodies if isinstance(b, MeshBody)), default=0.0),
+            ground=max(
+                (_ground(b, region, radius) for b in bodies if isinstance(b, MeshBody)),
+                default=0.0,
+            ),
             lost=self.shape.lost(radius),
             orientation=None if self.orientation is None else np.array(self.orientation),
         )
@@ -214,7 +217,9 @@ def make_surroundings(document: Any, name: str = '') -> Surroundings:
     source = values.pop('source', '')
     if not isinstance(source, str):
         raise InvalidValueError(f'invalid source {shown(source)}: expected text')
-    common = {key: values.pop(key) for key in ('bodies', 'release', 'orientation') if key in values}
+    common = {
+        key: values.pop(key) for key in ('bodies', 'release', 'orientation') if key in values
+    }
     fields = {field.name: field for field in dataclasses.fields(KINDS[kind])}
     unknown = [key for key in values if key not in fields]
     if unknown:
@@ -285,7 +290,6 @@ def _check_release(scene: Scene, radius: float) -> None:
                     f'invalid release {1000 * distance:.4g} mm from the {plane.name}: expected at '
                     f'least the hull radius of the part, {1000 * radius:.4g} mm'
                 )
-
 
 
 def _ground(body: MeshBody, region: tuple[Any, Any], radius: float) -> float:

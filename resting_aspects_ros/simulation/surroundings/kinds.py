@@ -14,8 +14,8 @@ from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.quantity import check_quantities, quantity
 from resting_aspects_ros.simulation.surroundings.scene import (
     Block,
-    PairValues,
     HalfSpace,
+    PairValues,
     SceneBody,
 )
 

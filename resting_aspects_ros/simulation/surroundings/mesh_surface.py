@@ -24,7 +24,9 @@ MAX_BYTES = 64 << 20
 
 
 def _position(axis: str) -> Any:
-    return quantity(axis, 'm', f'{axis} of the origin of the file', low=-100, high=100, default=0.0)
+    return quantity(
+        axis, 'm', f'{axis} of the origin of the file', low=-100, high=100, default=0.0
+    )
 
 
 def _angle(axis: str) -> Any:
@@ -49,6 +51,8 @@ class MeshSurface:
     x, y, z, rx, ry, rz : float
         Position of its origin, m, and rotations about the fixed axes x, y and z, in this order,
         rad.
+    mesh_sha256 : str
+        Hash of the file, which is compared if it is given.
 
     Raises
     ------
@@ -69,7 +73,7 @@ class MeshSurface:
     rx: float = _angle('x')
     ry: float = _angle('y')
     rz: float = _angle('z')
-    sha256: str = field(init=False, default='')
+    mesh_sha256: str = ''
     vertices: Array = field(init=False, repr=False, compare=False)
     triangles: npt.NDArray[np.int64] = field(init=False, repr=False, compare=False)
 
@@ -91,8 +95,13 @@ class MeshSurface:
                 f'{label} has {len(triangles)} triangles: expected at most {MAX_TRIANGLES}'
             )
         set_field = object.__setattr__
-        set_field(self, 'mesh', str(path))
-        set_field(self, 'sha256', hashlib.sha256(data).hexdigest())
+        sha256 = hashlib.sha256(data).hexdigest()
+        if self.mesh_sha256 not in ('', sha256):
+            raise InvalidValueError(
+                f'invalid {label}: it has changed; expected the hash {shown(self.mesh_sha256)}'
+            )
+        set_field(self, 'mesh', str(path.absolute()))
+        set_field(self, 'mesh_sha256', sha256)
         set_field(self, 'vertices', self._placed(vertices * UNITS[self.unit]))
         set_field(self, 'triangles', triangles)
 
@@ -104,12 +113,12 @@ class MeshSurface:
             turned[:, a] = math.cos(angle) * points[:, a] - math.sin(angle) * points[:, b]
             turned[:, b] = math.sin(angle) * points[:, a] + math.cos(angle) * points[:, b]
             points = turned
-        return points + np.array([self.x, self.y, self.z])
+        return np.asarray(points + np.array([self.x, self.y, self.z]))
 
     @property
     def texts(self) -> dict[str, str]:
         """Values of the description that are not numbers."""
-        return {'mesh_sha256': self.sha256, 'unit': self.unit}
+        return {'mesh': self.mesh, 'unit': self.unit, 'mesh_sha256': self.mesh_sha256}
 
     @property
     def tilt(self) -> tuple[float, float]:

@@ -113,7 +113,8 @@ def ground_below(
     corners = vertices[triangles]
     near = (corners[:, :, :2].max(axis=1) >= low) & (corners[:, :, :2].min(axis=1) <= high)
     highest: float | None = None
-    for polygon in corners[near.all(axis=1)]:
+    for triangle in corners[near.all(axis=1)]:
+        polygon = triangle
         for axis in (0, 1):
             polygon = _clipped(_clipped(polygon, axis, 1.0, low[axis]), axis, -1.0, -high[axis])
         if len(polygon):

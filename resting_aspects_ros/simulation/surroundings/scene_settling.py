@@ -19,9 +19,9 @@ from resting_aspects_ros.simulation.settling import (
 )
 from resting_aspects_ros.simulation.surroundings.release import depth_along, in_tray_axes
 
-# A part slides for ever if for this time, T, it turns by at most SLIDE_TURN, and its speed does not
-# decrease. Coulomb friction slows a part at a constant rate, or not at all. On a single plane, only
-# a tilt counts: a part can spin about the normal of the plane while it slides.
+# A part slides for ever if for this time, T, it turns by at most SLIDE_TURN, and its speed does
+# not decrease. Coulomb friction slows a part at a constant rate, or not at all. On a single plane,
+# only a tilt counts: a part can spin about the normal of the plane while it slides.
 SLIDE_WINDOW = 10.0
 SLIDE_TURN = 1e-3
 # Minimum speed of a sliding part, R / T; a slower part creeps or trembles.
@@ -29,6 +29,9 @@ MIN_SLIDE_SPEED = 1e-3
 # A part that moves faster than this, R / T, and three times as fast as it can hit a surface first,
 # slides or rolls away: it has come down by at least 50 R.
 MAX_SLIDE_SPEED = 10.0
+# A part that a belt carries along a wall creeps on the belt by up to this, R, between checks: the
+# wall pulls on it, and the solver finds its friction within a tolerance.
+MAX_CREEP = 1e-3
 # A part touches a half-space if its hull is closer than this, R: Bullet lets it rest at 0.001.
 TOUCH = 0.005
 
@@ -75,11 +78,11 @@ class SceneSettling(Settling):
     def _failed_in_scene(self, states: BodyStates, *, shaken: bool) -> npt.NDArray[np.bool_]:
         """Update the energies; returns which of the moving drops failed numerically."""
         numbers = (states.position, states.orientation, states.velocity, states.spin)
-        sound = np.isfinite(np.hstack(numbers)).all(axis=1)
+        sound = np.asarray(np.isfinite(np.hstack(numbers)).all(axis=1))
         radius = self._job.radius
         for plane in self._scene.half_spaces:
             height = states.position @ plane.normal - plane.offset / radius
-            sound &= height >= -MAX_DEPTH
+            sound = np.asarray(sound & (height >= -MAX_DEPTH))
         rows = self.moving[sound]
         found = states.select(sound)
         energy = self._energies(found)
@@ -108,7 +111,8 @@ class SceneSettling(Settling):
         turned = np.abs(states.orientation - self.orientation[which]).max(axis=1)
         self.position[which] = states.position
         self.orientation[which] = states.orientation
-        still = (np.maximum(distance, turned) < REST_MOTION) & (not restart)
+        creep = MAX_CREEP if len(self._surface_velocities) > 1 else REST_MOTION
+        still = (distance < creep) & (turned < REST_MOTION) & (not restart)
         self._still[which] = np.where(still, self._still[which] + 1, 0)
         return np.asarray(self._still[which] * CHECK_INTERVAL >= REST_WINDOW)
 
@@ -137,14 +141,14 @@ class SceneSettling(Settling):
         if self._scene.free < 2:
             return orientation.copy()
         normal = np.tile(self._scene.half_spaces[0].normal, (len(orientation), 1))
-        return rotate(orientation * [-1, -1, -1, 1], normal)
+        turned: Array = rotate(orientation * [-1, -1, -1, 1], normal)
+        return turned
 
     def _lost(self, position: Array) -> npt.NDArray[np.bool_]:
         """Return which parts (n,) have left the surroundings."""
-        lost = np.zeros(len(position), dtype=np.bool_)
-        for space in self._scene.lost:
-            lost |= position @ space.normal < space.offset / self._job.radius
-        return lost
+        radius = self._job.radius
+        inside = [position @ space.normal < space.offset / radius for space in self._scene.lost]
+        return np.asarray(np.any([np.zeros(len(position), dtype=np.bool_), *inside], axis=0))
 
 
 def poses_in_scene(job: DropJob, first_drop: int, ends: SceneSettling) -> RestingPoses:
