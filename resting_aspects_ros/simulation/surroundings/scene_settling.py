@@ -139,7 +139,7 @@ class SceneSettling(Settling):
     def _pointing(self, orientation: Array) -> Array:
         """Return what does not change while a part slides: its orientation, or its tilt."""
         if self._scene.free < 2:
-            return orientation.copy()
+            return np.array(orientation)
         normal = np.tile(self._scene.half_spaces[0].normal, (len(orientation), 1))
         turned: Array = rotate(orientation * [-1, -1, -1, 1], normal)
         return turned
