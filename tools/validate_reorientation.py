@@ -99,7 +99,7 @@ def _memory(
     for part in parts:
         drop = drop_for_start(
             part, conditions, DROPS, SEED, dropper.workers, shown=False
-        ).by_class()
+        )[0].by_class()
         rows = strongest[part.name].by_class().probability
         outside = [drop.unclassified, drop.unsettled, drop.failed, 0]
         dropped = np.array([*drop.counts.tolist(), *outside]) / drop.drops

@@ -8,11 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from resting_aspects_ros.api.condition_text import shipped_actions
+from resting_aspects_ros.api.surroundings import aspects_in, scene_of
 from resting_aspects_ros.api.transition_counter import TransitionCounter
 from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.errors import InvalidValueError, shown, warn
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, no_actions
 from resting_aspects_ros.core.statistics.intervals import (
     CONFIDENCE,
@@ -26,12 +29,17 @@ from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.nozzle import Nozzle
 from resting_aspects_ros.simulation.plan import plan_run
-from resting_aspects_ros.simulation.reorientation import action_starts
+from resting_aspects_ros.simulation.reorientation import action_starts, body_of
 from resting_aspects_ros.simulation.run_description import (
     DEFAULT_SEED,
     MAX_DROPS,
     RunDescription,
 )
+from resting_aspects_ros.simulation.starts import Starts
+from resting_aspects_ros.simulation.step_action import Step
+from resting_aspects_ros.simulation.surroundings.rest_starts import found_starts
+from resting_aspects_ros.simulation.surroundings.scene import Scene
+from resting_aspects_ros.simulation.vibration import Vibration
 
 DEFAULT_ACTION = 'tap'
 # 385 actions give intervals of about +-0.05 in the worst case.
@@ -64,15 +72,18 @@ def plan_actions(
     interval: str = INTERVAL,
     confidence: float = CONFIDENCE,
     landscape: Landscape | None = None,
+    rests: RestingPoses | None = None,
 ) -> PlannedActions:
     """Find the aspects of a part and plan an action from each; raises InvalidValueError.
 
     With a precision, ``per_aspect`` is the maximum number of actions; 0: as many as needed.
+    ``rests`` are resting poses in the surroundings, from which the actions start there.
     """
     check_method(interval)
     check_confidence(confidence)
     landscape = Landscape(part) if landscape is None else landscape
-    aspects = find_aspects(part, landscape)
+    scene = scene_of(part, conditions)
+    aspects = aspects_in(scene, find_aspects(part, landscape))
     if not len(aspects):
         raise InvalidValueError(f'invalid part {part.name}: expected a part with an aspect')
     limit = MAX_DROPS // len(aspects)
@@ -93,7 +104,7 @@ def plan_actions(
         run_id=uuid.uuid4().hex[:12],
         started=time.time_ns(),
         landscape=landscape,
-        starts=action_starts(part, aspects.aspects, action.action, conditions.gravity),
+        starts=_starts(part, aspects, scene, action.action, conditions, rests),
     )
     _check_speed(part, action, job)
     _warn_if_missed(action, job, len(aspects))
@@ -101,6 +112,28 @@ def plan_actions(
         aspects, interval=interval, confidence=confidence, by_precision=precision > 0
     )
     return PlannedActions(action, job, run, TransitionCounter(empty, run, precision))
+
+
+def _starts(
+    part: Part,
+    aspects: AspectSet,
+    scene: Scene | None,
+    action: Action,
+    conditions: DropConditions,
+    rests: RestingPoses | None,
+) -> Starts:
+    """Return the starts of an action; raises InvalidValueError."""
+    if scene is None:
+        return action_starts(part, aspects.aspects, action, conditions.gravity)
+    if isinstance(action, Step):
+        raise InvalidValueError(
+            'invalid action step: expected without surroundings; it has its own, two belts'
+        )
+    if rests is None:
+        raise InvalidValueError('invalid surroundings: expected resting poses in them')
+    motion = action if isinstance(action, Vibration) else None
+    impulse = None if isinstance(action, Vibration) else action
+    return found_starts(part, aspects, scene, rests, body_of(part), impulse, motion)
 
 
 def _check_speed(part: Part, action: NamedAction, job: DropJob) -> None:

@@ -1,6 +1,7 @@
 """Simulate an action on parts at rest in each aspect, and count the transitions."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,12 @@ from resting_aspects_ros.api.plan_actions import (
 from resting_aspects_ros.api.plan_drops import plan_drops
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.api.reorient_result import ReorientResult
+from resting_aspects_ros.api.surroundings import with_surroundings
 from resting_aspects_ros.api.transition_counter import check_in_finer_steps
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.geometry.decomposition import convex_pieces
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.intervals import (
     CONFIDENCE,
@@ -37,6 +40,7 @@ from resting_aspects_ros.simulation.run_description import (
 )
 from resting_aspects_ros.simulation.step_action import Step
 from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
+from resting_aspects_ros.simulation.surroundings.description import Surroundings
 
 
 def reorient(
@@ -50,6 +54,7 @@ def reorient(
     seed: int = DEFAULT_SEED,
     interval: str = INTERVAL,
     confidence: float = CONFIDENCE,
+    surroundings: str | Path | Surroundings | None = None,
     check_convergence: bool = False,
     workers: int | Workers | None = None,
     progress: bool = False,
@@ -75,6 +80,9 @@ def reorient(
         Number of drops, whose distribution replaces parts that leave the aspects.
     seed, interval, confidence, workers, progress
         As for `drop`.
+    surroundings : str, Path or Surroundings, optional
+        As for `drop`. The actions then start from the resting poses of the drops, and the
+        vibration shakes all bodies.
     check_convergence : bool
         Repeat the actions with half the time step.
     **conditions : float
@@ -98,10 +106,10 @@ def reorient(
     >>> result.matrix.actions.tolist()
     [30, 30, 30, 30]
     """
-    given = given_conditions(surface, conditions)
+    given = with_surroundings(given_conditions(surface, conditions), surroundings)
     loaded = given_part(part)
-    landscape = Landscape(loaded)
-    planned = plan_actions(
+    plan = functools.partial(
+        plan_actions,
         loaded,
         named_action(action),
         given,
@@ -110,10 +118,13 @@ def reorient(
         seed=seed,
         interval=interval,
         confidence=confidence,
-        landscape=landscape,
+        landscape=Landscape(loaded),
     )
+    # Without surroundings, wrong input is refused before the first drop.
+    planned = None if given.surroundings else plan()
     with given_workers(workers) as pool:
-        dropped = drop_for_start(loaded, given, drops, seed, pool, shown=progress)
+        dropped, rests = drop_for_start(loaded, given, drops, seed, pool, shown=progress)
+        planned = plan(rests=rests) if planned is None else planned
         return make_actions(
             planned, loaded, dropped, pool, check=check_convergence, shown=progress
         )
@@ -165,11 +176,17 @@ def drop_for_start(
     *,
     shown: bool,
     stopped: Callable[[], bool] = lambda: False,
-) -> Distribution:
-    """Return the distribution of dropped parts, with which parts that left are replaced."""
+) -> tuple[Distribution, RestingPoses]:
+    """Return the distribution of dropped parts, with which parts that left are replaced.
+
+    Also returns the poses, from which actions in surroundings start.
+    """
     planned = plan_drops(part, conditions, drops=drops, seed=seed)
-    counter = DropCounter(planned.empty, planned.run)
+    chunks: list[RestingPoses] = []
+    counter = DropCounter(
+        planned.empty, planned.run, consumers=[lambda poses, _: chunks.append(poses)]
+    )
     with DropProgress(part.name, drops, shown=shown) as bar:
         counter.drop(planned.job, workers, bar.update, stopped)
         bar.end(counter.distribution.drops)
-    return counter.distribution
+    return counter.distribution, RestingPoses.join([RestingPoses.none(0), *chunks])

@@ -165,7 +165,7 @@ def make_forecasts(
     for part, planned, sets in zip(
         requested.parts, requested.planned, requested.pickable, strict=True
     ):
-        dropped = drop_for_start(
+        dropped, _ = drop_for_start(
             part,
             requested.conditions,
             requested.drops,

@@ -1,6 +1,7 @@
 """What `resting_aspects reorient` is asked for: part, actions, conditions, wanted aspects."""
 
 import argparse
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,8 +21,13 @@ from resting_aspects_ros.cli.values import parse_share
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.errors import InvalidValueError, warn
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.stopping import check_precision
 from resting_aspects_ros.simulation.conditions import DropConditions
+
+# Drops a part under conditions, and returns the distribution and the poses.
+MakeDrops = Callable[[Part, DropConditions], tuple[Distribution, RestingPoses]]
 
 DOCUMENT, ROADMAP = 'transitions.json', 'roadmap.json'
 
@@ -36,6 +42,8 @@ class ReorientRequest:
         Whether tables have a row for each symmetry class.
     out : Path or None
         Folder of the result; None if it is not saved.
+    drop : Distribution or None
+        Distribution of the drops, if they were made already: in surroundings.
     """
 
     part: Part
@@ -45,10 +53,16 @@ class ReorientRequest:
     by_class: bool
     measured: MeasuredTrials | None
     out: Path | None
+    drop: Distribution | None = None
 
 
-def requested_reorientation(arguments: argparse.Namespace, confidence: float) -> ReorientRequest:
-    """Return the actions that the flags request; raises RestingAspectsError for wrong input."""
+def requested_reorientation(
+    arguments: argparse.Namespace, confidence: float, make_drops: MakeDrops
+) -> ReorientRequest:
+    """Return the actions that the flags request; raises RestingAspectsError for wrong input.
+
+    ``make_drops`` is called for actions in surroundings, which start from resting poses there.
+    """
     precision = 0.0
     if arguments.precision is not None:
         precision = parse_share('--precision', arguments.precision)
@@ -63,6 +77,7 @@ def requested_reorientation(arguments: argparse.Namespace, confidence: float) ->
     if per_aspect is None:
         per_aspect = 0 if precision else DEFAULT_PER_ASPECT
     landscape = Landscape(part)
+    drop, rests = make_drops(part, conditions) if conditions.surroundings else (None, None)
     planned = tuple(
         plan_actions(
             part,
@@ -73,13 +88,14 @@ def requested_reorientation(arguments: argparse.Namespace, confidence: float) ->
             seed=arguments.seed,
             confidence=confidence,
             landscape=landscape,
+            rests=rests,
         )
         for action in actions
     )
     wanted = _wanted(arguments, planned[0])
     out = _folder(arguments, part.name, [action.name for action in actions])
     by_class = not arguments.each and arguments.wanted is None
-    return ReorientRequest(part, conditions, planned, wanted, by_class, measured, out)
+    return ReorientRequest(part, conditions, planned, wanted, by_class, measured, out, drop)
 
 
 def _wanted(arguments: argparse.Namespace, planned: PlannedActions) -> tuple[int, ...]:

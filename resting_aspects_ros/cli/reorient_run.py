@@ -14,8 +14,11 @@ from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.cli.reorient_request import ReorientRequest, requested_reorientation
 from resting_aspects_ros.cli.reorient_show import Answer, print_answer, save_answer, save_page
 from resting_aspects_ros.core.errors import EngineError, warn
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.simulation.chunks import Workers
+from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.interruption import Interruption
 
 INTERRUPTED = 130
@@ -27,16 +30,17 @@ def reorient_and_show(
     arguments: argparse.Namespace, workers: Workers, confidence: float, stop: Interruption
 ) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    request = requested_reorientation(arguments, confidence)
-    drop = drop_for_start(
-        request.part,
-        request.conditions,
-        arguments.drops,
-        arguments.seed,
-        workers,
-        shown=True,
-        stopped=lambda: stop.asked,
-    )
+
+    def make_drops(part: Part, conditions: DropConditions) -> tuple[Distribution, RestingPoses]:
+        number, seed = arguments.drops, arguments.seed
+        return drop_for_start(
+            part, conditions, number, seed, workers, shown=True, stopped=lambda: stop.asked
+        )
+
+    request = requested_reorientation(arguments, confidence, make_drops)
+    drop = request.drop
+    if drop is None:
+        drop, _ = make_drops(request.part, request.conditions)
     simulated, failure = _simulate(arguments, request, drop, workers, stop)
     results, checks = _with_trials(request, simulated)
     replaced = any(

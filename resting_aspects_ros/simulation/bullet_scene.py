@@ -10,11 +10,12 @@ import numpy.typing as npt
 import pybullet
 
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.core.rotations import Array, product, rotate
 from resting_aspects_ros.simulation.bullet_edge import _compound, _obj_text
 from resting_aspects_ros.simulation.bullet_engine import SLOT_SPACING, _slot_origins, _World
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import CHUNK, InitialState
+from resting_aspects_ros.simulation.surroundings.release import in_scene_axes
 from resting_aspects_ros.simulation.surroundings.scene import (
     Block,
     HalfSpace,
@@ -42,7 +43,7 @@ def drop_in_scene(job: DropJob, states: InitialState, first_drop: int, end: int)
     scene = job.scene
     assert scene is not None
     start = first_drop // CHUNK * CHUNK
-    size = CHUNK if scene.free else TOGETHER
+    size = CHUNK if scene.free and job.motion is None else TOGETHER
     poses = []
     # Worlds of which no drop is wanted are left out.
     for slot in range((first_drop - start) // size * size, end - start, size):
@@ -118,7 +119,7 @@ class SceneWorld(_World):
         velocity = (body.velocity * (job.time_unit / job.radius)).tolist()
         state = (position, orientation, velocity, [0.0] * 3)
         self._place(made, *state)
-        if body.contact.speed and not isinstance(body, HalfSpace):
+        if job.motion is not None or (body.contact.speed and not isinstance(body, HalfSpace)):
             self._moving.append((made, state))
 
     def drop_all(self, states: InitialState, slots: npt.NDArray[np.int64]) -> SceneSettling:
@@ -133,6 +134,9 @@ class SceneWorld(_World):
         if not self._moving:
             super()._advance(made, steps)
             return
+        if self._job.in_motion(made * self._step):
+            self._shake(made, steps)
+            return
         for _ in range(steps):
             # A body with a velocity moves with it, and is put back. This needs no care for
             # half-spaces, which move along themselves.
@@ -140,7 +144,28 @@ class SceneWorld(_World):
                 self._place(body, *state)
             pybullet.stepSimulation(physicsClientId=self._client)
 
+    def _shake(self, made: int, steps: int) -> None:
+        """Step the world and move all its bodies together; see DropJob.surface_states."""
+        *states, last = self._job.surface_states(made, steps)
+        for state in states:
+            self._move(*map(np.array, state))
+            pybullet.stepSimulation(physicsClientId=self._client)
+        self._move(*map(np.array, last))
+
+    def _move(self, position: Array, turn: Array, velocity: Array, spin: Array) -> None:
+        """Put all bodies where a motion of the tray, in tray axes, R and T, brings them."""
+        scene = self._scene
+        at, v, w = scene.in_scene(np.stack([position, velocity, spin]))
+        turned = in_scene_axes(scene, product(turn[None], scene.tray_from_scene[None]))[0]
+        for body, (place, orientation, belt, _) in self._moving:
+            arm, own = rotate(turned, np.array([place, belt]))
+            facing = product(turned[None], np.array([orientation]))[0]
+            moved = (at + arm, facing, v + np.cross(w, arm) + own, w)
+            self._place(body, *(values.tolist() for values in moved))
+
     def _origins(self, slots: npt.NDArray[np.int64]) -> Array:
+        if self._job.motion is not None:  # its rocking depends on the place
+            return np.zeros((len(slots), 3))
         if self._scene.free == 2:
             return _slot_origins(slots)
         along = np.stack([slots, 0 * slots, 0 * slots], axis=1) * SLOT_SPACING

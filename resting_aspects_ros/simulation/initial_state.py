@@ -9,8 +9,9 @@ import numpy.typing as npt
 from resting_aspects_ros.core.rotations import Array, composed, down_in_part, random_orientations
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.drop_job import DropJob
-from resting_aspects_ros.simulation.starts import Starts
-from resting_aspects_ros.simulation.surroundings.release import released
+from resting_aspects_ros.simulation.starts import Starts, States
+from resting_aspects_ros.simulation.surroundings.release import in_scene_axes, released
+from resting_aspects_ros.simulation.surroundings.scene import Scene
 
 # Number of drops in a chunk. They share a world, each in its own slot. A drop's slot is its index
 # modulo the chunk size, because rounding errors, and therefore the pose, depend on the position
@@ -80,6 +81,8 @@ def _started(
 ) -> InitialState:
     """Return the initial states of parts that start as ``starts`` determines."""
     states = starts.states(index, generator)
+    if job.scene is not None:
+        return _started_in_scene(job, job.scene, states)
     of_body = body_from_part(states.orientation, job.axes)
     position = states.position / job.radius
     # A part that lies on the surface begins where Bullet lets it rest.
@@ -114,6 +117,18 @@ def _released(job: DropJob, generator: np.random.Generator) -> InitialState:
     position[:, :2] = velocity[:, :2] * elapsed[:, None]
     position[:, 2] = clearance + depth
     return InitialState(position, of_body, velocity, spin, elapsed)
+
+
+def _started_in_scene(job: DropJob, scene: Scene, states: States) -> InitialState:
+    """Return given states, in the tray frame, as initial states in the scene frame."""
+    scale = job.time_unit / job.radius
+    return InitialState(
+        scene.in_scene(states.position) / job.radius,
+        in_scene_axes(scene, body_from_part(states.orientation, job.axes)),
+        scene.in_scene(states.velocity) * scale,
+        scene.in_scene(states.spin) * job.time_unit,
+        np.zeros(len(states.position)),
+    )
 
 
 def _in_scene(job: DropJob, generator: np.random.Generator) -> InitialState:

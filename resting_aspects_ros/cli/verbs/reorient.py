@@ -10,6 +10,7 @@ from resting_aspects_ros.cli.options import (
     add_contact_conditions,
     add_output,
     add_part,
+    add_surroundings,
     add_workers,
 )
 from resting_aspects_ros.cli.start_workers import start_workers
@@ -112,6 +113,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(parser)
     add_action_values(parser)
     add_contact_conditions(parser)
+    add_surroundings(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -38,6 +38,11 @@ def plan_goal(
     goal: ReorientPart.Goal,
 ) -> tuple[PlannedActions, PlannedDrops]:
     """Return the actions and the drops of a goal; runs in a FileWorker."""
+    if conditions.surroundings:
+        raise InvalidValueError(
+            'invalid surroundings: expected none in a goal of reorient_part; the command '
+            '`resting_aspects reorient --surroundings` and ra.reorient simulate actions in them'
+        )
     actions = plan_actions(
         part,
         action,

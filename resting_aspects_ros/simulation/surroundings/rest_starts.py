@@ -1,0 +1,107 @@
+"""Parts at rest in surroundings, from which actions start: poses that drops ended in."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.core.rotations import Array, rotate
+from resting_aspects_ros.simulation.edge import Edge
+from resting_aspects_ros.simulation.motion import Motion
+from resting_aspects_ros.simulation.starts import Body, Impulse, Indices, States
+from resting_aspects_ros.simulation.surroundings.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class FoundStarts:
+    """Parts at rest in each aspect, in poses that drops ended in, to which an impulse is applied.
+
+    positions, orientations : tuple of (m, 3) and (m, 4) float
+        For each row the poses of the centre of mass, tray frame, m and unit quaternions.
+    carried : (3,) float
+        Velocity of the parts, with the first body, tray axes, m/s.
+    impulse : Impulse or None
+        None: only the surroundings move.
+    """
+
+    positions: tuple[Array, ...]
+    orientations: tuple[Array, ...]
+    carried: Array
+    impulse: Impulse | None
+    body: Body
+    motion: Motion | None = None
+    edge: Edge | None = None
+
+    @property
+    def rows(self) -> int:
+        """Number of different starts."""
+        return len(self.positions)
+
+    @property
+    def max_speed(self) -> float:
+        """See Starts."""
+        speed = 0.0 if self.impulse is None else self.impulse.max_speed(self.body)
+        return speed + float(np.linalg.norm(self.carried))
+
+    def states(self, index: Indices, generator: np.random.Generator) -> States:
+        """Return the states of some drops; see Starts."""
+        row, n = index % self.rows, len(index)
+        share = generator.random(n)
+        position, orientation = np.empty((n, 3)), np.empty((n, 4))
+        for r in np.unique(row).tolist():
+            here = row == r
+            chosen = (share[here] * len(self.positions[r])).astype(np.int64)
+            position[here] = self.positions[r][chosen]
+            orientation[here] = self.orientations[r][chosen]
+        none = np.zeros((n, 3))
+        states = States(position, orientation, none, none)
+        if self.impulse is not None:
+            states = self.impulse.applied(states, row, self.body, generator)
+        return States(position, orientation, states.velocity + self.carried, states.spin)
+
+
+def found_starts(
+    part: Part,
+    aspects: AspectSet,
+    scene: Scene,
+    poses: RestingPoses,
+    body: Body,
+    impulse: Impulse | None,
+    motion: Motion | None,
+) -> FoundStarts:
+    """Return parts at rest in each aspect, from the poses of drops in the surroundings.
+
+    Raises InvalidValueError if no drop ended in one of the aspects.
+    """
+    settled = poses.status == RestStatus.SETTLED
+    orientation = poses.orientation[settled]
+    centre = poses.position[settled] + rotate(orientation, part.centre_of_mass)
+    # Where the surroundings are the same everywhere, the place does not matter.
+    free = np.arange(3) < scene.free
+    centre = scene.in_tray(np.where(free, 0.0, scene.in_scene(centre)))
+    ids = aspects.classify(orientation)
+    found = [ids == aspect.id for aspect in aspects.aspects]
+    missing = [a.id for a, which in zip(aspects.aspects, found, strict=True) if not which.any()]
+    if missing:
+        raise InvalidValueError(
+            f'invalid surroundings: no part came to rest in aspect '
+            f'{", ".join(map(str, missing))} in {len(poses)} drops, so that no action can start '
+            'there; expected surroundings in which each aspect occurs, or more drops'
+        )
+    carried = scene.bodies[0].velocity[None] if scene.free else np.zeros((1, 3))
+    return FoundStarts(
+        _each(centre, found),
+        _each(orientation, found),
+        scene.in_tray(carried)[0],
+        impulse,
+        body,
+        motion,
+    )
+
+
+def _each(rows: Array, found: Sequence[Array]) -> tuple[Array, ...]:
+    return tuple(rows[which] for which in found)
