@@ -18,7 +18,7 @@ from resting_aspects_ros.core.statistics.intervals import (
     CONFIDENCE,
     INTERVAL,
     check_confidence,
-    check_method,
+    check_interval_method,
 )
 from resting_aspects_ros.core.statistics.stopping import drops_for
 from resting_aspects_ros.simulation.actions import KINDS, Action, NamedAction
@@ -69,7 +69,7 @@ def plan_actions(
 
     With a precision, ``per_aspect`` is the maximum number of actions; 0: as many as needed.
     """
-    check_method(interval)
+    check_interval_method(interval)
     check_confidence(confidence)
     landscape = Landscape(part) if landscape is None else landscape
     aspects = find_aspects(part, landscape)

@@ -44,7 +44,7 @@ class FeederDisplay(TerminalDisplay):
             print(feeder_line(view), file=sys.stderr, flush=True)
 
 
-def check_progress(watch: 'FeederWatch', folder: Path) -> None:
+def check_silence(watch: 'FeederWatch', folder: Path) -> None:
     """Raise RestingAspectsError if simulated time has stood still for too long."""
     if watch.silence > MAX_SILENCE:
         node, missing = watch.silent

@@ -16,7 +16,7 @@ import resting_aspects_ros as ra
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import count_poses
-from resting_aspects_ros.logs.bag_metadata import OUTCOME, Outcome
+from resting_aspects_ros.logs.bag_metadata import OUTCOME, LogOutcome
 from resting_aspects_ros.logs.mcap_format import lock_file
 from resting_aspects_ros.logs.record_reader import LogFile
 from resting_aspects_ros.logs.run_writer import RunLog
@@ -72,7 +72,7 @@ def log(tmp_path, part, dropped):
             written.flush()
         size = written.path.stat().st_size
         if batches is None:
-            written.add_metadata(OUTCOME, Outcome(DROPS, whole=True).record())
+            written.add_metadata(OUTCOME, LogOutcome(DROPS, whole=True).record())
         written.close()
         if batches is not None:
             (written.path.parent / 'metadata.yaml').unlink()
@@ -474,7 +474,7 @@ def log_of(tmp_path):
                 is_last = last and k == len(poses) - 1
                 message = poses_msg(batch, run_of, Time(), is_last)
                 log.write(POSES, serialize_message(message), 2 + k)
-            outcome = Outcome(sum(len(batch) for batch in poses), whole=whole)
+            outcome = LogOutcome(sum(len(batch) for batch in poses), whole=whole)
             log.add_metadata(OUTCOME, outcome.record())
         return log.path.parent
 

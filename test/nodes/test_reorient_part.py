@@ -23,7 +23,7 @@ from resting_aspects_ros.client import (
     RestingAspectsClient,
     transition_matrix_from,
 )
-from resting_aspects_ros.logs.bag_metadata import Outcome, recorded_outcome
+from resting_aspects_ros.logs.bag_metadata import LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.message_reader import messages
 from resting_aspects_ros.logs.topic_metadata import PART_TYPE, POSES_TYPE, TRANSITIONS_TYPE
 from resting_aspects_ros.nodes.drop_simulator.goal_execution import MAX_GOALS
@@ -155,7 +155,7 @@ def test_log_has_the_matrix_and_the_part(suite, found, part):
         deserialize_message(data, PartDescription) for data in messages(folder, PART_TYPE)
     ]
     assert [each.part_sha256 for each in described] == [part('tetrahedron').part_sha256]
-    assert recorded_outcome(folder) == Outcome(240, whole=True)
+    assert recorded_outcome(folder) == LogOutcome(240, whole=True)
     assert list(messages(folder, POSES_TYPE)) == []
 
 
@@ -282,7 +282,7 @@ def test_actions_before_a_cancel_are_kept(suite):
     assert (found.complete, found.ended, len(found.long_run)) == (False, True, 8)
     suite.client.wait(lambda: received and received[-1].ended, 'last matrix')
     assert received[-1] == found
-    assert recorded_outcome(suite.log_of(found.run.run_id)) == Outcome(made, whole=True)
+    assert recorded_outcome(suite.log_of(found.run.run_id)) == LogOutcome(made, whole=True)
 
 
 def test_cancel_during_the_drops(suite):

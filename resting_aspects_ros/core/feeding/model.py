@@ -61,7 +61,7 @@ class FeederModel:
             check_number('maximum number of picks', self.max_picks)
 
 
-class LongRun:
+class SteadyStates:
     """The steady state for each number of parts, if the counts were the probabilities.
 
     Attributes
