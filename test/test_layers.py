@@ -168,7 +168,7 @@ def test_modules_are_short():
 
 def test_rooms_import_in_one_direction():
     # `core` and `core.geometry` are one room in two folders.
-    order = {here: ROOMS[here] - {'core', 'core.geometry'} for here in ROOMS}
+    order = {here: ROOMS[here] - {here, 'core', 'core.geometry'} for here in ROOMS}
     TopologicalSorter(order).prepare()  # raises CycleError
 
 

@@ -36,10 +36,10 @@ from resting_aspects_ros.simulation.run_description import (
 DEFAULT_ACTION = 'tap'
 # 385 actions give intervals of about +-0.05 in the worst case.
 DEFAULT_PER_ASPECT = 400
-# Stronger actions than those that lift a part by so many hull radii are probably mistakes of the
-# unit, and take minutes.
+# An action that lifts a part by more than this number of hull radii is probably a mistake of the
+# unit, and its simulation takes minutes.
 MAX_LIFT = 200
-# Number of jets on each aspect with which is checked whether they meet the part.
+# Number of jets on each aspect that are used to check whether jets meet the part.
 JETS = 20
 
 

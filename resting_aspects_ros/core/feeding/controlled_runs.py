@@ -62,7 +62,7 @@ def forecast_controller(
     confidence: float = CONFIDENCE,
     seed: int = 1,
 ) -> ControlledRuns:
-    """Forecast the parts per minute of a run of so many minutes; takes 5 to 20 s.
+    """Forecast the parts per minute of a run of ``minutes``; takes 5 to 20 s.
 
     Parameters
     ----------

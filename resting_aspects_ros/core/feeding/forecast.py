@@ -134,13 +134,13 @@ def forecast(
     """Forecast the parts per minute with a number of parts on the tray, by default the best one.
 
     The interval of the mean has the quantiles of rates of draws from the posteriors of the drops
-    and of the transitions. The prediction interval has those of runs of so many minutes that begin
+    and of the transitions. The prediction interval has those of runs of ``minutes`` that begin
     with an empty tray, each with one of these draws.
 
     Raises
     ------
     InvalidValueError
-        If a value is invalid, or if so many parts do not fit on the tray.
+        If a value is invalid, or if the number of parts does not fit on the tray.
     """
     check_confidence(confidence)
     if number is not None:

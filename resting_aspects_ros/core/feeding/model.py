@@ -82,7 +82,7 @@ class SteadyStates:
     def at(self, table: FreeShares, number: int) -> SteadyState:
         """Return the steady state with a number of parts on the tray.
 
-        Raises InvalidValueError if so many do not fit.
+        Raises InvalidValueError if the number of parts does not fit.
         """
         found = self._at(table, number)
         mix, taken = np.zeros((2, len(self._occupied)))

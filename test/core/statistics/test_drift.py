@@ -1,4 +1,4 @@
-"""Drift in windows, its power by simulation, and the class that is off."""
+"""Drift in windows, its power by simulation, and the class that deviates."""
 
 import numpy as np
 import pytest
