@@ -123,9 +123,9 @@ def feeder(seeds: int, minutes: float, over_ros: bool) -> Iterator[str]:
         f'Runs of {minutes:g} minutes in simulated time, beginning with an empty tray, with '
         f'{seeds} seeds for each part: rendered images with noise, contours, identification, '
         'decision, and a robot that picks the part at the detected place. The outlines themselves '
-        f'are placed on the tray. Model: {DROPS} drops and {PER_ASPECT} flips from each aspect, which are taken '
-        'as the truth. The forecast is that of `forecast_controlled`. *Within*: runs in the 95 % '
-        'prediction interval; at least 17 of 20 are required.'
+        f'are placed on the tray. Model: {DROPS} drops and {PER_ASPECT} flips from each aspect, '
+        'which are taken as the truth. The forecast is that of `forecast_controlled`. *Within*: '
+        'runs in the 95 % prediction interval; at least 17 of 20 are required.'
     )
     yield ''
     yield (

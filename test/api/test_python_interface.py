@@ -13,9 +13,7 @@ import trimesh
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.drop_counter import DropCounter
-from resting_aspects_ros.nodes.aspect_classifier.log_loader import (
-    read_log as read_logged_distribution,
-)
+from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.plan import make_job
 
@@ -146,7 +144,7 @@ def test_a_log_has_the_poses_and_the_distribution(workers, tmp_path):
     assert np.array_equal(read.poses.position, result.poses.position)
     assert np.array_equal(read.poses.orientation, result.poses.orientation)
     # What a classifier takes from the log when it starts.
-    run, distribution = read_logged_distribution(result.log)
+    run, distribution = load_log(result.log)
     assert run == result.run
     assert distribution.counts.tolist() == result.distribution.counts.tolist()
 
