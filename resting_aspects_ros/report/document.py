@@ -106,7 +106,8 @@ def to_json(document: Mapping[str, object]) -> str:
 def aspect_fields(aspect: Aspect, part: Part | None) -> dict[str, object]:
     """Return the fields of the message Aspect that need no drops, and the text ``rests_on``."""
     fields = {name: plain(getattr(aspect, name)) for name in PUBLISHED_FIELDS}
-    return {'id': aspect.id, 'rests_on': resting_on(part, aspect), **fields}
+    first = {name: fields[name] for name in ('id', 'symmetry_class', 'multiplicity')}
+    return {**first, 'rests_on': resting_on(part, aspect), **fields}
 
 
 def share_fields(count: int, interval: Interval) -> dict[str, object]:
