@@ -167,6 +167,6 @@ def power_sentences(tested: DriftWindows) -> str:
             f'of {100 * tested.power:g} %.'
         )
     return (
-        f'{finds} Without drift, {100 * level:.3g} % of windows are alarms: one in '
+        f'{finds} Without drift, {100 * level:.3g} % of windows raise an alarm: one in '
         f'{tested.run_length:.0f} parts.'
     )

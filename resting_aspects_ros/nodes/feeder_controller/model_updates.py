@@ -173,7 +173,7 @@ class ModelUpdates:
             self._changed()
             self._node.get_logger().warning(
                 f'{self._settings.part} has changed (part_sha256 {fed.known.part.part_sha256}): '
-                'its classes may be others'
+                'its classes may have changed'
             )
         self._build()
 
