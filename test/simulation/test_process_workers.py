@@ -304,11 +304,11 @@ print(drops, flush=True)
 """
 
 
-def parent(then):
+def parent(then, *flags):
     """Start a process that drops with two workers, and then runs the given code."""
     config = Path(__file__).resolve().parents[2] / 'config'
     return subprocess.Popen(
-        [sys.executable, '-c', PARENT + then, config],
+        [sys.executable, *flags, '-c', PARENT + then, config],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -318,6 +318,12 @@ def parent(then):
 
 def test_workers_print_nothing_and_a_script_without_a_stop_ends():
     with parent(then='') as process:
+        out, errors = process.communicate(timeout=DEADLINE)
+    assert (process.returncode, out, errors) == (0, '10\n', '')
+
+
+def test_stopped_workers_leave_no_resources_behind():
+    with parent('workers.stop()', '-W', 'error') as process:
         out, errors = process.communicate(timeout=DEADLINE)
     assert (process.returncode, out, errors) == (0, '10\n', '')
 
