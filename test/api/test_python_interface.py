@@ -91,6 +91,7 @@ def test_the_document_is_that_of_the_command(workers):
     assert documents[0] == documents[1]
 
 
+@pytest.mark.slow
 def test_a_report_is_written(workers, tmp_path):
     page = ra.drop('tetrahedron', drops=30, workers=workers).report(tmp_path / 'out')
     assert page == tmp_path / 'out' / 'report.html'

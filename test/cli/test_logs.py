@@ -379,6 +379,7 @@ def test_drops_of_another_run_fill_a_gap(run, dropped, part, tmp_path):
         run('recover', 'run')
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     'words',
     [
@@ -447,6 +448,7 @@ def rows(path):
         return list(csv.DictReader(file))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('batches', [None, 2])
 def test_from_log_repeats_a_run_bit_for_bit(run, log, dropped, tmp_path, batches):
     ended = run('drop', '--from-log', log(batches=batches), '--poses', 'again.csv', '--json')
@@ -498,6 +500,7 @@ def table(poses):
 COLUMNS = ('drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw', 'time_to_rest')
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     ('asked', 'ranges', 'whole'),
     [

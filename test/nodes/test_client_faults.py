@@ -24,6 +24,7 @@ def spun(suite):
         yield client
 
 
+@pytest.mark.slow
 def test_timeout_error_contains_the_progress(suite, spun, ahead):
     simulator = suite.processes['drop_simulator']
 
@@ -83,6 +84,7 @@ def test_stopped_simulator_leads_to_an_error(suite, spun, number):
 
 
 # Last test: ROS lists a killed node for another 20 s.
+@pytest.mark.slow
 def test_restarted_classifier_responds(suite, spun, monkeypatch):
     monkeypatch.setattr(pending_request, 'RETRY_PERIOD', 1.0)
     received = []

@@ -170,7 +170,8 @@ def test_canceled_run_has_a_complete_log(suite):
 MAIN = 'from resting_aspects_ros.cli.main import main; raise SystemExit(main())'
 
 
-@pytest.mark.parametrize('canceled', [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize('canceled', [False, True])
 def test_drop_repeats_the_drops_of_a_log(suite, surfaces, run_script, tmp_path, canceled):
     """The run has a precision and custom conditions; a cancel may end it early."""
     conditions = surfaces.get('steel').changed(height=0.07, friction=0.31, spin=2.0)

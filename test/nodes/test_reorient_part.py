@@ -163,6 +163,7 @@ def recorded(folder):
     return messages(folder, TRANSITIONS_TYPE)
 
 
+@pytest.mark.slow
 def test_replayed_matrix_is_latched_and_known(suite, found, replay, start, connect, namespace):
     log = suite.log_of(found.run.run_id)
     start('aspect_classifier', namespace, {'log_folder': "''"})
@@ -320,6 +321,7 @@ def test_client_returns_transitions(client, expected):
     assert dict(zip(fast.action.names, fast.action.values, strict=True))['speed'] == 0.6
 
 
+@pytest.mark.slow
 def test_client_returns_known_transitions(client, wait):
     made = client.reorient_part('u_bracket', 'toss', 5, drops=20)
 

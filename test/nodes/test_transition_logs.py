@@ -107,6 +107,7 @@ def test_canceled_run_does_not_hide_a_complete_one(suite, first):
     suite.log_of(goal.result.transitions.run.run_id)
 
 
+@pytest.mark.slow
 def test_actions_before_the_workers_die_are_kept(suite):
     goal = suite.client.reorienting('box_10x20x30', 'tap', 100_000, drops=20)
     suite.client.wait(lambda: goal.feedback and goal.feedback[-1].done, 'actions')

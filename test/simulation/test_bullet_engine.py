@@ -37,6 +37,7 @@ def hull_in_tray(part, poses):
 # -- Where parts come to rest ---------------------------------------------------------------------
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('shape', 'faces'), [('tetrahedron', 4), ('cube', 6)])
 def test_faces_of_regular_bodies_are_equally_probable(drop, part, solid, shape, faces):
     n = 5 * CHUNK
@@ -110,6 +111,7 @@ def test_scaled_part_and_height_give_scaled_poses(part, solid, mat):
     np.testing.assert_array_equal(b.time_to_rest, a.time_to_rest * 2)  # T = sqrt(R / g)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('longest', [0.5e-3, 2.0])
 def test_tiny_and_huge_parts_rest_like_normal_ones(drop, part, solid, mat, longest):
     # Everything scaled: the same numbers but for rounding, which lets the drops part.

@@ -49,7 +49,13 @@ def test_rate_of_the_cycle_of_the_forecast_is_that_of_the_formula():
     assert found.prediction[0] < found.lower < found.rate < found.upper < found.prediction[1]
 
 
-@pytest.mark.parametrize('rule', [None, flip_and_refill], ids=['advice', 'cycle'])
+@pytest.mark.parametrize(
+    'rule',
+    [
+        pytest.param(None, id='advice', marks=pytest.mark.slow),
+        pytest.param(flip_and_refill, id='cycle'),
+    ],
+)
 def test_runs_are_within_the_prediction_interval(monkeypatch, rule):
     """Runs three times as long as those that the interval follows from."""
     monkeypatch.setattr(controlled_runs, 'CYCLES', 30)

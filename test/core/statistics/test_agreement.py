@@ -69,7 +69,7 @@ def test_differences_list_the_poses_and_both_results(part):
     assert clusters.counts[found.cluster[0] - 1] == 1
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', POLYHEDRA)
 def test_both_agree_on_dropped_poses_near_a_facet(part, surfaces, name):
     shape = part(name)

@@ -26,6 +26,7 @@ def found_in(*windows, level=0.01):
     return find_drift(np.array(windows), SIMULATED, np.random.default_rng(1), level)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('shares', 'drops', 'level', 'drifted'),
     [
