@@ -155,6 +155,7 @@ def workers_of(process, session):
     return [pid for pid, words in processes if 'simulation.process_workers ' in ' '.join(words)]
 
 
+@pytest.mark.slow
 def test_large_job_with_a_precision_ends(begin, disc):
     # At its end, up to 1500 more drops than needed are submitted.
     process = begin('drop', 'disc', '--parts', disc, '--workers', 2, '--precision', 0.03)

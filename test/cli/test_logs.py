@@ -216,6 +216,7 @@ def test_a_log_of_another_version_is_recovered_uncounted(run, log, monkeypatch):
     assert ended.stdout.startswith(words)
 
 
+@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize('words', ['info', 'recover', 'answer', 'merge', 'drop --from-log'])
 @pytest.mark.parametrize('closed', [True, False])
 def test_a_log_is_read_once(run, log, monkeypatch, words, closed):

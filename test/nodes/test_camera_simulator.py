@@ -92,6 +92,7 @@ def test_parts_are_picked_in_simulated_time(cell):
         assert seconds(each.header.stamp) >= seconds(exposed[each.image])
 
 
+@pytest.mark.slow
 def test_every_part_in_the_images_is_recognised_or_touches(cell):
     watch, _, _ = cell
     watch.client.wait(lambda: len(watch.seen) >= 4, 'detections')

@@ -64,9 +64,8 @@ def test_stopped_classifier_leads_to_a_timeout(suite, spun, monkeypatch):
     suite.start_again('aspect_classifier')
 
 
-@pytest.mark.parametrize(
-    'number', [signal.SIGTERM, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
 def test_stopped_simulator_leads_to_an_error(suite, spun, number):
     received = []
     answer = spun.get_distribution_async(

@@ -180,6 +180,7 @@ def test_replayed_matrix_is_latched_and_known(suite, found, replay, start, conne
     assert late == [found]
 
 
+@pytest.mark.slow
 def test_own_action_on_own_conditions(suite, part, surfaces):
     conditions = surfaces.get('steel').changed(friction=0.31)
     goal = suite.client.reorient(

@@ -242,7 +242,7 @@ def test_difference_has_the_digits_of_its_bounds(numbers, said):
 
 
 def test_sections_without_data_are_omitted(part, make_report, written):
-    report = make_report(part('l_bracket'), history=None)
+    report = make_report(part('tetrahedron'), history=None)
     folder = written(report)
     page = Reader((folder / 'report.html').read_text(encoding='utf-8'))
     assert [words(each) for each in page.all('h2')] == [

@@ -248,6 +248,7 @@ def test_real_shape_of_the_part_counts_at_the_edge(hooked):
     assert (drop_chunk(convex, 0, CHUNK).status == RestStatus.SETTLED).all()
 
 
+@pytest.mark.slow
 def test_energy_decides_only_far_from_the_wall(part, mat):
     shape = part('box_10x20x30')
     far = step_job(shape, mat, dataclasses.replace(LOW, lower_speed=1.0))

@@ -127,6 +127,7 @@ def test_variance_is_that_of_a_discrete_event_simulation(case):
     assert pieces.var(ddof=1) / 5 == pytest.approx(variance, rel=tolerance)
 
 
+@pytest.mark.slow
 def test_runs_are_within_the_prediction_interval():
     """Runs whose probabilities are drawn from the posterior, of which 95 % are expected inside."""
     found = forecast(MODEL, 10, minutes=20)
