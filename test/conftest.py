@@ -24,9 +24,11 @@ ROOT = Path(__file__).resolve().parents[1]
 # Timeout of every wait, s; with free cores, a fraction of it is enough.
 DEADLINE = 600.0
 
-# The processes that tests start are ended by signals. `nohup make test` would let them ignore this
-# one, because a process inherits the signals that are ignored.
+# The processes that tests start are ended by signals. `nohup make test` would let them ignore
+# SIGHUP, and `make test &` in a script SIGINT, because a process inherits what is ignored.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # On a loaded machine, slow examples and slow generation of examples are not failures.
 hypothesis.settings.register_profile(

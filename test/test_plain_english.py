@@ -28,6 +28,10 @@ CONSTRUCTIONS = {
     r'\blikewise\b': 'the same',
     r'\bheld against\b': 'compared with',
     r'\bas (its|their) own\b': 'its',
+    r'\bso many\b': 'this number of, or the name of the number',
+    r'\bclass(es)? (that )?(is|are) off\b': 'deviates',
+    r'\bis no (group|known|longer one|terminal)\b': 'is not a',
+    r'\bone alone\b': 'a single one',
 }
 PATTERNS = {re.compile(each, re.IGNORECASE): better for each, better in CONSTRUCTIONS.items()}
 
@@ -61,6 +65,25 @@ def test_no_odd_construction_is_left():
     assert list(odd_lines()) == []
 
 
+def continued(lines):
+    """Numbers of the lines of a page that continue a sentence after a block of code."""
+    is_code, is_after = False, False
+    for number, line in enumerate(lines, start=1):
+        if line.startswith('```'):
+            is_code = not is_code
+            is_after = not is_code
+        elif line and not is_code:
+            if is_after and line[0].islower():
+                yield number
+            is_after = False
+
+
+def test_sentences_do_not_continue_after_a_block_of_code():
+    pages = {name: list(continued(lines)) for name, lines in texts() if name.endswith('.md')}
+    assert {name: numbers for name, numbers in pages.items() if numbers} == {}
+    assert list(continued(['```', 'ls', '```', '', 'lists files.'])) == [5]
+
+
 def test_all_kinds_of_text_are_read():
     assert {Path(name).suffix for name, _ in texts()} >= {'.py', '.md', '.msg', '.srv', '.yaml'}
 
@@ -73,6 +96,8 @@ def test_all_kinds_of_text_are_read():
         'Who asks hears of it; whoever comes late',
         'MOST_DROPS = 5',
         'fewer steps are not to be had',
+        'the interval of a run of so many minutes',
+        'a class that is off by 5 points',
     ],
 )
 def test_an_odd_construction_is_found(line):

@@ -60,7 +60,7 @@ class CellRun:
 
 
 def run_cell(known: KnownPart, model: ControllerModel, seed: int, minutes: float) -> CellRun:
-    """Run a feeder with camera, vision and controller from an empty tray on, without ROS."""
+    """Run a feeder with camera, vision and controller on a tray that is empty at first."""
     of_tray, of_noise = (np.random.default_rng([seed, k]) for k in range(2))
     camera = TrayCamera(TRAY.size, PX_PER_MM)
     places = OutlinePlaces(known.outlines, TRAY.size, of_tray)
@@ -120,12 +120,12 @@ def feeder(seeds: int, minutes: float, over_ros: bool) -> Iterator[str]:
     yield '## Feeder'
     yield ''
     yield (
-        f'Runs of {minutes:g} minutes in simulated time from an empty tray on, with {seeds} seeds '
-        'for each part: rendered images with noise, contours, identification, decision, and a '
-        'robot that picks the part at the detected place. The outlines themselves are placed on '
-        f'the tray. Model: {DROPS} drops and {PER_ASPECT} flips from each aspect, which are taken '
-        'as the truth. The forecast is that of `forecast_controlled`. *Within*: runs in the 95 % '
-        'prediction interval; at least 17 of 20 are required.'
+        f'Runs of {minutes:g} minutes in simulated time, beginning with an empty tray, with '
+        f'{seeds} seeds for each part: rendered images with noise, contours, identification, '
+        'decision, and a robot that picks the part at the detected place. The outlines themselves '
+        f'are placed on the tray. Model: {DROPS} drops and {PER_ASPECT} flips from each aspect, '
+        'which are taken as the truth. The forecast is that of `forecast_controlled`. *Within*: '
+        'runs in the 95 % prediction interval; at least 17 of 20 are required.'
     )
     yield ''
     yield (

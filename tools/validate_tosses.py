@@ -49,7 +49,10 @@ def tosses(dropper: Dropper) -> Iterator[str]:
         f'{REPLICATES + 3}. By chance a sixth of the faces would be right, and the log loss 1.79.'
     )
     yield ''
-    yield '| friction | restitution | most probable face came down | standard error | log loss |'
+    yield (
+        '| friction | restitution | share of tosses that ended on the most probable face '
+        '| standard error | log loss |'
+    )
     yield '|---|---|---|---|---|'
     shown: tuple[Array, npt.NDArray[np.bool_]] | None = None
     for friction, restitution in CONTACTS:

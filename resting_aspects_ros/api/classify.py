@@ -20,7 +20,12 @@ from resting_aspects_ros.core.errors import InvalidValueError, warn
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE, canonical, down_in_part
-from resting_aspects_ros.core.statistics import agreement as statistics
+from resting_aspects_ros.core.statistics.agreement import (
+    Agreement,
+    Differences,
+    find_agreement,
+    find_differences,
+)
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.cluster_report import agreement_fields, cluster_document
 from resting_aspects_ros.report.document import to_json
@@ -47,8 +52,8 @@ class PartClassification:
 
     part: Part
     distribution: Distribution
-    agreement: statistics.Agreement
-    differences: statistics.Differences
+    agreement: Agreement
+    differences: Differences
 
     @property
     def aspects(self) -> AspectSet:
@@ -160,8 +165,8 @@ def classify(
 def _by_part(poses: PoseTable, clusters: Clusters, part: Part) -> PartClassification:
     aspects = find_aspects(part)
     ids = aspects.classify(poses.orientation)
-    agreement = statistics.compare(ids, len(aspects), clusters)
-    differences = statistics.find_differences(agreement, aspects, down_in_part(poses.orientation))
+    agreement = find_agreement(ids, len(aspects), clusters)
+    differences = find_differences(agreement, aspects, down_in_part(poses.orientation))
     counts = np.bincount(ids, minlength=len(aspects) + 1)
     distribution = Distribution(
         aspects, counts[1:], int(counts[0]), unsettled=poses.unsettled, failed=poses.failed

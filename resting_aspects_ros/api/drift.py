@@ -58,8 +58,8 @@ def watch_drift(
         not tested.
     window : int, optional
         Minimum number of parts in a window; batches are not divided. By default the number with
-        which a class that is off by ``shift`` is found with a probability of 80 %. If fewer parts
-        were counted, they are one window.
+        which a class that deviates by ``shift`` is found with a probability of 80 %. If fewer
+        parts were counted, they are one window.
     level : float, optional
         Probability of an alarm in a window without drift, 0.0001 to 0.25; 0.01 by default.
     run_length : int, optional

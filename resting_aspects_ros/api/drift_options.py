@@ -114,7 +114,7 @@ def _default_window(needed: Callable[[], int], drops: Counts, shift: float) -> i
     except TooFewDropsError:
         count = int(drops.sum())
         warn(
-            f'{count} simulated drops are too few to find a class that is off by '
+            f'{count} simulated drops are too few to find a class that deviates by '
             f'{100 * shift:g} points with a probability of {100 * POWER:g} %: a window has as '
             'many parts as drops; simulate more drops'
         )

@@ -43,7 +43,7 @@ class DriftResult:
 
     @property
     def verdict(self) -> str:
-        """A sentence: no drift, or which class is off, by how much and since which part."""
+        """A sentence: no drift, or which class deviates, by how much and since which part."""
         return drift_sentence(self.tested)
 
     @property

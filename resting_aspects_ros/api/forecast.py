@@ -36,8 +36,8 @@ DEFAULT_ACTION = 'flip'
 # flexible feeder, and the fingers of a gripper.
 ROBOT, IMAGE = 1.2, 0.2
 TRAY, CLEARANCE = (0.2, 0.2), 0.005
-# With so many actions from each aspect, the interval is about +-5 % for l_bracket and +-0.5 % for
-# hex_nut, which is less than the systematic error of the simulation can be.
+# With this number of actions from each aspect, the interval is about +-5 % for l_bracket and
+# +-0.5 % for hex_nut, which is less than the systematic error of the simulation can be.
 PER_ASPECT = 200
 
 

@@ -91,7 +91,7 @@ def _holes_text(best: _Similar, seen: shapely.Polygon) -> str:
     text += f'it has {count or "no"} hole{"" if count == 1 else "s"} where {many} '
     text += f'{"are" if expected > 1 else "is"} expected'
     if count < expected:
-        return f'{text}: through-holes are part of an outline, and belong into "holes".'
+        return f'{text}: through-holes are part of an outline, and belong in "holes".'
     return f'{text}.'
 
 

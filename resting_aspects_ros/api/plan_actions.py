@@ -21,7 +21,7 @@ from resting_aspects_ros.core.statistics.intervals import (
     CONFIDENCE,
     INTERVAL,
     check_confidence,
-    check_method,
+    check_interval_method,
 )
 from resting_aspects_ros.core.statistics.stopping import drops_for
 from resting_aspects_ros.simulation.actions import KINDS, Action, NamedAction
@@ -44,10 +44,10 @@ from resting_aspects_ros.simulation.vibration import Vibration
 DEFAULT_ACTION = 'tap'
 # 385 actions give intervals of about +-0.05 in the worst case.
 DEFAULT_PER_ASPECT = 400
-# Stronger actions than those that lift a part by so many hull radii are probably mistakes of the
-# unit, and take minutes.
+# An action that lifts a part by more than this number of hull radii is probably a mistake of the
+# unit, and its simulation takes minutes.
 MAX_LIFT = 200
-# Number of jets on each aspect with which is checked whether they meet the part.
+# Number of jets on each aspect that are used to check whether jets meet the part.
 JETS = 20
 
 
@@ -79,7 +79,7 @@ def plan_actions(
     With a precision, ``per_aspect`` is the maximum number of actions; 0: as many as needed.
     ``rests`` are resting poses in the surroundings, from which the actions start there.
     """
-    check_method(interval)
+    check_interval_method(interval)
     check_confidence(confidence)
     landscape = Landscape(part) if landscape is None else landscape
     scene = scene_of(part, conditions)

@@ -15,7 +15,7 @@ from resting_aspects_ros.core.statistics.intervals import (
     CONFIDENCE,
     INTERVAL,
     check_confidence,
-    check_method,
+    check_interval_method,
 )
 from resting_aspects_ros.core.statistics.stopping import max_drops
 from resting_aspects_ros.simulation.conditions import DropConditions
@@ -62,7 +62,7 @@ def plan_drops(
     ``stop_at`` is the precision at which to stop, if it differs from that of the run. See
     plan_run for ``starts``.
     """
-    check_method(interval)
+    check_interval_method(interval)
     check_confidence(confidence)
     landscape = Landscape(part)
     scene = scene_of(part, conditions)

@@ -16,7 +16,7 @@ LINE_PERIOD = 1.0  # s
 class TerminalDisplay:
     """Context manager of a moving display on standard error, which ends with it."""
 
-    _moving: Progress | Live | None = None  # None if standard error is no terminal
+    _moving: Progress | Live | None = None  # None if standard error is not a terminal
 
     def __enter__(self: Self) -> Self:  # noqa: PYI019
         return self

@@ -3,6 +3,7 @@
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -67,11 +68,50 @@ class PlannedDemo:
             f'({100 * share:.0f} %); choose others with --pickable.'
         )
 
+    def node_arguments(self, clock: str, logs: Path) -> dict[str, list[str]]:
+        """Return the ROS arguments of each node of the demo.
+
+        clock : topic of the simulated time
+        logs : folder of the logs
+        """
+        cell = {
+            'part': self.known.part.name,
+            'tray': [float(side) for side in self.tray.size],
+            'action': DEFAULT_ACTION,
+            **{
+                f'{name}_time': float(getattr(self.times, name))
+                for name in ('robot', 'place', 'vibrate', 'settle', 'image', 'supply')
+            },
+        }
+        controller = {
+            **cell,
+            'pickable_classes': list(self.classes),
+            'clearance': float(self.tray.clearance),
+            'best_number': self.parts_on_tray or 0,
+            'max_picks': self.max_picks or 0,
+        }
+        camera = {
+            **cell,
+            'px_per_mm': PX_PER_MM,
+            'seed': self.seed,
+            'evidence': True,
+            'speed': 1.0 if self.real_time else 0.0,
+        }
+        simulated = ['-p', 'use_sim_time:=true', '-r', f'/clock:={clock}']
+        folder = [] if self.folder is None else ['-p', f'parts_folder:={self.folder}']
+        return {
+            'drop_simulator': folder,
+            # Without logs, a second demo makes its drops again.
+            'aspect_classifier': ['-p', "log_folder:=''"],
+            'drop_recorder': ['-p', f'log_folder:={logs}'],
+            'feeder_controller': [*simulated, *_values(controller)],
+            'vision_example': [*simulated, '-p', f'part:={self.known.part.name}'],
+            'camera_simulator': ['-r', f'/clock:={clock}', *_values(camera)],
+        }
+
 
 def planned_demo(arguments: argparse.Namespace, drops: int, per_aspect: int) -> PlannedDemo:
     """Return what the flags request; raises RestingAspectsError for wrong input."""
-    if arguments.gripper is not None:
-        raise InvalidValueError('invalid --gripper: expected none, this demo has only a clearance')
     known = known_part(load_part(arguments.part, None, arguments.parts, None))
     classes, default = _pickable(arguments, known)
     times = requested_times(arguments, named_action(DEFAULT_ACTION))
@@ -114,3 +154,11 @@ def _pickable(arguments: argparse.Namespace, known: KnownPart) -> tuple[tuple[in
     given = set(pickable_aspects(known.aspects, ids, None))
     members = [{aspect.id for aspect in each} for each in classes]
     return tuple(k for k, each in enumerate(members, start=1) if each & given), False
+
+
+def _values(parameters: dict[str, Any]) -> list[str]:
+    texts = {
+        name: str(value).lower() if isinstance(value, bool) else str(value)
+        for name, value in parameters.items()
+    }
+    return [word for name, text in texts.items() for word in ('-p', f'{name}:={text}')]

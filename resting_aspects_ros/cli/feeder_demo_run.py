@@ -28,8 +28,6 @@ from resting_aspects_ros.report.tray_picture import DrawnPart, save_tray_picture
 if TYPE_CHECKING:
     from resting_aspects_ros.client.feeder_watch import FeederWatch, Moment
 
-SUITE = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
-CELL = ('feeder_controller', 'vision_example', 'camera_simulator')
 # For messages of the last cycle that are still on their way, s.
 REST = 0.3
 
@@ -59,9 +57,10 @@ class FeederDemo:
         name = f'/feeder_demo_{os.getpid()}'
         namespace = ['-r', f'__ns:={name}']
         _say(self._plan.pickable_text)
-        _say(f'Starting {len(SUITE) + len(CELL)} nodes in the namespace {name} ...')
+        nodes = self._plan.node_arguments(f'{name}/clock', self._out / 'logs')
+        _say(f'Starting {len(nodes)} nodes in the namespace {name} ...')
         with NodeProcesses(self._out) as processes:
-            for node, given in self._parameters(f'{name}/clock').items():
+            for node, given in nodes.items():
                 processes.start(node, [*namespace, *given])
 
             def check() -> None:
@@ -103,44 +102,6 @@ class FeederDemo:
 
     def _logs(self) -> Iterator[Path]:
         return (self._out / 'logs').glob('*/*.mcap')
-
-    def _parameters(self, clock: str) -> dict[str, list[str]]:
-        """Return the ROS arguments of each node."""
-        plan = self._plan
-        cell = {
-            'part': plan.known.part.name,
-            'tray': [float(side) for side in plan.tray.size],
-            'action': DEFAULT_ACTION,
-            **{
-                f'{name}_time': float(getattr(plan.times, name))
-                for name in ('robot', 'place', 'vibrate', 'settle', 'image', 'supply')
-            },
-        }
-        controller = {
-            **cell,
-            'pickable_classes': list(plan.classes),
-            'clearance': float(plan.tray.clearance),
-            'best_number': plan.parts_on_tray or 0,
-            'max_picks': plan.max_picks or 0,
-        }
-        camera = {
-            **cell,
-            'px_per_mm': PX_PER_MM,
-            'seed': plan.seed,
-            'evidence': True,
-            'speed': 1.0 if plan.real_time else 0.0,
-        }
-        simulated = ['-p', 'use_sim_time:=true', '-r', f'/clock:={clock}']
-        folder = [] if plan.folder is None else ['-p', f'parts_folder:={plan.folder}']
-        return {
-            'drop_simulator': folder,
-            # Without logs, a second demo makes its drops again.
-            'aspect_classifier': ['-p', "log_folder:=''"],
-            'drop_recorder': ['-p', f'log_folder:={self._out / "logs"}'],
-            'feeder_controller': [*simulated, *_values(controller)],
-            'vision_example': [*simulated, '-p', f'part:={plan.known.part.name}'],
-            'camera_simulator': ['-r', f'/clock:={clock}', *_values(camera)],
-        }
 
     def _ask(self, namespace: list[str], check: Callable[[], None]) -> ControlledRuns:
         """Request drops and flips, and forecast runs of the controller from them."""
@@ -189,7 +150,7 @@ class FeederDemo:
 
     def _follow(self, namespace: list[str], check: Callable[[], None]) -> None:
         """Show the run until its time is over."""
-        from resting_aspects_ros.cli.feeder_display import FeederDisplay, check_progress
+        from resting_aspects_ros.cli.feeder_display import FeederDisplay, check_silence
         from resting_aspects_ros.client.feeder_watch import FeederWatch
         from resting_aspects_ros.client.private_node import PrivateNode
 
@@ -203,7 +164,7 @@ class FeederDemo:
                 self._seconds = time.monotonic() - begin
                 if self._watch is None:
                     return
-                check_progress(self._watch, self._out)
+                check_silence(self._watch, self._out)
                 if self._watch.images:
                     display.show(FeederView.of(self._watch, forecast, plan.minutes))
 
@@ -235,14 +196,6 @@ class FeederDemo:
             advice.reason,
             plan.classes,
         )
-
-
-def _values(parameters: dict[str, Any]) -> list[str]:
-    texts = {
-        name: str(value).lower() if isinstance(value, bool) else str(value)
-        for name, value in parameters.items()
-    }
-    return [word for name, text in texts.items() for word in ('-p', f'{name}:={text}')]
 
 
 def _say(text: str) -> None:

@@ -1,4 +1,4 @@
-"""The live table of the feeder demo on standard error, or a few lines if that is no terminal.
+"""The live table of the feeder demo on standard error, or a few lines if that is not a terminal.
 
 A demo that makes no progress ends with an error.
 """
@@ -18,7 +18,7 @@ from resting_aspects_ros.report.feeder_table import FeederView, feeder_line, fee
 if TYPE_CHECKING:
     from resting_aspects_ros.client.feeder_watch import FeederWatch
 
-# Number of lines for a run if standard error is no terminal.
+# Number of lines for a run if standard error is not a terminal.
 LINES = 5
 # Maximum real time without progress in the run, s: the model of a part with very many triangles
 # takes a minute.
@@ -44,7 +44,7 @@ class FeederDisplay(TerminalDisplay):
             print(feeder_line(view), file=sys.stderr, flush=True)
 
 
-def check_progress(watch: 'FeederWatch', folder: Path) -> None:
+def check_silence(watch: 'FeederWatch', folder: Path) -> None:
     """Raise RestingAspectsError if simulated time has stood still for too long."""
     if watch.silence > MAX_SILENCE:
         node, missing = watch.silent

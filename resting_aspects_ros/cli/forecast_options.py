@@ -32,16 +32,21 @@ def add_pickable(parser: argparse.ArgumentParser) -> None:
         '--pickable',
         metavar='IDS',
         action='append',
-        help='aspects in which the robot can pick the part, such as 1,3; if it is repeated, the '
-        'sets are shown side by side, or one belongs to each of as many parts',
+        help='aspects in which the robot can pick the part, such as 1,3; repeat it to compare '
+        'several sets, or to give each of several parts a set',
     )
     group.add_argument(
         '--pickable-classes', metavar='NUMBERS', action='append', help='symmetry classes instead'
     )
 
 
-def add_cell(parser: argparse.ArgumentParser) -> None:
-    """Add the times of a cycle, the tray and the gripper."""
+def add_cell(
+    parser: argparse.ArgumentParser, minutes: str, duration: str, *, gripper: bool
+) -> None:
+    """Add the times of a cycle, the tray and, if requested, the gripper.
+
+    minutes, duration : default of --minutes, and what it is the duration of
+    """
     group = parser.add_argument_group(
         'feeder, camera and robot',
         'A cycle is a vibration, the time until the parts are at rest, an image, and\n'
@@ -67,12 +72,13 @@ def add_cell(parser: argparse.ArgumentParser) -> None:
         default='5mm',
         help='minimum distance from a part that can be picked to any other part (5mm)',
     )
-    group.add_argument(
-        '--gripper',
-        metavar='LxW',
-        help='footprint of the gripper, in which no other part may be: length along the part and '
-        'width, or a diameter, such as 40x10mm or 20mm (none)',
-    )
+    if gripper:
+        group.add_argument(
+            '--gripper',
+            metavar='LxW',
+            help='footprint of the gripper, in which no other part may be: length along the part '
+            'and width, or a diameter, such as 40x10mm or 20mm (none)',
+        )
     group.add_argument(
         '--parts-on-tray',
         metavar='N',
@@ -88,8 +94,8 @@ def add_cell(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         '--minutes',
         metavar='MIN',
-        default='60',
-        help='duration of a run, for the interval of its rate (60)',
+        default=minutes,
+        help=f'duration of {duration} ({minutes})',
     )
 
 

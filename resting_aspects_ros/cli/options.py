@@ -11,9 +11,6 @@ from resting_aspects_ros.simulation.quantity import Quantity
 from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, check_drops
 from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE, Surfaces
 
-# Conditions of a part that touches the surface. The others are those of its release.
-CONTACT = ('restitution', 'friction', 'rolling_friction', 'spinning_friction', 'gravity')
-
 
 def add_part(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
     """Add the part, a name or a file; see `api.load_part`."""
@@ -98,9 +95,9 @@ def add_surroundings(parser: argparse.ArgumentParser) -> None:
 
 def add_contact_conditions(parser: argparse.ArgumentParser) -> None:
     """Add --surface and a flag for each condition that matters for parts at rest, too."""
-    contact = {name: QUANTITIES[name] for name in CONTACT}
+    contact = {name: each for name, each in QUANTITIES.items() if not each.at_release}
     _add_surface(parser, 'conditions of the contact', contact, DEFAULT_SURFACE)
-    parser.set_defaults(**dict.fromkeys([*QUANTITIES.keys() - CONTACT, 'height_of']))
+    parser.set_defaults(**dict.fromkeys([*QUANTITIES.keys() - contact.keys(), 'height_of']))
 
 
 def _add_surface(

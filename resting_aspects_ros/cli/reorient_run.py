@@ -22,7 +22,7 @@ from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.interruption import Interruption
 
 INTERRUPTED = 130
-# Rows with at least so many measured trials replace the simulated ones.
+# Rows with at least this number of measured trials replace the simulated ones.
 MIN_TRIALS = 50
 
 

@@ -108,6 +108,6 @@ def coarse_text(vertices: Array, faces: npt.NDArray[np.int64], unit: str) -> str
     return (
         f'its coordinates of up to {largest.max() * millimetres:.4g} mm are stored in steps of '
         f'{steps.max() * millimetres:.2g} mm, which is coarse for a part of '
-        f'{box_text(np.ptp(vertices, axis=0), unit)}: its volume may be off by {share}. Move the '
-        'part to the origin before it is exported'
+        f'{box_text(np.ptp(vertices, axis=0), unit)}: its volume may be wrong by {share}. Move '
+        'the part to the origin before it is exported'
     )

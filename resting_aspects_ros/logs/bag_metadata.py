@@ -29,7 +29,7 @@ OUTCOME = 'outcome'
 
 
 @dataclass(frozen=True)
-class Outcome:
+class LogOutcome:
     """Number of drops in a log, and whether it is whole: has the part and all drops of its run."""
 
     drops: int
@@ -40,7 +40,7 @@ class Outcome:
         return {'whole': str(self.whole).lower(), 'drops': str(self.drops)}
 
     @classmethod
-    def of(cls, records: Mapping[str, Mapping[str, str]]) -> Outcome | None:
+    def of(cls, records: Mapping[str, Mapping[str, str]]) -> LogOutcome | None:
         """Return the outcome in the metadata records of a log; None if they have none."""
         values = records.get(OUTCOME, {})
         drops = values.get('drops', '')
@@ -148,7 +148,7 @@ def read_information(folder: Path) -> object:
     return document.get(_INFORMATION) if isinstance(document, dict) else None
 
 
-def recorded_outcome(folder: Path) -> Outcome | None:
+def recorded_outcome(folder: Path) -> LogOutcome | None:
     """Return the outcome in the metadata.yaml of a folder; None if it has none."""
     information = read_information(folder)
     custom = information.get('custom_data') if isinstance(information, dict) else None
@@ -156,7 +156,7 @@ def recorded_outcome(folder: Path) -> Outcome | None:
         return None
     start = f'{OUTCOME}.'
     values = {str(key).removeprefix(start): str(value) for key, value in custom.items()}
-    return Outcome.of({OUTCOME: values})
+    return LogOutcome.of({OUTCOME: values})
 
 
 def _sync_folder(folder: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
-from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.core.aspects.aspect_set import PUBLISHED_FIELDS, Aspect, AspectSet
 from resting_aspects_ros.core.aspects.support import resting_on
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
@@ -107,22 +107,9 @@ def to_json(document: Mapping[str, object]) -> str:
 
 def aspect_fields(aspect: Aspect, part: Part | None) -> dict[str, object]:
     """Return the fields of the message Aspect that need no drops, and the text ``rests_on``."""
-    return {
-        'id': aspect.id,
-        'symmetry_class': aspect.symmetry_class,
-        'multiplicity': aspect.multiplicity,
-        'rests_on': resting_on(part, aspect),
-        'rolls': aspect.rolls,
-        'sweep': aspect.sweep.name,
-        'axis': numbers(aspect.axis),
-        'down_in_part': numbers(aspect.down_in_part),
-        'orientation': numbers(aspect.orientation),
-        'com_height': float(aspect.com_height),
-        'min_barrier': plain(float(aspect.min_barrier)),
-        'neighbour': aspect.neighbour,
-        'basin_share': float(aspect.basin_share),
-        'support': numbers(aspect.support),
-    }
+    fields = {name: plain(getattr(aspect, name)) for name in PUBLISHED_FIELDS}
+    first = {name: fields[name] for name in ('id', 'symmetry_class', 'multiplicity')}
+    return {**first, 'rests_on': resting_on(part, aspect), **fields}
 
 
 def share_fields(count: int, interval: Interval) -> dict[str, object]:

@@ -80,7 +80,7 @@ class DriftWindows:
 
 
 def drift_sentence(tested: DriftWindows) -> str:
-    """Return whether there is drift, which class is off, by how much and when, and what is open.
+    """Return whether there is drift, which class deviates, by how much and when, and what is open.
 
     It also states how many parts at the end were not tested.
     """
@@ -158,15 +158,15 @@ def power_sentences(tested: DriftWindows) -> str:
     size = f'A window of {tested.parts} parts'
     if np.isnan(shift):
         finds = (
-            f'{size} does not find a class that is off by {100 * MAX_SHIFT:g} points with a '
+            f'{size} does not find a class that deviates by {100 * MAX_SHIFT:g} points with a '
             f'probability of {100 * tested.power:g} %.'
         )
     else:
         finds = (
-            f'{size} finds a class that is off by {100 * shift:.1f} points with a probability of '
-            f'{100 * tested.power:g} %.'
+            f'{size} finds a class that deviates by {100 * shift:.1f} points with a probability '
+            f'of {100 * tested.power:g} %.'
         )
     return (
-        f'{finds} Without drift, {100 * level:.3g} % of windows are alarms: one in '
+        f'{finds} Without drift, {100 * level:.3g} % of windows raise an alarm: one in '
         f'{tested.run_length:.0f} parts.'
     )

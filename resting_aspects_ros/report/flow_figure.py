@@ -144,7 +144,7 @@ def flow_note(matrix: TransitionMatrix, long_run: LongRun) -> str:
         'parts that moves this way in one action (long-run share times transition probability)'
     )
     if found.arrows:
-        about += f', for the widest {share_text(float(found.flow[found.arrows[0]]))} %'
+        about += f'; the widest is {share_text(float(found.flow[found.arrows[0]]))} %'
     lines = [f'{about}.']
     if found.omitted:
         many = len(found.omitted)

@@ -63,7 +63,7 @@ def yaw_symmetry_text(order: int) -> str:
     return f'{360 / order:.4g} deg' if order else 'any turn'
 
 
-def look_alike_texts(outlines: Sequence[Outline], look_alikes: LookAlikes) -> list[str]:
+def confused_pair_texts(outlines: Sequence[Outline], look_alikes: LookAlikes) -> list[str]:
     """Return a sentence for each pair of classes that a camera confuses, the worst first."""
     pairs = []
     for one, other in combinations(outlines, 2):

@@ -27,7 +27,7 @@ MAX_LINES = 10  # more lines would hide each other
 WIDTH, HEIGHT = 1240, 480
 LEFT, BOTTOM, RIGHT = 92, 84, 330
 LABEL, PICTURE = 84, 80
-# The axis is logarithmic if the highest lift is at least so many times the lowest.
+# The axis is logarithmic if the highest lift is at least this multiple of the lowest.
 LOGARITHMIC = 20.0
 # Barriers closer than this share of the axis have dashes in turn.
 _CLOSE = 0.008

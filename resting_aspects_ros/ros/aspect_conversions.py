@@ -1,5 +1,6 @@
 """Conversions between aspects and their ROS messages."""
 
+import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -15,16 +16,9 @@ from resting_aspects_ros.core.statistics.intervals import Interval
 # Indexed by their codes in the message Aspect.
 SWEEPS = (Sweep.POINT, Sweep.ARC, Sweep.RING, Sweep.DOME, Sweep.SPHERE)
 # Fields with the same name and type in Aspect and its message.
-_ASPECT_FIELDS = [
-    'id',
-    'symmetry_class',
-    'multiplicity',
-    'rolls',
-    'com_height',
-    'min_barrier',
-    'neighbour',
-    'basin_share',
-]
+_ASPECT_FIELDS = tuple(
+    each.name for each in dataclasses.fields(aspect_set.Aspect) if each.type in (bool, int, float)
+)
 
 
 def share_fields(counts: list[int], intervals: Sequence[Interval]) -> list[dict[str, object]]:

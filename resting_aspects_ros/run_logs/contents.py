@@ -22,7 +22,7 @@ from resting_aspects_ros.core.statistics.distribution import (
     no_drops,
 )
 from resting_aspects_ros.core.statistics.history import History
-from resting_aspects_ros.logs.bag_metadata import Outcome
+from resting_aspects_ros.logs.bag_metadata import LogOutcome
 from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
 from resting_aspects_ros.logs.message_reader import mcap_file, state_warning, typed_messages
 from resting_aspects_ros.logs.record_reader import LogFile
@@ -61,7 +61,7 @@ class LoggedRun:
         Drops of the run that are in the log.
     path, messages, finished, being_written
         Path and state of the MCAP file after it was read. ``finished``: it was closed.
-    recorded : Outcome
+    recorded : LogOutcome
         The outcome that the log records; None if it records none.
 
     ``part``, ``last_distribution`` and ``transitions`` are parsed from the last message of their
@@ -72,7 +72,7 @@ class LoggedRun:
         self.log = self.path = log
         self.messages = 0
         self.finished = self.being_written = False
-        self.recorded: Outcome | None = None
+        self.recorded: LogOutcome | None = None
         self.run: RunDescription | None = None
         self.seen = IndexRanges()
         self.batches: list[RunPoses] = []
@@ -113,21 +113,21 @@ class LoggedRun:
         return None if data is None else parsed(self.log, serialized_transitions, data)
 
     @property
-    def outcome(self) -> Outcome:
+    def outcome(self) -> LogOutcome:
         """The number of drops or actions, and whether the log has the part and all of its run."""
         if self.recorded is not None:
             return self.recorded
         run, part = self.run, self.part
         if run is None and (matrix := self.transitions) is not None:
             is_described = part is not None and part.part_sha256 == matrix.run.part_sha256
-            return Outcome(sum(matrix.actions), whole=matrix.ended and is_described)
+            return LogOutcome(sum(matrix.actions), whole=matrix.ended and is_described)
         if run is None or part is None:
-            return Outcome(len(self.seen), whole=False)
+            return LogOutcome(len(self.seen), whole=False)
         # A log without the last batch can still have all drops, if a later run repeated the end.
         end = run.end if self._end is None else max(self._end, self.seen.end)
         missing = self.seen.missing(run.first_drop, end)
         whole = not missing and part.part_sha256 == run.part_sha256
-        return Outcome(len(self.seen), whole)
+        return LogOutcome(len(self.seen), whole)
 
     @property
     def ranges(self) -> list[tuple[int, int]]:
@@ -161,7 +161,7 @@ def parsed(log: Path, read: Callable[[bytes], T], data: bytes) -> T:
         ) from error
 
 
-def rest_of_run(run: RunDescription, outcome: Outcome) -> str:
+def rest_of_run(run: RunDescription, outcome: LogOutcome) -> str:
     """Return why a log does not have all drops of its run, to be appended to their number."""
     if outcome.drops >= run.drops or run.precision:
         return ''
@@ -183,7 +183,7 @@ def read_logged_run(log: Path, *, keep_poses: bool = False) -> LoggedRun:
         run.path, run.messages = file.path, file.messages
         run.finished, run.being_written = file.finished, file.being_written
         # The outcome is reliable only if the log was closed.
-        run.recorded = Outcome.of(file.metadata) if file.finished else None
+        run.recorded = LogOutcome.of(file.metadata) if file.finished else None
     return run
 
 
@@ -191,7 +191,7 @@ def _read_by_index(run: LoggedRun) -> bool:
     """Read a closed log that records its outcome; returns False for any other log."""
     try:
         with IndexedLog(run.log) as indexed:
-            run.recorded = Outcome.of(indexed.read_metadata())
+            run.recorded = LogOutcome.of(indexed.read_metadata())
             if run.recorded is None:
                 return False
             if not run.recorded.whole:  # there can be gaps

@@ -9,7 +9,7 @@ from pathlib import Path
 from resting_aspects_interfaces.msg import PartDescription
 
 from resting_aspects_ros.core.errors import LogError
-from resting_aspects_ros.logs.bag_metadata import OUTCOME, Outcome, recorded_outcome
+from resting_aspects_ros.logs.bag_metadata import OUTCOME, LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.run_writer import RunLog, run_folder_name
 from resting_aspects_ros.logs.topic_metadata import Topic
 from resting_aspects_ros.ros.conversions import NANOSECONDS
@@ -142,7 +142,7 @@ class RunRecorder:
             return None
         whole = self._whole and self.has_part
         try:
-            self._log.add_metadata(OUTCOME, Outcome(self.drops, whole).record())
+            self._log.add_metadata(OUTCOME, LogOutcome(self.drops, whole).record())
             folder = self._log.close()
         except LogError as error:
             self._fail(error)

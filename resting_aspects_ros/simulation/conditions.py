@@ -41,7 +41,9 @@ class DropConditions:
         If a value is not a finite number within its bounds.
     """
 
-    height: float = quantity('height', 'm', 'height of release', high=100.0, above=True)
+    height: float = quantity(
+        'height', 'm', 'height of release', high=100.0, above=True, at_release=True
+    )
     restitution: float = quantity('restitution', '', 'restitution of part on surface', high=1.0)
     friction: float = quantity('friction', '', 'Coulomb friction of part on surface', high=10.0)
     # A higher value would let a part rest tilted on an edge or a corner. For slender parts, the
@@ -64,18 +66,21 @@ class DropConditions:
         'm/s',
         'standard deviation of each horizontal component of the speed at release',
         high=100.0,
+        at_release=True,
     )
     speed_vertical: float = quantity(
         'vertical speed spread',
         'm/s',
         'standard deviation of the vertical speed at release',
         high=100.0,
+        at_release=True,
     )
     spin: float = quantity(
         'spin spread',
         'rad/s',
         'standard deviation of each component of the spin at release',
         high=10000.0,
+        at_release=True,
     )
     height_of: HeightOf = HeightOf.LOWEST_POINT
     surface: str = ''

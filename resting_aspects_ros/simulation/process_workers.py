@@ -175,9 +175,10 @@ class _Worker:
         self._process.kill()
 
     def wait(self) -> None:
-        """Wait until a killed process has ended, or until the timeout."""
+        """Wait until a killed process has ended, or until the timeout, and release its socket."""
         with suppress(TimeoutExpired):
             self._process.wait(_END_TIMEOUT)
+        self._socket.close()
 
 
 def serve(descriptor: int) -> None:

@@ -16,6 +16,8 @@ class Quantity:
         Readable name, such as 'horizontal speed spread'.
     above : bool
         Whether the lower bound itself is excluded. The upper bound is always included.
+    at_release : bool
+        Whether it describes the release of a part, so that it has no effect on a part at rest.
     """
 
     label: str
@@ -24,6 +26,7 @@ class Quantity:
     low: float = 0.0
     high: float = math.inf
     above: bool = False
+    at_release: bool = False
 
     def allowed(self) -> str:
         """Return the allowed range as text, such as '0 to 10000 rad/s'."""
@@ -41,10 +44,10 @@ class Quantity:
         raise InvalidValueError(f'invalid {name} {shown(value)}: expected {self.allowed()}')
 
 
-def quantity(label: str, unit: str, text: str, *, default: Any = ..., **bounds: Any) -> Any:
+def quantity(label: str, unit: str, text: str, *, default: Any = ..., **options: Any) -> Any:
     """Return a dataclass field with a Quantity; ``...`` stands for a field without a default."""
-    options = {} if default is ... else {'default': default}
-    return field(metadata={'quantity': Quantity(label, unit, text, **bounds)}, **options)
+    given = {} if default is ... else {'default': default}
+    return field(metadata={'quantity': Quantity(label, unit, text, **options)}, **given)
 
 
 def quantities_of(declared: Any) -> dict[str, Quantity]:

@@ -91,6 +91,7 @@ def test_flips_follow_from_picks_and_parts(tossed):
     assert 10 * on_tray.sum() == pytest.approx(picks)
 
 
+@pytest.mark.slow
 def test_action_that_never_reaches_a_pickable_aspect_is_said(crate, workers):
     still = ra.reorient(crate, ra.Kick(), 20, drops=60, seed=1, workers=workers)
     result = forecast_from(still, [1, 2], TRAY, TIMES)
@@ -145,7 +146,7 @@ def test_same_seed_gives_the_same_forecast(tossed):
         {'pickable': [1], 'parts_on_tray': 0},
         {'pickable': [1], 'parts_on_tray': 500},
         {'pickable': [1], 'max_picks': 0},
-        {'pickable': [1], 'minutes': 0},
+        pytest.param({'pickable': [1], 'minutes': 0}, marks=pytest.mark.slow),
         {'pickable': [1], 'action': 'shake'},
     ],
 )

@@ -39,6 +39,7 @@ def centre(known, position, orientation):
     return position + turn @ known.part.centre_of_mass
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ALONE)
 def test_dropped_parts_are_identified_and_located(name, workers):
     known = known_part(name)

@@ -65,6 +65,7 @@ def test_folder_that_is_a_file_is_refused(box, tmp_path):
         box.save(tmp_path / 'file')
 
 
+@pytest.mark.slow
 def test_sheet_is_a_pdf_or_svg_file(box, tmp_path):
     box.save_counting_sheet(str(tmp_path / 'sheet.PDF'))
     assert (tmp_path / 'sheet.PDF').read_bytes().startswith(b'%PDF-')

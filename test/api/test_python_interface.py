@@ -13,9 +13,7 @@ import trimesh
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.drop_counter import DropCounter
-from resting_aspects_ros.nodes.aspect_classifier.log_loader import (
-    read_log as read_logged_distribution,
-)
+from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.plan import make_job
 
@@ -93,6 +91,7 @@ def test_the_document_is_that_of_the_command(workers):
     assert documents[0] == documents[1]
 
 
+@pytest.mark.slow
 def test_a_report_is_written(workers, tmp_path):
     page = ra.drop('tetrahedron', drops=30, workers=workers).report(tmp_path / 'out')
     assert page == tmp_path / 'out' / 'report.html'
@@ -146,7 +145,7 @@ def test_a_log_has_the_poses_and_the_distribution(workers, tmp_path):
     assert np.array_equal(read.poses.position, result.poses.position)
     assert np.array_equal(read.poses.orientation, result.poses.orientation)
     # What a classifier takes from the log when it starts.
-    run, distribution = read_logged_distribution(result.log)
+    run, distribution = load_log(result.log)
     assert run == result.run
     assert distribution.counts.tolist() == result.distribution.counts.tolist()
 

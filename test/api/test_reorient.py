@@ -65,6 +65,7 @@ def test_part_stays_in_a_low_aspect_under_a_weak_kick(crate, workers):
     assert result.matrix.counts[:4, :4].tolist() == (20 * np.eye(4)).tolist()
 
 
+@pytest.mark.slow
 def test_strong_kick_forgets_the_start(crate, workers):
     """Total variation between rows by class, against what chance explains."""
     n = 40
@@ -178,6 +179,7 @@ def test_convergence_shows_the_entry_that_moves_most(tapped):
     assert 'not explained by chance' in moved.text(names)
 
 
+@pytest.mark.slow
 def test_difference_of_the_convex_pieces_from_the_part_is_stated(tetrahedron, workers):
     """An L of two boxes is divided exactly; only an edge meets the pieces."""
     result = ra.reorient('l_bracket', 'step_down', 1, drops=5, workers=workers)

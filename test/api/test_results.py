@@ -60,6 +60,7 @@ def test_the_recommended_method_depends_on_the_height(box):
     assert ra.estimate(box, height=30 * radius).recommended.method == 'crsa'
 
 
+@pytest.mark.slow
 def test_estimate_prints_the_same_document(box, printed, dropped, tmp_path):
     assert json.loads(ra.estimate(box, ['csa']).to_json()) == printed(
         'estimate', 'box.stl', '--method', 'csa'
@@ -134,6 +135,7 @@ def test_poses_are_sorted_into_aspects(dropped):
     assert np.array_equal(again.clusters.labels, result.clusters.labels)
 
 
+@pytest.mark.slow
 def test_classify_prints_the_same_document(dropped, printed, tmp_path):
     poses = dropped[0].poses
     rows = ['qx,qy,qz,qw', *(','.join(map(repr, row)) for row in poses.orientation.tolist())]

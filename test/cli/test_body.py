@@ -30,6 +30,7 @@ def ended(capsys):
     return ended
 
 
+@pytest.mark.slow
 def test_every_command_that_takes_a_mesh_takes_a_body(two, ended):
     commands = (('aspects',), ('estimate',), ('drop', '--drops', 20, '--out', 'o'))
     for command, *words in commands:

@@ -68,6 +68,7 @@ def test_text_states_whether_chance_explains_the_shift(part, counts, words):
     assert max(map(len, lines)) <= 80
 
 
+@pytest.mark.slow
 def test_interrupted_convergence_check_keeps_the_result(run, monkeypatch):
     update = DropProgress.update
 

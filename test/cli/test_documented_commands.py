@@ -43,7 +43,7 @@ REORIENT = 'docs/how_to/reorient_parts.md'
 # The nodes run until they are stopped. Other tests cover them.
 NODE_VERBS = {'nodes', 'request', 'replay'}
 # Other tests cover it with a shorter run.
-LONG = {'feeder_demo'}
+LONG = {'feeder_demo', 'outlines'}
 
 
 def lines_of(page):
@@ -147,6 +147,7 @@ def test_measured_trials_are_compared(folder, printed):
     assert 'tap 5 -> 5: measured 35 of 60, simulated ' in out
 
 
+@pytest.mark.slow
 def test_files_of_a_report(folder, printed):
     printed(folder, 'drop', 'bracket.stl', *FEW_DROPS, '--out', 'out/files', '--report')
     files = {path.name for path in (folder / 'out' / 'files').iterdir()}

@@ -57,6 +57,7 @@ def test_part_is_dropped_without_expected_drops(files, run):
     assert again['windows'] == document['windows']
 
 
+@pytest.mark.slow
 def test_document_of_drop_can_be_expected(files, run, tmp_path):
     assert run('drop', 'l_bracket', '--drops', 100, '--out', 'd').returncode == 0
     words = ('--expected', 'd/distribution.json', '--window', 400, '--level', '5%', '--json')

@@ -80,6 +80,7 @@ def test_equivalent_aspects_are_summed_in_one_row(run, document):
     assert [line.split()[0] for line in lines if ' flat side ' in line] == list('12345678')
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize(
     ('words', 'method', 'reason'),
     [
@@ -147,6 +148,7 @@ def test_against_drops(run, document, tmp_path):
     assert float(largest[1]) == pytest.approx(100 * solid_angle['largest_deviation'], abs=0.05)
 
 
+@pytest.mark.slow
 def test_against_counts_by_class(run, document, tmp_path):
     path = tmp_path / 'manual.csv'
     path.write_text('class,count\n1,72\n2,28\n')

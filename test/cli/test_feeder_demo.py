@@ -14,7 +14,7 @@ from sensor_msgs.msg import Image as ImageMsg
 from std_msgs.msg import Header
 
 from resting_aspects_ros.cli import feeder_display
-from resting_aspects_ros.cli.feeder_display import check_progress
+from resting_aspects_ros.cli.feeder_display import check_silence
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.client.feeder_watch import FeederWatch
 from resting_aspects_ros.core.errors import RestingAspectsError
@@ -44,7 +44,6 @@ def processes_of(demo):
         (['--pickable-classes', 'x'], 'invalid --pickable-classes'),
         (['--minutes', '0'], 'invalid --minutes 0'),
         (['--minutes', '1e9'], 'expected more than 0, at most 10000'),
-        (['--gripper', '20mm'], 'invalid --gripper'),
         (['--tray', '10x10mm'], 'tray'),
         (['--robot', '0s'], 'invalid robot time'),
         (['--place', '1s'], 'expected only with overlap'),
@@ -110,12 +109,12 @@ def test_only_actions_that_happened_are_counted():
 
 def test_demo_without_progress_names_the_silent_node(tmp_path, monkeypatch):
     cell = Watched()
-    check_progress(cell.watch, tmp_path)
+    check_silence(cell.watch, tmp_path)
     monkeypatch.setattr(feeder_display, 'MAX_SILENCE', -1.0)
 
     def silent():
         with pytest.raises(RestingAspectsError, match=r'is silent: no .*see') as error:
-            check_progress(cell.watch, tmp_path)
+            check_silence(cell.watch, tmp_path)
         assert str(tmp_path / str(error.value).split()[0]) in str(error.value)
         return str(error.value).split()[0]
 

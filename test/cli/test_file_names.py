@@ -46,6 +46,7 @@ def test_a_mesh_can_have_any_name(strict, tmp_path):
     assert f"{SHOWN}.stl in '.' is not registered: expected a name" in ended.stderr
 
 
+@pytest.mark.slow
 def test_a_log_can_be_in_a_folder_of_any_name(strict, log):
     assert f'{SHOWN}/run_0.mcap' in strict('info', ODD).stdout
     ended = strict('recover', ODD)

@@ -85,6 +85,7 @@ def test_flags_reach_the_forecast(run_in, tmp_path):
     assert document['action']['name'] == 'flip'
 
 
+@pytest.mark.slow
 def test_several_sets_are_shown_side_by_side(run_in, tmp_path):
     ended = run_in(tmp_path, *WORDS, *PICK, '--pickable', '1')
     lines = ended.stdout.splitlines()

@@ -71,6 +71,7 @@ def test_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until, disc):
     assert lines[-1] == f'interrupted; the result has {document["drops"]} of 200000 drops'
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_every_signal_saves_partial_results(run, saved, at_update, number):
     at_update(when_some_are_done(number))
@@ -154,6 +155,7 @@ def workers_of(process, session):
     return [pid for pid, words in processes if 'simulation.process_workers ' in ' '.join(words)]
 
 
+@pytest.mark.slow
 def test_large_job_with_a_precision_ends(begin, disc):
     # At its end, up to 1500 more drops than needed are submitted.
     process = begin('drop', 'disc', '--parts', disc, '--workers', 2, '--precision', 0.03)
@@ -162,9 +164,8 @@ def test_large_job_with_a_precision_ends(begin, disc):
     assert printed.splitlines()[1].strip() == '1125 drops on rubber_mat, seed 1'
 
 
-@pytest.mark.parametrize(
-    ('part', 'drops'), [pytest.param('tetrahedron', 1500, marks=pytest.mark.slow), ('disc', 400)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(('part', 'drops'), [('tetrahedron', 1500), ('disc', 400)])
 def test_killed_worker_costs_no_drop(
     begin, run, wait_for_poses, session, tmp_path, disc, part, drops
 ):
@@ -186,6 +187,7 @@ def test_killed_worker_costs_no_drop(
     assert (tmp_path / 'p.csv').read_bytes() == (tmp_path / 'undisturbed.csv').read_bytes()
 
 
+@pytest.mark.slow
 def test_repeatedly_dying_workers_end_the_run(begin, ended, read_until, session):
     process = begin(*QUICK, *OUTPUTS)
     read_until(process.stderr, some_done)

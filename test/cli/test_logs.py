@@ -16,7 +16,7 @@ import resting_aspects_ros as ra
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import count_poses
-from resting_aspects_ros.logs.bag_metadata import OUTCOME, Outcome
+from resting_aspects_ros.logs.bag_metadata import OUTCOME, LogOutcome
 from resting_aspects_ros.logs.mcap_format import lock_file
 from resting_aspects_ros.logs.record_reader import LogFile
 from resting_aspects_ros.logs.run_writer import RunLog
@@ -72,7 +72,7 @@ def log(tmp_path, part, dropped):
             written.flush()
         size = written.path.stat().st_size
         if batches is None:
-            written.add_metadata(OUTCOME, Outcome(DROPS, whole=True).record())
+            written.add_metadata(OUTCOME, LogOutcome(DROPS, whole=True).record())
         written.close()
         if batches is not None:
             (written.path.parent / 'metadata.yaml').unlink()
@@ -216,6 +216,7 @@ def test_a_log_of_another_version_is_recovered_uncounted(run, log, monkeypatch):
     assert ended.stdout.startswith(words)
 
 
+@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize('words', ['info', 'recover', 'answer', 'merge', 'drop --from-log'])
 @pytest.mark.parametrize('closed', [True, False])
 def test_a_log_is_read_once(run, log, monkeypatch, words, closed):
@@ -379,6 +380,7 @@ def test_drops_of_another_run_fill_a_gap(run, dropped, part, tmp_path):
         run('recover', 'run')
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     'words',
     [
@@ -447,6 +449,7 @@ def rows(path):
         return list(csv.DictReader(file))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('batches', [None, 2])
 def test_from_log_repeats_a_run_bit_for_bit(run, log, dropped, tmp_path, batches):
     ended = run('drop', '--from-log', log(batches=batches), '--poses', 'again.csv', '--json')
@@ -474,7 +477,7 @@ def log_of(tmp_path):
                 is_last = last and k == len(poses) - 1
                 message = poses_msg(batch, run_of, Time(), is_last)
                 log.write(POSES, serialize_message(message), 2 + k)
-            outcome = Outcome(sum(len(batch) for batch in poses), whole=whole)
+            outcome = LogOutcome(sum(len(batch) for batch in poses), whole=whole)
             log.add_metadata(OUTCOME, outcome.record())
         return log.path.parent
 
@@ -498,6 +501,7 @@ def table(poses):
 COLUMNS = ('drop', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw', 'time_to_rest')
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     ('asked', 'ranges', 'whole'),
     [

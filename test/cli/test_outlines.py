@@ -34,6 +34,7 @@ def test_document_has_all_keys(done):
     assert list(other) == ['symmetry_class', 'overlap', 'verdict', 'resolution']
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ['hex_nut', 'cylinder_d20_h20', 'l_bracket', 'u_bracket'])
 def test_output_fits_80_columns(done, name):
     text = done(name)
@@ -85,6 +86,7 @@ def test_counting_sheet_has_all_classes(done, tmp_path):
     assert text.count('>total<') == 5
 
 
+@pytest.mark.slow
 def test_sheet_can_be_in_the_new_folder(done, tmp_path):
     done('washer', '--out', 'o', '--counting-sheet', 'o/s.pdf', '--json')
     assert (tmp_path / 'o' / 's.pdf').is_file()

@@ -76,6 +76,7 @@ def test_terminal_shows_a_bar_with_rate_on_stderr_only(in_terminal):
     assert '\x1b' not in printed
 
 
+@pytest.mark.slow
 def test_no_color_is_respected(in_terminal, environment, monkeypatch):
     colour = re.compile(r'\x1b\[(?:\d+;)*(?:3[0-7]|38;[\d;]+|9[0-7])m')
     assert colour.search(in_terminal(*WORDS, stdout='same')[1])

@@ -66,6 +66,7 @@ def test_page_has_the_runs_of_the_document(compared):
         assert result['mesh_sha256'] in page
 
 
+@pytest.mark.slow
 def test_page_compares_with_measured_trials(compared, run, tmp_path):
     roadmap = json.loads((compared[0].parent / 'roadmap.json').read_text())
     tap = next(each for each in roadmap['transitions'] if each['action']['name'] == 'tap')

@@ -60,6 +60,7 @@ def test_wrong_input_is_refused_in_one_line(refused, log, tmp_path, words, says)
     assert says in refused('replay', *words)
 
 
+@pytest.mark.slow
 def test_replay_without_terminal_prints_only_node_logs(begin, log, read_until):
     process = begin('replay', log, '--as-fast-as-possible', *ROS)
     heard = []

@@ -176,6 +176,7 @@ def test_measured_and_simulated_side_by_side(dropped, run_in):
     assert again.replace('each.csv', 'hand.csv') == page
 
 
+@pytest.mark.slow
 def test_json_prints_nothing_else(run, tmp_path):
     ended = run('drop', 'tetrahedron', '--drops', 10, '--json', '--report')
     document = json.loads(ended.stdout)

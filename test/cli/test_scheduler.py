@@ -37,8 +37,8 @@ def test_killed_worker_loses_no_drop(cluster, begin, wait_for_poses, undisturbed
     assert (printed, (tmp_path / 'p.csv').read_bytes()) == undisturbed
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('to', ['group', pytest.param('command', marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize('to', ['group', 'command'])
 def test_ctrl_c_saves_results_and_keeps_the_cluster(
     cluster, begin, ended, read_until, wait_until, to
 ):

@@ -15,6 +15,7 @@ def closing(*numbers):
     return lambda: [os.close(number) for number in numbers]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     'words', [['aspects', 'tetrahedron'], ['aspects', 'tetrahedron', '--json'], ['--help']]
 )

@@ -79,7 +79,7 @@ def test_unwritable_output_is_refused_before_the_drops(
     refused, tmp_path, blocked, flag, value, says
 ):
     (tmp_path / 'folder').mkdir()
-    # The deadline is too short for so many drops.
+    # The deadline is too short for this number of drops.
     line = refused('drop', 'l_bracket', '--drops', 2_000_000, flag, value)
     assert f"invalid {flag} '{value}" in line
     assert says in line

@@ -21,7 +21,7 @@ def test_a_regular_file_is_read_up_to_the_limit(tmp_path):
     assert str(caught.value) == f"mesh '{file}' is too large: expected at most 0 KiB"
 
 
-@pytest.mark.timeout(60)
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize('linked', [False, True])
 @pytest.mark.parametrize(
     ('make', 'expected'),

@@ -26,7 +26,7 @@ def sized(solids, solid, name, arguments, size):
     return solid(mesh.apply_scale(size / np.ptp(mesh.vertices, axis=0).max()), unit='mm')
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(('name', 'arguments'), SHAPES)
 def test_aspects_are_the_same_in_any_size(solids, solid, name, arguments):
     usual = sized(solids, solid, name, arguments, 40.0)
@@ -59,7 +59,8 @@ def assert_alike(found, expected, part, usual):
         assert one.basin_share == pytest.approx(other.basin_share, abs=2e-5)
 
 
-@pytest.mark.parametrize('size', [0.5, pytest.param(1990.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize('size', [0.5, 1990.0])
 def test_relative_error_of_a_hull_does_not_depend_on_size(solids, solid, size):
     shape = 'random_sphere', (4000, (1.4, 1, 0.7))
     parts = [sized(solids, solid, *shape, each) for each in (size, 40.0)]

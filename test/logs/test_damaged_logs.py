@@ -346,7 +346,7 @@ print(status.split('VmHWM:')[1].split()[0])
 """
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('packed', [zeros_zstd, zeros_lz4])
 @pytest.mark.parametrize('declared', [None, 1000, MAX_RECORD])
 def test_chunk_of_gigabytes_needs_little_memory(tmp_path, packed, declared):

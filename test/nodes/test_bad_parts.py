@@ -48,7 +48,7 @@ def suite(fresh_suite, folder):
     )
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(1800)
 def test_bad_files_do_not_affect_other_parts(suite, folder, diagnostics_of):
     assert suite.client.ask(drops=5, seed=[1]).status.code == Status.OK
     _, _, values = diagnostics_of(suite.client).wait(

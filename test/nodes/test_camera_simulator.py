@@ -18,7 +18,7 @@ from resting_aspects_ros.core.vision.tray_image import TrayCamera
 from resting_aspects_ros.nodes.camera_simulator.messages import camera_info_msg
 from resting_aspects_ros.nodes.camera_simulator.node import IMAGES
 from resting_aspects_ros.nodes.camera_simulator.truth import Truth
-from resting_aspects_ros.nodes.feeder_controller.model import FedPart, read_part
+from resting_aspects_ros.nodes.feeder_controller.model import FedPart, read_fed_part
 from resting_aspects_ros.nodes.vision_example import node as vision_example
 from resting_aspects_ros.nodes.vision_example.node import VisionExample, camera_from, grey_image
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL
@@ -92,6 +92,7 @@ def test_parts_are_picked_in_simulated_time(cell):
         assert seconds(each.header.stamp) >= seconds(exposed[each.image])
 
 
+@pytest.mark.slow
 def test_every_part_in_the_images_is_recognised_or_touches(cell):
     watch, _, _ = cell
     watch.client.wait(lambda: len(watch.seen) >= 4, 'detections')
@@ -201,7 +202,7 @@ def test_model_is_kept_if_the_same_part_is_offered_again(part):
     models = []
 
     async def run(function, *arguments):
-        if function is read_part:
+        if function is read_fed_part:
             known = known_part(offered[arguments[0]])
             return FedPart(known, ())
         models.append(Mock())

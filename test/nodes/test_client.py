@@ -82,6 +82,7 @@ def test_client_without_a_node_receives_progress(client, counts):
     assert (done[0] < 500, done[-1]) == (True, 500)
 
 
+@pytest.mark.slow
 def test_known_distribution_is_returned_without_progress(client):
     first = client.get_distribution('tetrahedron', drops=300, seed=52)
     done = []
@@ -158,6 +159,7 @@ def test_probability_of_several_aspects(client):
         probability_of(found, [1])
 
 
+@pytest.mark.slow
 def test_clients_in_threads_receive_their_own_progress(suite, in_namespace):
     asked = [{'drops': 300, 'surface': 'rubber_mat'}, {'drops': 350, 'surface': 'steel'}]
     received, found = ([], []), [None, None]
@@ -391,6 +393,7 @@ def cell(request, suite):
     context.try_shutdown()
 
 
+@pytest.mark.quick_cases(1)
 def test_async_callback_awaits_several_responses(cell, wait):
     """It runs in the default callback group of the node, which is blocked meanwhile."""
     client = RestingAspectsClient(cell)
@@ -435,6 +438,7 @@ def test_awaiting_a_closed_client_raises(cell, wait):
     assert str(results[1]) == 'this client is closed'
 
 
+@pytest.mark.quick_cases(1)
 def test_many_concurrent_requests(cell, wait):
     client = RestingAspectsClient(cell)
     answers = [client.list_parts_async() for _ in range(30)]
@@ -454,6 +458,7 @@ def test_future_works_with_spin_until_future_complete(suite):
         rclpy.shutdown()
 
 
+@pytest.mark.slow
 def test_two_clients_of_one_node(suite, spun):
     with RestingAspectsClient(suite.client.node) as other:
         mine = spun.get_distribution_async('washer', drops=400, seed=72)
@@ -488,7 +493,7 @@ def test_finished_and_canceled_requests_leave_nothing(suite, spun):
         open_yet.result()
 
 
-@pytest.mark.parametrize('timeout', [None, 600.0])
+@pytest.mark.parametrize('timeout', [pytest.param(None, marks=pytest.mark.slow), 600.0])
 def test_abandoned_request_stops_its_run(suite, spun, ahead, timeout):
     """Its drops are kept, after a cancel and after a timeout."""
     poses = suite.client.poses()
@@ -512,6 +517,7 @@ def test_abandoned_request_stops_its_run(suite, spun, ahead, timeout):
     assert 0 < known.result().drops < 2_000_000
 
 
+@pytest.mark.slow
 def test_shared_run_continues_after_one_cancel(suite, spun):
     with RestingAspectsClient(suite.client.node) as other:
         received = []

@@ -24,6 +24,7 @@ def spun(suite):
         yield client
 
 
+@pytest.mark.slow
 def test_timeout_error_contains_the_progress(suite, spun, ahead):
     simulator = suite.processes['drop_simulator']
 
@@ -63,9 +64,8 @@ def test_stopped_classifier_leads_to_a_timeout(suite, spun, monkeypatch):
     suite.start_again('aspect_classifier')
 
 
-@pytest.mark.parametrize(
-    'number', [signal.SIGTERM, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
 def test_stopped_simulator_leads_to_an_error(suite, spun, number):
     received = []
     answer = spun.get_distribution_async(
@@ -83,6 +83,7 @@ def test_stopped_simulator_leads_to_an_error(suite, spun, number):
 
 
 # Last test: ROS lists a killed node for another 20 s.
+@pytest.mark.slow
 def test_restarted_classifier_responds(suite, spun, monkeypatch):
     monkeypatch.setattr(pending_request, 'RETRY_PERIOD', 1.0)
     received = []

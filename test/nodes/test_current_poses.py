@@ -44,7 +44,13 @@ def shows(shown, expected):
 # Over DDS, from drops
 
 
-@pytest.mark.parametrize('drops', [30, MIN_BATCH + 20], ids=['few', 'last batch is short'])
+@pytest.mark.parametrize(
+    'drops',
+    [
+        pytest.param(30, id='few', marks=pytest.mark.slow),
+        pytest.param(MIN_BATCH + 20, id='last batch is short'),
+    ],
+)
 def test_poses_are_the_newest_of_the_newest_run(suite, drops):
     batches = suite.client.poses()
     shown = suite.client.listen(PoseArray, CURRENT_POSES, LATCHED)

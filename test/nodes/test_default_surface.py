@@ -89,6 +89,7 @@ def test_default_stays_known_after_the_simulator_stopped(fresh_suite):
     assert known.run.conditions == first.run.conditions
 
 
+@pytest.mark.slow
 def test_default_surface_may_be_unknown_to_the_classifier(fresh_suite, tmp_path):
     text = surfaces_file().read_text(encoding='utf-8')
     own = text.replace('steel:', 'granite:').replace('friction: 0.15', 'friction: 0.17')

@@ -144,6 +144,7 @@ def test_the_controller_of_the_tutorial_follows_a_distribution(suite, run_snippe
     assert 'Traceback' not in process.output
 
 
+@pytest.mark.slow
 def test_client_requests_the_transitions_of_an_action(suite, run_snippet):
     code = snippet('transition_matrix_from')
     process = run_snippet(code.replace('per_aspect=100', 'per_aspect=4, drops=20'))
@@ -157,6 +158,7 @@ def test_client_requests_the_transitions_of_an_action(suite, run_snippet):
     )
 
 
+@pytest.mark.slow
 def test_client_without_a_node_uses_the_given_namespace(suite, run_command):
     code = snippet('list_parts')
     assert '/cell_1' in code
@@ -215,6 +217,7 @@ def test_empty_request_cancels_the_run_and_keeps_its_drops(suite, run_snippet):
     assert 0 < suite.client.wait(kept, 'drops before the cancel') < 500_000
 
 
+@pytest.mark.slow
 def test_counts_of_a_machine_are_combined_with_the_drops(suite, dropped, run_snippet):
     (code_of_page,) = [text for text in code(DRIFT, 'python') if 'ObservedCounts' in text]
     process = run_snippet(code_of_page)
@@ -224,6 +227,7 @@ def test_counts_of_a_machine_are_combined_with_the_drops(suite, dropped, run_sni
     assert sum(shares) == pytest.approx(1, abs=0.01)
 
 
+@pytest.mark.slow
 def test_client_requests_a_forecast(suite, run_snippet):
     (code_of_page,) = [text for text in code(FORECAST, 'python') if 'Client' in text]
     small = code_of_page.replace('per_aspect=100, drops=1000', 'per_aspect=4, drops=50')
@@ -253,6 +257,7 @@ def test_documented_metadata_keys_exist(suite, dropped):
     assert all(f' {key}: ' in text for key in keys)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('line', NODE_LINES)
 def test_documented_commands_start_a_node(line, run_command, wait, namespace):
     program, *words = shlex.split(line)

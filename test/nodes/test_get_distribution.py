@@ -135,6 +135,7 @@ def test_run_from_the_middle_does_not_match_its_seed(suite, counts):
     assert answer.distribution.run.run_id != slice_of_run.run_id
 
 
+@pytest.mark.slow
 def test_new_suite_gives_the_same_counts_for_a_seed(fresh_suite, first, counts):
     suite = fresh_suite(workers=1)
     answer = suite.client.ask('tetrahedron', 260, seed=[7])

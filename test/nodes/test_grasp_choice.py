@@ -16,7 +16,7 @@ from resting_aspects_ros.nodes.feeder_controller.model import (
     Evidence,
     build_model,
     ids_of_classes,
-    read_part,
+    read_fed_part,
 )
 from resting_aspects_ros.nodes.feeder_controller.settings import PARAMETERS, settings_from
 from resting_aspects_ros.nodes.feeder_controller.tray_state import Detection, Image
@@ -34,7 +34,9 @@ def settings():
 
 @pytest.fixture(scope='module')
 def fed(part, settings):
-    return read_part(serialize_message(part_msg(part('l_bracket'))), 'l_bracket', settings.grasps)
+    return read_fed_part(
+        serialize_message(part_msg(part('l_bracket'))), 'l_bracket', settings.grasps
+    )
 
 
 @pytest.fixture(scope='module')

@@ -13,7 +13,7 @@ from resting_aspects_ros.client import AnswerTimeoutError, RestingAspectsClient
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.core.errors import LogError, RestingAspectsError
 from resting_aspects_ros.core.statistics.distribution import count_poses
-from resting_aspects_ros.logs.bag_metadata import OUTCOME, Outcome
+from resting_aspects_ros.logs.bag_metadata import OUTCOME, LogOutcome
 from resting_aspects_ros.logs.run_writer import RunLog
 from resting_aspects_ros.logs.topic_metadata import (
     DISTRIBUTION_TYPE,
@@ -22,7 +22,7 @@ from resting_aspects_ros.logs.topic_metadata import (
     Qos,
     Topic,
 )
-from resting_aspects_ros.nodes.aspect_classifier.log_loader import logs_in, read_log
+from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log, logs_in
 from resting_aspects_ros.ros.conversions import part_msg, poses_msg, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
@@ -65,7 +65,7 @@ def write(tmp_path, part, run_of, aspects):
             if whole:
                 topic = Topic('/aspect_distributions/tetrahedron', DISTRIBUTION_TYPE, Qos(1))
                 log.write(topic, serialize_message(message), 3)
-            log.add_metadata(OUTCOME, Outcome(CHUNK, whole).record())
+            log.add_metadata(OUTCOME, LogOutcome(CHUNK, whole).record())
         return log.path.parent
 
     return write
@@ -78,7 +78,7 @@ def double(message):
 
 
 def test_distribution_of_a_complete_log_is_used(write, run_of):
-    run, found = read_log(write(change=double))
+    run, found = load_log(write(change=double))
     assert (run, found.drops) == (run_of[0], 2 * CHUNK)
 
 
@@ -87,7 +87,7 @@ def test_drops_are_recounted_for_another_numbering(write, run_of, aspects):
         double(message)
         message.aspect_numbering = ASPECT_NUMBERING + 1
 
-    run, found = read_log(write(change=renumber))
+    run, found = load_log(write(change=renumber))
     counted = count_poses(aspects, run_of[1])
     assert (run, found.counts.tolist()) == (run_of[0], counted.counts.tolist())
 
@@ -96,12 +96,12 @@ def test_log_of_another_suite_version_is_used(write):
     def version(message):
         message.run.suite_version = '0.0.1'
 
-    assert read_log(write(change=version))[1].drops == CHUNK
+    assert load_log(write(change=version))[1].drops == CHUNK
 
 
 def test_first_drops_of_a_log_with_gaps_are_counted(write, run_of, aspects):
     """The pieces are in any order, without drops 100 to 109."""
-    run, found = read_log(write([(0, 40), (110, CHUNK), (40, 100)], whole=False))
+    run, found = load_log(write([(0, 40), (110, CHUNK), (40, 100)], whole=False))
     counted = count_poses(aspects, run_of[1].between(0, 100))
     assert run == run_of[0]
     assert found.counts.tolist() == counted.counts.tolist()
@@ -117,7 +117,7 @@ def test_first_drops_of_a_log_with_gaps_are_counted(write, run_of, aspects):
 )
 def test_log_without_the_first_drops_is_rejected(write, given, expected):
     with pytest.raises(LogError, match=expected):
-        read_log(write(whole=False, **given))
+        load_log(write(whole=False, **given))
 
 
 def test_recovered_log_is_used(write):
@@ -127,14 +127,14 @@ def test_recovered_log_is_used(write):
     with pytest.raises(
         LogError, match='it is not closed: repair it with "resting_aspects recover"'
     ):
-        read_log(log)
+        load_log(log)
     assert main(['recover', str(log)]) == 0
-    assert read_log(log)[1].drops == CHUNK
+    assert load_log(log)[1].drops == CHUNK
 
 
 def test_log_being_written_is_skipped(tmp_path):
     log = RunLog(tmp_path, 'tetrahedron_20300101T000000Z_4f1c')
-    assert read_log(tmp_path / 'tetrahedron_20300101T000000Z_4f1c') is None
+    assert load_log(tmp_path / 'tetrahedron_20300101T000000Z_4f1c') is None
     log.close()
 
 
@@ -159,7 +159,7 @@ def odd(field, value):
 )
 def test_inconsistent_distribution_is_rejected(write, change):
     with pytest.raises(RestingAspectsError):
-        read_log(write(change=change))
+        load_log(write(change=change))
 
 
 def test_newest_log_of_each_part_is_read_first(tmp_path):

@@ -181,6 +181,7 @@ def test_late_subscriber_receives_latched_topics_after_the_end(
     assert not traceback(replayer.output)
 
 
+@pytest.mark.slow
 def test_late_subscriber_receives_the_recorded_depth(
     connect, namespace, replay, wait, listen_raw, batches, write_log, tmp_path
 ):
@@ -274,6 +275,7 @@ def test_replayer_stops_cleanly_during_a_replay(replay, log, traceback, number):
     assert 'replayed in' not in replayer.output
 
 
+@pytest.mark.slow
 def test_damage_during_the_replay_is_an_error(
     replay, log, connect, namespace, tmp_path, traceback
 ):

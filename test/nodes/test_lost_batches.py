@@ -217,7 +217,11 @@ def test_unrecoverable_drops_fail_the_request(simulator, client, classifier):
 
 
 @pytest.mark.parametrize(
-    'end', [pytest.param('gone', marks=pytest.mark.slow), 'replaced', 'replaced, late batch']
+    'end',
+    [
+        *(pytest.param(end, marks=pytest.mark.slow) for end in ('gone', 'replaced')),
+        'replaced, late batch',
+    ],
 )
 def test_drops_before_a_simulator_died_are_kept(
     simulator, client, connect, start, namespace, classifier, tmp_path, end

@@ -152,6 +152,7 @@ def newest(suite):
     return newest
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ['l_bracket', 'cylinder_d20_h20', 'tetrahedron'])
 def test_only_the_part_that_changed_last_is_shown(suite, newest, part, name):
     distribution = suite.client.ask(name, 120, seed=[9001]).distribution
@@ -163,6 +164,7 @@ def test_only_the_part_that_changed_last_is_shown(suite, newest, part, name):
         assert share.endswith(' %')
 
 
+@pytest.mark.slow
 def test_request_for_a_known_distribution_changes_nothing(suite, newest):
     received = suite.client.listen(MarkerArray, 'markers', ALL_LATCHED)
     first = suite.client.ask('angle_45x30x8', 40, seed=[9002]).distribution

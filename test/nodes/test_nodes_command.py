@@ -92,14 +92,8 @@ def test_request_is_answered_and_ctrl_c_ends_all(
     end_during_a_run(ctrl_c)
 
 
-@pytest.mark.parametrize(
-    'number',
-    [
-        signal.SIGTERM,
-        pytest.param(signal.SIGINT, marks=pytest.mark.slow),
-        pytest.param(signal.SIGHUP, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_command_stops_cleanly_during_a_run(nodes, end_during_a_run, number):
     end_during_a_run(lambda: nodes.end(number))
 

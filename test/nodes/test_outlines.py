@@ -309,6 +309,7 @@ def test_client_rejects_wrong_values(suite, seen):
 # Changed parts
 
 
+@pytest.mark.slow
 def test_outlines_of_a_changed_part_replace_the_old_ones(start, connect, namespace, part):
     client = connect(namespace)
     announce(client.node, DROP_SIMULATOR)

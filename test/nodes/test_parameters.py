@@ -3,6 +3,7 @@
 import importlib
 import math
 import shutil
+import time
 
 import pytest
 import yaml
@@ -324,6 +325,7 @@ def test_parameters_are_set_all_or_none(suite, parameters):
 # -- the others ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_publish_period_limits_updates_during_a_run(suite, parameters):
     received = suite.client.listen(
         AspectDistribution, 'aspect_distributions/u_bracket', ALL_LATCHED
@@ -336,8 +338,11 @@ def test_publish_period_limits_updates_during_a_run(suite, parameters):
         )
         return [m.complete for m in received if m.run.seed == seed]
 
+    start = time.monotonic()
     assert parameters['aspect_classifier'].set(publish_period=10.0) == []
-    assert reported(seed=1) == [True]  # the last distribution is published immediately
+    *earlier, last = reported(seed=1)
+    assert last is True  # published immediately
+    assert len(earlier) <= (time.monotonic() - start) // 10  # none on a machine that is not busy
     assert parameters['aspect_classifier'].set(publish_period=0.05) == []
     often = reported(seed=2)
     assert len(often) > 1

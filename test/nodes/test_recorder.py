@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, Status
 from rosbags.highlevel import AnyReader
 
-from resting_aspects_ros.logs.bag_metadata import Outcome, recorded_outcome
+from resting_aspects_ros.logs.bag_metadata import LogOutcome, recorded_outcome
 from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.ros.interface import LATCHED, MIN_BATCH
 from resting_aspects_ros.simulation.config_files import parts_folder
@@ -170,7 +170,8 @@ def test_canceled_run_has_a_complete_log(suite):
 MAIN = 'from resting_aspects_ros.cli.main import main; raise SystemExit(main())'
 
 
-@pytest.mark.parametrize('canceled', [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize('canceled', [False, True])
 def test_drop_repeats_the_drops_of_a_log(suite, surfaces, run_script, tmp_path, canceled):
     """The run has a precision and custom conditions; a cancel may end it early."""
     conditions = surfaces.get('steel').changed(height=0.07, friction=0.31, spin=2.0)
@@ -262,7 +263,7 @@ def test_restarted_recorder_records_the_whole_run(suite, received, start, tmp_pa
     assert not (interrupted / 'metadata.yaml').exists()
     batches = read(whole)[f'{suite.namespace}/resting_poses']
     assert sum(len(batch.poses) for batch in batches) == 5000
-    assert recorded_outcome(whole) == Outcome(5000, whole=True)
+    assert recorded_outcome(whole) == LogOutcome(5000, whole=True)
     assert second.end() == 0
     third = recorder()
     suite.client.wait(lambda: f'is already in {whole}' in third.output, 'word of it')
@@ -291,4 +292,4 @@ def test_recorder_closes_its_log_when_it_ends_during_a_run(suite, received, trac
         for one, other in zip(batches, of_the_run(), strict=False):
             assert plain(one) == plain(other)
     drops = sum(len(batch.poses) for batch in batches)
-    assert recorded_outcome(folder) == Outcome(drops, whole=False)
+    assert recorded_outcome(folder) == LogOutcome(drops, whole=False)

@@ -23,7 +23,7 @@ from resting_aspects_ros.client import (
     RestingAspectsClient,
     transition_matrix_from,
 )
-from resting_aspects_ros.logs.bag_metadata import Outcome, recorded_outcome
+from resting_aspects_ros.logs.bag_metadata import LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.message_reader import messages
 from resting_aspects_ros.logs.topic_metadata import PART_TYPE, POSES_TYPE, TRANSITIONS_TYPE
 from resting_aspects_ros.nodes.drop_simulator.goal_execution import MAX_GOALS
@@ -155,7 +155,7 @@ def test_log_has_the_matrix_and_the_part(suite, found, part):
         deserialize_message(data, PartDescription) for data in messages(folder, PART_TYPE)
     ]
     assert [each.part_sha256 for each in described] == [part('tetrahedron').part_sha256]
-    assert recorded_outcome(folder) == Outcome(240, whole=True)
+    assert recorded_outcome(folder) == LogOutcome(240, whole=True)
     assert list(messages(folder, POSES_TYPE)) == []
 
 
@@ -163,6 +163,7 @@ def recorded(folder):
     return messages(folder, TRANSITIONS_TYPE)
 
 
+@pytest.mark.slow
 def test_replayed_matrix_is_latched_and_known(suite, found, replay, start, connect, namespace):
     log = suite.log_of(found.run.run_id)
     start('aspect_classifier', namespace, {'log_folder': "''"})
@@ -179,6 +180,7 @@ def test_replayed_matrix_is_latched_and_known(suite, found, replay, start, conne
     assert late == [found]
 
 
+@pytest.mark.slow
 def test_own_action_on_own_conditions(suite, part, surfaces):
     conditions = surfaces.get('steel').changed(friction=0.31)
     goal = suite.client.reorient(
@@ -282,7 +284,7 @@ def test_actions_before_a_cancel_are_kept(suite):
     assert (found.complete, found.ended, len(found.long_run)) == (False, True, 8)
     suite.client.wait(lambda: received and received[-1].ended, 'last matrix')
     assert received[-1] == found
-    assert recorded_outcome(suite.log_of(found.run.run_id)) == Outcome(made, whole=True)
+    assert recorded_outcome(suite.log_of(found.run.run_id)) == LogOutcome(made, whole=True)
 
 
 def test_cancel_during_the_drops(suite):
@@ -320,6 +322,7 @@ def test_client_returns_transitions(client, expected):
     assert dict(zip(fast.action.names, fast.action.values, strict=True))['speed'] == 0.6
 
 
+@pytest.mark.slow
 def test_client_returns_known_transitions(client, wait):
     made = client.reorient_part('u_bracket', 'toss', 5, drops=20)
 

@@ -63,6 +63,7 @@ def two_goals(suite, run):
     simulator.send_to_workers(signal.SIGCONT)
 
 
+@pytest.mark.slow
 def test_concurrent_repairs_are_simulated_once(suite, received, run, two_goals):
     before = len(received)
     suite.processes['drop_simulator'].send_to_workers(signal.SIGCONT)
@@ -76,6 +77,7 @@ def test_concurrent_repairs_are_simulated_once(suite, received, run, two_goals):
     assert [len(batch.poses) for batch in again] == [250, 50]
 
 
+@pytest.mark.slow
 def test_canceled_repair_does_not_affect_the_other(suite, two_goals):
     canceled, other = two_goals
     answer = canceled.cancel()
@@ -86,6 +88,7 @@ def test_canceled_repair_does_not_affect_the_other(suite, two_goals):
     assert canceled.result.drops < other.result.drops == 300
 
 
+@pytest.mark.slow
 def test_only_runs_of_this_simulator_are_repaired(suite, run):
     refused = suite.client.drop(drops=5, seed=11, run_id='another').result.status
     assert refused.code == Status.NOT_AVAILABLE

@@ -154,6 +154,7 @@ def request_of(restarted, capfd, monkeypatch):
     return request_of
 
 
+@pytest.mark.slow
 def test_request_command_uses_logs_without_a_simulator(restarted, first, request_of):
     assert restarted.processes['drop_simulator'].end() == 0
     start_again(restarted, 'aspect_classifier')

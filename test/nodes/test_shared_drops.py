@@ -39,6 +39,7 @@ def runs_of(received, seed):
     return {batch.run.run_id for batch in received if batch.run.seed == seed}
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('seed', 'precision'), [(7171, 0.0), (7172, 0.02)])
 def test_concurrent_goals_share_one_run(suite, received, goals, seed, precision):
     drops = goals(2, DROPS, seed=seed, precision=precision)
@@ -57,6 +58,7 @@ def test_concurrent_goals_share_one_run(suite, received, goals, seed, precision)
     assert all(feedback.drops_per_second > 0 for feedback in drops[1].feedback)
 
 
+@pytest.mark.slow
 def test_canceling_the_second_goal_keeps_the_first(suite, received, goals):
     first, second = goals(2, MANY, seed=7173)
     suite.client.wait(lambda: second.feedback, 'some drops')
@@ -92,6 +94,7 @@ def test_all_are_canceled_together(suite, received, goals):
     assert runs_of(received, 7177) == {drops[0].result.run_id}
 
 
+@pytest.mark.slow
 def test_joining_goal_does_not_count_towards_the_maximum(suite, goals):
     drops = goals(MAX_GOALS + 4, 500, seed=7178)
     suite.client.wait(lambda: all(drop.done for drop in drops), 'results')

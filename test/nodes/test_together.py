@@ -4,6 +4,7 @@ import re
 import signal
 import sys
 
+import pytest
 from resting_aspects_interfaces.msg import Status
 
 
@@ -47,6 +48,7 @@ def test_known_answer_does_not_wait_for_an_active_run(suite):
     suite.client.wait(lambda: long.done, 'canceled goal')
 
 
+@pytest.mark.slow
 def test_result_is_kept_after_the_client_was_killed(suite, run_command):
     received = suite.client.poses()
     ros = ('--ros-args', '-r', f'__ns:={suite.namespace}')

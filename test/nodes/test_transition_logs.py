@@ -11,10 +11,10 @@ import resting_aspects_ros as ra
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
 from resting_aspects_ros.core.errors import InvalidValueError, LogError
-from resting_aspects_ros.logs.bag_metadata import Outcome, recorded_outcome
+from resting_aspects_ros.logs.bag_metadata import LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.message_reader import messages
 from resting_aspects_ros.logs.topic_metadata import PART_TYPE, TRANSITIONS_TYPE, Topic
-from resting_aspects_ros.nodes.aspect_classifier.log_loader import read_log
+from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log
 from resting_aspects_ros.ros.conversions import part_msg, time_msg
 from resting_aspects_ros.ros.interface import ALL_LATCHED, LATCHED, offered_qos
 from resting_aspects_ros.ros.transition_conversions import transitions_msg
@@ -107,6 +107,7 @@ def test_canceled_run_does_not_hide_a_complete_one(suite, first):
     suite.log_of(goal.result.transitions.run.run_id)
 
 
+@pytest.mark.slow
 def test_actions_before_the_workers_die_are_kept(suite):
     goal = suite.client.reorienting('box_10x20x30', 'tap', 100_000, drops=20)
     suite.client.wait(lambda: goal.feedback and goal.feedback[-1].done, 'actions')
@@ -134,8 +135,8 @@ def test_log_of_a_killed_simulator_is_closed_as_incomplete(suite, first):
     suite.client.wait(lambda: len(received) > 2, 'matrices')
     suite.processes['drop_simulator'].end(signal.SIGKILL)
     log = suite.log_of(received[-1].run.run_id)
-    last = read_log(log)
-    assert recorded_outcome(log) == Outcome(sum(last.actions), whole=False)
+    last = load_log(log)
+    assert recorded_outcome(log) == LogOutcome(sum(last.actions), whole=False)
     assert (last.complete, last.ended) == (False, False)
     suite.start_again('drop_simulator')
     start_again(suite, 'aspect_classifier')
@@ -181,13 +182,13 @@ def test_log_that_was_cut_off_keeps_its_complete_messages(write, result, ended, 
     (written,) = log.folder.glob('*.mcap')
     file.write_bytes(written.read_bytes()[: size + 50])  # in the middle of the third message
     with pytest.raises(LogError, match='it is not closed: repair it'):
-        read_log(cut)
+        load_log(cut)
     assert main(['recover', str(cut)]) == 0
     text = '3 messages recovered, 20 of 20 actions of tetrahedron, tap'
     assert capsys.readouterr().out == f'{cut}: {text}\n'
     assert len(list(messages(cut, TRANSITIONS_TYPE))) == 2
-    assert read_log(cut).ended == ended
-    assert recorded_outcome(cut) == Outcome(20, whole=ended)
+    assert load_log(cut).ended == ended
+    assert recorded_outcome(cut) == LogOutcome(20, whole=ended)
 
 
 def test_info_describes_a_log_of_actions(write, result, capsys):
@@ -210,7 +211,7 @@ def test_matrix_of_another_numbering_is_not_used(write, result):
     log = write(message)
     log.close()
     with pytest.raises(InvalidValueError, match=f'expected {ASPECT_NUMBERING}'):
-        read_log(log.folder)
+        load_log(log.folder)
 
 
 def test_log_of_actions_has_no_drops(write, result):

@@ -13,7 +13,7 @@ from resting_aspects_ros.nodes.feeder_controller.tray_state import (
     SECOND,
     Detection,
     Image,
-    Outcome,
+    PickOutcome,
     TrayState,
     known_class,
     other_parts,
@@ -45,13 +45,13 @@ def tray():
 
 
 def test_picked_part_leaves_the_others(tray):
-    assert tray.add_result(Outcome.PICKED, 1, 1, NOW, NOW) == ''
+    assert tray.add_result(PickOutcome.PICKED, 1, 1, NOW, NOW) == ''
     assert (tray.epoch, left(tray)) == (1, [0, 2])
-    assert tray.add_result(Outcome.PICKED, 1, 0, NOW, NOW) == ''
+    assert tray.add_result(PickOutcome.PICKED, 1, 0, NOW, NOW) == ''
     assert (tray.epoch, left(tray)) == (2, [2])
 
 
-@pytest.mark.parametrize('outcome', [Outcome.MISSED, Outcome.DROPPED, Outcome.MOVED])
+@pytest.mark.parametrize('outcome', [PickOutcome.MISSED, PickOutcome.DROPPED, PickOutcome.MOVED])
 def test_other_results_make_everything_stale(tray, outcome):
     assert tray.add_result(outcome, 1, 1, NOW, NOW) == ''
     assert (tray.epoch, left(tray)) == (1, None)
@@ -61,9 +61,9 @@ def test_other_results_make_everything_stale(tray, outcome):
 @pytest.mark.parametrize(
     ('outcome', 'number', 'index'),
     [
-        (Outcome.PICKED, 1, 3),
-        (Outcome.PICKED, 2, 0),
-        (Outcome.MISSED, 7, 0),
+        (PickOutcome.PICKED, 1, 3),
+        (PickOutcome.PICKED, 2, 0),
+        (PickOutcome.MISSED, 7, 0),
         (None, 1, 0),
     ],
 )
@@ -73,8 +73,8 @@ def test_result_that_is_not_understood_makes_everything_stale(tray, outcome, num
 
 
 def test_second_pick_of_a_part_is_not_understood(tray):
-    tray.add_result(Outcome.PICKED, 1, 1, NOW, NOW)
-    problem = tray.add_result(Outcome.PICKED, 1, 1, NOW, NOW)
+    tray.add_result(PickOutcome.PICKED, 1, 1, NOW, NOW)
+    problem = tray.add_result(PickOutcome.PICKED, 1, 1, NOW, NOW)
     assert problem == (
         'invalid detection 1 of image 1 in a pick result: expected a detection that was not '
         'picked before'
@@ -84,19 +84,19 @@ def test_second_pick_of_a_part_is_not_understood(tray):
 
 def test_pick_before_the_first_image_is_not_understood():
     tray = TrayState()
-    assert 'expected none before' in tray.add_result(Outcome.PICKED, 0, 0, 0, NOW)
+    assert 'expected none before' in tray.add_result(PickOutcome.PICKED, 0, 0, 0, NOW)
     assert tray.epoch == 1
 
 
 def test_image_exposed_before_a_result_is_stale(tray):
-    tray.add_result(Outcome.MOVED, 0, 0, NOW, NOW + SECOND)
+    tray.add_result(PickOutcome.MOVED, 0, 0, NOW, NOW + SECOND)
     assert not tray.add_image(image(2, NOW - 1), NOW + SECOND)
     assert (left(tray), tray.stale) == (None, 1)
     assert tray.add_image(image(3, NOW), NOW + SECOND)
     assert left(tray) == [0, 1, 2]
 
 
-@pytest.mark.parametrize('outcome', [Outcome.PICKED, Outcome.MISSED, Outcome.MOVED])
+@pytest.mark.parametrize('outcome', [PickOutcome.PICKED, PickOutcome.MISSED, PickOutcome.MOVED])
 def test_late_report_does_not_touch_a_newer_image(tray, outcome):
     tray.add_image(image(2, NOW), NOW)
     assert tray.add_result(outcome, 1, 0, NOW, NOW) == ''
@@ -105,25 +105,25 @@ def test_late_report_does_not_touch_a_newer_image(tray, outcome):
 
 def test_pick_after_a_newer_image_makes_it_stale(tray):
     tray.add_image(image(2, NOW), NOW)
-    assert tray.add_result(Outcome.PICKED, 1, 0, NOW + 1, NOW + 1) == ''
+    assert tray.add_result(PickOutcome.PICKED, 1, 0, NOW + 1, NOW + 1) == ''
     assert (tray.epoch, left(tray)) == (1, None)
 
 
 def test_result_without_a_time_is_over_now(tray):
-    tray.add_result(Outcome.MOVED, 0, 0, 0, NOW)
+    tray.add_result(PickOutcome.MOVED, 0, 0, 0, NOW)
     assert not tray.add_image(image(2, NOW - 1), NOW)
     assert tray.add_image(image(3, NOW), NOW)
 
 
 def test_result_from_the_future_is_over_now(tray):
-    problem = tray.add_result(Outcome.PICKED, 1, 1, NOW + 90 * SECOND, NOW)
+    problem = tray.add_result(PickOutcome.PICKED, 1, 1, NOW + 90 * SECOND, NOW)
     assert 'expected none in the future; it is 90.0 s ahead' in problem
     assert left(tray) is None
     assert tray.add_image(image(2, NOW), NOW)
 
 
 def test_image_that_arrives_twice_is_used_once(tray):
-    tray.add_result(Outcome.PICKED, 1, 1, NOW, NOW)
+    tray.add_result(PickOutcome.PICKED, 1, 1, NOW, NOW)
     assert not tray.add_image(image(time=NOW - SECOND), NOW)
     assert left(tray) == [0, 2]
 
@@ -151,7 +151,7 @@ def test_camera_that_numbers_from_0_again_is_accepted(tray):
 
 
 def test_clock_that_is_set_back_is_followed(tray):
-    tray.add_result(Outcome.MOVED, 0, 0, NOW, NOW)
+    tray.add_result(PickOutcome.MOVED, 0, 0, NOW, NOW)
     assert tray.add_image(image(1, 5 * SECOND), 5 * SECOND)
     assert left(tray) == [0, 1, 2]
 
@@ -160,7 +160,7 @@ def test_clock_that_is_set_back_is_followed(tray):
     st.lists(
         st.one_of(
             st.tuples(st.just('image'), st.integers(-3, 3)),
-            st.tuples(st.sampled_from([*Outcome, None]), st.integers(0, 3)),
+            st.tuples(st.sampled_from([*PickOutcome, None]), st.integers(0, 3)),
         ),
         max_size=30,
     )
@@ -180,7 +180,7 @@ def test_no_detection_is_older_than_what_moved_the_tray(events):
             known = tray.newest.number if tray.newest is not None else 0
             now += SECOND  # after the exposure of all images
             problem = tray.add_result(kind, known, value, now, now)
-            if kind is Outcome.PICKED and not problem:
+            if kind is PickOutcome.PICKED and not problem:
                 picked.add(value)
             else:
                 moved = now

@@ -9,7 +9,7 @@ from rich.console import Console
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects.clusters import Clusters, find_clusters
-from resting_aspects_ros.core.statistics.agreement import compare, find_differences
+from resting_aspects_ros.core.statistics.agreement import find_agreement, find_differences
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.cluster_report import (
     agreement_line,
@@ -61,7 +61,7 @@ def test_two_million_poses_fit_80_columns(part):
     counts = np.array([556_400, 541_600, 498_700, 262_000, 139_300])
     counts[0] += MAX_RUN_DROPS - counts.sum()
     clusters = clusters_of(counts.tolist())
-    agreement = compare(np.arange(1, 6), 5, find_clusters(np.eye(5, 3), 0.1))
+    agreement = find_agreement(np.arange(1, 6), 5, find_clusters(np.eye(5, 3), 0.1))
     shown = lines(
         agreement_table(Distribution(aspects, counts, 0, 0, 0), agreement, clusters, 'title')
     )
@@ -80,7 +80,7 @@ def test_agreement_line_counts_differences_near_aspects(part, ids, says):
     aspects = find_aspects(part('box_10x20x30'))
     down = np.array([a.down_in_part for a in aspects.aspects])[[0, 0, 0, 1]]
     clusters = find_clusters(down, 0.1)
-    agreement = compare(np.array(ids), len(aspects), clusters)
+    agreement = find_agreement(np.array(ids), len(aspects), clusters)
     differences = find_differences(agreement, aspects, down)
     assert says in agreement_line(agreement, differences)
     place = np.array([10, 20, 30, 40])

@@ -96,9 +96,9 @@ def test_parts_that_are_not_tested_are_stated(tested):
 def test_detectable_shift_and_run_length_are_stated(tested):
     text = power_sentences(tested([[50, 50]], level=0.05))
     # (1.96 + 0.84) standard errors of 0.05, a little less because the variance decreases.
-    assert 'A window of 100 parts finds a class that is off by 13.9 points' in text
-    assert '5 % of windows are alarms: one in 2000 parts.' in text
-    assert 'does not find a class that is off by 40 points' in power_sentences(tested([[2, 2]]))
+    assert 'A window of 100 parts finds a class that deviates by 13.9 points' in text
+    assert '5 % of windows raise an alarm: one in 2000 parts.' in text
+    assert 'does not find a class that deviates by 40 points' in power_sentences(tested([[2, 2]]))
 
 
 def test_long_table_has_the_last_windows_and_all_alarms(tested):

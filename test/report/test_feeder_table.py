@@ -29,7 +29,7 @@ def view(**changed):
         'images': 150,
         'flips': 149,
         'supplied': 282,
-        'reason': 'Pick 2 parts; a flip is expected to bring 1.4 more.',
+        'reason': 'Pick 2 parts; a flip is expected to bring 1.4 more picks.',
         'rate': 26.87,
         'forecast': 26.0,
         'lower': 24.0,

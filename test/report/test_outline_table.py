@@ -9,8 +9,8 @@ from resting_aspects_ros.core.vision.matching import LookAlike
 from resting_aspects_ros.report.counting_sheet import _pages, drawing_scale
 from resting_aspects_ros.report.outline_table import (
     MAX_PAIRS,
+    confused_pair_texts,
     family_texts,
-    look_alike_texts,
     short_look_alike_text,
     yaw_symmetry_text,
 )
@@ -45,12 +45,12 @@ def pair(outline, verdict, resolution, height=10e-3):
     ],
 )
 def test_text_says_what_distinguishes_a_pair(outline, verdict, resolution, height, text):
-    (found,) = look_alike_texts(*pair(outline, verdict, resolution, height))
+    (found,) = confused_pair_texts(*pair(outline, verdict, resolution, height))
     assert text in found
 
 
 def test_clear_differences_are_not_listed(outline):
-    assert look_alike_texts(*pair(outline, 'distinct', 7e-4)) == []
+    assert confused_pair_texts(*pair(outline, 'distinct', 7e-4)) == []
     assert short_look_alike_text(outline, pair(outline, 'distinct', 7e-4)[1][1]) == ''
 
 
@@ -65,7 +65,7 @@ def test_worst_pairs_are_first_and_their_number_is_limited(outline):
         )
         for k in range(count)
     }
-    texts = look_alike_texts(several, entries)
+    texts = confused_pair_texts(several, entries)
     assert texts[0].startswith('Classes 3 and 5 have the same outline')
     assert texts[1].startswith('Classes 0 and 1 differ by at most 0.0100 mm')
     assert len(texts) == MAX_PAIRS + 1

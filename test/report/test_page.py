@@ -242,7 +242,7 @@ def test_difference_has_the_digits_of_its_bounds(numbers, said):
 
 
 def test_sections_without_data_are_omitted(part, make_report, written):
-    report = make_report(part('l_bracket'), history=None)
+    report = make_report(part('tetrahedron'), history=None)
     folder = written(report)
     page = Reader((folder / 'report.html').read_text(encoding='utf-8'))
     assert [words(each) for each in page.all('h2')] == [
@@ -326,6 +326,7 @@ def test_ids_are_unique(page):
     assert len(ids) == len(set(ids)) > 20
 
 
+@pytest.mark.slow
 def test_equal_reports_give_equal_files(bracket, folder, written):
     for file in written(bracket).iterdir():
         assert file.read_bytes() == (folder / file.name).read_bytes()
@@ -350,6 +351,7 @@ def test_page_with_many_aspects(many_sided, make_report, written):
     assert len(text) < 5_000_000
 
 
+@pytest.mark.slow
 def test_page_with_one_aspect_and_no_drops(solid, make_report, written):
     ball = make_report(solid(trimesh.creation.icosphere(subdivisions=2, radius=10)))
     assert len(ball.distribution.aspects) == 1

@@ -146,6 +146,7 @@ def silhouette(image):
     return image[..., 3] > 0.95
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ['l_bracket', 'u_bracket', 'tetrahedron', 'box_10x20x30'])
 def test_part_has_the_size_of_its_projection(part, name):
     shape = part(name)

@@ -52,7 +52,7 @@ def run(node):
 
     def run(worker, *given):
         task = node.executor.create_task(worker.run, *given)
-        node.executor.spin_until_future_complete(task, 120)
+        node.executor.spin_until_future_complete(task, 600)
         assert task.done()
         return task.result()
 

@@ -37,6 +37,7 @@ def hull_in_tray(part, poses):
 # -- Where parts come to rest ---------------------------------------------------------------------
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('shape', 'faces'), [('tetrahedron', 4), ('cube', 6)])
 def test_faces_of_regular_bodies_are_equally_probable(drop, part, solid, shape, faces):
     n = 5 * CHUNK
@@ -110,6 +111,7 @@ def test_scaled_part_and_height_give_scaled_poses(part, solid, mat):
     np.testing.assert_array_equal(b.time_to_rest, a.time_to_rest * 2)  # T = sqrt(R / g)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('longest', [0.5e-3, 2.0])
 def test_tiny_and_huge_parts_rest_like_normal_ones(drop, part, solid, mat, longest):
     # Everything scaled: the same numbers but for rounding, which lets the drops part.
@@ -127,7 +129,8 @@ def test_tiny_and_huge_parts_rest_like_normal_ones(drop, part, solid, mat, longe
     assert np.median(first) == pytest.approx(math.sqrt(factor), rel=1e-6)
 
 
-@pytest.mark.parametrize('chunks', [4, pytest.param(16, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize('chunks', [4, 16])
 def test_half_the_time_step_keeps_the_probabilities(drop, part, mat, chunks):
     # Two samples of 2000 tell a shift of a share of 0.3 by 3.3 standard errors, 0.05, of 0.07 by
     # 0.03, two of 500 of twice as much; `make validate` makes 50,000 of each part.
@@ -305,6 +308,7 @@ def test_hull_with_many_vertices_is_supported(solid, mat):
     assert height == pytest.approx(0.01, rel=2e-3)  # corners were left out
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_number_of_chunks(solid, mat):
     ball = solid(trimesh.creation.icosphere(4, 10.0))
     job = make_job(ball, mat.changed(rolling_friction=0.05), 1)

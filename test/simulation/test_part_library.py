@@ -240,7 +240,7 @@ def test_yaml_selects_a_body_of_the_mesh(folder):
     assert volumes == pytest.approx([48e-6, 6e-6])
 
 
-@pytest.mark.timeout(60)
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize('name', ['pin.yaml', 'cover.yaml'])
 def test_pipe_instead_of_a_file_is_rejected(folder, name):
     os.mkfifo(folder / name)

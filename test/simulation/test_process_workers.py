@@ -142,6 +142,7 @@ def test_default_is_a_worker_per_allowed_core():
         os.sched_setaffinity(0, allowed)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signals_for_the_parent_do_not_end_a_worker(number, job, make_workers, assert_same_poses):
     before = children()
@@ -177,6 +178,7 @@ def test_workers_do_not_import_scipy(job, make_workers):
     assert '/scipy/' not in maps
 
 
+@pytest.mark.quick_cases(1)
 def test_jobs_take_turns(job, planned, make_workers, assert_same_poses):
     workers = make_workers(1)
     other = planned[0]
@@ -214,6 +216,7 @@ def test_stuck_workers_are_stopped(planned, make_workers, hold):
     processes(0, besides=before)
 
 
+@pytest.mark.quick_cases(1)
 def test_runs_are_complete_when_workers_are_killed(planned, make_workers, assert_same_poses):
     job, asked = planned
     here = dropped_here(job)
@@ -235,6 +238,7 @@ def test_runs_are_complete_when_workers_are_killed(planned, make_workers, assert
     assert workers.lookahead() == 2 * workers.count == 4
 
 
+@pytest.mark.quick_cases(1)
 def test_idle_worker_that_dies_is_replaced(planned, make_workers, assert_same_poses):
     job, asked = planned
     before = children()
@@ -304,11 +308,11 @@ print(drops, flush=True)
 """
 
 
-def parent(then):
+def parent(then, *flags):
     """Start a process that drops with two workers, and then runs the given code."""
     config = Path(__file__).resolve().parents[2] / 'config'
     return subprocess.Popen(
-        [sys.executable, '-c', PARENT + then, config],
+        [sys.executable, *flags, '-c', PARENT + then, config],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -318,6 +322,12 @@ def parent(then):
 
 def test_workers_print_nothing_and_a_script_without_a_stop_ends():
     with parent(then='') as process:
+        out, errors = process.communicate(timeout=DEADLINE)
+    assert (process.returncode, out, errors) == (0, '10\n', '')
+
+
+def test_stopped_workers_leave_no_resources_behind():
+    with parent('workers.stop()', '-W', 'error') as process:
         out, errors = process.communicate(timeout=DEADLINE)
     assert (process.returncode, out, errors) == (0, '10\n', '')
 

@@ -173,6 +173,7 @@ def test_thin_plate_on_a_sharp_edge_has_the_known_motion():
 # -- Parts that fall from a belt ------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_plate_keeps_its_side_on_a_low_step(solid, mat):
     flat = solid(trimesh.creation.box((20, 16, 3)))
     job = step_job(flat, mat.changed(restitution=0.3), Step(belt_speed=0.3, step_height=0.003))
@@ -247,6 +248,7 @@ def test_real_shape_of_the_part_counts_at_the_edge(hooked):
     assert (drop_chunk(convex, 0, CHUNK).status == RestStatus.SETTLED).all()
 
 
+@pytest.mark.slow
 def test_energy_decides_only_far_from_the_wall(part, mat):
     shape = part('box_10x20x30')
     far = step_job(shape, mat, dataclasses.replace(LOW, lower_speed=1.0))

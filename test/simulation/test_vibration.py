@@ -221,7 +221,8 @@ def test_weak_vibration_leaves_parts_in_their_aspect(part, mat):
     assert (poses.energy_growth < 0.01).all()
 
 
-@pytest.mark.parametrize('chunks', [1, pytest.param(16, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize('chunks', [1, 16])
 def test_half_the_time_step_keeps_the_transitions(part, mat, chunks):
     shape = part('l_bracket')
     counts = []

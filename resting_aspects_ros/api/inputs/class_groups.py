@@ -13,7 +13,7 @@ _GROUP = re.compile(rf'{_NUMBER}(?:\s*\+\s*{_NUMBER})*', re.IGNORECASE)
 def parse_group(text: str) -> tuple[int, ...] | None:
     """Return the classes of '3', 'class_3' or '3+4', ascending; None for any other text.
 
-    A text that names a class twice is no group either.
+    A text that names a class twice is not a group either.
     """
     if not _GROUP.fullmatch(text.strip()):
         return None

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from resting_aspects_ros.api.inputs.result_json import (
 )
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.core.aspects.aspect import find_aspects
-from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet, Sweep
+from resting_aspects_ros.core.aspects.aspect_set import PUBLISHED_FIELDS, Aspect, AspectSet, Sweep
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, warn
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
@@ -128,26 +129,18 @@ def _check_aspects(path: Path, aspects: Sequence[ReportAspect]) -> None:
             )
 
 
-def _aspect(fields: ReportAspect) -> Aspect:
-    down = np.array(fields.down_in_part, dtype=np.float64)
-    barrier = fields.min_barrier
-    return Aspect(
-        id=fields.id,
-        down_in_part=down,
-        com_height=fields.com_height,
-        orientation=np.array(fields.orientation, dtype=np.float64),
-        support=np.array(fields.support, dtype=np.float64).reshape(-1, 2),
-        basin_share=fields.basin_share,
-        min_barrier=math.inf if barrier is None else barrier,
-        neighbour=fields.neighbour,
-        symmetry_class=fields.symmetry_class,
-        multiplicity=fields.multiplicity,
-        rolls=fields.rolls,
-        sweep=Sweep[fields.sweep],
-        axis=np.array(fields.axis, dtype=np.float64),
-        directions=down[None],
-        links=np.zeros((0, 2), dtype=np.int64),
-    )
+def _aspect(given: ReportAspect) -> Aspect:
+    fields = {name: _with_arrays(getattr(given, name)) for name in PUBLISHED_FIELDS}
+    if given.min_barrier is None:
+        fields['min_barrier'] = math.inf
+    fields['sweep'] = Sweep[given.sweep]
+    fields['support'] = fields['support'].reshape(-1, 2)
+    down = fields['down_in_part']
+    return Aspect(**fields, directions=down[None], links=np.zeros((0, 2), dtype=np.int64))
+
+
+def _with_arrays(value: Any) -> Any:
+    return np.array(value, dtype=np.float64) if isinstance(value, list | tuple) else value
 
 
 def _history(document: RunDocument, distribution: Distribution) -> tuple[Counts, Counts] | None:

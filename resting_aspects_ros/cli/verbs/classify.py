@@ -22,10 +22,10 @@ from resting_aspects_ros.report.cluster_report import (
     differences_table,
 )
 
-DESCRIPTION = """Sort resting poses by their orientations alone: two are the same if they
-differ by a turn about the vertical. With --part also by the aspects that
-follow from its shape; then poses on which the two differ are listed. They
-agree on a pose that is in an aspect and in the cluster that goes with it."""
+DESCRIPTION = """Sort resting poses into clusters by their orientations alone: two poses are
+the same if they differ by a turn about the vertical. With --part, also sort
+them by the aspects that follow from its shape, and list the poses for which
+cluster and aspect do not correspond."""
 EXAMPLES = """examples:
   resting_aspects classify poses.csv
   resting_aspects classify poses.csv --part l_bracket
@@ -40,16 +40,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='POSES.csv',
         type=Path,
         help='a line of names with qx, qy, qz, qw or x, y, z, w among them, in any order, '
-        'then a line for each pose: unit quaternions, world from part, z up. Of a column '
-        'status only SETTLED is sorted',
+        'then a line for each pose: unit quaternions, world from part, z up. If there is a '
+        'column status, only rows with SETTLED are sorted',
     )
     parser.add_argument('--part', metavar='PART_OR_MESH', help='name of a part, or a mesh file')
     add_part_place(parser)
     parser.add_argument(
         '--tolerance',
         metavar='DEG',
-        help='poses whose down directions are at most this apart are the same, and so on '
-        'from each to the next (5): 1 to 30 degrees',
+        help='poses whose down directions are at most this apart belong to one cluster, and so '
+        'do chains of such poses (5): 1 to 30 degrees',
     )
     add_output(parser, each=False)
 

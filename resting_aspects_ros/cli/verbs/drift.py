@@ -25,15 +25,15 @@ if TYPE_CHECKING:
     from resting_aspects_ros.api.drop_result import DropResult
     from resting_aspects_ros.core.part import Part
 
-DESCRIPTION = """Test whether the parts that a machine supplies still lie as in the simulation.
-COUNTS counts each newly supplied part once, by the classes of aspects that look
-the same, in the order of time. It is a log of a feeder, a folder of such logs,
-or a CSV file in one of two formats: a column class and a column count (without
-it each row is one part), or one column for each class and a row for each batch.
-A column batch or time separates batches. Parts that lie in no class are counted
-as unclassified, and classes that a camera confuses together, such as 3+4. Each
-window of successive parts is compared with simulated drops by a G test. The
-exit code is 0 with and without drift."""
+DESCRIPTION = """Test whether the parts that a machine supplies still have the shares of the
+simulation. COUNTS counts each newly supplied part once, by the classes of
+aspects that look the same, in the order of time. It is a log of a feeder, a
+folder of such logs, or a CSV file in one of two formats: a column class and a
+column count (without it each row is one part), or one column for each class and
+a row for each batch. A column batch or time separates batches. Count parts that
+lie in no class as unclassified, and classes that a camera confuses together,
+as 3+4. Each window of successive parts is compared with simulated drops by a G
+test. The exit code is 0 with and without drift."""
 EXAMPLES = """examples:
   resting_aspects drift l_bracket counted.csv
   resting_aspects drift hex_nut counted.csv --expected out/nut/distribution.json

@@ -18,8 +18,8 @@ INTERRUPTED = 130
 DESCRIPTION = f"""Run a vision feeder without hardware, in simulated time: drop the part {DROPS}
 times and flip it {PER_ASPECT} times from each aspect over ROS, forecast the parts per
 minute, and then let camera_simulator, vision_example and feeder_controller work
-together as processes that communicate over DDS. Shows what is picked beside the
-forecast, and writes a picture of the tray, a JSON document and logs."""
+together as processes that communicate over DDS. Show the picks beside the
+forecast, and write a picture of the tray, a JSON document and logs."""
 EXAMPLES = """examples:
   resting_aspects feeder_demo
   resting_aspects feeder_demo hex_nut --pickable-classes 1 --robot 0.9s
@@ -44,14 +44,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'classes (the class that is most probable by the shape)',
     )
     group.add_argument('--pickable-classes', metavar='NUMBERS', help='symmetry classes instead')
-    add_cell(parser)
-    parser.set_defaults(minutes=MINUTES)
+    add_cell(parser, MINUTES, 'the run in simulated time', gripper=False)
     parser.add_argument(
         '--seed',
         metavar='S',
         type=parse_integer,
         default=SEED,
-        help=f'of drops, flips, places on the tray and noise of the camera ({SEED})',
+        help='the same seed gives the same drops, flips, places on the tray and noise of the '
+        f'camera ({SEED})',
     )
     parser.add_argument(
         '--real-time',

@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_part_place(parser)
     add_pickable(parser)
-    add_cell(parser)
+    add_cell(parser, '60', 'a run, for the interval of its rate', gripper=True)
     parser.add_argument(
         '--action',
         metavar='NAME',
@@ -88,7 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='N',
         type=parse_integer,
         default=DEFAULT_DROPS,
-        help=f'number of drops, whose distribution supplied parts have ({DEFAULT_DROPS})',
+        help=f'number of drops; supplied parts have their distribution ({DEFAULT_DROPS})',
     )
     parser.add_argument(
         '--seed',

@@ -28,7 +28,7 @@ from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 DESCRIPTION = """Show the part, the conditions, the seed, the versions, the number of poses
-and the distribution in a log, or the action of a log of reorient_part. Of the
+and the distribution in a log, or the action of a log of reorient_part. For the
 log of a feeder, show what was seen, advised, picked and counted. The log may
 be unfinished."""
 EXAMPLES = """examples:

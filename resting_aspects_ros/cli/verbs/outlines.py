@@ -114,8 +114,8 @@ def _show(result: 'OutlinesResult') -> None:
     """Print the table, and a sentence for each pair of classes that look alike."""
     from resting_aspects_ros.cli.console import make_console, show_table
     from resting_aspects_ros.report.outline_table import (
+        confused_pair_texts,
         family_texts,
-        look_alike_texts,
         outline_table,
     )
     from resting_aspects_ros.report.rounding import size_text
@@ -127,7 +127,7 @@ def _show(result: 'OutlinesResult') -> None:
     )
     table = outline_table(result.outlines, result.look_alikes, result.aspects, title)
     show_table(console, table)
-    pairs = look_alike_texts(result.outlines, result.look_alikes)
+    pairs = confused_pair_texts(result.outlines, result.look_alikes)
     if not pairs and number > 1:
         pairs = ['A camera straight above can distinguish all classes by their outlines.']
     for text in [*pairs, *family_texts(result.outlines)]:

@@ -19,9 +19,9 @@ from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, DEFAULT_SEED
 
 DESCRIPTION = """Simulate what a feeder does to parts at rest, many times from each aspect, and
-show where they come to rest then: the transition matrix, the mix that repeated
-actions lead to, how soon a wanted aspect is reached, and the best action in
-each aspect. No ROS nodes are needed."""
+show in which aspects they come to rest again: the transition matrix, the
+shares after many repetitions, how soon a wanted aspect is reached, and the best
+action in each aspect. No ROS nodes are needed."""
 EXAMPLES = """examples:
   resting_aspects reorient l_bracket
   resting_aspects reorient l_bracket --action kick --speed 0.5 --spin 20
@@ -40,8 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--action',
         metavar='NAME',
         help='an action of config/actions.yaml or of --actions, such as tap, or a kind of action '
-        'with the values below; several separated by commas are compared (tap; with --actions all '
-        'of the file)',
+        'with the values below; several names separated by commas are compared (tap; with '
+        '--actions all actions of the file)',
     )
     parser.add_argument(
         '--actions', metavar='FILE', type=Path, help='file of named actions (config/actions.yaml)'
@@ -63,8 +63,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='N',
         type=parse_integer,
         default=DEFAULT_DROPS,
-        help='number of drops, whose distribution is shown beside the long run and replaces parts '
-        f'that leave the aspects ({DEFAULT_DROPS})',
+        help='number of drops; their distribution is shown beside the long run, and parts that '
+        f'leave the aspects are replaced by dropped parts ({DEFAULT_DROPS})',
     )
     parser.add_argument(
         '--seed',

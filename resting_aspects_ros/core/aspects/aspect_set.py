@@ -78,20 +78,24 @@ class Aspect:
     """
 
     id: int
-    down_in_part: Array
-    com_height: float
-    orientation: Array
-    support: Array
-    basin_share: float
-    min_barrier: float
-    neighbour: int
     symmetry_class: int
     multiplicity: int
     rolls: bool
     sweep: Sweep
     axis: Array
+    down_in_part: Array
+    orientation: Array
+    com_height: float
+    min_barrier: float
+    neighbour: int
+    basin_share: float
+    support: Array
     directions: Array = field(repr=False)
     links: npt.NDArray[np.int64] = field(repr=False)
+
+
+# Documents and messages contain these fields. The others only serve the classification of poses.
+PUBLISHED_FIELDS = tuple(each.name for each in dataclasses.fields(Aspect) if each.repr)
 
 
 @dataclass(frozen=True, eq=False)

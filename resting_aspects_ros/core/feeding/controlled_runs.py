@@ -23,7 +23,7 @@ from resting_aspects_ros.core.feeding.forecast import (
     RUNS,
     drawn_rates,
 )
-from resting_aspects_ros.core.feeding.model import LongRun
+from resting_aspects_ros.core.feeding.model import SteadyStates
 from resting_aspects_ros.core.feeding.steady_state import drawn_moves
 from resting_aspects_ros.core.feeding.tray_places import Places
 from resting_aspects_ros.core.feeding.tray_simulation import simulate
@@ -62,7 +62,7 @@ def forecast_controller(
     confidence: float = CONFIDENCE,
     seed: int = 1,
 ) -> ControlledRuns:
-    """Forecast the parts per minute of a run of so many minutes; takes 5 to 20 s.
+    """Forecast the parts per minute of a run of ``minutes``; takes 5 to 20 s.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def forecast_controller(
             f'invalid minutes {shown(minutes)}: expected more than 0 and at most {MAX_MINUTES:g}'
         )
     feeder, number = model.feeder, model.best_number
-    state = LongRun(feeder).at(model.table, number)
+    state = SteadyStates(feeder).at(model.table, number)
     cycle = float(cycle_time(feeder.times, state.picks, state.supplied)) / 60
     length = min(float(minutes), CYCLES * cycle)
     generator = np.random.default_rng(seed)

@@ -13,7 +13,7 @@ from resting_aspects_ros.core.feeding.cycle import MAX_TIME, CycleTimes
 from resting_aspects_ros.core.feeding.density import FreeShares, free_shares
 from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
 from resting_aspects_ros.core.feeding.forecast import forecast
-from resting_aspects_ros.core.feeding.model import FeederModel, LongRun, check_number
+from resting_aspects_ros.core.feeding.model import FeederModel, SteadyStates, check_number
 from resting_aspects_ros.core.feeding.steady_state import Moves, moves_of
 from resting_aspects_ros.core.reorientation.markov import Mask
 from resting_aspects_ros.core.statistics.intervals import Array, Counts
@@ -106,7 +106,7 @@ class ControllerModel:
     @cached_property
     def trapped(self) -> Mask:
         """Classes (k,) from which flips bring no part into a pickable one."""
-        return LongRun(self.feeder).trapped
+        return SteadyStates(self.feeder).trapped
 
     @cached_property
     def values(self) -> PartValues:
@@ -116,10 +116,10 @@ class ControllerModel:
         removes them. Otherwise the long-run rate would be 0, and nothing would have a value.
         """
         feeder = self._without_traps()
-        long_run = LongRun(feeder)
+        states = SteadyStates(feeder)
         number, times = self.best_number, self.times
-        state = long_run.at(self.table, number)
-        rate = float(long_run.rates(self.table)[number - 1]) / 60
+        state = states.at(self.table, number)
+        rate = float(states.rates(self.table)[number - 1]) / 60
         if not rate > 0:
             return PartValues(0.0, state.mix, np.zeros_like(state.mix), 0.0)
         moves = moves_of(feeder.drop, feeder.transitions)

@@ -192,11 +192,12 @@ def _reason(best: Option, chosen: Sequence[int], view: View) -> str:
     if best.action is None:
         return f'{picked} and take another image; {more} more are expected to be free then.'
     if best.action is Choice.SUPPLY:
-        return f'{picked}; the supply of {_parts(best.supply)} is expected to bring {more} more.'
+        noun = f'the supply of {_parts(best.supply)}'
+        return f'{picked}; {noun} is expected to bring {more} more picks.'
     noun = f'a {best.action.value}'
     if best.supply:
         noun += f' with the supply of {_parts(best.supply)}'
-    return f'{picked}; {noun} is expected to bring {more} more.'
+    return f'{picked}; {noun} is expected to bring {more} more picks.'
 
 
 def _parts(number: int) -> str:

@@ -53,7 +53,7 @@ class FreeShares:
     def at(self, number: int | Counts) -> Array:
         """Return the shares (..., k) with a number of parts, or with several numbers (...).
 
-        Raises InvalidValueError if so many parts do not fit on the tray.
+        Raises InvalidValueError if the number of parts does not fit on the tray.
         """
         if not 1 <= np.min(number) <= np.max(number) <= len(self.free):
             raise InvalidValueError(

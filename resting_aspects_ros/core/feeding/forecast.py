@@ -20,7 +20,7 @@ from resting_aspects_ros.core.feeding.density import (
 )
 from resting_aspects_ros.core.feeding.model import (
     FeederModel,
-    LongRun,
+    SteadyStates,
     check_number,
     tray_state,
 )
@@ -134,27 +134,27 @@ def forecast(
     """Forecast the parts per minute with a number of parts on the tray, by default the best one.
 
     The interval of the mean has the quantiles of rates of draws from the posteriors of the drops
-    and of the transitions. The prediction interval has those of runs of so many minutes that begin
+    and of the transitions. The prediction interval has those of runs of ``minutes`` that begin
     with an empty tray, each with one of these draws.
 
     Raises
     ------
     InvalidValueError
-        If a value is invalid, or if so many parts do not fit on the tray.
+        If a value is invalid, or if the number of parts does not fit on the tray.
     """
     check_confidence(confidence)
     if number is not None:
         check_number('number of parts on the tray', number)
     check_minutes(minutes)
-    long_run = LongRun(model)
-    table, rates = _table(model, long_run, number, seed)
+    states = SteadyStates(model)
+    table, rates = _table(model, states, number, seed)
     limit = coverage_limit(model.tray, model.footprints, model.drop / model.drop.sum())
     best = int(rates[:limit].argmax()) + 1 if rates.any() else None
     numbers = np.arange(1, len(rates) + 1)
     # If nothing can be picked, the number with most free parts.
-    chosen = number or best or int((long_run.free(table) * numbers).argmax()) + 1
-    state = long_run.at(table, chosen)
-    spread = long_run.spread(table, chosen)
+    chosen = number or best or int((states.free(table) * numbers).argmax()) + 1
+    state = states.at(table, chosen)
+    spread = states.spread(table, chosen)
     generator = np.random.default_rng(seed)
     drawn = drawn_moves(model.drop, model.transitions, DRAWS, generator)
     tail = (1 - confidence) / 2
@@ -188,27 +188,27 @@ def forecast(
             rate=shown_rates,
             lower=lower,
             upper=upper,
-            empty_cycles=np.array([float(long_run.at(table, n).picks.none) for n in points]),
-            free=long_run.free(table)[points - 1],
+            empty_cycles=np.array([float(states.at(table, n).picks.none) for n in points]),
+            free=states.free(table)[points - 1],
         ),
         free=table.at(chosen),
-        trapped=long_run.trapped,
+        trapped=states.trapped,
     )
 
 
 def _table(
-    model: FeederModel, long_run: LongRun, number: int | None, seed: int
+    model: FeederModel, states: SteadyStates, number: int | None, seed: int
 ) -> tuple[FreeShares, Array]:
     """Return the shares of free parts for the mix on the tray, and the rates (n,)."""
 
     def with_mix(mix: Array) -> tuple[FreeShares, Array]:
         table = free_shares(model.tray, model.footprints, mix, seed, number or 0)
-        return table, long_run.rates(table)
+        return table, states.rates(table)
 
     mix = model.drop / model.drop.sum()
     table, rates = with_mix(mix)
     at = min(number or int(rates.argmax()) + 1, len(rates))
-    found = long_run.at(table, at).mix
+    found = states.at(table, at).mix
     if len(set(model.footprints)) == 1 or np.abs(found - mix).max() < MIX_CHANGE:
         return table, rates
     return with_mix(found)

@@ -61,7 +61,7 @@ class FeederModel:
             check_number('maximum number of picks', self.max_picks)
 
 
-class LongRun:
+class SteadyStates:
     """The steady state for each number of parts, if the counts were the probabilities.
 
     Attributes
@@ -82,7 +82,7 @@ class LongRun:
     def at(self, table: FreeShares, number: int) -> SteadyState:
         """Return the steady state with a number of parts on the tray.
 
-        Raises InvalidValueError if so many do not fit.
+        Raises InvalidValueError if the number of parts does not fit.
         """
         found = self._at(table, number)
         mix, taken = np.zeros((2, len(self._occupied)))

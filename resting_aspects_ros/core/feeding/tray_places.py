@@ -23,7 +23,7 @@ class Places(Protocol):
         """Give parts of these classes (n,) new places; nothing else is on the tray."""
 
     def add(self, classes: Counts) -> None:
-        """Add places for the last ones of the classes (n,), which do not have one yet."""
+        """Add places for the last of the classes (n,), which do not have a place yet."""
 
     def keep(self, which: Mask) -> None:
         """Remove all but some of the parts."""

@@ -112,7 +112,7 @@ def simulate(
     positions: bool = False,
     places: Places | None = None,
 ) -> TrayRun:
-    """Simulate a feeder that obeys a controller, from an empty tray on.
+    """Simulate a feeder that obeys a controller, beginning with an empty tray.
 
     The times are those of `cycle.cycle_time`, with an image after each advice.
 

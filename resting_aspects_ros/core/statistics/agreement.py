@@ -38,7 +38,7 @@ class Agreement:
     agree: npt.NDArray[np.bool_]
 
 
-def compare(ids: Ids, aspects: int, clusters: Clusters) -> Agreement:
+def find_agreement(ids: Ids, aspects: int, clusters: Clusters) -> Agreement:
     """Return the agreement of aspect ids (n,), of ``aspects`` different ones, with clusters."""
     shape = (aspects + 1, len(clusters) + 1)
     cells = np.bincount(ids * shape[1] + clusters.labels, minlength=shape[0] * shape[1])

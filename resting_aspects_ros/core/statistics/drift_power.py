@@ -27,7 +27,7 @@ from resting_aspects_ros.core.statistics.intervals import Array, Counts
 POWER = 0.8
 # A deviation that matters for a feeder: a class with 55 % instead of 50 %.
 SHIFT = 0.05
-# The rarest class can always be off by so much.
+# The rarest class can always deviate by this much.
 MAX_SHIFT = 0.4
 MAX_PARTS = 100_000_000
 # Noncentrality above which the power is 1 in any case.
@@ -41,7 +41,7 @@ class TooFewDropsError(InvalidValueError):
 def power_of(simulated: Counts, parts: int, shift: float, level: float = LEVEL) -> float:
     """Return the probability that a window with a drifted class is an alarm.
 
-    It is the lowest for any class that is off by ``shift`` in either direction, if the other
+    It is the lowest for any class that deviates by ``shift`` in either direction, if the other
     classes keep their proportions. The class with the share nearest to 1/2 is the hardest to find.
 
     Parameters
@@ -83,7 +83,7 @@ def _variance(parts: int, drifted: Array, drops: int, expected: Array) -> Array:
 def parts_needed(
     simulated: Counts, shift: float = SHIFT, level: float = LEVEL, power: float = POWER
 ) -> int:
-    """Return the smallest window in which a class that is off by ``shift`` is found.
+    """Return the smallest window in which a class that deviates by ``shift`` is found.
 
     It is found with a probability of ``power``, whichever class it is. For arguments and errors
     see `power_of`; TooFewDropsError is also raised if the simulated drops are too few to find
@@ -113,7 +113,7 @@ def parts_for_run_length(
 def detectable_shift(
     simulated: Counts, parts: int, level: float = LEVEL, power: float = POWER
 ) -> float:
-    """Return the smallest shift that a window of so many parts finds; nan above MAX_SHIFT."""
+    """Return the smallest shift that a window of ``parts`` finds; nan above MAX_SHIFT."""
     check_power(power)
     low, high = 0.0, MAX_SHIFT
     if power_of(simulated, parts, high, level) < power:

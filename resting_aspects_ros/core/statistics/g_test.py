@@ -14,7 +14,7 @@ from scipy.special import xlogy
 
 from resting_aspects_ros.core.statistics.intervals import Array, Counts
 
-# Drawing tables stops when so many deviate at least as much as the window. The relative standard
+# Tables are drawn until this number deviates at least as much as the window. The relative standard
 # error of a p value near the level is then 10 %.
 EXCEEDANCES = 100
 FIRST_BATCH = 256

@@ -80,7 +80,7 @@ def bounds(
     InvalidValueError
         If an argument is invalid.
     """
-    check_method(method)
+    check_interval_method(method)
     check_confidence(confidence)
     c, n = _checked(counts, drops)
     divisor = np.maximum(n, 1)  # avoids a division by zero without drops
@@ -91,7 +91,7 @@ def bounds(
     return np.where(c == 0, 0.0, lower), np.where(c == n, 1.0, upper)
 
 
-def check_method(method: str) -> None:
+def check_interval_method(method: str) -> None:
     """Raise InvalidValueError if there is no such method."""
     if method not in METHODS:
         raise InvalidValueError(f'invalid interval {method!r}: expected {" or ".join(METHODS)}')

@@ -196,9 +196,8 @@ class Placement:
             turn = rotation @ start.T
             yaw = np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
         x, y, _ = position + rotation @ self.part.centre_of_mass
-        return CameraPose(
-            aspect, self.outline.symmetry_class, float(x), float(y), -_wrapped(-float(yaw))
-        )
+        number = self.outline.symmetry_class
+        return CameraPose(aspect, number, float(x), float(y), -_wrapped(-float(yaw)))
 
     def _aspect(self, number: int) -> Aspect:
         return self.aspects.aspects[number - 1]

@@ -22,9 +22,9 @@ Array = npt.NDArray[np.float64]
 # Yaw, rad, and shift (2,) of the centroid of a model relative to that of the seen outline, m.
 Pose = tuple[float, Array]
 
-# Outlines with less overlap differ. Then it is maximized from the best TRIES of so many yaws, in
-# steps of START (rad, and radii); of overlaps that are equal within EQUAL, the closest boundaries
-# count.
+# If the overlap after the best fit is below ALIKE, the outlines differ. The overlap is then
+# computed at YAWS yaws and maximized from the best TRIES of them, in steps of START (rad, and
+# radii). Of overlaps that are equal within EQUAL, the one with the closest boundaries counts.
 ALIKE, YAWS, TRIES, START, EQUAL = 0.9, 36, 4, 0.1, 2e-3
 
 

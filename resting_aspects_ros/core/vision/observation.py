@@ -18,8 +18,8 @@ MAX_DISTANCE = 100.0
 MAX_POINTS, MAX_HOLES = 100_000, 1000
 # Maximum share of the area that the repair of a self-crossing polygon may change.
 MAX_REPAIR = 0.01
-# A contour with so many points that was not closed explicitly is open if its last edge is longer
-# than any other by this factor.
+# A contour with at least OPEN_POINTS points that was not closed explicitly is open if its last
+# edge is longer than any other by OPEN_FACTOR.
 OPEN_POINTS, OPEN_FACTOR = 20, 5.0
 
 Polygonal: TypeAlias = shapely.Polygon | Mapping[str, Any] | npt.ArrayLike

@@ -82,7 +82,7 @@ class OutlinePlaces:
         self.add(classes)
 
     def add(self, classes: npt.NDArray[np.int64]) -> None:
-        """Add places for the last ones of the classes (n,), which do not have one yet."""
+        """Add places for the last of the classes (n,), which do not have a place yet."""
         for kind in classes[len(self.polygons) :]:
             shapes = self._shapes[kind]
             shape = shapes[self._generator.integers(len(shapes))]
@@ -96,7 +96,7 @@ class OutlinePlaces:
         self.polygons = [self.polygons[k] for k in np.flatnonzero(which)]
 
     def clearance(self) -> Array:
-        """Return the distance (n,) of each outline from the next, m; infinite for one alone."""
+        """Return the distance (n,) of each outline from the next, m; infinite for a single one."""
         all_of_them = np.array(self.polygons, dtype=object)
         apart = shapely.distance(all_of_them[:, None], all_of_them[None, :])
         np.fill_diagonal(apart, np.inf)

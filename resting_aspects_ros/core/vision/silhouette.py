@@ -31,7 +31,7 @@ PATCH = 128
 # which steep triangles are stacked, in steps of the mesh (root of the median area of a triangle),
 # and the minimum number of triangles in a stack.
 STEEP, STACK_STEPS, MIN_STACK = 0.2, 1.0, 16
-# Pieces with at most so many points are left out of a union if they are inside the others.
+# Pieces with at most this number of points are left out of a union if they are inside the others.
 MAX_SMALL = 6
 # Relative difference of the areas of a patch and of its triangles.
 _SAME_AREA = 1e-9

@@ -1,4 +1,4 @@
-"""Whether an observed polygon, which is no known outline, shows parts that touch or overlap.
+"""Whether an observed polygon that is not a known outline shows parts that touch or overlap.
 
 The rule: its area is larger than that of some known outline, and at most MAX_PARTS times that of
 the largest. Then known outlines are placed on it: an arc of an outline, half its perimeter long,

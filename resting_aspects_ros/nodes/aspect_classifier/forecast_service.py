@@ -98,7 +98,7 @@ class ForecastService:
             )
         part, _ = self._parts.version(part_sha256)
         live = self._live(request, part_sha256, matrix) if request.use_counts else None
-        found = await self._worker.run(forecast_fields, request, part, matrix, live)
+        found = await self._worker.run(response_fields, request, part, matrix, live)
         return {**found, 'counted_parts': live[0].parts if live else 0}
 
     def _live(
@@ -111,14 +111,14 @@ class ForecastService:
         return found[0], found[1].get(matrix.action.name)
 
 
-def forecast_fields(
+def response_fields(
     request: FeederForecast.Request, part: Part, matrix: TransitionMatrix, live: Live | None
 ) -> dict[str, Any]:
     """Return the fields of the response to a request; runs in a FileWorker.
 
     Raises InvalidValueError if a value of the request is invalid.
     """
-    result = result_from(matrix, part)
+    result = reorientation_from(matrix, part)
     ids, classes = list(request.aspects), list(request.classes)
     if bool(ids) == bool(classes):
         raise InvalidValueError('invalid pickable aspects: expected either aspects or classes')
@@ -154,7 +154,7 @@ def forecast_fields(
     return {**_fields(found), 'drops': matrix.drops, 'actions': sum(matrix.actions)}
 
 
-def result_from(message: TransitionMatrix, part: Part) -> ReorientResult:
+def reorientation_from(message: TransitionMatrix, part: Part) -> ReorientResult:
     """Return the result in a message on transitions/<part>; raises InvalidValueError."""
     matrix = transition_matrix_from(message)
     counts = np.array([each.count for each in message.aspects], dtype=np.int64)

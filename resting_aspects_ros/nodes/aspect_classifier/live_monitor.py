@@ -52,7 +52,7 @@ LIVE_PARAMETERS = (
         'drift_window',
         0,
         'minimum number of counted parts that are tested together; 0: as many as find a class '
-        'that is off by 5 points with a probability of 80 %',
+        'that deviates by 5 points with a probability of 80 %',
         (0, MAX_SET),
     ),
     Parameter(

@@ -113,7 +113,7 @@ class LivePart:
 
 
 def default_window(simulated: Counts, level: float) -> int:
-    """Return the number of parts that find a class that is off by 5 points.
+    """Return the number of parts that find a class that deviates by 5 points.
 
     It is the number of drops if these are too few for it, and grows with them. Runs in a
     FileWorker.

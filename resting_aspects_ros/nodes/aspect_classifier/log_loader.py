@@ -14,7 +14,7 @@ from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING, find_aspec
 from resting_aspects_ros.core.errors import LogError, RestingAspectsError
 from resting_aspects_ros.core.input_file import is_folder, printable
 from resting_aspects_ros.core.statistics.distribution import Distribution, count_poses
-from resting_aspects_ros.logs.bag_metadata import Outcome
+from resting_aspects_ros.logs.bag_metadata import LogOutcome
 from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
 from resting_aspects_ros.logs.message_reader import is_being_written, messages
 from resting_aspects_ros.logs.topic_metadata import (
@@ -68,7 +68,7 @@ def logs_in(folder: Path) -> list[Path]:
     return sorted(rank, key=lambda path: rank[path])
 
 
-def read_log(log: Path) -> LoggedRun | TransitionMatrix | None:
+def load_log(log: Path) -> LoggedRun | TransitionMatrix | None:
     """Return a run and its distribution, or a matrix, or None if the log is being written.
 
     Runs in a FileWorker. The result is the distribution in the log if it counts all drops of the
@@ -78,7 +78,7 @@ def read_log(log: Path) -> LoggedRun | TransitionMatrix | None:
     """
     try:
         with IndexedLog(log) as indexed:
-            outcome = Outcome.of(indexed.read_metadata())
+            outcome = LogOutcome.of(indexed.read_metadata())
             last = indexed.last(DISTRIBUTION_TYPE)
             matrix = None if last is not None else indexed.last(TRANSITIONS_TYPE)
     except NoIndexError:
@@ -172,7 +172,7 @@ class LogLoader:
 
     async def _read(self, log: Path) -> None:
         try:
-            logged: LoggedRun | TransitionMatrix | None = await self._files.run(read_log, log)
+            logged: LoggedRun | TransitionMatrix | None = await self._files.run(load_log, log)
             if isinstance(logged, TransitionMatrix):
                 self._transitions.add(logged)
             elif logged is not None:

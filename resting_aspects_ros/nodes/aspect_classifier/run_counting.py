@@ -13,7 +13,8 @@ from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import LogLoader
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.nodes.aspect_classifier.publishers import DistributionPublisher
-from resting_aspects_ros.nodes.run_tracking.tracker import RunProgress, RunTracker
+from resting_aspects_ros.nodes.run_tracking.run_progress import RunProgress
+from resting_aspects_ros.nodes.run_tracking.tracker import RunTracker
 from resting_aspects_ros.ros.callbacks import subscribe
 from resting_aspects_ros.ros.conversions import poses_from
 from resting_aspects_ros.ros.diagnostics import RateCounter

@@ -24,7 +24,7 @@ from resting_aspects_interfaces.msg import (
 )
 
 from resting_aspects_ros.core.errors import LogError
-from resting_aspects_ros.logs.bag_metadata import OUTCOME, Outcome
+from resting_aspects_ros.logs.bag_metadata import OUTCOME, LogOutcome
 from resting_aspects_ros.logs.run_writer import RunLog
 from resting_aspects_ros.logs.topic_metadata import PART_TYPE, Topic
 from resting_aspects_ros.ros.callbacks import subscribe
@@ -126,7 +126,7 @@ class FeederRecorder:
             return
         try:
             # So that no reader searches the whole file for drops.
-            log.add_metadata(OUTCOME, Outcome(0, whole=True).record())
+            log.add_metadata(OUTCOME, LogOutcome(0, whole=True).record())
             log.close()
         except LogError as error:
             self._fail(error)

@@ -18,7 +18,8 @@ from resting_aspects_ros.nodes.drop_recorder.log_folder import (
 from resting_aspects_ros.nodes.drop_recorder.status_publisher import RecordedRunsPublisher
 from resting_aspects_ros.nodes.drop_recorder.transition_recorder import TransitionRecorder
 from resting_aspects_ros.nodes.run_tracking.health import RunHealth
-from resting_aspects_ros.nodes.run_tracking.tracker import RunProgress, RunTracker
+from resting_aspects_ros.nodes.run_tracking.run_progress import RunProgress
+from resting_aspects_ros.nodes.run_tracking.tracker import RunTracker
 from resting_aspects_ros.ros.callbacks import guarded, steady_timer, subscribe
 from resting_aspects_ros.ros.conversions import check_description, nanoseconds, poses_from
 from resting_aspects_ros.ros.diagnostics import Diagnosis, RateCounter, publish_diagnostics

@@ -13,13 +13,13 @@ from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.core.vision.known_part import KnownPart
 from resting_aspects_ros.core.vision.location import Pose
 from resting_aspects_ros.nodes.feeder_controller.advice import ChosenPart, CurrentAdvice
-from resting_aspects_ros.nodes.feeder_controller.tray_state import Detection, Image, Outcome
+from resting_aspects_ros.nodes.feeder_controller.tray_state import Detection, Image, PickOutcome
 from resting_aspects_ros.ros.conversions import nanoseconds, pose_msg
 from resting_aspects_ros.ros.feeder_names import CHOICES as NAMED_CHOICES
 from resting_aspects_ros.ros.feeder_names import RESULTS
 
 CHOICES = {Choice(name): number for number, name in NAMED_CHOICES.items()}
-OUTCOMES = {number: Outcome(name) for number, name in RESULTS.items()}
+OUTCOMES = {number: PickOutcome(name) for number, name in RESULTS.items()}
 UNKNOWN = Interval(math.nan, math.nan, math.nan)
 
 

@@ -77,7 +77,7 @@ class Evidence:
         return int(self.flips.counts.sum()) if self.flips is not None else 0
 
 
-def read_part(data: bytes, name: str, grasps: tuple[Grasp, ...] = ()) -> FedPart:
+def read_fed_part(data: bytes, name: str, grasps: tuple[Grasp, ...] = ()) -> FedPart:
     """Return the part in a serialized description on parts/<name>; runs in a FileWorker."""
     message = deserialize_message(data, PartDescription)
     check_description(message, name)

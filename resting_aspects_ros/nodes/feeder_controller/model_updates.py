@@ -16,7 +16,7 @@ from resting_aspects_ros.nodes.feeder_controller.model import (
     Evidence,
     FedPart,
     build_model,
-    read_part,
+    read_fed_part,
 )
 from resting_aspects_ros.nodes.feeder_controller.settings import Settings
 from resting_aspects_ros.ros.callbacks import guarded_task, subscribe
@@ -157,7 +157,7 @@ class ModelUpdates:
         had_part = self._known.fed is not None
         try:
             fed = await self._files.run(
-                read_part, data, self._settings.part, self._settings.grasps
+                read_fed_part, data, self._settings.part, self._settings.grasps
             )
             if digest != self._digest or _is_same(fed, self._known.fed):
                 return
@@ -173,7 +173,7 @@ class ModelUpdates:
             self._changed()
             self._node.get_logger().warning(
                 f'{self._settings.part} has changed (part_sha256 {fed.known.part.part_sha256}): '
-                'its classes may be others'
+                'its classes may have changed'
             )
         self._build()
 

@@ -17,7 +17,7 @@ from resting_aspects_ros.nodes.feeder_controller.messages import (
 )
 from resting_aspects_ros.nodes.feeder_controller.model_updates import ModelUpdates
 from resting_aspects_ros.nodes.feeder_controller.settings import PARAMETERS, settings_from
-from resting_aspects_ros.nodes.feeder_controller.tray_state import SECOND, Outcome, TrayState
+from resting_aspects_ros.nodes.feeder_controller.tray_state import SECOND, PickOutcome, TrayState
 from resting_aspects_ros.ros.callbacks import advertise, guarded, steady_timer, subscribe
 from resting_aspects_ros.ros.conversions import nanoseconds
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
@@ -59,7 +59,7 @@ class FeederController(Node):
         self._event = self._now()  # time of the last image or result, ns
         self._waits = False
         self._problem = ''
-        self._counts = dict.fromkeys(('images', 'refused images', *Outcome), 0)
+        self._counts = dict.fromkeys(('images', 'refused images', *PickOutcome), 0)
         self._empty, self._empty_epoch = 0, -1
         topic = f'{FEEDER_ADVICE}/{self._part}'
         self._output = advertise(self, FeederAdvice, topic, LATCHED)
@@ -209,7 +209,7 @@ class FeederController(Node):
             'images used': self._counts['images'],
             'images refused': self._counts['refused images'],
             'images stale': self._tray.stale,
-            **{each.value: self._counts[each] for each in Outcome},
+            **{each.value: self._counts[each] for each in PickOutcome},
             **self._model.values,
         }
         warnings = [self._problem] if self._problem else []

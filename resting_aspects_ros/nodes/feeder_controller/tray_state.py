@@ -23,7 +23,7 @@ MAX_EARLIER = 100
 MAX_COORDINATE = 10.0
 
 
-class Outcome(Enum):
+class PickOutcome(Enum):
     """What a robot or a feeder has done."""
 
     PICKED = 'picked'
@@ -129,7 +129,7 @@ class TrayState:
         return True
 
     def add_result(
-        self, outcome: Outcome | None, number: int, index: int, time: int, now: int
+        self, outcome: PickOutcome | None, number: int, index: int, time: int, now: int
     ) -> str:
         """Begin a new epoch after a result; return what is wrong with it, or ''.
 
@@ -139,7 +139,7 @@ class TrayState:
 
         Parameters
         ----------
-        outcome : Outcome or None
+        outcome : PickOutcome or None
             None: not known.
         number, index : int
             The image and the detection; ignored for MOVED.
@@ -160,16 +160,18 @@ class TrayState:
         self._since = max(self._since, time)
         newest = self._newest
         is_of_newest = newest is not None and newest.number == number
-        if outcome is Outcome.PICKED and is_of_newest and not problem:
+        if outcome is PickOutcome.PICKED and is_of_newest and not problem:
             self._picked.add(index)
-        elif newest is None or newest.time < time or (is_of_newest and outcome != Outcome.MOVED):
+        elif (
+            newest is None or newest.time < time or (is_of_newest and outcome != PickOutcome.MOVED)
+        ):
             self._is_stale = True
         return problem
 
-    def _problem(self, outcome: Outcome | None, number: int, index: int) -> str:
+    def _problem(self, outcome: PickOutcome | None, number: int, index: int) -> str:
         if outcome is None:
             return 'invalid result of a pick: expected PICKED, MISSED, DROPPED or MOVED'
-        if outcome is Outcome.MOVED:
+        if outcome is PickOutcome.MOVED:
             return ''
         image = self._newest
         expected = 'none before the first image'

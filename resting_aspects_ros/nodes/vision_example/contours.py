@@ -73,7 +73,7 @@ def find_blobs(image: npt.NDArray[np.uint8], level: float, min_area: float) -> l
 
 
 def clearances(boundaries: list[Array]) -> Array:
-    """Return the distance (n,) of each region from the next one; infinite for one alone.
+    """Return the distance (n,) of each region from the next one; infinite for a single one.
 
     The boundary (m, 2) of a region includes its holes, because the next one can be in a hole. Its
     points are about a pixel apart, so the distance is that of the points.

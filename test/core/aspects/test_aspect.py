@@ -268,7 +268,7 @@ def assert_same(found, expected, turn, scale=1.0):
         assert b.id in ids[angles <= POSE_ANGLE]
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('name', 'arguments'),
     [*INVARIANT[:-4], *(pytest.param(*each, marks=pytest.mark.slow) for each in INVARIANT[-4:])],
@@ -285,6 +285,7 @@ def test_aspects_do_not_depend_on_the_frame_or_scale_of_the_mesh(solids, solid, 
     assert_same(find_aspects(solid(large.apply_scale(1 / 1000), unit='m')), plain, turn, 1000)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     ('name', 'arguments', 'ending'),
     [(*INVARIANT[k], ending) for k, ending in zip((0, 3, 9, 11), FORMATS, strict=True)],
@@ -352,10 +353,8 @@ def revolved(profile, steps):
     return trimesh.convex.convex_hull(np.array(corners))
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(
-    ('steps', 'rings'), [(48, 8), (64, 10), pytest.param(200, 20, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(('steps', 'rings'), [(48, 8), (64, 10), (200, 20)])
 def test_lens_rests_on_two_sides_for_any_mesh(solid, steps, rings):
     # Slivers at the pole have the centre of mass over their rim but for less than the margin.
     slope = np.linspace(0, np.arcsin(10 / 60), rings + 1)

@@ -28,6 +28,7 @@ def classified(aspects, down):
 TILTS = [(0, True), (2.9, True), (-2.9, True), (3.2, False)]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('n', [16, 64])
 def test_cylinder_on_its_side_is_in_its_ring_at_any_roll(solids, solid, n):
     turn = solids.a_turn(n)
@@ -80,6 +81,7 @@ def test_every_direction_is_in_the_one_aspect_of_a_sphere(solids, solid, name, a
     assert (aspects.classify(poses) == 1).all()
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(('name', 'arguments'), [
     ('filleted_box', ((10, 14, 20), 1, 2)), ('filleted_box', ((10, 14, 20), 1, 4)),
     ('rounded_prism', (8, 9, 1.5, 3)), ('rounded_prism', (6, 9, 1.5, 3)),

@@ -45,7 +45,7 @@ def scattered(seed):
 
 
 def test_labels_of_a_small_example():
-    # Two chains of steps of 4 degrees, 6 degrees apart; one alone; two that are equal.
+    # Two chains of steps of 4 degrees, 6 degrees apart; a single one; two that are equal.
     degrees = np.array([14.0, 0, 8, 4, 60, 18, 200, 200, 22, 26])
     assert cluster_directions(around(degrees), TOLERANCE).tolist() == [
         *(1, 2, 2, 2, 4, 1, 3, 3, 1, 1)

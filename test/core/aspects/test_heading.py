@@ -36,7 +36,7 @@ def gear():
 OTHERS = {'notched_disc': notched_disc, 'gear': gear}
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', [*PARTS, *OTHERS])
 def test_outline_is_that_of_a_rotated_file(name):
     mesh = OTHERS[name]() if name in OTHERS else trimesh.load(parts_folder() / f'{name}.stl')
@@ -78,6 +78,7 @@ def test_square_has_its_sides_along_the_axes():
     )
 
 
+@pytest.mark.slow
 def test_moments_are_those_of_a_sphere():
     """Mean of x^2 is 1/3, of x^2 y^2 is 1/15, of x^4 is 1/5 (radius 1)."""
     part = loaded(trimesh.creation.icosphere(subdivisions=5, radius=10))

@@ -133,7 +133,7 @@ BODIES = {
 }
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     'turn',
     [TURNED, pytest.param(np.eye(4), marks=pytest.mark.slow)],
@@ -175,6 +175,7 @@ def test_description_contains_the_size(solid):
     assert descriptions(large)[0] == 'flat side 10000 x 20000 mm'
 
 
+@pytest.mark.slow
 def test_rounded_edges_leave_a_side_flat(solid):
     """A box with edges rounded in steps of 9 degrees: its sides are smaller, and flat."""
     ball = create.uv_sphere(2, count=(40, 40)).vertices

@@ -275,7 +275,7 @@ def assert_maps_corners(part, rotations):
         assert apart.max() < 1e-4 * part.hull_radius
 
 
-@pytest.mark.quick_cases(8)
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize('name', [*(name for name in FINITE if name not in LARGE), *slow(*LARGE)])
 def test_order_of_finite_groups(solid, name):
     make, order = FINITE[name]
@@ -286,7 +286,7 @@ def test_order_of_finite_groups(solid, name):
     assert_is_group(symmetry)
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('name', [*(name for name in AXIAL if name not in FINE), *slow(*FINE)])
 def test_body_of_revolution_is_axial_for_any_number_of_sides(solid, name):
     make, order = AXIAL[name]
@@ -300,7 +300,7 @@ def test_body_of_revolution_is_axial_for_any_number_of_sides(solid, name):
     )
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', SPHERES)
 def test_ball_is_spherical_for_any_mesh(solid, name):
     part = solid(SPHERES[name]())
@@ -317,12 +317,14 @@ def test_groups_of_the_example_parts(part, name):
     assert_maps_corners(shape, symmetry.rotations)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ['cylinder_d20_h20', 'washer'])
 def test_round_example_parts_can_be_turned_end_over_end(part, name):
     shape = part(name)
     assert found(find_symmetry(shape, landmarks(shape))) == ('axial', 2)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     'name', ['tetrahedron', 'cube', 'near_cube', 'irregular', *slow('octahedron', 'dodecahedron')]
 )
@@ -333,6 +335,7 @@ def test_without_landmarks_the_group_is_the_same(solid, name):
     assert_is_group(symmetry)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ['tetrahedron', 'nearer_cube', *slow('cube', 'icosahedron')])
 def test_group_is_exact_in_spite_of_rough_landmarks(solid, name):
     make, order = FINITE[name]
@@ -361,7 +364,7 @@ TURNED = {
 }
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', TURNED)
 @given(turn=turns, divided=st.booleans())
 @few
@@ -378,6 +381,7 @@ def test_group_does_not_depend_on_frame_and_subdivision(solid, name, turn, divid
         assert_is_group(symmetry)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('make', 'expected'),
     [
@@ -416,6 +420,7 @@ def test_rotation_of_an_n_gon_has_order_n(solid):
     np.testing.assert_allclose(angles, 2 * np.pi * np.arange(9) / 9, atol=1e-9)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     ('centre', 'expected'),
     [

@@ -70,6 +70,7 @@ def test_box_agrees_with_the_definitions_of_other_methods(solids, shape, sides):
         np.testing.assert_allclose(predicted(of, method), shares(expected), atol=FLOAT32)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('thickness', [0.1, 0.577, 3.0])
 def test_coin_rests_on_its_rim_with_h_over_its_diagonal(solids, shape, thickness):
     of = shape(solids.prism(256, 5.0, 10 * thickness))
@@ -100,6 +101,7 @@ def regular(solids, faces):
     }[faces]()
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('faces', [4, 6, 8, 12, 20])
 def test_regular_solid_is_uniform_without_symmetry_classes(solids, shape, faces):
     of = shape(solids.turned(regular(solids, faces), solids.a_turn(4)))

@@ -25,6 +25,7 @@ def test_release_height_selects_method_for_flat_sides(part, height, thrown, meth
     assert f'({method}): for' in found.reason or 'is rolling: for' in found.reason
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('name', 'method'), [('washer', 'csa'), ('cylinder_d20_h20', '')])
 def test_curved_side_matters_if_the_part_often_rolls_onto_it(part, name, method):
     for height in (3, 30):

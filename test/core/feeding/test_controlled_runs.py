@@ -15,7 +15,7 @@ from resting_aspects_ros.core.feeding.cycle import CycleTimes
 from resting_aspects_ros.core.feeding.decision import advise
 from resting_aspects_ros.core.feeding.density import FreeShares
 from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
-from resting_aspects_ros.core.feeding.model import FeederModel, LongRun
+from resting_aspects_ros.core.feeding.model import FeederModel, SteadyStates
 from resting_aspects_ros.core.feeding.tray_places import DensityPlaces
 from resting_aspects_ros.core.feeding.tray_simulation import simulate
 
@@ -43,13 +43,19 @@ def density(generator):
 
 def test_rate_of_the_cycle_of_the_forecast_is_that_of_the_formula():
     found = forecast_controller(MODEL, places=density, controller=flip_and_refill(MODEL))
-    expected = LongRun(FEEDER).rates(TABLE)[7]
+    expected = SteadyStates(FEEDER).rates(TABLE)[7]
     # The interval of the mean contains it in 95 % of cases, so twice its width nearly always.
     assert abs(found.rate - expected) < found.upper - found.lower
     assert found.prediction[0] < found.lower < found.rate < found.upper < found.prediction[1]
 
 
-@pytest.mark.parametrize('rule', [None, flip_and_refill], ids=['advice', 'cycle'])
+@pytest.mark.parametrize(
+    'rule',
+    [
+        pytest.param(None, id='advice', marks=pytest.mark.slow),
+        pytest.param(flip_and_refill, id='cycle'),
+    ],
+)
 def test_runs_are_within_the_prediction_interval(monkeypatch, rule):
     """Runs three times as long as those that the interval follows from."""
     monkeypatch.setattr(controlled_runs, 'CYCLES', 30)
@@ -66,8 +72,8 @@ def test_runs_are_within_the_prediction_interval(monkeypatch, rule):
 
 def test_formula_predicts_runs_of_its_cycle():
     """From an empty tray, with parts that are lost and replaced after the next image."""
-    spread = LongRun(FEEDER).spread(TABLE, 8)
-    rate = LongRun(FEEDER).rates(TABLE)[7]
+    spread = SteadyStates(FEEDER).spread(TABLE, 8)
+    rate = SteadyStates(FEEDER).rates(TABLE)[7]
     found = [
         simulate(flip_and_refill(MODEL), MODEL, 300, np.random.default_rng(seed))
         for seed in range(60)
@@ -80,9 +86,9 @@ def test_formula_predicts_runs_of_its_cycle():
 
 
 def test_clustered_free_parts_vary_more():
-    even = LongRun(FEEDER).spread(TABLE, 8).variance
+    even = SteadyStates(FEEDER).spread(TABLE, 8).variance
     table = dataclasses.replace(TABLE, clustering=np.full(12, 0.05))
-    assert LongRun(FEEDER).spread(table, 8).variance > 1.02 * even
+    assert SteadyStates(FEEDER).spread(table, 8).variance > 1.02 * even
 
 
 @pytest.mark.parametrize('minutes', [0, np.nan, 1e9])

@@ -89,6 +89,7 @@ def test_larger_outlines_are_free_less_often():
     assert found[0] < found[1] - TOLERANCE
 
 
+@pytest.mark.slow
 def test_free_shares_fall_with_number_clearance_and_gripper():
     table = free_shares(TRAY, [PART], ALONE, 1)
     assert table.free[0, 0] == 1

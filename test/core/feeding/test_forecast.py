@@ -127,6 +127,7 @@ def test_variance_is_that_of_a_discrete_event_simulation(case):
     assert pieces.var(ddof=1) / 5 == pytest.approx(variance, rel=tolerance)
 
 
+@pytest.mark.slow
 def test_runs_are_within_the_prediction_interval():
     """Runs whose probabilities are drawn from the posterior, of which 95 % are expected inside."""
     found = forecast(MODEL, 10, minutes=20)
@@ -247,6 +248,7 @@ def test_part_with_one_aspect_is_always_pickable():
     assert found.state.mix == pytest.approx([1])
 
 
+@pytest.mark.slow
 def test_faster_robot_and_smaller_clearance_raise_the_rate():
     base = forecast(MODEL, 10).rate
     assert forecast(changed(times=dataclasses.replace(TIMES, robot=1.0)), 10).rate > base
@@ -265,6 +267,7 @@ def test_best_number_has_the_highest_rate_of_the_curve():
     assert found.prediction[0] <= found.lower <= found.rate <= found.upper <= found.prediction[1]
 
 
+@pytest.mark.slow
 def test_more_counts_and_longer_runs_narrow_the_intervals():
     few = forecast(MODEL, 10, minutes=5)
     many = forecast(changed(drop=100 * DROP, transitions=100 * TRANSITIONS), 10)

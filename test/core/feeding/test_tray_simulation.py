@@ -10,7 +10,7 @@ from resting_aspects_ros.core.feeding.cycle import CycleTimes
 from resting_aspects_ros.core.feeding.decision import Advice, Choice, advise
 from resting_aspects_ros.core.feeding.density import FreeShares
 from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
-from resting_aspects_ros.core.feeding.model import FeederModel, LongRun
+from resting_aspects_ros.core.feeding.model import FeederModel, SteadyStates
 from resting_aspects_ros.core.feeding.tray_places import DensityPlaces, RandomPlaces
 from resting_aspects_ros.core.feeding.tray_simulation import SimulatedTray, simulate
 
@@ -33,7 +33,7 @@ def model():
 
 def test_rate_of_the_cycle_of_the_forecast_is_the_forecast(model):
     run = simulate(flip_and_refill(model), model, 20_000, np.random.default_rng(1))
-    spread = LongRun(FEEDER).spread(model.table, NUMBER)
+    spread = SteadyStates(FEEDER).spread(model.table, NUMBER)
     assert abs(run.rate - 60 * model.values.rate) < 4 * np.sqrt(spread.variance / (20_000 / 60))
 
 

@@ -71,6 +71,7 @@ def test_each_step_takes_the_time_of_the_machine(feeder):
     assert sorted(cell.tray.classes) == [0, 1, 1, 1]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('place', 'longer'), [(0.25, 0.0), (1.0, 0.125)])
 def test_feeder_works_while_the_robot_places(feeder, place, longer):
     cell = feeder(place)
@@ -88,6 +89,7 @@ def test_feeder_works_while_the_robot_places(feeder, place, longer):
     assert longer == max(place - 0.875, 0.0)
 
 
+@pytest.mark.slow
 def test_part_is_found_by_its_place_and_class(feeder):
     cell = feeder()
     assert not cell.pick(0.0, 0.0, 1)  # an empty tray

@@ -55,6 +55,7 @@ def test_convex_part_is_its_own_piece_without_coacd(part, monkeypatch, name):
     assert abs(found.volume_error) < 1e-9
 
 
+@pytest.mark.slow
 def test_round_hole_is_approximated_within_the_threshold(solid):
     washer = solid(trimesh.creation.annulus(4.2, 8, 1.6, sections=24))
     found = convex_pieces(washer)

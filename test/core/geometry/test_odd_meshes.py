@@ -119,8 +119,8 @@ def seconds(text, mesh_format):
     return time.perf_counter() - start
 
 
-@pytest.mark.quick_cases(5)
-@pytest.mark.timeout(120)
+@pytest.mark.quick_cases(3)
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize('kind', ADVERSARIAL)
 def test_text_of_two_megabytes_is_checked_in_linear_time(kind):
     """Ten times the text may take a hundred times as long at most; quadratic ones took hours."""

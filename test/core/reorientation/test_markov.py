@@ -382,6 +382,7 @@ def fractions_solution(matrix, right):
 # Bounds of the long-run shares.
 
 
+@pytest.mark.slow
 def test_bounds_hold_as_often_as_stated_if_the_prior_is_true():
     # Quantiles of a posterior contain a truth drawn from the prior with exactly their probability
     # (Cook, Gelman, Rubin 2006), which leaves out only the error of quantiles of 1000 samples: at

@@ -9,7 +9,7 @@ from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects.clusters import Clusters, find_clusters
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import down_in_part, random_orientations
-from resting_aspects_ros.core.statistics.agreement import compare, find_differences
+from resting_aspects_ros.core.statistics.agreement import find_agreement, find_differences
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.plan import make_job
 
@@ -32,14 +32,14 @@ def test_agreement_of_every_pose_in_a_small_example():
     # Cluster 1 contains aspect 2; aspect 3 is split into clusters 3 and 4; cluster 2 is in none.
     aspect = np.array([1, 1, 1, 2, 2, 0, 0, 0, 0, 3, 3, 3])
     cluster = np.array([1, 1, 1, 1, 1, 1, 2, 2, 2, 3, 3, 4])
-    found = compare(aspect, 4, clusters_of(cluster))
+    found = find_agreement(aspect, 4, clusters_of(cluster))
     assert found.cluster_of.tolist() == [1, 1, 3, 0]
     assert found.shared.tolist() == [3, 2, 2, 0]
     assert found.agree.tolist() == [*[True] * 3, *[False] * 6, True, True, False]
 
 
 def test_part_without_aspects_has_no_agreement(part):
-    found = compare(np.zeros(3, dtype=np.int64), 0, clusters_of([1, 1, 2]))
+    found = find_agreement(np.zeros(3, dtype=np.int64), 0, clusters_of([1, 1, 2]))
     assert not found.agree.any()
     differences = find_differences(found, AspectSet('', ()), np.tile([0, 0, -1.0], (3, 1)))
     assert differences.nearest.tolist() == [0, 0, 0]
@@ -63,13 +63,13 @@ def test_differences_list_the_poses_and_both_results(part):
     flat[3] = (tilt * Rotation.from_quat(flat[3])).as_quat()
     down = down_in_part(flat)
     clusters = find_clusters(down, TOLERANCE)
-    found = find_differences(compare(aspects.classify(flat), 6, clusters), aspects, down)
+    found = find_differences(find_agreement(aspects.classify(flat), 6, clusters), aspects, down)
     assert (found.pose.tolist(), found.nearest.tolist(), found.aspect.tolist()) == ([3], [4], [0])
     assert np.degrees(found.angle[0]) == pytest.approx(20)
     assert clusters.counts[found.cluster[0] - 1] == 1
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', POLYHEDRA)
 def test_both_agree_on_dropped_poses_near_a_facet(part, surfaces, name):
     shape = part(name)
@@ -101,7 +101,7 @@ def near_and_agreed(shape, orientation):
     aspects = find_aspects(shape)
     down = down_in_part(orientation)
     ids = aspects.classify(orientation)
-    agree = compare(ids, len(aspects), find_clusters(down, TOLERANCE)).agree
+    agree = find_agreement(ids, len(aspects), find_clusters(down, TOLERANCE)).agree
     nearest, angle = aspects.locate(down)
     near = angle <= np.radians(1)
     assert agree[near].all()

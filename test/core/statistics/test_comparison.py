@@ -152,6 +152,7 @@ def test_published_intervals_of_differences(one, other, lower, upper):
     assert [float(each[0]) for each in found] == pytest.approx([lower, upper], abs=5e-5)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('first', 'second', 'drops'),
     [

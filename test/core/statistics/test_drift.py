@@ -1,4 +1,4 @@
-"""Drift in windows, its power by simulation, and the class that is off."""
+"""Drift in windows, its power by simulation, and the class that deviates."""
 
 import numpy as np
 import pytest
@@ -26,6 +26,7 @@ def found_in(*windows, level=0.01):
     return find_drift(np.array(windows), SIMULATED, np.random.default_rng(1), level)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('shares', 'drops', 'level', 'drifted'),
     [

@@ -58,7 +58,7 @@ def test_p_value_of_few_parts_is_that_of_fisher():
     assert theirs - tied - 0.3 * theirs <= found <= 1.3 * theirs
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('level', [0.05, 0.01])
 @pytest.mark.parametrize('case', CASES)
 def test_false_rate_is_the_level(case, level):

@@ -144,6 +144,7 @@ DISTRIBUTIONS = {
 }
 
 
+@pytest.mark.quick_cases(12)
 @pytest.mark.parametrize('confidence', [0.8, 0.95, 0.99])
 @pytest.mark.parametrize('drops', [100, 1000])
 @pytest.mark.parametrize('name', DISTRIBUTIONS)

@@ -152,6 +152,7 @@ def coverage_when_stopped(precision, confidence, shares):
 SHARES = np.linspace(0.01, 0.5, 99)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('precision', [0.05, 0.03, 0.02])
 def test_coverage_of_stopped_runs_is_nominal(precision):
     covered = coverage_when_stopped(precision, 0.95, SHARES)
@@ -192,6 +193,7 @@ def stopped_runs(truth, precision, method):
     return counts, drops
 
 
+@pytest.mark.quick_cases(4)
 @methods
 @pytest.mark.parametrize('name', DISTRIBUTIONS)
 def test_stopped_runs_have_nominal_coverage_and_precision(name, method):

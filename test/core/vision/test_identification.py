@@ -74,6 +74,7 @@ def touching(one, other):
     return one.union(affinity.translate(other, low - 1e-5, 0))
 
 
+@pytest.mark.quick_cases(6)
 @pytest.mark.parametrize('name', NAMES)
 @pytest.mark.parametrize('sd', [0.0, 1e-4, 3e-4])
 def test_class_and_camera_pose_are_found(known, name, sd):

@@ -186,6 +186,7 @@ def by_pair(name, part):
     return {(k, a.symmetry_class): a for k, others in found.items() for a in others}
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('name', 'pair', 'verdict'),
     [

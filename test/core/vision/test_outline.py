@@ -268,6 +268,7 @@ def test_outline_does_not_depend_on_frame_and_subdivision(solid, name, seed, div
     assert 0 <= more <= 16
 
 
+@pytest.mark.slow
 def test_noise_of_a_scan_leaves_one_outline_with_its_hole(solid):
     ring = shapely.Polygon(circle(100), [circle(70, 5.0)])
     mesh = extruded(ring, 3).subdivide()

@@ -42,6 +42,7 @@ def views(known, rolls):
         yield aspect, orientation, affinity.translate(seen, 0.03, 0.02)
 
 
+@pytest.mark.slow
 def test_outline_at_any_roll_is_that_of_its_poses(known):
     for aspect, _, seen in views(known, np.linspace(0.1, 6.2, 7)):
         best = identify(seen, [known]).best
