@@ -97,9 +97,9 @@ def _memory(
     yield '| part | between two rows, at most | between a row and the drops, at most |'
     yield '|---|---|---|'
     for part in parts:
-        drop = drop_for_start(
-            part, conditions, DROPS, SEED, dropper.workers, shown=False
-        )[0].by_class()
+        drop = drop_for_start(part, conditions, DROPS, SEED, dropper.workers, shown=False)[
+            0
+        ].by_class()
         rows = strongest[part.name].by_class().probability
         outside = [drop.unclassified, drop.unsettled, drop.failed, 0]
         dropped = np.array([*drop.counts.tolist(), *outside]) / drop.drops

@@ -37,7 +37,11 @@ class Surfaces:
         """Return the conditions, without the surface's name if the surface has other values."""
         known = self._sets.get(conditions.surface)
         if known is not None and known.values() == conditions.values():
-            return dataclasses.replace(known, surroundings=conditions.surroundings)
+            return (
+                known
+                if known.key() == conditions.key()
+                else dataclasses.replace(known, surroundings=conditions.surroundings)
+            )
         return dataclasses.replace(conditions, surface='')
 
     def text(self, conditions: DropConditions) -> str:

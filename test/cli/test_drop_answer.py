@@ -68,6 +68,7 @@ def test_document_describes_part_and_conditions(document, part, surfaces):
             **{name: getattr(conditions, name) for name in QUANTITIES},
             'height_of': 'LOWEST_POINT',
             'surface': 'rubber_mat',
+            'surroundings': '',
         },
     }
     assert {key: document[key] for key in expected} == expected

@@ -30,6 +30,7 @@ def test_codes_are_those_of_the_message():
         ('UNSETTLED', 1),
         ('FAILED', 2),
         ('LOST', 3),
+        ('SLIDING', 4),
     ]
     assert [(d.name, int(d)) for d in DecidedBy] == [('STILLNESS', 0), ('ENERGY', 1)]
 

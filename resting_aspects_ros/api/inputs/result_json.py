@@ -32,7 +32,10 @@ from resting_aspects_ros.core.statistics.comparison import REST, DropCounts
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.simulation.run_description import MAX_SEED, RunDescription
-from resting_aspects_ros.simulation.surroundings.description import make_surroundings
+from resting_aspects_ros.simulation.surroundings.description import (
+    make_surroundings,
+    surroundings_from,
+)
 
 if TYPE_CHECKING:
     Id: TypeAlias = int
@@ -49,7 +52,9 @@ Pair: TypeAlias = tuple[Number, Number]
 Vector: TypeAlias = tuple[Number, Number, Number]
 _conditions: dict[str, Any] = dict.fromkeys(QUANTITIES, (Number, ...))
 _conditions |= {'height_of': (Literal['LOWEST_POINT', 'CENTRE_OF_MASS'], ...)}
-_conditions |= {'surroundings': (dict[str, Any] | None, None)}
+# A mapping, as in a YAML file; or its text, which is empty for the level plane.
+_surroundings: Any = dict[str, Any] | StrictStr
+_conditions |= {'surroundings': (_surroundings, '')}
 # Bounds are checked by DropConditions.
 Conditions: Any = create_model('Conditions', **_conditions, surface=(StrictStr, ...))
 
@@ -132,7 +137,9 @@ class RunDocument(CountsDocument):
         conditions = dict(self.conditions)
         conditions['height_of'] = HeightOf[conditions['height_of']]
         surroundings = conditions.pop('surroundings')
-        if surroundings:
+        if isinstance(surroundings, str):
+            conditions['surroundings'] = surroundings_from(surroundings).key
+        else:
             conditions['surroundings'] = make_surroundings(surroundings).key
         values: dict[str, Any] = {
             each.name: getattr(self, each.name) for each in fields(RunDescription)

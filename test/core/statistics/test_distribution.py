@@ -138,16 +138,17 @@ def test_each_pose_is_counted_exactly_once(aspects, seed, n):
         at_rest[generator.integers(5, size=n)],
         random_orientations(generator, n),
     )
-    status = generator.choice([0, 0, 0, 1, 2, 3], size=n)
+    status = generator.choice([0, 0, 0, 1, 2, 3, 4], size=n)
     found = count_poses(aspects, poses(orientation, status))
     ids = aspects.classify(orientation)
     settled = status == RestStatus.SETTLED
     expected = [np.count_nonzero(settled & (ids == i)) for i in range(6)]
     assert found.counts.tolist() == expected[1:]
     assert found.unclassified == expected[0]
-    # A drop cannot be lost, but a pose file of an action can have lost parts.
-    assert found.unsettled == np.count_nonzero((status == 1) | (status == 3))
+    assert found.unsettled == np.count_nonzero(status == 1)
     assert found.failed == np.count_nonzero(status == 2)
+    assert found.lost == np.count_nonzero(status == 3)
+    assert found.sliding == np.count_nonzero(status == 4)
     assert found.drops == n
 
 
