@@ -10,6 +10,8 @@ from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.estimate import recommended_method
 from resting_aspects_ros.api.inputs.counts import CountedDrops, counted_by_class_of
 from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
+from resting_aspects_ros.api.surroundings_facts import surroundings_facts
+from resting_aspects_ros.api.surroundings_hints import outcome_hints
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.estimators.estimate import METHODS, estimate_each
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
@@ -21,6 +23,7 @@ from resting_aspects_ros.report.comparison_text import ReferenceCounts
 from resting_aspects_ros.report.page import FILES, PAGE, Report, report_files
 from resting_aspects_ros.report.rounding import size_text
 from resting_aspects_ros.report.table import symmetry_text
+from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 # Seed of the Monte Carlo p values, so that equal inputs give equal reports.
@@ -100,6 +103,8 @@ def _notes(result: DropResult) -> Iterator[str]:
     if not result.complete:
         goal = f'a precision of ±{run.precision:g}' if run.precision else f'{run.drops} drops'
         yield f'The run is not complete: it has {drops} drops, and {goal} was requested.'
+    radius = result.part.hull_radius if result.part is not None else None
+    yield from outcome_hints(result.distribution, run.conditions, radius)
     if result.convergence is not None:
         yield result.convergence.text().replace('\n', ' ')
     if result.part is None:
@@ -124,6 +129,7 @@ def _facts(result: DropResult) -> dict[str, list[tuple[str, str]]]:
             ('surface', surface_text(run.conditions)),
             *condition_facts(run.conditions),
         ],
+        **_surroundings_facts(run.conditions),
         'Run': [
             *run_facts(run, distribution.drops, 'drops'),
             (
@@ -132,6 +138,13 @@ def _facts(result: DropResult) -> dict[str, list[tuple[str, str]]]:
             ),
         ],
     }
+
+
+def _surroundings_facts(conditions: DropConditions) -> dict[str, list[tuple[str, str]]]:
+    """Return the surroundings in words, below their heading; empty for the level plane."""
+    if not conditions.surroundings:
+        return {}
+    return {'Surroundings': list(surroundings_facts(conditions))}
 
 
 def run_facts(run: RunDescription, done: int, what: str) -> list[tuple[str, str]]:

@@ -7,6 +7,7 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.surroundings_hints import outcome_hints
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.contact_report import contact_table
@@ -60,7 +61,10 @@ def print_result(result: DropResult, *, as_json: bool, each: bool = False) -> No
     size = f', {size_text(part)}' if part else ''
     title = f'{result.run.part}{size}\n{result.subtitle}'
     print_table(result.distribution, title, part, each=each)
-    if result.contacts is not None:
+    if result.contacts is not None and result.contacts.placements:
         show_table(make_console(), contact_table(result.contacts, result.distribution))
+    radius = part.hull_radius if part else None
+    for hint in outcome_hints(result.distribution, result.run.conditions, radius):
+        make_console().print(hint, highlight=False)
     if result.convergence is not None:
         print(result.convergence.text())

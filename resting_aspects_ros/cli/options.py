@@ -80,8 +80,11 @@ def add_surroundings(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         '--surroundings',
         metavar='NAME_OR_FILE',
+        nargs='?',
+        const='',
         help='a slope, walls, a groove, a chute, a tray or a mesh: the name of one of those in '
-        'config/surroundings, a kind, or a YAML file',
+        'config/surroundings, a kind, or a YAML file; without a value, the names are listed in '
+        'the error',
     )
     group.add_argument(
         '--set',

@@ -35,7 +35,7 @@ def contact_table(contacts: ContactCounts, distribution: Distribution) -> Table:
     """Return a table of what the parts touch, by aspect ids, the most frequent first."""
     names = list(dict.fromkeys(plane.name for plane in contacts.finder.planes))
     table = plain_table(
-        'What the parts lie on and lean at: aspects by their numbers above',
+        'Contacts: which side of the part is on which plane, by the number of its aspect',
         *(name.replace('_', ' ') for name in names),
         'proba-\nbility',
         f'{100 * distribution.confidence:g} % interval',

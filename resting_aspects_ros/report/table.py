@@ -1,5 +1,7 @@
 """Tables for a terminal: a distribution, or the aspects of a part."""
 
+import textwrap
+
 import numpy as np
 from rich import box
 from rich.table import Table
@@ -30,6 +32,8 @@ from resting_aspects_ros.report.rows import (
 
 # The cell of a value that is not known.
 NOTHING = '-'
+# Width of a title.
+TITLE_WIDTH = 80
 RESTS_ON, DOWN = 'rests on', 'down in part'  # headings of columns with text
 # Maximum width of the column RESTS_ON, beyond which its text is wrapped: in a table of classes,
 # and in a table of single aspects, which also has the column DOWN.
@@ -112,11 +116,20 @@ def down_text(aspect: Aspect) -> str:
     return direction_text(aspect.down_in_part)
 
 
+def _wrapped(title: str) -> str:
+    """Return a title in lines of at most TITLE_WIDTH characters."""
+    return '\n'.join(
+        textwrap.fill(line, TITLE_WIDTH, break_long_words=False, break_on_hyphens=False)
+        for line in title.split('\n')
+    )
+
+
 def plain_table(title: str, *headings: str, rest_width: int | None = None) -> Table:
     """Return a table without rows; ``rest_width`` is the maximum width of column RESTS_ON."""
     # Text is not parsed as markup: a square bracket in a part's name stays.
     table = Table(
-        title=Text(title, style='bold'),
+        # Wider than the table, if necessary: a narrow table would cut a title into many lines.
+        title=Text(_wrapped(title), style='bold', no_wrap=True, overflow='ignore'),
         title_justify='left',
         box=box.SIMPLE_HEAD,
         show_edge=False,

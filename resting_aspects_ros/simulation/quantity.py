@@ -31,6 +31,8 @@ class Quantity:
     def allowed(self) -> str:
         """Return the allowed range as text, such as '0 to 10000 rad/s'."""
         unit = f' {self.unit}' if self.unit else ''
+        if self.unit == 'rad' and math.isfinite(self.high):
+            unit += f' ({math.degrees(self.low):.4g} to {math.degrees(self.high):.4g} deg)'
         lower = f'more than {self.low:g} and at most' if self.above else f'{self.low:g} to'
         return f'{lower} {self.high:g}{unit}'
 

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from resting_aspects_ros.simulation.surroundings.kinds import (
 from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
 from resting_aspects_ros.simulation.surroundings.release import STEEP, ground_below
 from resting_aspects_ros.simulation.surroundings.scene import MeshBody, PairValues, Scene
+from resting_aspects_ros.simulation.surroundings.texts import did_you_mean, group_text
 
 KINDS: dict[str, type[Any]] = {
     each.kind: each
@@ -139,16 +141,16 @@ class Surroundings:
 
     @property
     def text(self) -> str:
-        """The surroundings in words: 'chute, roll 45 deg, belt friction 0.4'."""
-        parts = [self.name or self.shape.kind]
-        for name, each in quantities_of(self.shape).items():
-            value = getattr(self.shape, name)
-            parts.append(f'{each.label} {_value_text(value, each.unit)}')
-        for body, values in self.bodies.items():
-            for name, value in values.items():
-                each = BODY_VALUES[name]
-                label = body.replace('_', ' ')
-                parts.append(f'{label} {each.label} {_value_text(value, each.unit)}')
+        """The surroundings in words: 'chute (roll 45 deg), belt (friction 0.4)'."""
+        shape = quantities_of(self.shape)
+        texts = [Path(text).name for key, text in self.shape_values.items() if key == 'mesh']
+        values = {name: getattr(self.shape, name) for name in shape}
+        parts = [group_text(self.name or self.shape.kind, values, shape, texts)]
+        parts += [group_text(body, each, BODY_VALUES) for body, each in self.bodies.items()]
+        if self.release:
+            parts.append(group_text('release', self.release, RELEASE_VALUES))
+        if self.orientation is not None:
+            parts.append('given orientation')
         return ', '.join(parts)
 
     def scene(self, conditions: DropConditions, radius: float) -> Scene:
@@ -213,6 +215,7 @@ def make_surroundings(document: Any, name: str = '') -> Surroundings:
     if kind not in KINDS:
         raise InvalidValueError(
             f'invalid kind of surroundings {shown(kind)}: expected one of {", ".join(KINDS)}'
+            f'{did_you_mean(kind, KINDS)}'
         )
     source = values.pop('source', '')
     if not isinstance(source, str):
@@ -220,12 +223,13 @@ def make_surroundings(document: Any, name: str = '') -> Surroundings:
     common = {
         key: values.pop(key) for key in ('bodies', 'release', 'orientation') if key in values
     }
-    fields = {field.name: field for field in dataclasses.fields(KINDS[kind])}
+    fields = {field.name: field for field in dataclasses.fields(KINDS[kind]) if field.init}
     unknown = [key for key in values if key not in fields]
     if unknown:
+        expected = [*fields, 'bodies', 'release', 'orientation']
         raise InvalidValueError(
-            f'invalid value {shown(unknown[0])} of a {kind}: expected '
-            f'{", ".join([*fields, "bodies", "release", "orientation"])}'
+            f'invalid name {shown(unknown[0])} of a value of a {kind}: expected one of '
+            f'{", ".join(expected)}{did_you_mean(unknown[0], expected)}'
         )
     missing = [
         key
@@ -233,7 +237,7 @@ def make_surroundings(document: Any, name: str = '') -> Surroundings:
         if field.default is dataclasses.MISSING and key not in values
     ]
     if missing:
-        raise InvalidValueError(f'missing {missing[0]} of a {kind}')
+        raise InvalidValueError(f'missing value {missing[0]} of the kind {kind}')
     return Surroundings(KINDS[kind](**values), name=name, **common)
 
 
@@ -243,7 +247,8 @@ def _mapping(name: str, given: Any, allowed: Any) -> dict[str, Any]:
     unknown = [key for key in given if key not in allowed]
     if unknown:
         raise InvalidValueError(
-            f'invalid {name} {shown(unknown[0])}: expected one of {", ".join(allowed)}'
+            f'invalid name {shown(unknown[0])} in {name}: expected one of {", ".join(allowed)}'
+            f'{did_you_mean(unknown[0], allowed)}'
         )
     return dict(given)
 
@@ -265,14 +270,6 @@ def _quaternion(given: Any) -> tuple[float, ...]:
             f'invalid orientation {shown(given)}: expected a unit quaternion x, y, z, w'
         )
     return tuple(canonical(xyzw).tolist())
-
-
-def _value_text(value: float, unit: str) -> str:
-    if unit == 'rad':
-        return f'{np.degrees(value):g} deg'
-    if unit == 'm':
-        return f'{1000 * value:g} mm'
-    return f'{value:g} {unit}'.rstrip()
 
 
 def _check_release(scene: Scene, radius: float) -> None:

@@ -1,6 +1,5 @@
 """Named surroundings: one YAML file for each; and changes of single values."""
 
-import difflib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from resting_aspects_ros.simulation.surroundings.description import (
     Surroundings,
     make_surroundings,
 )
+from resting_aspects_ros.simulation.surroundings.texts import did_you_mean
 
 ENDINGS = ('.yaml', '.yml')
 
@@ -49,20 +49,22 @@ def named_surroundings(name: str | Path, changes: Mapping[str, Any] | None = Non
     file = Path(text) if is_file else surroundings_folder() / f'{text}.yaml'
     if is_file or text in surroundings_names():
         document = read_yaml(file, 'surroundings file')
-        where = named('surroundings file', file)
+        where = named('surroundings file', file) if is_file else f'surroundings {text}'
     elif text in KINDS:
-        document, where = {'kind': text}, 'surroundings'
+        document, where = {'kind': text}, f'surroundings {text}'
     else:
         known = sorted({*surroundings_names(), *KINDS})
-        close = difflib.get_close_matches(text.lower(), known, n=1)
-        hint = f'; did you mean {close[0]!r}?' if close else ''
         raise InvalidValueError(
-            f'invalid surroundings {shown(text)}: expected a YAML file or one of '
-            f'{", ".join(known)}{hint}'
+            f'invalid surroundings {shown(text)}: expected a YAML file (with its folder or its '
+            f'ending) or one of '
+            f'{", ".join(known)}{did_you_mean(text, known)}'
         )
     try:
         if not isinstance(document, dict) or document.get('kind') not in KINDS:
-            raise InvalidValueError(f'invalid kind: expected one of {", ".join(KINDS)}')
+            kind = document.get('kind') if isinstance(document, dict) else document
+            raise InvalidValueError(
+                f'invalid kind {shown(kind)}: expected one of {", ".join(KINDS)}'
+            )
         _resolve_mesh(document, file.parent)
         values = _plain(document)
         for key, value in (changes or {}).items():

@@ -1,0 +1,85 @@
+"""Explanations of outcomes in surroundings: why parts slide, are lost, or lie in no aspect."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.optimize import nnls
+
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.surroundings.description import surroundings_from
+from resting_aspects_ros.simulation.surroundings.scene import Scene
+
+# How parts leave surroundings of a kind.
+_LOST = {
+    'bowl_track': 'they fell over the edge of the track',
+    'mesh': 'they are beside the mesh or below it',
+}
+
+
+def outcome_hints(
+    distribution: Distribution, conditions: DropConditions, radius: float | None
+) -> Iterator[str]:
+    """Yield a sentence for each outcome that only surroundings have.
+
+    Parameters
+    ----------
+    radius : float or None
+        Hull radius of the part, m; None if the part is not known: yields nothing.
+    """
+    if not conditions.surroundings or radius is None:
+        return
+    surroundings = surroundings_from(conditions.surroundings)
+    scene = surroundings.scene(conditions, radius)
+    if distribution.sliding:
+        reason = slide_reason(scene)
+        yield (
+            f'{_count(distribution.sliding, distribution)} slide or roll until the end'
+            f'{": " if reason else ""}{reason}.'
+        )
+    if distribution.lost:
+        how = _LOST.get(surroundings.shape.kind, 'they left the surroundings')
+        yield f'{_count(distribution.lost, distribution)} are lost: {how}.'
+    if distribution.unclassified and len(scene.faces) > 1:
+        name = scene.faces[0].name.replace('_', ' ')
+        yield (
+            f'{_count(distribution.unclassified, distribution)} came to rest but do not lie in '
+            f'an aspect on the {name}: they lean. The contacts show how.'
+        )
+
+
+def _count(number: int, distribution: Distribution) -> str:
+    if number == distribution.drops:
+        return f'All {number} parts'
+    return f'{number} of {distribution.drops} parts'
+
+
+def slide_reason(scene: Scene) -> str:
+    """Return why no part can stay at rest in a scene; empty if friction can hold parts.
+
+    Friction holds a part on a plane if the inclination is at most atan(friction). In a groove or
+    a chute it holds the part along the groove if the component of gravity along it is at most the
+    sum of friction times normal force of both planes. Empty if a surface moves.
+    """
+    if not scene.flat or not scene.free or len(scene.velocities()) > 1:
+        return ''
+    normals = np.array([plane.normal for plane in scene.half_spaces])
+    friction = np.array([plane.contact.friction for plane in scene.half_spaces])
+    if scene.free == 2:
+        across = float(-normals[0] @ scene.down)
+        along, holds = math.sqrt(max(1 - across**2, 0.0)), float(friction[0]) * across
+        what = f'friction angle of {_degrees(math.atan(friction[0]))} (friction {friction[0]:g})'
+    else:
+        forces, _ = nnls(normals.T[1:], -scene.down[1:])
+        across = float(np.linalg.norm(scene.down[1:]))
+        along, holds = abs(float(scene.down[0])), float(friction @ forces)
+        names = ' and '.join(dict.fromkeys(plane.name for plane in scene.half_spaces))
+        what = f'{_degrees(math.atan2(holds, across))} at which friction on {names} holds a part'
+    if along <= holds * (1 + 1e-9):
+        return ''
+    return f'the slope of {_degrees(math.atan2(along, across))} exceeds the {what}'
+
+
+def _degrees(angle: float) -> str:
+    return f'{math.degrees(angle):.3g} degrees'
