@@ -15,7 +15,7 @@ from resting_aspects_ros.core.statistics.intervals import Counts
 from resting_aspects_ros.report.contact_report import contact_rows
 from resting_aspects_ros.report.document import distribution_document, to_json
 from resting_aspects_ros.simulation.run_description import RunDescription
-from resting_aspects_ros.simulation.surroundings.description import surroundings_from
+from resting_aspects_ros.simulation.surroundings.library import surroundings_from
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

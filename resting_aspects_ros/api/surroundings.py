@@ -11,11 +11,11 @@ from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.contact_counts import ContactCounts
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.surroundings.description import (
-    Surroundings,
+from resting_aspects_ros.simulation.surroundings.description import Surroundings
+from resting_aspects_ros.simulation.surroundings.library import (
+    named_surroundings,
     surroundings_from,
 )
-from resting_aspects_ros.simulation.surroundings.library import named_surroundings
 from resting_aspects_ros.simulation.surroundings.scene import HalfSpace, Scene
 
 

@@ -4,11 +4,8 @@ from collections.abc import Iterator
 
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.quantity import quantities_of
-from resting_aspects_ros.simulation.surroundings.description import (
-    BODY_VALUES,
-    RELEASE_VALUES,
-    surroundings_from,
-)
+from resting_aspects_ros.simulation.surroundings.description import BODY_VALUES, RELEASE_VALUES
+from resting_aspects_ros.simulation.surroundings.library import surroundings_from
 from resting_aspects_ros.simulation.surroundings.texts import value_text
 
 

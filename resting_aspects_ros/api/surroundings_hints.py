@@ -8,7 +8,7 @@ from scipy.optimize import nnls
 
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.surroundings.description import surroundings_from
+from resting_aspects_ros.simulation.surroundings.library import surroundings_from
 from resting_aspects_ros.simulation.surroundings.scene import Scene
 
 # How parts leave surroundings of a kind.

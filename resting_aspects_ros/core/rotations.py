@@ -76,8 +76,14 @@ def random_orientations(generator: np.random.Generator, n: int) -> Array:
     return canonical(generator.standard_normal((n, 4)))
 
 
-def down_in_part(xyzw: Array) -> Array:
-    """Return unit vectors (n, 3) of gravity in the part frame, which do not depend on the yaw."""
+def down_in_part(xyzw: Array, normal: Array | None = None) -> Array:
+    """Return the directions (..., 3) of gravity in the part frame, for orientations (..., 4).
+
+    With the unit normal (3,) of an inclined plane, tray frame, the directions towards the plane,
+    for orientations (n, 4).
+    """
+    if normal is not None:
+        return -rotate(xyzw * [-1, -1, -1, 1], np.tile(normal, (len(xyzw), 1)))
     # Gravity is -z in the tray; in the part it is minus the third row of the rotation matrix.
     x, y, z, w = np.moveaxis(np.asarray(xyzw, dtype=np.float64), -1, 0)
     row = (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y))

@@ -6,16 +6,14 @@ g is 1.
 """
 
 import math
-import threading
-import weakref
 from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.simulation.bullet_client import empty_client
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import (
     CHUNK,
@@ -88,7 +86,7 @@ class _World:
     _residual = SOLVER_RESIDUAL
 
     def __init__(self, job: DropJob) -> None:
-        client = _empty_client()
+        client = empty_client()
         self._job = job
         self._client = client
         self._step = 1 / job.steps_per_t
@@ -232,32 +230,6 @@ def _corners(hull: bytes) -> list[list[float]]:
     """
     corners: list[list[float]] = np.frombuffer(hull).reshape(-1, 3).tolist()
     return corners
-
-
-def _empty_client() -> int:
-    """Return the thread's Bullet client with an empty world; connecting again would take 5 ms."""
-    if not hasattr(_thread_data, 'client'):
-        _thread_data.client = _Client()
-    number = _thread_data.client.number
-    pybullet.resetSimulation(physicsClientId=number)
-    return number
-
-
-class _Client:
-    """A connection to Bullet that closes when its thread ends."""
-
-    def __init__(self) -> None:
-        self.number: int = pybullet.connect(pybullet.DIRECT)
-        if self.number < 0:
-            raise EngineError('Bullet cannot create another world in this process')
-        weakref.finalize(self, pybullet.disconnect, self.number)
-
-
-class _PerThread(threading.local):
-    client: _Client
-
-
-_thread_data = _PerThread()
 
 
 def _slot_origins(slots: npt.NDArray[np.int64]) -> Array:

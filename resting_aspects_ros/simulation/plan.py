@@ -24,7 +24,7 @@ from resting_aspects_ros.simulation.run_description import (
     check_seed,
 )
 from resting_aspects_ros.simulation.starts import Starts
-from resting_aspects_ros.simulation.surroundings.description import surroundings_from
+from resting_aspects_ros.simulation.surroundings.library import surroundings_from
 
 # The engine itself is not imported here, because only the workers need it.
 ENGINE = 'bullet'

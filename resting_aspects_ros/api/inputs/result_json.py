@@ -32,7 +32,7 @@ from resting_aspects_ros.core.statistics.comparison import REST, DropCounts
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.simulation.run_description import MAX_SEED, RunDescription
-from resting_aspects_ros.simulation.surroundings.description import (
+from resting_aspects_ros.simulation.surroundings.library import (
     make_surroundings,
     surroundings_from,
 )

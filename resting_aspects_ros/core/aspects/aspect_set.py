@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from resting_aspects_ros.core.aspects.symmetry import Symmetry
-from resting_aspects_ros.core.rotations import Array, angle_between, down_in_part, rotate
+from resting_aspects_ros.core.rotations import Array, angle_between, down_in_part
 
 # A pose is in the aspect with the nearest down direction, if the angle is at most this. In Bullet
 # parts rest within hundredths of a degree of a facet, on the collision margin; a pose with a
@@ -102,8 +102,7 @@ PUBLISHED_FIELDS = tuple(each.name for each in dataclasses.fields(Aspect) if eac
 class AspectSet:
     """All aspects of a part, ordered by id, and its symmetry, if known.
 
-    floor_normal : (3,) float or None
-        Normal of the plane on which aspects are counted, tray frame; None: it is vertical.
+    ``floor_normal`` (3,) is that of the plane on which they lie, tray frame; None: vertical.
     """
 
     part_sha256: str
@@ -130,12 +129,8 @@ class AspectSet:
         orientation : (n, 4) float
             Unit quaternions xyzw, tray from part.
         """
-        xyzw = np.asarray(orientation, dtype=np.float64).reshape(-1, 4)
-        down = down_in_part(xyzw)
-        if self.floor_normal is not None:
-            normals = np.tile(self.floor_normal, (len(xyzw), 1))
-            down = -rotate(xyzw * [-1, -1, -1, 1], normals)
-        ids, angle = self.locate(down)
+        xyzw = np.asarray(orientation).reshape(-1, 4)
+        ids, angle = self.locate(down_in_part(xyzw, self.floor_normal))
         return np.where(angle <= POSE_ANGLE, ids, 0)
 
     def locate(self, down: Array) -> tuple[npt.NDArray[np.int64], Array]:

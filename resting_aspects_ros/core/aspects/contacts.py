@@ -1,8 +1,8 @@
 """Which sides of a part touch which planes, where there are walls: contacts of resting poses.
 
-On a level plane, a part is in an aspect, whatever its yaw. Near a wall, yaw is not free any more:
-a part lies with one side on the floor and leans with another side, an edge or a corner at the
-wall. Planes touch only the convex hull of a part.
+On a level plane, the yaw of a part does not matter. Near a wall it is not free: a part lies with
+one side on the floor and leans with another side, an edge or a corner at the wall. Planes touch
+only the convex hull of a part.
 """
 
 from collections.abc import Sequence

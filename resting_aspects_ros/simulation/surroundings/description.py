@@ -1,7 +1,6 @@
 """Description of surroundings: a kind with its dimensions, its bodies' values and the release."""
 
 import dataclasses
-import functools
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,7 +27,7 @@ from resting_aspects_ros.simulation.surroundings.kinds import (
     tray_from_scene,
 )
 from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
-from resting_aspects_ros.simulation.surroundings.release import STEEP, ground_below
+from resting_aspects_ros.simulation.surroundings.release import check_release, ground_below
 from resting_aspects_ros.simulation.surroundings.scene import MeshBody, PairValues, Scene
 from resting_aspects_ros.simulation.surroundings.texts import did_you_mean, group_text
 
@@ -172,7 +171,7 @@ class Surroundings:
             lost=self.shape.lost(radius),
             orientation=None if self.orientation is None else np.array(self.orientation),
         )
-        _check_release(scene, radius)
+        check_release(scene, radius)
         return scene
 
     def _contact(self, name: str, conditions: DropConditions) -> PairValues:
@@ -192,53 +191,6 @@ class Surroundings:
                 last = given[1] if given[1] is not None else given[0]
                 found.append(np.array([first, last]))
         return found[0], found[1]
-
-
-@functools.lru_cache(maxsize=64)
-def surroundings_from(key: str) -> Surroundings:
-    """Return the surroundings with a key; see Surroundings.key. Raises InvalidValueError."""
-    try:
-        return make_surroundings(json.loads(key) if key else {'kind': Plane.kind})
-    except ValueError as error:
-        raise InvalidValueError(f'invalid surroundings {shown(key)}: {error}') from None
-
-
-def make_surroundings(document: Any, name: str = '') -> Surroundings:
-    """Return the surroundings that a mapping describes; see Surroundings.document.
-
-    Raises InvalidValueError, with the name of the key.
-    """
-    if not isinstance(document, Mapping) or not isinstance(document.get('kind'), str):
-        raise InvalidValueError('invalid surroundings: expected a mapping with the key kind')
-    values = {str(key): value for key, value in document.items()}
-    kind = values.pop('kind')
-    if kind not in KINDS:
-        raise InvalidValueError(
-            f'invalid kind of surroundings {shown(kind)}: expected one of {", ".join(KINDS)}'
-            f'{did_you_mean(kind, KINDS)}'
-        )
-    source = values.pop('source', '')
-    if not isinstance(source, str):
-        raise InvalidValueError(f'invalid source {shown(source)}: expected text')
-    common = {
-        key: values.pop(key) for key in ('bodies', 'release', 'orientation') if key in values
-    }
-    fields = {field.name: field for field in dataclasses.fields(KINDS[kind]) if field.init}
-    unknown = [key for key in values if key not in fields]
-    if unknown:
-        expected = [*fields, 'bodies', 'release', 'orientation']
-        raise InvalidValueError(
-            f'invalid name {shown(unknown[0])} of a value of a {kind}: expected one of '
-            f'{", ".join(expected)}{did_you_mean(unknown[0], expected)}'
-        )
-    missing = [
-        key
-        for key, field in fields.items()
-        if field.default is dataclasses.MISSING and key not in values
-    ]
-    if missing:
-        raise InvalidValueError(f'missing value {missing[0]} of the kind {kind}')
-    return Surroundings(KINDS[kind](**values), name=name, **common)
 
 
 def _mapping(name: str, given: Any, allowed: Any) -> dict[str, Any]:
@@ -270,23 +222,6 @@ def _quaternion(given: Any) -> tuple[float, ...]:
             f'invalid orientation {shown(given)}: expected a unit quaternion x, y, z, w'
         )
     return tuple(canonical(xyzw).tolist())
-
-
-def _check_release(scene: Scene, radius: float) -> None:
-    """Raise InvalidValueError if the place of release is so near a wall that a part can touch it.
-
-    A wall is a half-space that a part does not reach by falling.
-    """
-    (x, y) = scene.region
-    places = scene.in_scene(np.array([[a, b, 0.0] for a in x for b in y]))
-    for plane in scene.half_spaces:
-        if float(plane.normal @ scene.down) > -STEEP:
-            distance = float((places @ plane.normal).min()) - plane.offset
-            if distance < radius * (1 - 1e-9):
-                raise InvalidValueError(
-                    f'invalid release {1000 * distance:.4g} mm from the {plane.name}: expected at '
-                    f'least the hull radius of the part, {1000 * radius:.4g} mm'
-                )
 
 
 def _ground(body: MeshBody, region: tuple[Any, Any], radius: float) -> float:

@@ -59,10 +59,15 @@ _PITCH_TEXT = 'inclination along it; positive: downhill in the direction x'
 
 
 class _Unbounded:
-    """Surroundings that a part cannot leave."""
+    """Surroundings that a part cannot leave; level unless they have a roll or a pitch."""
 
     def __post_init__(self) -> None:
         check_quantities(self)
+
+    @property
+    def tilt(self) -> tuple[float, float]:
+        """See Kind."""
+        return getattr(self, 'roll', 0.0), getattr(self, 'pitch', 0.0)
 
     def lost(self, radius: float) -> tuple[HalfSpace, ...]:
         """See Kind."""
@@ -78,11 +83,6 @@ class Plane(_Unbounded):
     body_names: ClassVar[tuple[str, ...]] = ('floor',)
     free: ClassVar[int] = 2
     across: ClassVar[tuple[float, float]] = (0.0, 0.0)
-
-    @property
-    def tilt(self) -> tuple[float, float]:
-        """See Kind."""
-        return 0.0, 0.0
 
     def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
         """See Kind."""
@@ -119,11 +119,6 @@ class Wall(_Unbounded):
     free: ClassVar[int] = 1
     across: ClassVar[tuple[float, float]] = (1.0, 3.0)
 
-    @property
-    def tilt(self) -> tuple[float, float]:
-        """See Kind."""
-        return 0.0, 0.0
-
     def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
         """See Kind."""
         return _floor('floor', contacts), HalfSpace('wall', contacts['wall'], X, Y)
@@ -143,11 +138,6 @@ class VGroove(_Unbounded):
     )
     roll: float = _angle('roll', 'rotation about the direction along the groove', default=0.0)
     pitch: float = _angle('pitch', _PITCH_TEXT, default=0.0)
-
-    @property
-    def tilt(self) -> tuple[float, float]:
-        """See Kind."""
-        return self.roll, self.pitch
 
     def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
         """See Kind. The plane on the right is that at negative y, seen in the direction x."""
@@ -171,11 +161,6 @@ class Chute(_Unbounded):
     roll: float = _angle('roll', _ROLL_TEXT, default=math.radians(45))
     pitch: float = _angle('pitch', _PITCH_TEXT, default=0.0)
 
-    @property
-    def tilt(self) -> tuple[float, float]:
-        """See Kind."""
-        return self.roll, self.pitch
-
     def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
         """See Kind."""
         return _floor('belt', contacts), HalfSpace('wall', contacts['wall'], X, Y)
@@ -192,11 +177,6 @@ class Corner(_Unbounded):
 
     roll: float = _angle('roll', _ROLL_TEXT, default=0.0)
     pitch: float = _angle('pitch', 'inclination towards the end wall', default=0.0)
-
-    @property
-    def tilt(self) -> tuple[float, float]:
-        """See Kind."""
-        return self.roll, self.pitch
 
     def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
         """See Kind."""
@@ -219,11 +199,6 @@ class Tray(_Unbounded):
     length: float = quantity('length', 'm', 'inner length, along x', high=10.0, above=True)
     width: float = quantity('width', 'm', 'inner width, along y', high=10.0, above=True)
 
-    @property
-    def tilt(self) -> tuple[float, float]:
-        """See Kind."""
-        return 0.0, 0.0
-
     def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
         """See Kind."""
         walls = [
@@ -235,7 +210,7 @@ class Tray(_Unbounded):
 
 
 @dataclass(frozen=True)
-class BowlTrack:
+class BowlTrack(_Unbounded):
     """A track that is rolled towards a wall, with an edge over which parts fall off."""
 
     kind: ClassVar[str] = 'bowl_track'
@@ -246,14 +221,6 @@ class BowlTrack:
     width: float = quantity('width', 'm', 'width of the track', high=10.0, above=True)
     roll: float = _angle('roll', _ROLL_TEXT, low=0.0, default=math.radians(5))
     pitch: float = _angle('pitch', _PITCH_TEXT, default=0.0)
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
-
-    @property
-    def tilt(self) -> tuple[float, float]:
-        """See Kind."""
-        return self.roll, self.pitch
 
     def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
         """See Kind."""

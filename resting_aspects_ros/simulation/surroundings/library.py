@@ -1,5 +1,8 @@
 """Named surroundings: one YAML file for each; and changes of single values."""
 
+import dataclasses
+import functools
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +18,6 @@ from resting_aspects_ros.simulation.surroundings.description import (
     KINDS,
     RELEASE_VALUES,
     Surroundings,
-    make_surroundings,
 )
 from resting_aspects_ros.simulation.surroundings.texts import did_you_mean
 
@@ -73,6 +75,53 @@ def named_surroundings(name: str | Path, changes: Mapping[str, Any] | None = Non
         return make_surroundings(values, title)
     except InvalidValueError as error:
         raise InvalidValueError(f'{where}: {error}') from None
+
+
+@functools.lru_cache(maxsize=64)
+def surroundings_from(key: str) -> Surroundings:
+    """Return the surroundings with a key; see Surroundings.key. Raises InvalidValueError."""
+    try:
+        return make_surroundings(json.loads(key) if key else {'kind': 'plane'})
+    except ValueError as error:
+        raise InvalidValueError(f'invalid surroundings {shown(key)}: {error}') from None
+
+
+def make_surroundings(document: Any, name: str = '') -> Surroundings:
+    """Return the surroundings that a mapping describes; see Surroundings.document.
+
+    Raises InvalidValueError, with the name of the key.
+    """
+    if not isinstance(document, Mapping) or not isinstance(document.get('kind'), str):
+        raise InvalidValueError('invalid surroundings: expected a mapping with the key kind')
+    values = {str(key): value for key, value in document.items()}
+    kind = values.pop('kind')
+    if kind not in KINDS:
+        raise InvalidValueError(
+            f'invalid kind of surroundings {shown(kind)}: expected one of {", ".join(KINDS)}'
+            f'{did_you_mean(kind, KINDS)}'
+        )
+    source = values.pop('source', '')
+    if not isinstance(source, str):
+        raise InvalidValueError(f'invalid source {shown(source)}: expected text')
+    common = {
+        key: values.pop(key) for key in ('bodies', 'release', 'orientation') if key in values
+    }
+    fields = {field.name: field for field in dataclasses.fields(KINDS[kind]) if field.init}
+    unknown = [key for key in values if key not in fields]
+    if unknown:
+        expected = [*fields, 'bodies', 'release', 'orientation']
+        raise InvalidValueError(
+            f'invalid name {shown(unknown[0])} of a value of a {kind}: expected one of '
+            f'{", ".join(expected)}{did_you_mean(unknown[0], expected)}'
+        )
+    missing = [
+        key
+        for key, field in fields.items()
+        if field.default is dataclasses.MISSING and key not in values
+    ]
+    if missing:
+        raise InvalidValueError(f'missing value {missing[0]} of the kind {kind}')
+    return Surroundings(KINDS[kind](**values), name=name, **common)
 
 
 def _resolve_mesh(document: dict[str, Any], folder: Path) -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.rotations import Array, product, random_orientations, rotate
 from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf
 from resting_aspects_ros.simulation.surroundings.scene import HalfSpace, Scene
@@ -97,6 +98,23 @@ def _heights(scene: Scene, base: Array, orientation: Array, corners: Array) -> A
         above = (base * plane.normal).sum(axis=1) - plane.offset
         found.append((reach - above) / -float(plane.normal @ scene.down))
     return np.asarray(np.max(found, axis=0))
+
+
+def check_release(scene: Scene, radius: float) -> None:
+    """Raise InvalidValueError if the place of release is so near a wall that a part can touch it.
+
+    A wall is a half-space that a part does not reach by falling.
+    """
+    (x, y) = scene.region
+    places = scene.in_scene(np.array([[a, b, 0.0] for a in x for b in y]))
+    for plane in scene.half_spaces:
+        if float(plane.normal @ scene.down) > -STEEP:
+            distance = float((places @ plane.normal).min()) - plane.offset
+            if distance < radius * (1 - 1e-9):
+                raise InvalidValueError(
+                    f'invalid release {1000 * distance:.4g} mm from the {plane.name}: expected at '
+                    f'least the hull radius of the part, {1000 * radius:.4g} mm'
+                )
 
 
 def ground_below(
