@@ -26,7 +26,11 @@ from resting_aspects_ros.simulation.surroundings.kinds import (
     Wall,
     tray_from_scene,
 )
-from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
+from resting_aspects_ros.simulation.surroundings.mesh_surface import (
+    MeshSurface,
+    UnknownMeshError,
+    known_mesh,
+)
 from resting_aspects_ros.simulation.surroundings.release import STEEP, ground_below
 from resting_aspects_ros.simulation.surroundings.scene import MeshBody, PairValues, Scene
 
@@ -194,10 +198,17 @@ class Surroundings:
 
 @functools.lru_cache(maxsize=64)
 def surroundings_from(key: str) -> Surroundings:
-    """Return the surroundings with a key; see Surroundings.key. Raises InvalidValueError."""
+    """Return the surroundings with a key; see Surroundings.key. Raises InvalidValueError.
+
+    Reads no file: raises UnknownMeshError if the key names a mesh that is not known.
+    """
     try:
-        return make_surroundings(json.loads(key) if key else {'kind': Plane.kind})
-    except ValueError as error:
+        document = json.loads(key) if key else {'kind': Plane.kind}
+        _check_mesh_known(document)
+        return make_surroundings(document)
+    except UnknownMeshError:
+        raise
+    except (ValueError, RecursionError) as error:
         raise InvalidValueError(f'invalid surroundings {shown(key)}: {error}') from None
 
 
@@ -235,6 +246,17 @@ def make_surroundings(document: Any, name: str = '') -> Surroundings:
     if missing:
         raise InvalidValueError(f'missing {missing[0]} of a {kind}')
     return Surroundings(KINDS[kind](**values), name=name, **common)
+
+
+def _check_mesh_known(document: Any) -> None:
+    if not isinstance(document, dict) or document.get('kind') != MeshSurface.kind:
+        return
+    sha256 = document.get('mesh_sha256')
+    if not isinstance(sha256, str) or known_mesh(sha256) is None:
+        raise UnknownMeshError(
+            f'invalid mesh {shown(document.get("mesh"))} of surroundings: expected one that is '
+            'known by its mesh_sha256'
+        )
 
 
 def _mapping(name: str, given: Any, allowed: Any) -> dict[str, Any]:
