@@ -55,6 +55,7 @@ DEPENDENCIES = {
     'simpy': ('simpy', None),  # rosdep has no key for it
     'rosgraph_msgs': ('ros-jazzy-rclpy', 'rosgraph_msgs'),
     'sensor_msgs': (MESSAGES, 'sensor_msgs'),
+    'shape_msgs': (MESSAGES, 'shape_msgs'),
     'std_msgs': (MESSAGES, 'std_msgs'),
     'std_srvs': (MESSAGES, 'std_srvs'),
     'trimesh': ('trimesh', 'python3-trimesh-pip'),

@@ -18,6 +18,7 @@ from resting_aspects_ros.api.surroundings import with_surroundings
 from resting_aspects_ros.core.errors import InvalidValueError, LogError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.statistics.contact_counts import ContactCounts
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.core.statistics.intervals import (
     CONFIDENCE,
@@ -162,7 +163,7 @@ def drop(
     convergence: Convergence | None = None
     with given_workers(workers) as pool:
         with (
-            recorded(log, loaded, counter) as log_folder,
+            recorded(log, loaded, counter, planned.contacts) as log_folder,
             DropProgress(loaded.name, planned.run.drops, shown=progress) as bar,
         ):
             counter.drop(planned.job, pool, bar.update)
@@ -188,7 +189,12 @@ def drop(
 
 
 @contextmanager
-def recorded(folder: str | Path | None, part: Part, counter: DropCounter) -> Iterator[Path | None]:
+def recorded(
+    folder: str | Path | None,
+    part: Part,
+    counter: DropCounter,
+    contacts: ContactCounts | None = None,
+) -> Iterator[Path | None]:
     """Write a log of the drops that are counted inside the `with`, and yield its folder.
 
     Writes no log if ``folder`` is None. Closes the log even if the drops end early. Raises
@@ -205,6 +211,6 @@ def recorded(folder: str | Path | None, part: Part, counter: DropCounter) -> Ite
         yield log.folder
     except BaseException:
         with suppress(LogError):  # the first error is more informative
-            log.close(counter.distribution)
+            log.close(counter.distribution, contacts)
         raise
-    log.close(counter.distribution)
+    log.close(counter.distribution, contacts)

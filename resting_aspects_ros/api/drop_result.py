@@ -3,19 +3,18 @@
 import dataclasses
 from pathlib import Path
 
-from resting_aspects_ros.api.condition_text import surface_text
 from resting_aspects_ros.api.convergence import Convergence
 from resting_aspects_ros.api.given_states import CountsByState
 from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.api.surroundings import conditions_document, conditions_text
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.contact_counts import ContactCounts
+from resting_aspects_ros.core.statistics.contact_counts import Placements
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.intervals import Counts
 from resting_aspects_ros.report.contact_report import contact_rows
 from resting_aspects_ros.report.document import distribution_document, to_json
 from resting_aspects_ros.simulation.run_description import RunDescription
-from resting_aspects_ros.simulation.surroundings.library import surroundings_from
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -46,7 +45,7 @@ class DropResult:
         The folder of the log of the run, if one was written.
     by_state : CountsByState or None
         Counts by initial state, if the initial states were given.
-    contacts : ContactCounts or None
+    contacts : Placements or None
         Counts by what the parts touch, if the surroundings have walls.
     """
 
@@ -61,7 +60,7 @@ class DropResult:
     poses: RestingPoses | None = None
     log: Path | None = None
     by_state: CountsByState | None = None
-    contacts: ContactCounts | None = None
+    contacts: Placements | None = None
 
     @property
     def title(self) -> str:
@@ -71,9 +70,7 @@ class DropResult:
     @property
     def subtitle(self) -> str:
         """Number of drops (and how many were requested, if more), surface and seed."""
-        surface = surface_text(self.run.conditions)
-        if key := self.run.conditions.surroundings:
-            surface += f', in {surroundings_from(key).text}'
+        surface = conditions_text(self.run.conditions)
         of = '' if self.complete else f' of {self.run.drops}'
         return f'{self.distribution.drops}{of} drops on {surface}, seed {self.run.seed}'
 
@@ -100,10 +97,7 @@ class DropResult:
                 'counts': self.by_state.counts,
             }
         if self.run.conditions.surroundings:
-            fields['conditions'] = {
-                **dataclasses.asdict(self.run.conditions),
-                'surroundings': surroundings_from(self.run.conditions.surroundings).document,
-            }
+            fields['conditions'] = conditions_document(self.run.conditions)
         if self.contacts is not None:
             fields['contacts'] = contact_rows(self.contacts, self.distribution)
         if self.convergence is not None:

@@ -1,20 +1,29 @@
 """Surroundings of drops: from their names, and what they are for the classification of poses."""
 
 import dataclasses
+import functools
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from resting_aspects_ros.api.condition_text import surface_text
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects.contacts import ContactFinder, ContactPlane
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.contact_counts import ContactCounts
+from resting_aspects_ros.report.document import plain
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 from resting_aspects_ros.simulation.surroundings.library import (
     named_surroundings,
     surroundings_from,
+    surroundings_names,
+)
+from resting_aspects_ros.simulation.surroundings.mesh_surface import (
+    MeshSurface,
+    UnknownMeshError,
 )
 from resting_aspects_ros.simulation.surroundings.scene import HalfSpace, Scene
 
@@ -85,6 +94,61 @@ def contacts_in(scene: Scene | None, part: Part, aspects: AspectSet) -> ContactC
         return None
     planes = [_contact_plane(scene, face) for face in scene.faces]
     return ContactCounts(ContactFinder(part, aspects, planes), aspects)
+
+
+def without_drops(
+    part: Part, conditions: DropConditions, aspects: AspectSet
+) -> tuple[AspectSet, ContactCounts | None]:
+    """Return how drops are counted: by which aspects, and by what they touch if there are walls.
+
+    A mesh surface need not be known: drops on it are counted by the aspects of a level plane.
+    """
+    try:
+        scene = scene_of(part, conditions)
+    except UnknownMeshError:
+        return aspects, None
+    aspects = aspects_in(scene, aspects)
+    return aspects, contacts_in(scene, part, aspects)
+
+
+def surroundings_name(conditions: DropConditions) -> str:
+    """Return the name of surroundings of the suite, or the kind of others."""
+    key = conditions.surroundings
+    return _shipped_names().get(key) or str(surroundings_document(key)['kind'])
+
+
+@functools.cache
+def _shipped_names() -> dict[str, str]:
+    """Return the names of the surroundings in config/surroundings, by key."""
+    return {named_surroundings(name).key: name for name in surroundings_names()}
+
+
+def surroundings_text(key: str) -> str:
+    """Return the surroundings with a key in words; their kind if their mesh is not known."""
+    try:
+        return surroundings_from(key).text
+    except UnknownMeshError:
+        return MeshSurface.kind
+
+
+def conditions_text(conditions: DropConditions) -> str:
+    """Return the surface and the surroundings in words; see surface_text."""
+    surface, key = surface_text(conditions), conditions.surroundings
+    return f'{surface}, in {surroundings_text(key)}' if key else surface
+
+
+def conditions_document(conditions: DropConditions) -> dict[str, Any]:
+    """Return conditions as plain JSON types, with the surroundings as a mapping."""
+    document = {name: plain(value) for name, value in dataclasses.asdict(conditions).items()}
+    if conditions.surroundings:
+        document['surroundings'] = surroundings_document(conditions.surroundings)
+    return document
+
+
+def surroundings_document(key: str) -> dict[str, Any]:
+    """Return the document of the surroundings with a key; their mesh need not be known."""
+    document: dict[str, Any] = json.loads(key)
+    return document
 
 
 def _contact_plane(scene: Scene, face: HalfSpace) -> ContactPlane:

@@ -80,7 +80,7 @@ def drop_and_show(
                 warn(warning)
             try:
                 with (
-                    recorded(arguments.log, part, counter) as log,
+                    recorded(arguments.log, part, counter, planned.contacts) as log,
                     DropProgress(part.name, run.drops) as progress,
                 ):
                     counter.drop(job, workers, progress.update, lambda: stop.asked)

@@ -15,6 +15,7 @@ from resting_aspects_ros.core.yaml_file import parse_yaml
 # The message types in the log of a run.
 POSES_TYPE = 'resting_aspects_interfaces/msg/RestingPoses'
 PART_TYPE = 'resting_aspects_interfaces/msg/PartDescription'
+SURROUNDINGS_TYPE = 'resting_aspects_interfaces/msg/SurroundingsDescription'
 DISTRIBUTION_TYPE = 'resting_aspects_interfaces/msg/AspectDistribution'
 TRANSITIONS_TYPE = 'resting_aspects_interfaces/msg/TransitionMatrix'
 

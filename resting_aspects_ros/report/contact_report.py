@@ -2,7 +2,7 @@
 
 from rich.table import Table
 
-from resting_aspects_ros.core.statistics.contact_counts import ContactCounts
+from resting_aspects_ros.core.statistics.contact_counts import Placements
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.document import numbers, share_fields
 from resting_aspects_ros.report.table import plain_table, shares
@@ -11,7 +11,7 @@ from resting_aspects_ros.report.table import plain_table, shares
 MAX_ROWS = 20
 
 
-def contact_rows(contacts: ContactCounts, distribution: Distribution) -> list[dict[str, object]]:
+def contact_rows(contacts: Placements, distribution: Distribution) -> list[dict[str, object]]:
     """Return a row for each placement, the most frequent first, as plain JSON types.
 
     Each has ``contacts`` (by the names of the planes: the id of an aspect, 'other side', 'edge',
@@ -31,9 +31,9 @@ def contact_rows(contacts: ContactCounts, distribution: Distribution) -> list[di
     ]
 
 
-def contact_table(contacts: ContactCounts, distribution: Distribution) -> Table:
+def contact_table(contacts: Placements, distribution: Distribution) -> Table:
     """Return a table of what the parts touch, by aspect ids, the most frequent first."""
-    names = list(dict.fromkeys(plane.name for plane in contacts.finder.planes))
+    names = list(dict.fromkeys(contacts.planes))
     table = plain_table(
         'Contacts: which side of the part is on which plane, by the number of its aspect',
         *(name.replace('_', ' ') for name in names),

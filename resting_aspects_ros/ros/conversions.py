@@ -30,8 +30,12 @@ from resting_aspects_ros.simulation.run_description import (
     check_first_drop,
     check_run_id,
 )
+from resting_aspects_ros.simulation.surroundings.library import surroundings_from
+from resting_aspects_ros.simulation.surroundings.mesh_surface import UnknownMeshError
 
 NANOSECONDS = 1_000_000_000
+# Maximum length of the JSON document of surroundings; those of the suite have 300 characters.
+MAX_DOCUMENT = 100_000
 # Fields with the same name and type in RunDescription and its message.
 _RUN_FIELDS = {field.name for field in fields(Run)} - {'conditions', 'started'}
 
@@ -55,14 +59,37 @@ def conditions_msg(conditions: drop_conditions.DropConditions) -> DropConditions
     """Return the message for conditions."""
     values = {name: getattr(conditions, name) for name in drop_conditions.QUANTITIES}
     return DropConditions(
-        surface=conditions.surface, height_of=int(conditions.height_of), **values
+        surface=conditions.surface,
+        height_of=int(conditions.height_of),
+        surroundings=conditions.surroundings,
+        **values,
     )
 
 
 def conditions_from(msg: DropConditions) -> drop_conditions.DropConditions:
-    """Return the conditions in a message; raises InvalidValueError for an invalid value."""
+    """Return the conditions in a message; raises InvalidValueError for an invalid value.
+
+    The mesh of a mesh surface need not be known: a node that only counts poses does not need it.
+    """
     values = {name: getattr(msg, name) for name in drop_conditions.QUANTITIES}
-    return drop_conditions.DropConditions(surface=msg.surface, height_of=msg.height_of, **values)
+    return drop_conditions.DropConditions(
+        surface=msg.surface,
+        height_of=msg.height_of,
+        surroundings=_surroundings_key(msg.surroundings),
+        **values,
+    )
+
+
+def _surroundings_key(document: str) -> str:
+    """Return the canonical form of the JSON document of surroundings."""
+    if len(document) > MAX_DOCUMENT:
+        raise InvalidValueError(
+            f'invalid surroundings {shown(document)}: expected at most {MAX_DOCUMENT} characters'
+        )
+    try:
+        return surroundings_from(document).key
+    except UnknownMeshError:
+        return document
 
 
 def run_msg(run: Run) -> RunDescription:

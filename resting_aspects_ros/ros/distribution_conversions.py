@@ -17,6 +17,7 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
 from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.ros.aspect_conversions import aspect_msgs, aspects_from, share_fields
+from resting_aspects_ros.ros.contact_conversions import contact_msgs, contacts_from
 from resting_aspects_ros.ros.conversions import run_from, run_msg
 from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.simulation.run_description import RunDescription as Run
@@ -38,7 +39,11 @@ def distribution_msg(
         unclassified=distribution.unclassified,
         unsettled=distribution.unsettled,
         failed=distribution.failed,
+        lost=distribution.lost,
+        sliding=distribution.sliding,
         energy_growth=distribution.energy_growth,
+        contacts=contact_msgs(distribution),
+        contacts_uncounted=distribution.contacts.uncounted if distribution.contacts else 0,
         complete=complete,
         **_rows(
             distribution.aspects,
@@ -112,10 +117,13 @@ def distribution_from(msg: AspectDistribution) -> Distribution:
         unclassified=msg.unclassified,
         unsettled=msg.unsettled,
         failed=msg.failed,
+        lost=msg.lost,
+        sliding=msg.sliding,
         energy_growth=msg.energy_growth,
         interval=msg.interval,
         confidence=msg.confidence,
         by_precision=msg.run.precision > 0,
+        contacts=contacts_from(msg),
     )
     ids = [aspect.id for aspect in msg.aspects]
     if distribution.drops != msg.drops or ids != list(range(1, len(ids) + 1)):

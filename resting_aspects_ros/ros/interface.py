@@ -23,8 +23,10 @@ PARTS = 'parts'  # + /<part>
 RESTING_POSES = 'resting_poses'
 ASPECT_DISTRIBUTIONS = 'aspect_distributions'  # + /<part>
 TRANSITIONS = 'transitions'  # + /<part>
+SURROUNDINGS = 'surroundings'  # + /<part>
 OUTLINES = 'outlines'  # + /<part>
 MARKERS = 'markers'
+SURROUNDINGS_MARKERS = 'surroundings_markers'
 RECORDED_RUNS = 'recorded_runs'
 # Absolute: ROS tools expect this name.
 DIAGNOSTICS = '/diagnostics'
@@ -46,6 +48,10 @@ FRAME = 'tray'
 # Late subscribers receive the newest message.
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+# Surroundings of runs: the newest ones of a part, which can differ from run to run.
+SURROUNDINGS_QOS = QoSProfile(
+    depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 # For a subscriber that needs every message, including those that arrive while it is busy.
 ALL_LATCHED = QoSProfile(

@@ -9,6 +9,7 @@ from typing import TypeVar
 from resting_aspects_interfaces.msg import TransitionMatrix
 
 from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.surroundings import without_drops
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError, LogError, one_line, warn
 from resting_aspects_ros.core.input_file import named
@@ -30,17 +31,21 @@ from resting_aspects_ros.logs.topic_metadata import (
     DISTRIBUTION_TYPE,
     PART_TYPE,
     POSES_TYPE,
+    SURROUNDINGS_TYPE,
     TRANSITIONS_TYPE,
 )
 from resting_aspects_ros.ros.conversions import serialized_batch, serialized_part, serialized_poses
 from resting_aspects_ros.ros.distribution_conversions import serialized_distribution
+from resting_aspects_ros.ros.surroundings_conversions import serialized_surroundings
 from resting_aspects_ros.ros.transition_conversions import serialized_transitions
 from resting_aspects_ros.simulation.index_ranges import IndexRanges
 from resting_aspects_ros.simulation.merge_runs import RunPoses, merge_drops
 from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.surroundings.description import Surroundings
+from resting_aspects_ros.simulation.surroundings.library import surroundings_from
 
 T = TypeVar('T')
-TYPES = (POSES_TYPE, PART_TYPE, DISTRIBUTION_TYPE, TRANSITIONS_TYPE)
+TYPES = (POSES_TYPE, PART_TYPE, SURROUNDINGS_TYPE, DISTRIBUTION_TYPE, TRANSITIONS_TYPE)
 
 
 class LoggedRun:
@@ -64,8 +69,8 @@ class LoggedRun:
     recorded : LogOutcome
         The outcome that the log records; None if it records none.
 
-    ``part``, ``last_distribution`` and ``transitions`` are parsed from the last message of their
-    type on first access; LogError if it cannot be read.
+    ``part``, ``surroundings``, ``last_distribution`` and ``transitions`` are parsed from the last
+    message of their type on first access; LogError if it cannot be read.
     """
 
     def __init__(self, log: Path, *, keep_poses: bool = False) -> None:
@@ -101,6 +106,12 @@ class LoggedRun:
         return None if data is None else parsed(self.log, serialized_part, data)
 
     @cached_property
+    def surroundings(self) -> Surroundings | None:
+        """The surroundings of the run, whose mesh is then known; None if the log has none."""
+        data = self._last.get(SURROUNDINGS_TYPE)
+        return None if data is None else parsed(self.log, serialized_surroundings, data)
+
+    @cached_property
     def last_distribution(self) -> tuple[Distribution, RunDescription, bool] | None:
         """The last distribution, its run, and whether it counts all drops of this run."""
         data = self._last.get(DISTRIBUTION_TYPE)
@@ -126,8 +137,10 @@ class LoggedRun:
         # A log without the last batch can still have all drops, if a later run repeated the end.
         end = run.end if self._end is None else max(self._end, self.seen.end)
         missing = self.seen.missing(run.first_drop, end)
-        whole = not missing and part.part_sha256 == run.part_sha256
-        return LogOutcome(len(self.seen), whole)
+        is_described = part.part_sha256 == run.part_sha256 and (
+            not run.conditions.surroundings or SURROUNDINGS_TYPE in self._last
+        )
+        return LogOutcome(len(self.seen), whole=not missing and is_described)
 
     @property
     def ranges(self) -> list[tuple[int, int]]:
@@ -136,6 +149,21 @@ class LoggedRun:
         if run is None or not self.outcome.whole:
             return self.seen.ranges
         return [(run.first_drop, run.first_drop + self.outcome.drops)]
+
+    def check_surroundings(self) -> None:
+        """Make the mesh of the surroundings known; raises LogError if the log lacks it.
+
+        The document of other surroundings is part of the conditions.
+        """
+        if self.run is None or not self.run.conditions.surroundings:
+            return
+        found = self.surroundings
+        try:
+            key = surroundings_from(self.run.conditions.surroundings).key
+        except InvalidValueError as error:
+            raise LogError(f'{named("log", self.log)}: {error}') from None
+        if found is not None and found.key != key:
+            warn(f'{named("log", self.log)} describes other surroundings than those of its run')
 
     def warn_if_unfinished(self) -> None:
         """Warn if the log is not closed."""
@@ -222,13 +250,17 @@ def logged_result(log: Path, *, keep_poses: bool = False) -> DropResult:
     if part is None or part.part_sha256 != run.part_sha256:
         raise InvalidValueError(f'{named("log", log)} does not describe its part')
     logged.warn_if_unfinished()
-    distribution = no_drops(find_aspects(part), by_precision=run.precision > 0)
+    logged.check_surroundings()
+    aspects, contacts = without_drops(part, run.conditions, find_aspects(part))
+    distribution = no_drops(aspects, by_precision=run.precision > 0)
     history = History(distribution.aspects)
     chunks = list(_poses(logged.batches, run))
     for poses in chunks:
         ids = aspect_ids(distribution.aspects, poses)
         history.add(ids)
         distribution += count_poses(distribution.aspects, poses, ids)
+        if contacts is not None:
+            contacts.add(poses, ids)
     whole = logged.outcome.whole and logged.finished
     gaps = any(before.end != after.first_drop for before, after in pairwise(chunks))
     return DropResult(
@@ -239,6 +271,7 @@ def logged_result(log: Path, *, keep_poses: bool = False) -> DropResult:
         whole,
         history=history.points(),
         poses=RestingPoses.join(chunks) if keep_poses and chunks and not gaps else None,
+        contacts=contacts,
     )
 
 

@@ -1,5 +1,6 @@
 """Write the log of a run that is simulated in this process, without nodes."""
 
+import dataclasses
 import time
 from pathlib import Path
 
@@ -7,14 +8,17 @@ import numpy as np
 import numpy.typing as npt
 from rclpy.serialization import serialize_message
 
+from resting_aspects_ros.api.surroundings import scene_of, surroundings_name
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.statistics.contact_counts import ContactCounts
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.logs.topic_metadata import (
     DISTRIBUTION_TYPE,
     PART_TYPE,
     POSES_TYPE,
+    SURROUNDINGS_TYPE,
     Topic,
 )
 from resting_aspects_ros.ros.batching import PoseBatches
@@ -26,9 +30,12 @@ from resting_aspects_ros.ros.interface import (
     PARTS,
     POSES,
     RESTING_POSES,
+    SURROUNDINGS,
+    SURROUNDINGS_QOS,
     batch_size,
     offered_qos,
 )
+from resting_aspects_ros.ros.surroundings_conversions import surroundings_msg
 from resting_aspects_ros.run_logs.run_recorder import RunRecorder
 from resting_aspects_ros.simulation.run_description import RunDescription
 
@@ -61,6 +68,15 @@ class LocalRunLog:
         topic = Topic(f'/{PARTS}/{part.name}', PART_TYPE, offered_qos(LATCHED))
         message = part_msg(part)
         self._recorder.write_part(topic, serialize_message(message), message, time.time_ns())
+        scene = scene_of(part, run.conditions)
+        if scene is not None:
+            topic = Topic(
+                f'/{SURROUNDINGS}/{part.name}', SURROUNDINGS_TYPE, offered_qos(SURROUNDINGS_QOS)
+            )
+            surroundings = surroundings_msg(run, scene, surroundings_name(run.conditions))
+            self._recorder.write_surroundings(
+                topic, serialize_message(surroundings), surroundings, time.time_ns()
+            )
 
     @property
     def folder(self) -> Path:
@@ -73,8 +89,10 @@ class LocalRunLog:
         for batch in self._batches.add(poses):
             self._write(batch, last=False)
 
-    def close(self, distribution: Distribution) -> None:
+    def close(self, distribution: Distribution, contacts: ContactCounts | None = None) -> None:
         """Write the remaining poses and the distribution, and finish the log.
+
+        ``contacts`` are the same drops by what they touch.
 
         Raises LogError if the log does not have all of it.
         """
@@ -84,6 +102,8 @@ class LocalRunLog:
             f'/{ASPECT_DISTRIBUTIONS}/{run.part}', DISTRIBUTION_TYPE, offered_qos(LATCHED)
         )
         now = time.time_ns()
+        if contacts is not None:
+            distribution = dataclasses.replace(distribution, contacts=contacts.counted)
         message = distribution_msg(distribution, run, time_msg(now), complete=True)
         recorder.write(topic, serialize_message(message), now, now)
         recorder.run_is_over(whole=True)

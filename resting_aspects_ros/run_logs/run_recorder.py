@@ -6,7 +6,7 @@ from contextlib import suppress
 from datetime import datetime, timezone
 from pathlib import Path
 
-from resting_aspects_interfaces.msg import PartDescription
+from resting_aspects_interfaces.msg import PartDescription, SurroundingsDescription
 
 from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.logs.bag_metadata import OUTCOME, LogOutcome, recorded_outcome
@@ -37,6 +37,8 @@ class RunRecorder:
         self.error = ''
         self.reported = False  # whether the error was reported
         self.has_part = False
+        # Whether the surroundings were written, if they are not an infinite level plane.
+        self.has_surroundings = not run.conditions.surroundings
         self.has_distribution = False  # whether the one after the last drop was written
         self.drops = 0  # number of drops that were written
         self.closed_whole = False
@@ -106,6 +108,23 @@ class RunRecorder:
         except LogError as error:
             self._fail(error)
 
+    def write_surroundings(
+        self, topic: Topic, data: bytes, surroundings: SurroundingsDescription, log_time: int
+    ) -> None:
+        """Write the description of the surroundings, and their mesh as an attachment."""
+        self.write(topic, data, log_time, log_time)
+        if self._log is None or self.error:
+            return
+        try:
+            if surroundings.mesh_file:
+                name = Path(surroundings.mesh_file).name
+                media_type = f'model/{Path(name).suffix.lower().lstrip(".")}'
+                self._log.attach(name, media_type, bytes(surroundings.mesh), log_time)
+                self._log.flush()
+            self.has_surroundings = True
+        except LogError as error:
+            self._fail(error)
+
     def run_is_over(self, *, whole: bool) -> None:
         """Mark the end of the run; ``whole``: all published poses were written."""
         self._over_at = time.monotonic()
@@ -134,13 +153,17 @@ class RunRecorder:
         if self._over_at is None:
             return False
         waited = time.monotonic() - self._over_at > END_TIMEOUT
-        return waited or not self.being_written or (self.has_part and self.has_distribution)
+        return (
+            waited
+            or not self.being_written
+            or (self.has_part and self.has_surroundings and self.has_distribution)
+        )
 
     def close(self) -> Path | None:
         """Finish the log; returns its folder, or None if it cannot be finished."""
         if self._log is None or self.error:
             return None
-        whole = self._whole and self.has_part
+        whole = self._whole and self.has_part and self.has_surroundings
         try:
             self._log.add_metadata(OUTCOME, LogOutcome(self.drops, whole).record())
             folder = self._log.close()

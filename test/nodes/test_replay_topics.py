@@ -142,7 +142,7 @@ def test_message_classes_are_the_installed_ones(recording):
     classes = [RestingPoses, PartDescription, visualization_msgs.msg.MarkerArray]
     assert [topic.message for topic in topics] == classes
     assert [topic.holds_poses for topic in topics] == [True, False, False]
-    assert [topic.describes_part for topic in topics] == [False, True, False]
+    assert [topic.describes_run for topic in topics] == [False, True, False]
 
 
 def test_type_that_is_not_installed_is_an_error(recording):

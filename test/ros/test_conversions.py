@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
 
+from resting_aspects_ros.api.surroundings import surroundings
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError, PartError
 from resting_aspects_ros.core.poses import DecidedBy, RestStatus
@@ -34,6 +35,7 @@ CONDITIONS = DropConditions(
     spin=0.19,
     height_of=HeightOf.CENTRE_OF_MASS,
     surface='felt',
+    surroundings=surroundings('l_chute', roll=0.7, belt={'speed': 0.2}).key,
 )
 RUN = RunDescription(
     run_id='4f1c',
@@ -52,14 +54,22 @@ RUN = RunDescription(
 )
 POSES = Poses(
     first_drop=2**40,
-    position=np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.0, 0.0, 0.0], [0.7, 0.8, 0.9]]),
+    position=np.array(
+        [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.0, 0.0, 0.0], [0.7, 0.8, 0.9], [1.0, 1.1, 1.2]]
+    ),
     orientation=np.array(
-        [[0.1, -0.3, 0.5, 0.8062257748298549], [0, 0, 0, 1.0], [1.0, 0, 0, 0], [0, 0, 0.6, 0.8]]
+        [
+            [0.1, -0.3, 0.5, 0.8062257748298549],
+            [0, 0, 0, 1.0],
+            [1.0, 0, 0, 0],
+            [0, 0, 0.6, 0.8],
+            [0, 0.6, 0, 0.8],
+        ]
     ),
     status=np.array(list(RestStatus), dtype=np.uint8),
-    decided_by=np.array([DecidedBy.ENERGY, *[DecidedBy.STILLNESS] * 3], dtype=np.uint8),
-    time_to_rest=np.array([0.7, 1.9, math.nan, 0.3]),
-    energy_growth=np.array([0.0, 0.02, 0.4, 0.01]),
+    decided_by=np.array([DecidedBy.ENERGY, *[DecidedBy.STILLNESS] * 4], dtype=np.uint8),
+    time_to_rest=np.array([0.7, 1.9, math.nan, 0.3, 2.0]),
+    energy_growth=np.array([0.0, 0.02, 0.4, 0.01, 0.03]),
 )
 
 
@@ -75,8 +85,8 @@ def assert_same_fields(one, other):
 
 
 def test_example_values_differ():
-    values = [*CONDITIONS.values(), CONDITIONS.surface]
-    assert len(set(values)) == len(values) == len(QUANTITIES) + 2
+    values = [*CONDITIONS.key(), CONDITIONS.surface]
+    assert len(set(values)) == len(values) == len(QUANTITIES) + 3
     values = [value for value in dataclasses.asdict(RUN).values() if not isinstance(value, dict)]
     assert len(set(values)) == len(values)
 
@@ -247,7 +257,9 @@ def test_invalid_conditions_are_rejected():
 def test_distribution_round_trip(part):
     aspects = find_aspects(part('l_bracket'))
     counts = np.arange(10, 10 + len(aspects))
-    original = Distribution(aspects, counts, unclassified=1, unsettled=2, failed=3)
+    original = Distribution(
+        aspects, counts, unclassified=1, unsettled=2, failed=3, lost=4, sliding=5
+    )
     stamp = conversions.time_msg(17)
     message = over_the_wire(distribution_msg(original, RUN, stamp, complete=True))
     assert isinstance(message, AspectDistribution)
@@ -258,7 +270,7 @@ def test_distribution_round_trip(part):
     )
     assert (message.method, message.confidence, message.interval) == ('drops', 0.95, 'wilson')
     assert message.run == conversions.run_msg(RUN)
-    assert message.drops == counts.sum() + 6
+    assert message.drops == counts.sum() + 15
     intervals = original.intervals()
     assert [(a.probability, a.lower, a.upper) for a in message.aspects] == [
         (i.probability, i.lower, i.upper) for i in intervals
@@ -266,6 +278,7 @@ def test_distribution_round_trip(part):
     again = distribution_from(message)
     assert again.counts.tolist() == counts.tolist()
     assert (again.unclassified, again.unsettled, again.failed) == (1, 2, 3)
+    assert (again.lost, again.sliding, again.contacts) == (4, 5, None)
     for one, other in zip(again.aspects.aspects, aspects.aspects, strict=True):
         for field in ('id', 'symmetry_class', 'multiplicity', 'rolls', 'sweep', 'neighbour'):
             assert getattr(one, field) == getattr(other, field)

@@ -7,13 +7,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from resting_aspects_ros.api.condition_text import condition_facts, surface_text, when_text
-from resting_aspects_ros.cli.console import print_table
+from resting_aspects_ros.api.surroundings import conditions_document, surroundings_text
+from resting_aspects_ros.cli.console import make_console, print_table, show_table
 from resting_aspects_ros.cli.options import (
     add_output,
 )
 from resting_aspects_ros.core.errors import one_line
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import METHOD, Distribution
+from resting_aspects_ros.report.contact_report import contact_rows, contact_table
 from resting_aspects_ros.report.document import (
     SCHEMA_VERSION,
     distribution_document,
@@ -61,6 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
         of = '' if complete else ' of an unfinished run'
         title = f'Distribution of {distribution.drops} drops{of}'
         print_table(distribution, title, _part(found, distribution), each=arguments.each)
+        if distribution.contacts is not None:
+            show_table(make_console(), contact_table(distribution.contacts, distribution))
     return 0
 
 
@@ -79,6 +83,9 @@ def _lines(found: LoggedRun) -> Iterator[tuple[str, str]]:
     else:
         yield '', 'not described in this log'
     yield 'conditions', surface_text(run.conditions)
+    if run.conditions.surroundings:
+        found.check_surroundings()
+        yield '', f'in {surroundings_text(run.conditions.surroundings)}'
     yield from (('', f'{name} {value}') for name, value in condition_facts(run.conditions))
     yield 'seed', str(run.seed)
     if (action := _action(found)) is not None:
@@ -137,6 +144,7 @@ def _document(found: LoggedRun) -> dict[str, object]:
         fields['feeder'] = feeder.document()
     if run is not None:
         fields = {name: plain(value) for name, value in dataclasses.asdict(run).items()}
+        fields['conditions'] = conditions_document(run.conditions)
     if part is not None:
         fields['mesh_sha256'] = part.mesh_sha256
     if action is not None:
@@ -148,6 +156,8 @@ def _document(found: LoggedRun) -> dict[str, object]:
         return {'schema_version': SCHEMA_VERSION, **fields, 'log': log}
     distribution, _, complete = found.last_distribution
     fields |= {'method': METHOD, 'complete': complete, 'log': log}
+    if distribution.contacts is not None:
+        fields['contacts'] = contact_rows(distribution.contacts, distribution)
     return distribution_document(distribution, fields, _part(found, distribution))
 
 

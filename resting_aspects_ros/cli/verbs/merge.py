@@ -6,20 +6,23 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from resting_aspects_ros.api.condition_text import surface_text
-from resting_aspects_ros.cli.console import print_table
+from resting_aspects_ros.api.surroundings import conditions_text, without_drops
+from resting_aspects_ros.cli.console import make_console, print_table, show_table
 from resting_aspects_ros.cli.options import (
     add_output,
 )
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.contact_counts import ContactCounts
 from resting_aspects_ros.core.statistics.distribution import (
     METHOD,
     Distribution,
+    aspect_ids,
     count_poses,
     no_drops,
 )
+from resting_aspects_ros.report.contact_report import contact_rows, contact_table
 from resting_aspects_ros.report.document import distribution_document, to_json
 from resting_aspects_ros.run_logs.contents import LoggedRun, read_logged_run
 from resting_aspects_ros.simulation.merge_runs import MergedDrops, merge_drops
@@ -66,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
     for each in found:
         each.warn_if_unfinished()
-    distribution = _counted(part, merged)
+    distribution, contacts = _counted(part, merged)
     if arguments.json:
         fields = {
             **dataclasses.asdict(run),
@@ -75,13 +78,17 @@ def run(arguments: argparse.Namespace) -> int:
             'runs': [list(each.run_ids) for each in merged],
             'seeds': [each.run.seed for each in merged],
         }
+        if contacts is not None:
+            fields['contacts'] = contact_rows(contacts, distribution)
         sys.stdout.write(to_json(distribution_document(distribution, fields, part)))
         return 0
-    surface = surface_text(run.conditions)
+    surface = conditions_text(run.conditions)
     runs = len({run_id for each in merged for run_id in each.run_ids})
     words = f'{runs} run{"s" if runs > 1 else ""}'
     title = f'{part.name}, {distribution.drops} drops of {words} on {surface}'
     print_table(distribution, title, part, each=arguments.each)
+    if contacts is not None:
+        show_table(make_console(), contact_table(contacts, distribution))
     return 0
 
 
@@ -91,12 +98,18 @@ def _part(found: Sequence[LoggedRun], part_sha256: str) -> Part | None:
     return next((part for part in parts if part and part.part_sha256 == part_sha256), None)
 
 
-def _counted(part: Part, merged: Sequence[MergedDrops]) -> Distribution:
-    total = no_drops(find_aspects(part))
+def _counted(
+    part: Part, merged: Sequence[MergedDrops]
+) -> tuple[Distribution, ContactCounts | None]:
+    aspects, contacts = without_drops(part, merged[0].run.conditions, find_aspects(part))
+    total = no_drops(aspects)
     for each in merged:
         for poses in each.poses:
-            total += count_poses(total.aspects, poses)
-    return total
+            ids = aspect_ids(aspects, poses)
+            total += count_poses(aspects, poses, ids)
+            if contacts is not None:
+                contacts.add(poses, ids)
+    return total, contacts
 
 
 def _named(logs: Sequence[Path]) -> str:

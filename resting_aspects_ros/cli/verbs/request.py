@@ -1,6 +1,7 @@
 """`resting_aspects request`: request a distribution from a running suite, as a ROS client."""
 
 import argparse
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ from resting_aspects_ros.cli.options import (
     add_output,
     add_ros_args,
     add_run,
+    add_surroundings,
     changed_conditions,
     requested_conditions,
     requested_number,
@@ -55,6 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(parser)
     parser.add_argument('--picture', metavar='FILE.png', type=Path, help='write a picture')
     add_conditions(parser, "the simulator's default")
+    add_surroundings(parser)
     add_ros_args(parser)
 
 
@@ -80,15 +83,19 @@ def run(arguments: argparse.Namespace) -> int:
             ros_args=arguments.ros_args, warn=warn, check=stop.check
         ) as client:
             changes = changed_conditions(arguments)
-            if changes and not arguments.surface:
-                conditions = client.default_conditions().changed(**changes)
+            given = changes or arguments.surroundings
+            if given and not arguments.surface:
+                conditions = dataclasses.replace(
+                    client.default_conditions().changed(**changes),
+                    surroundings=conditions.surroundings,
+                )
             try:
                 with progress:
                     message = client.get_distribution(
                         arguments.part,
                         drops=arguments.drops,
                         precision=precision,
-                        conditions=conditions if changes or arguments.surface else None,
+                        conditions=conditions if given or arguments.surface else None,
                         seed=arguments.seed,
                         only_known=arguments.only_known,
                         progress=progress.update,
@@ -105,7 +112,16 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _check_no_drop_flags(arguments: argparse.Namespace) -> None:
     """Raise InvalidValueError for a flag that an analytic method ignores."""
-    of_drops = ('drops', 'precision', 'seed', 'surface', *QUANTITIES, 'height_of', 'picture')
+    of_drops = (
+        'drops',
+        'precision',
+        'seed',
+        'surface',
+        *QUANTITIES,
+        'height_of',
+        'surroundings',
+        'picture',
+    )
     for name in of_drops:
         if (given := getattr(arguments, name)) not in (None, ''):
             flag = f'--{name.replace("_", "-")}'
@@ -159,4 +175,11 @@ def result_from(message: Any, part: 'Part | None') -> 'DropResult':
     from resting_aspects_ros.ros.distribution_conversions import distribution_from
 
     distribution, run = distribution_from(message), run_from(message.run)
-    return DropResult(distribution, run, part, message.method, message.complete)
+    return DropResult(
+        distribution,
+        run,
+        part,
+        message.method,
+        message.complete,
+        contacts=distribution.contacts,
+    )

@@ -45,18 +45,54 @@ class Placement:
 
 
 @dataclass(eq=False)
-class ContactCounts:
+class Placements:
+    """Settled drops by what they touch, as a message or a document has them.
+
+    planes : tuple of str
+        Names of the planes, in the order of the contacts of the placements.
+    placements : list of Placement
+    drops : int
+        All drops that were counted, also those that did not come to rest.
+    uncounted : int
+        Drops at rest in none of the placements, of which there were too many.
+    """
+
+    planes: tuple[str, ...]
+    placements: list[Placement] = field(default_factory=list)
+    drops: int = 0
+    uncounted: int = 0
+
+    def sorted_rows(self, method: str, confidence: float) -> list[tuple[Placement, Interval]]:
+        """Return the placements with the intervals of their shares, the most frequent first."""
+        counts = np.array([p.count for p in self.placements], dtype=np.int64)
+        found = intervals(counts, self.drops, method, confidence) if len(counts) else []
+        rows = list(zip(self.placements, found, strict=True))
+        return sorted(rows, key=lambda row: (-row[0].count, row[0].contacts))
+
+    def named(self, placement: Placement) -> dict[str, int | str | None]:
+        """Return the contacts of a placement by the names of the planes.
+
+        An aspect is its id, another contact its description, and no contact None. Of several
+        planes with the same name, the first one that is touched counts.
+        """
+        found: dict[str, int | str | None] = {}
+        for name, code in zip(self.planes, placement.contacts, strict=True):
+            if found.get(name) is None:
+                found[name] = _named(code)
+        return found
+
+
+class ContactCounts(Placements):
     """Counts of the settled drops of a run by placement; memory does not grow with the drops.
 
     The placements are found in the order of the drops, so that those of the first m drops keep
     their place in the list when there are more.
     """
 
-    finder: ContactFinder
-    aspects: AspectSet
-    placements: list[Placement] = field(default_factory=list)
-    drops: int = 0
-    uncounted: int = 0
+    def __init__(self, finder: ContactFinder, aspects: AspectSet) -> None:
+        super().__init__(tuple(plane.name for plane in finder.planes))
+        self.finder = finder
+        self.aspects = aspects
 
     def add(self, poses: RestingPoses, ids: npt.NDArray[np.int64]) -> None:
         """Count the settled drops of a chunk; the ids of their aspects are not needed."""
@@ -106,28 +142,14 @@ class ContactCounts:
         return self.placements[-1]
 
     @property
+    def counted(self) -> Placements:
+        """The counts without what is needed to count more drops."""
+        return Placements(self.planes, list(self.placements), self.drops, self.uncounted)
+
+    @property
     def _rotations(self) -> Array:
         symmetry = self.aspects.symmetry
         return np.eye(3)[None] if symmetry is None else symmetry.rotations
-
-    def sorted_rows(self, method: str, confidence: float) -> list[tuple[Placement, Interval]]:
-        """Return the placements with the intervals of their shares, the most frequent first."""
-        counts = np.array([p.count for p in self.placements], dtype=np.int64)
-        found = intervals(counts, self.drops, method, confidence) if len(counts) else []
-        rows = list(zip(self.placements, found, strict=True))
-        return sorted(rows, key=lambda row: (-row[0].count, row[0].contacts))
-
-    def named(self, placement: Placement) -> dict[str, int | str | None]:
-        """Return the contacts of a placement by the names of the planes.
-
-        An aspect is its id, another contact its description, and no contact None. Of several
-        planes with the same name, the first one that is touched counts.
-        """
-        found: dict[str, int | str | None] = {}
-        for plane, code in zip(self.finder.planes, placement.contacts, strict=True):
-            if found.get(plane.name) is None:
-                found[plane.name] = _named(code)
-        return found
 
 
 def _named(code: int) -> int | str | None:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.core.statistics.contact_counts import Placements
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, INTERVAL, Interval, intervals
 from resting_aspects_ros.core.statistics.stopping import stopping_confidence, stops
 
@@ -35,6 +36,8 @@ class Distribution:
         Whether the run stopped when its intervals were narrow enough.
     energy_growth : float
         Maximum energy_growth of the drops, m g R; see RestingPoses.
+    contacts : Placements or None
+        The same drops by what they touch, if the surroundings have walls and this was counted.
     """
 
     aspects: AspectSet
@@ -48,6 +51,7 @@ class Distribution:
     energy_growth: float = 0.0
     lost: int = 0
     sliding: int = 0
+    contacts: Placements | None = None
 
     @property
     def drops(self) -> int:
@@ -93,7 +97,10 @@ class Distribution:
         return dataclasses.replace(self, counts=counts)
 
     def __add__(self, other: 'Distribution') -> 'Distribution':
-        """Return the distribution over the drops of both: different drops of the same part."""
+        """Return the distribution over the drops of both: different drops of the same part.
+
+        It has no contacts.
+        """
         if self.aspects.part_sha256 != other.aspects.part_sha256:
             raise ValueError('distributions of different parts cannot be added')
         return dataclasses.replace(
@@ -105,6 +112,7 @@ class Distribution:
             energy_growth=max(self.energy_growth, other.energy_growth),
             lost=self.lost + other.lost,
             sliding=self.sliding + other.sliding,
+            contacts=None,
         )
 
 

@@ -1,12 +1,21 @@
 """Distributions of active and finished runs, as the classifier knows them."""
 
+import dataclasses
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
+from resting_aspects_ros.api.surroundings import surroundings_text, without_drops
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.core.statistics.distribution import Distribution, count_poses, no_drops
+from resting_aspects_ros.core.statistics.contact_counts import ContactCounts
+from resting_aspects_ros.core.statistics.distribution import (
+    Distribution,
+    aspect_ids,
+    count_poses,
+    no_drops,
+)
 from resting_aspects_ros.core.statistics.stopping import is_precise
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.run_description import RunDescription
@@ -34,6 +43,7 @@ class RunCounts:
     finished: bool = False
     problem: str = ''
     has_gap: bool = False
+    contacts: ContactCounts | None = None
 
     @property
     def counted(self) -> Distribution:
@@ -41,11 +51,19 @@ class RunCounts:
         assert self.distribution is not None
         return self.distribution
 
-    def count(self, aspects: AspectSet) -> None:
-        """Count the pending poses."""
-        total = self.distribution or no_drops(aspects, by_precision=self.run.precision > 0)
+    def count(self, part: Part, aspects: AspectSet) -> None:
+        """Count the pending poses of a part with these aspects on a level plane."""
+        total = self.distribution
+        if total is None:
+            aspects, self.contacts = without_drops(part, self.run.conditions, aspects)
+            total = no_drops(aspects, by_precision=self.run.precision > 0)
         for batch in self.pending:
-            total += count_poses(aspects, batch)
+            ids = aspect_ids(total.aspects, batch)
+            total += count_poses(total.aspects, batch, ids)
+            if self.contacts is not None:
+                self.contacts.add(batch, ids)
+        if self.contacts is not None:
+            total = dataclasses.replace(total, contacts=self.contacts.counted)
         self.distribution, self.pending = total, []
 
 
@@ -141,7 +159,7 @@ class DistributionStore:
         of_name = [each for each in self._known.values() if each[0].part == name]
         of_name.sort(key=_start_order, reverse=True)
         return [
-            f'{each.drops} drops on {run.conditions.surface or "own conditions"}'
+            f'{each.drops} drops on {_conditions_text(run.conditions)}'
             + ('' if seed in (None, run.seed) else f' with seed {run.seed}')
             + ('' if seed is None or not run.first_drop else f' from drop {run.first_drop} on')
             + (
@@ -168,6 +186,12 @@ class DistributionStore:
 
 def _key(run: RunDescription) -> tuple[object, ...]:
     return run.part_sha256, run.conditions.key(), run.seed, run.first_drop
+
+
+def _conditions_text(conditions: DropConditions) -> str:
+    surface = conditions.surface or 'own conditions'
+    key = conditions.surroundings
+    return f'{surface} in {surroundings_text(key)}' if key else surface
 
 
 def _start_order(known: Known) -> tuple[int, str]:

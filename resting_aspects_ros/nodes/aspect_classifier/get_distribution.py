@@ -21,11 +21,8 @@ from resting_aspects_ros.ros.conversions import conditions_msg
 from resting_aspects_ros.ros.default_conditions import DefaultConditionsSubscriber
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg, estimate_msg
 from resting_aspects_ros.ros.parameters import FRAME_ID, check_frame
-from resting_aspects_ros.ros.status import (
-    NotAvailableError,
-    requested_conditions,
-    requested_estimator,
-)
+from resting_aspects_ros.ros.requested_surroundings import RequestedSurroundings
+from resting_aspects_ros.ros.status import NotAvailableError, requested_estimator
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.run_description import (
     DEFAULT_SEED,
@@ -49,6 +46,7 @@ class DistributionService:
         self,
         node: Node,
         surfaces: Surfaces,
+        surroundings: RequestedSurroundings,
         default: DefaultConditionsSubscriber,
         known: DistributionStore,
         requests: DropRequests,
@@ -56,6 +54,7 @@ class DistributionService:
     ) -> None:
         self._node = node
         self._surfaces = surfaces
+        self._surroundings = surroundings
         self._default = default
         self._known = known
         self._requests = requests
@@ -111,12 +110,11 @@ class DistributionService:
     async def _conditions(self, request: GetDistribution.Request, sha: str) -> DropConditions:
         if request.surface or request.conditions:
             default = self._surfaces.get()  # not used
-            return requested_conditions(
-                self._surfaces, request.surface, request.conditions, default
-            )
-        if not self._default.is_received:
-            await self._wait_for_simulator(request, sha)
-        return await self._default.conditions()
+        else:
+            if not self._default.is_received:
+                await self._wait_for_simulator(request, sha)
+            default = await self._default.conditions()
+        return await self._surroundings.conditions(self._surfaces, request, default)
 
     def _version(self, parts: Mapping[str, Part], name: str) -> str:
         """Return the part_sha256 that is offered, else the one dropped last; empty if none."""

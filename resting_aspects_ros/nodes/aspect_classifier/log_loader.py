@@ -13,7 +13,7 @@ from resting_aspects_interfaces.msg import AspectDistribution, TransitionMatrix
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.core.errors import LogError, RestingAspectsError
 from resting_aspects_ros.core.input_file import is_folder, printable
-from resting_aspects_ros.core.statistics.distribution import Distribution, count_poses
+from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.logs.bag_metadata import LogOutcome
 from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
 from resting_aspects_ros.logs.message_reader import is_being_written, messages
@@ -23,7 +23,10 @@ from resting_aspects_ros.logs.topic_metadata import (
     POSES_TYPE,
     TRANSITIONS_TYPE,
 )
-from resting_aspects_ros.nodes.aspect_classifier.distribution_store import DistributionStore
+from resting_aspects_ros.nodes.aspect_classifier.distribution_store import (
+    DistributionStore,
+    RunCounts,
+)
 from resting_aspects_ros.nodes.aspect_classifier.transition_store import TransitionStore
 from resting_aspects_ros.ros.callbacks import guarded_task
 from resting_aspects_ros.ros.conversions import run_from, serialized_part, serialized_poses
@@ -110,7 +113,9 @@ def _count_first_drops(log: Path) -> LoggedRun:
         raise LogError('it does not describe its part')
     for poses in merged[0].poses:
         if poses.first_drop <= run.first_drop < poses.end:
-            return run, count_poses(find_aspects(part), poses.between(run.first_drop, run.end))
+            counts = RunCounts(run, pending=[poses.between(run.first_drop, run.end)])
+            counts.count(part, find_aspects(part))
+            return run, counts.counted
     raise LogError('it does not contain the first drops of its run')
 
 

@@ -44,6 +44,10 @@ from resting_aspects_ros.ros.interface import (
 )
 from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, declare
+from resting_aspects_ros.ros.requested_surroundings import (
+    SURROUNDINGS_FOLDER,
+    RequestedSurroundings,
+)
 from resting_aspects_ros.ros.spin import run_node
 from resting_aspects_ros.ros.status import NotAvailableError, status_from_errors
 from resting_aspects_ros.ros.topic_discovery import TopicDiscovery
@@ -52,6 +56,7 @@ from resting_aspects_ros.simulation.surfaces import Surfaces
 
 PARAMETERS = (
     Parameter('surfaces_file', '', 'YAML file of named conditions; empty: the one of the suite'),
+    SURROUNDINGS_FOLDER,
     FRAME_ID,
     PUBLISH_PERIOD,
     Parameter(
@@ -68,9 +73,10 @@ MAX_SECONDS = 120.0
 class AspectClassifier(Node):
     """Subscribes to resting_poses, transitions/*, parts/*, observed_counts/*, default_conditions.
 
-    Publishes aspect_distributions/<part>, outlines/<part>, posterior/<part>, markers and
-    current_poses, and known transitions/<part>. Serves get_distribution, get_transitions,
-    classify_pose, identify_part, locate_part, forecast and list_parts.
+    Publishes aspect_distributions/<part>, outlines/<part>, posterior/<part>, markers,
+    surroundings_markers and current_poses, and known transitions/<part>. Serves
+    get_distribution, get_transitions, classify_pose, identify_part, locate_part, forecast and
+    list_parts.
     """
 
     def __init__(self) -> None:
@@ -83,13 +89,14 @@ class AspectClassifier(Node):
         folder = Path(values['log_folder']) if values['log_folder'] else None
         self._transitions = TransitionStore(self, self._parts)
         self._logs = LogLoader(self, folder, self._files, self._known, self._transitions)
-        self._outputs = DistributionPublisher(self, self._parts)
+        self._outputs = DistributionPublisher(self, self._parts, self._files)
         self._runs = RunCounter(self, self._parts, self._known, self._outputs, self._logs)
         self._health = RunHealth(self, self._runs.tracker)
         self._requests = DropRequests(self, self._runs.tracker.simulators, self._runs.finished)
         self._answers = DistributionService(
             self,
             surfaces,
+            RequestedSurroundings(self, values[SURROUNDINGS_FOLDER.name], self._files),
             DefaultConditionsSubscriber(self),
             self._known,
             self._requests,

@@ -14,9 +14,11 @@ from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.nodes.aspect_classifier.distribution_store import RunCounts
 from resting_aspects_ros.nodes.aspect_classifier.markers import PartMarkers
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
+from resting_aspects_ros.nodes.aspect_classifier.surroundings_markers import SurroundingsMarkers
 from resting_aspects_ros.ros.callbacks import advertise, guarded, steady_timer
 from resting_aspects_ros.ros.conversions import NANOSECONDS, pose_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
+from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import (
     ASPECT_DISTRIBUTIONS,
     CURRENT_POSES,
@@ -42,10 +44,12 @@ MAX_SHOWN = 100
 class DistributionPublisher:
     """Publishes aspect_distributions/<part>, markers of the last changed part, and current_poses.
 
+    The markers are those of the part and those of its surroundings.
+
     It publishes every publish_period, a parameter of the node, and at the end of each run.
     """
 
-    def __init__(self, node: Node, parts: PartRegistry) -> None:
+    def __init__(self, node: Node, parts: PartRegistry, files: FileWorker) -> None:
         self._node = node
         self._parts = parts
         self._outputs: dict[str, Publisher] = {}
@@ -53,6 +57,7 @@ class DistributionPublisher:
         self._published: dict[str, str] = {}  # part -> part_sha256
         self._markers = advertise(node, MarkerArray, MARKERS, LATCHED)
         self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
+        self._surroundings = SurroundingsMarkers(node, parts, files, self._frame)
         self.poses = CurrentPosesPublisher(node, self._frame)
         self._shown: tuple[str, PartMarkers] | None = None  # part_sha256, its markers
         period = node.get_parameter(PUBLISH_PERIOD.name).value
@@ -92,6 +97,7 @@ class DistributionPublisher:
             newest = next(reversed(changed.values()))
             markers = self._markers_of(newest.run.part_sha256)
             self._markers.publish(markers.message(newest.counted, stamp))
+            self._surroundings.show(newest.run)
         self.poses.publish()
 
     def _set_period(self, seconds: float) -> None:

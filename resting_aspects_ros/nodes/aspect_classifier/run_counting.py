@@ -115,11 +115,10 @@ class RunCounter:
     def _update(self, counts: RunCounts) -> None:
         """Count the pending drops of a run; publish and store its result if it is finished."""
         run = counts.run
-        aspects = self._parts.aspects(run.part_sha256)
-        if aspects is None:
+        if self._parts.aspects(run.part_sha256) is None:
             self._update_uncountable(counts)
             return
-        counts.count(aspects)
+        counts.count(*self._parts.version(run.part_sha256))
         self._outputs.change(counts)
         if counts.finished:
             if not counts.has_gap:  # the first m of n drops are the run of m

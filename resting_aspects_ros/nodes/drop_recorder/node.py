@@ -16,6 +16,7 @@ from resting_aspects_ros.nodes.drop_recorder.log_folder import (
     check_log_folder,
 )
 from resting_aspects_ros.nodes.drop_recorder.status_publisher import RecordedRunsPublisher
+from resting_aspects_ros.nodes.drop_recorder.surroundings_recorder import SurroundingsRecorder
 from resting_aspects_ros.nodes.drop_recorder.transition_recorder import TransitionRecorder
 from resting_aspects_ros.nodes.run_tracking.health import RunHealth
 from resting_aspects_ros.nodes.run_tracking.run_progress import RunProgress
@@ -57,7 +58,7 @@ CLOSE_PERIOD = 0.2
 
 
 class DropRecorder(Node):
-    """Records resting_poses, parts/*, aspect_distributions/* and transitions/*.
+    """Records resting_poses, parts/*, surroundings/*, aspect_distributions/* and transitions/*.
 
     Each run of drop_part and of reorient_part has an MCAP log of its own. The topics of a feeder,
     detections, pick_result, feeder_advice/*, observed_counts/* and posterior/*, have others.
@@ -80,6 +81,7 @@ class DropRecorder(Node):
         self._part_watch = TopicDiscovery(
             self, PARTS, PartDescription, self._record_part, raw=True
         )
+        self._surroundings = SurroundingsRecorder(self, self._logs, self._reports)
         self._distribution_watch = TopicDiscovery(
             self,
             ASPECT_DISTRIBUTIONS,
@@ -144,6 +146,7 @@ class DropRecorder(Node):
             self._reports.started(log)
             if run.part in self._parts:
                 self._write_part(log, *self._parts[run.part])
+            self._surroundings.write(log)
             for message, data in self._early:
                 self._write_distribution(log, message, data)
         return self._logs[run.run_id]

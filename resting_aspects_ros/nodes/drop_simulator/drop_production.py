@@ -7,6 +7,7 @@ from contextlib import aclosing, closing
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 
+from resting_aspects_ros.api.surroundings import aspects_in
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import EngineError
@@ -103,7 +104,9 @@ class DropProducer:
         requested = drops.requested
         batches = PoseBatches(batch_size(requested.drops))
         try:
-            total = no_drops(await self._find_aspects(part)) if requested.precision else None
+            total = None
+            if requested.precision:
+                total = no_drops(aspects_in(job.scene, await self._find_aspects(part)))
             async with aclosing(self._workers.chunks(job, requested)) as chunks:
                 async for chunk in chunks:
                     self.drops.add(len(chunk))

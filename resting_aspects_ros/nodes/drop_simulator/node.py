@@ -29,6 +29,10 @@ from resting_aspects_ros.nodes.drop_simulator.shared_drops import (
     PublishedRuns,
     SharedDrops,
 )
+from resting_aspects_ros.nodes.drop_simulator.surroundings_publisher import (
+    SurroundingsPublisher,
+    plan_with_meshes,
+)
 from resting_aspects_ros.ros.default_conditions import SURFACE, DefaultConditionsPublisher
 from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
 from resting_aspects_ros.ros.file_worker import FileWorker
@@ -41,8 +45,12 @@ from resting_aspects_ros.ros.formatting import (
 from resting_aspects_ros.ros.interface import ACTION_SERVICES, DROP_PART, DROP_SIMULATOR
 from resting_aspects_ros.ros.liveliness import DuplicateNodeDetector
 from resting_aspects_ros.ros.parameters import FRAME_ID, Parameter, check_frame, declare
+from resting_aspects_ros.ros.requested_surroundings import (
+    SURROUNDINGS_FOLDER,
+    RequestedSurroundings,
+)
 from resting_aspects_ros.ros.spin import run_node
-from resting_aspects_ros.ros.status import BusyError, CanceledError, requested_conditions
+from resting_aspects_ros.ros.status import BusyError, CanceledError
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.config_files import parts_folder, surfaces_file
 from resting_aspects_ros.simulation.drop_job import DropJob
@@ -54,6 +62,7 @@ from resting_aspects_ros.simulation.surfaces import Surfaces
 PARAMETERS = (
     Parameter('parts_folder', '', 'folder of meshes that are offered; empty: the examples'),
     Parameter('surfaces_file', '', 'YAML file of named conditions; empty: the one of the suite'),
+    SURROUNDINGS_FOLDER,
     SURFACE,
     FRAME_ID,
     Parameter('workers', 0, 'worker processes; 0: one per core', (0, MAX_WORKERS)),
@@ -63,7 +72,8 @@ PARAMETERS = (
 class DropSimulator(Node):
     """Serves drop_part and reorient_part.
 
-    Publishes parts/<part>, resting_poses, transitions/<part> and default_conditions.
+    Publishes parts/<part>, surroundings/<part>, resting_poses, transitions/<part> and
+    default_conditions.
     """
 
     def __init__(self) -> None:
@@ -75,6 +85,10 @@ class DropSimulator(Node):
         self._default = DefaultConditionsPublisher(self, self._surfaces)
         self._workers = AsyncWorkers(self, values['workers'] or default_workers())
         self._files = FileWorker(self)
+        self._surroundings = RequestedSurroundings(
+            self, values[SURROUNDINGS_FOLDER.name], self._files
+        )
+        self._descriptions = SurroundingsPublisher(self, self._surroundings, frame)
         self._runs = PublishedRuns()
         self._shared = SharedDrops(self)
         self._producer = DropProducer(self, self._workers, self._files, frame)
@@ -119,7 +133,7 @@ class DropSimulator(Node):
         part = await self._parts.get(goal.part)
         if handle.is_cancel_requested:
             raise CanceledError('canceled before the first drop')
-        job, requested = self._plan(goal, part)
+        job, requested = await self._plan(goal, part)
         run = self._runs.find(requested) if goal.run_id else requested
         # Several subscribers often lose the same drops, and each of them requests these again.
         key = (
@@ -146,6 +160,7 @@ class DropSimulator(Node):
     ) -> None:
         if is_new:
             self._runs.add(run)
+            self._descriptions.publish(run, job.scene)
         await self._producer.produce(drops, part, job, run, is_new=is_new)
 
     def _diagnose(self) -> Diagnosis:
@@ -172,17 +187,17 @@ class DropSimulator(Node):
         state = active_runs_text(runs) or self._reorient.state
         return Diagnosis(state, values, [warning] if not_offered else [])
 
-    def _conditions(self, goal: DropPart.Goal | ReorientPart.Goal) -> DropConditions:
+    async def _conditions(self, goal: DropPart.Goal | ReorientPart.Goal) -> DropConditions:
         """Return the conditions that a goal requests."""
-        return requested_conditions(
-            self._surfaces, goal.surface, goal.conditions, self._default.conditions
-        )
+        return await self._surroundings.conditions(self._surfaces, goal, self._default.conditions)
 
-    def _plan(self, goal: DropPart.Goal, part: Part) -> tuple[DropJob, RunDescription]:
+    async def _plan(self, goal: DropPart.Goal, part: Part) -> tuple[DropJob, RunDescription]:
         """Return the job and the requested drops of a goal."""
-        return plan_run(
+        conditions = await self._conditions(goal)
+        plan = partial(
+            plan_run,
             part,
-            self._conditions(goal),
+            conditions,
             seed=goal.seed,
             drops=max_drops(goal.drops, goal.precision, MAX_DROPS),
             first_drop=goal.first_drop,
@@ -190,6 +205,13 @@ class DropSimulator(Node):
             run_id=goal.run_id or uuid.uuid4().hex[:12],
             started=time.time_ns(),  # not ROS time, which may stand still
         )
+        if not conditions.surroundings:
+            return plan()
+        # A convex decomposition can take seconds.
+        planned: tuple[DropJob, RunDescription] = await self._files.run(
+            plan_with_meshes, plan, self._surroundings.meshes()
+        )
+        return planned
 
 
 def _folder(path: str | Path) -> Path:

@@ -1,7 +1,7 @@
 """The action reorient_part: simulates actions on a part, and publishes their transitions."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from contextlib import aclosing
 
 from rclpy.action import ActionServer, CancelResponse
@@ -66,7 +66,7 @@ class ReorientServer:
         parts: PartPublisher,
         workers: AsyncWorkers,
         files: FileWorker,
-        conditions: Callable[[ReorientPart.Goal], DropConditions],
+        conditions: Callable[[ReorientPart.Goal], Awaitable[DropConditions]],
         frame: str,
     ) -> None:
         self._node = node
@@ -127,7 +127,7 @@ class ReorientServer:
     async def _make(self, goal: ReorientGoal) -> tuple[ReorientPart.Result, Exception | None]:
         part = await self._parts.get(goal.request.part)
         action = requested_action(goal.request.action)
-        conditions = self._conditions(goal.request)
+        conditions = await self._conditions(goal.request)
         planned, drops = await self._files.run(plan_goal, part, action, conditions, goal.request)
         goal.feedback.total = planned.run.drops
         self._offer(part.name)  # before the drops, so that subscribers miss no message

@@ -59,6 +59,8 @@ class GoalDrops:
         result.settled += int((chunk.status == RestStatus.SETTLED).sum())
         result.unsettled += int((chunk.status == RestStatus.UNSETTLED).sum())
         result.failed += int((chunk.status == RestStatus.FAILED).sum())
+        result.lost += int((chunk.status == RestStatus.LOST).sum())
+        result.sliding += int((chunk.status == RestStatus.SLIDING).sum())
         seconds = time.monotonic() - self._start
         self.rate = result.drops / seconds if seconds > 0 else 0.0
         self._send_feedback(self._goals)

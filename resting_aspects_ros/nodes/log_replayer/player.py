@@ -42,7 +42,9 @@ class ReplayPosition:
 
 
 class LogPlayer:
-    """Publishes a log, once or in a loop. Part descriptions are published first.
+    """Publishes a log, once or in a loop.
+
+    The descriptions of parts and surroundings are published first.
 
     publish : called with each message
     acknowledged : returns whether all subscribers have received all messages of a recorded topic
@@ -68,7 +70,7 @@ class LogPlayer:
     ) -> None:
         self._recording = recording
         self._topics = {topic.recorded: topic for topic in topics}
-        self._parts = {topic.recorded for topic in topics if topic.describes_part}
+        self._descriptions = {topic.recorded for topic in topics if topic.describes_run}
         self._span = recording.span(self._topics)
         self._publish = publish
         self._acknowledged = acknowledged
@@ -132,7 +134,7 @@ class LogPlayer:
         return None
 
     def _begin(self) -> None:
-        self._messages = self._recording.messages(self._topics, first=self._parts)
+        self._messages = self._recording.messages(self._topics, first=self._descriptions)
         self._next = next(self._messages, None)
         self._last = self._span.start
         self._sent = 0

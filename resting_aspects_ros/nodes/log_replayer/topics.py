@@ -24,6 +24,8 @@ from resting_aspects_ros.ros.interface import (
     POSES,
     POSTERIOR,
     RESTING_POSES,
+    SURROUNDINGS,
+    SURROUNDINGS_QOS,
     TRANSITIONS,
 )
 
@@ -32,6 +34,7 @@ _MESSAGES = 'resting_aspects_interfaces/msg'
 _SUITE = {
     RESTING_POSES: (f'{_MESSAGES}/RestingPoses', POSES),
     PARTS: (f'{_MESSAGES}/PartDescription', LATCHED),
+    SURROUNDINGS: (f'{_MESSAGES}/SurroundingsDescription', SURROUNDINGS_QOS),
     ASPECT_DISTRIBUTIONS: (f'{_MESSAGES}/AspectDistribution', LATCHED),
     TRANSITIONS: (f'{_MESSAGES}/TransitionMatrix', LATCHED),
     DETECTIONS: (f'{_MESSAGES}/DetectionArray', CELL),
@@ -71,9 +74,9 @@ class ReplayedTopic:
     qos: QoSProfile
 
     @property
-    def describes_part(self) -> bool:
-        """Whether the topic is parts/<part>."""
-        return self.type == _SUITE[PARTS][0]
+    def describes_run(self) -> bool:
+        """Whether the topic is parts/<part> or surroundings/<part>."""
+        return self.type in (_SUITE[PARTS][0], _SUITE[SURROUNDINGS][0])
 
     @property
     def holds_poses(self) -> bool:

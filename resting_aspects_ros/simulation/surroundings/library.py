@@ -19,6 +19,11 @@ from resting_aspects_ros.simulation.surroundings.description import (
     RELEASE_VALUES,
     Surroundings,
 )
+from resting_aspects_ros.simulation.surroundings.mesh_surface import (
+    MeshSurface,
+    UnknownMeshError,
+    known_mesh,
+)
 from resting_aspects_ros.simulation.surroundings.texts import did_you_mean
 
 ENDINGS = ('.yaml', '.yml')
@@ -79,10 +84,17 @@ def named_surroundings(name: str | Path, changes: Mapping[str, Any] | None = Non
 
 @functools.lru_cache(maxsize=64)
 def surroundings_from(key: str) -> Surroundings:
-    """Return the surroundings with a key; see Surroundings.key. Raises InvalidValueError."""
+    """Return the surroundings with a key; see Surroundings.key. Raises InvalidValueError.
+
+    Reads no file: raises UnknownMeshError if the key names a mesh that is not known.
+    """
     try:
-        return make_surroundings(json.loads(key) if key else {'kind': 'plane'})
-    except ValueError as error:
+        document = json.loads(key) if key else {'kind': 'plane'}
+        _check_mesh_known(document)
+        return make_surroundings(document)
+    except UnknownMeshError:
+        raise
+    except (ValueError, RecursionError) as error:
         raise InvalidValueError(f'invalid surroundings {shown(key)}: {error}') from None
 
 
@@ -122,6 +134,17 @@ def make_surroundings(document: Any, name: str = '') -> Surroundings:
     if missing:
         raise InvalidValueError(f'missing value {missing[0]} of the kind {kind}')
     return Surroundings(KINDS[kind](**values), name=name, **common)
+
+
+def _check_mesh_known(document: Any) -> None:
+    if not isinstance(document, dict) or document.get('kind') != MeshSurface.kind:
+        return
+    sha256 = document.get('mesh_sha256')
+    if not isinstance(sha256, str) or known_mesh(sha256) is None:
+        raise UnknownMeshError(
+            f'invalid mesh {shown(document.get("mesh"))} of surroundings: expected one that is '
+            'known by its mesh_sha256'
+        )
 
 
 def _resolve_mesh(document: dict[str, Any], folder: Path) -> None:

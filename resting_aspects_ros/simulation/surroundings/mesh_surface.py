@@ -1,8 +1,13 @@
-"""A mesh as the surface on which parts are dropped."""
+"""A mesh as the surface on which parts are dropped.
+
+The key of such surroundings has the name of the file and its hash. The mesh itself is found by the
+hash among the meshes that this process has read, or received in a message or a log.
+"""
 
 import hashlib
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -21,6 +26,60 @@ from resting_aspects_ros.simulation.surroundings.scene import HalfSpace, MeshBod
 # Triangles that are near a part are tested in every step.
 MAX_TRIANGLES = 100_000
 MAX_BYTES = 64 << 20
+
+
+class UnknownMeshError(InvalidValueError):
+    """The mesh of a mesh surface is not known in this process."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshFile:
+    """The file of a mesh surface.
+
+    name : str
+        Name of the file, without folders.
+    data : bytes
+    vertices, triangles : (n, 3) float and (m, 3) int
+        As in the file: in its unit.
+    """
+
+    name: str
+    data: bytes
+    vertices: Array
+    triangles: npt.NDArray[np.int64]
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of the bytes."""
+        return hashlib.sha256(self.data).hexdigest()
+
+
+_KNOWN: dict[str, MeshFile] = {}  # by hash
+
+
+def mesh_file(data: bytes, name: str, label: str) -> MeshFile:
+    """Return the mesh in the bytes of an STL, OBJ or PLY file; ``label`` is for errors.
+
+    Raises InvalidValueError or PartError. It parses untrusted data: a node calls it in a
+    FileWorker.
+    """
+    name = Path(name).name
+    vertices, triangles = read_triangles(data, Path(name).suffix.lower().lstrip('.'), label)
+    if len(triangles) > MAX_TRIANGLES:
+        raise InvalidValueError(
+            f'{label} has {len(triangles)} triangles: expected at most {MAX_TRIANGLES}'
+        )
+    return MeshFile(name, data, vertices, triangles)
+
+
+def remember_mesh(mesh: MeshFile) -> None:
+    """Make a mesh known to this process, for surroundings that name it by its hash."""
+    _KNOWN.setdefault(mesh.sha256, mesh)
+
+
+def known_mesh(sha256: str) -> MeshFile | None:
+    """Return the known mesh with a hash, or None."""
+    return _KNOWN.get(sha256)
 
 
 def _position(axis: str) -> Any:
@@ -45,14 +104,15 @@ class MeshSurface:
     """A mesh whose triangles point outward, with its pose in the tray frame.
 
     mesh : str
-        Path of an STL, OBJ or PLY file.
+        Path of an STL, OBJ or PLY file; it becomes the name of the file.
     unit : str
         Unit of its coordinates.
     x, y, z, rx, ry, rz : float
         Position of its origin, m, and rotations about the fixed axes x, y and z, in this order,
         rad.
     mesh_sha256 : str
-        Hash of the file, which is compared if it is given.
+        Hash of the file, which is compared if it is given. A known mesh with this hash is used
+        without its file.
 
     Raises
     ------
@@ -85,25 +145,25 @@ class MeshSurface:
             )
         if not isinstance(self.mesh, str | Path):
             raise InvalidValueError(f'invalid mesh {shown(self.mesh)}: expected a path')
+        mesh = known_mesh(self.mesh_sha256) or self._read()
+        check_size(mesh.vertices, self.unit, named('mesh of the surroundings', Path(self.mesh)))
+        set_field = object.__setattr__
+        set_field(self, 'mesh', Path(self.mesh).name)
+        set_field(self, 'mesh_sha256', mesh.sha256)
+        set_field(self, 'vertices', self._placed(mesh.vertices * UNITS[self.unit]))
+        set_field(self, 'triangles', mesh.triangles)
+
+    def _read(self) -> MeshFile:
         path = Path(self.mesh)
         label = named('mesh of the surroundings', path)
         data = read_input(path, MAX_BYTES, 'mesh of the surroundings', InvalidValueError)
-        vertices, triangles = read_triangles(data, path.suffix.lower().removeprefix('.'), label)
-        check_size(vertices, self.unit, label)
-        if len(triangles) > MAX_TRIANGLES:
-            raise InvalidValueError(
-                f'{label} has {len(triangles)} triangles: expected at most {MAX_TRIANGLES}'
-            )
-        set_field = object.__setattr__
-        sha256 = hashlib.sha256(data).hexdigest()
-        if self.mesh_sha256 not in ('', sha256):
+        mesh = mesh_file(data, path.name, label)
+        if self.mesh_sha256 not in ('', mesh.sha256):
             raise InvalidValueError(
                 f'invalid {label}: it has changed; expected the hash {shown(self.mesh_sha256)}'
             )
-        set_field(self, 'mesh', str(path.absolute()))
-        set_field(self, 'mesh_sha256', sha256)
-        set_field(self, 'vertices', self._placed(vertices * UNITS[self.unit]))
-        set_field(self, 'triangles', triangles)
+        remember_mesh(mesh)
+        return mesh
 
     def _placed(self, points: Array) -> Array:
         """Return points (n, 3) of the file in the tray frame, m."""

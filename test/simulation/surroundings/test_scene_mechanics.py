@@ -64,9 +64,10 @@ def test_friction_acts_against_the_motion_in_any_direction(block, job_in, flat_o
     begin = placed.states.position[:, :2]
     moved = placed.step(10).position[:, :2] - begin
     expected = np.array([_path(angle, friction, v) for v in velocity[:, :2]])
-    assert np.linalg.norm(moved - expected, axis=1).max() < 0.04 * np.linalg.norm(
-        expected, axis=1
-    ).max()
+    assert (
+        np.linalg.norm(moved - expected, axis=1).max()
+        < 0.04 * np.linalg.norm(expected, axis=1).max()
+    )
 
 
 def _path(angle, friction, velocity, step=1e-3):
@@ -102,7 +103,7 @@ def test_a_block_tips_where_its_centre_of_mass_is_beyond_its_edge(
 
 
 @pytest.mark.parametrize(('right', 'left'), [(30, 60), (45, 45), (20, 50)])
-def test_normal_forces_on_a_ball_between_frictionless_planes(solid, job_in, right, left):
+def test_normal_forces_on_a_ball_between_frictionless_planes(solid, job_in, right, left, flat_on):
     # In the scene frame both planes of a groove are equally steep; the roll makes the difference.
     b1, b2 = np.radians([right, left])
     groove = VGroove(math.pi - b1 - b2, roll=(b2 - b1) / 2)
@@ -120,9 +121,7 @@ def test_normal_forces_on_a_ball_between_frictionless_planes(solid, job_in, righ
             forces[point[2]] = forces.get(point[2], 0) + point[9]
         totals.append([forces.get(k, 0.0) for k in range(2)])
     found = np.mean(totals[10:], axis=0)
-    angles = [
-        math.acos(-float(body.normal @ job.scene.down)) for body in job.scene.bodies
-    ]
+    angles = [math.acos(-float(body.normal @ job.scene.down)) for body in job.scene.bodies]
     a1, a2 = angles
     expected = [math.sin(a2) / math.sin(a1 + a2), math.sin(a1) / math.sin(a1 + a2)]
     assert sorted(np.degrees(angles)) == pytest.approx(sorted((right, left)))

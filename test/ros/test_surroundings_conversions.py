@@ -1,0 +1,221 @@
+"""Surroundings and contacts with them as ROS messages, through real CDR."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.api.surroundings import without_drops
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.contacts import CORNER, EDGE, NONE, SIDE
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.statistics.contact_counts import Placement, Placements
+from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.ros import conversions
+from resting_aspects_ros.ros.distribution_conversions import distribution_from, distribution_msg
+from resting_aspects_ros.ros.surroundings_conversions import (
+    check_surroundings,
+    serialized_surroundings,
+    surroundings_msg,
+)
+from resting_aspects_ros.simulation.run_description import RunDescription
+from resting_aspects_ros.simulation.surroundings import mesh_surface
+
+RADIUS = 0.02
+
+
+def over_the_wire(message):
+    return deserialize_message(serialize_message(message), type(message))
+
+
+def run_in(found, surfaces):
+    conditions = dataclasses.replace(surfaces.get(), surroundings=found.key)
+    return RunDescription(
+        'id1', 'l_bracket', 'ab' * 32, conditions, 1, 0, 10, 0.0, 'bullet', '3', '1', 1e-4, 7
+    )
+
+
+@pytest.fixture
+def ramp(tmp_path):
+    """Surroundings of a mesh: a square in the plane z = x / 2, in mm."""
+    corners = [(-100, -100, -50), (100, -100, 50), (100, 100, 50), (-100, 100, -50)]
+    lines = [f'v {x} {y} {z}' for x, y, z in corners] + ['f 1 2 3', 'f 1 3 4']
+    (tmp_path / 'ramp.obj').write_text('\n'.join(lines))
+    (tmp_path / 'ramp.yaml').write_text('kind: mesh\nmesh: ramp.obj\nunit: mm\nz: 10 mm\n')
+    return ra.surroundings(tmp_path / 'ramp.yaml')
+
+
+@pytest.fixture
+def forgotten(monkeypatch):
+    """Forget all meshes, as in another process."""
+    return lambda: monkeypatch.setattr(mesh_surface, '_KNOWN', {})
+
+
+def test_planes_are_sent_in_the_tray_frame(surfaces):
+    found = ra.surroundings('l_chute', roll='30deg', belt={'speed': 0.2})
+    run = run_in(found, surfaces)
+    scene = found.scene(run.conditions, RADIUS)
+    message = over_the_wire(surroundings_msg(run, scene, 'l_chute', 'cell'))
+    assert (message.part, message.run_id, message.name) == ('l_bracket', 'id1', 'l_chute')
+    assert (message.header.frame_id, message.document) == ('cell', found.key)
+    assert message.text.startswith('l_chute, roll 30 deg')
+    belt, wall = message.bodies
+    assert (belt.name, wall.name) == ('belt', 'wall')
+    assert (belt.friction, wall.friction) == (0.4, 0.2)
+    assert belt.restitution == run.conditions.restitution
+    # The chute is rolled about x by 30 degrees: belt and wall stay perpendicular.
+    one, other = np.array(belt.plane[0].coef), np.array(wall.plane[0].coef)
+    assert one[2] == pytest.approx(np.cos(np.radians(30)))
+    assert abs(one[1]) == pytest.approx(np.sin(np.radians(30)))
+    assert one[:3] @ other[:3] == pytest.approx(0, abs=1e-12)
+    velocity = np.array([belt.velocity.x, belt.velocity.y, belt.velocity.z])
+    assert np.linalg.norm(velocity) == pytest.approx(0.2)
+    assert velocity @ one[:3] == pytest.approx(0, abs=1e-12)
+    assert not len(belt.mesh)
+    assert not message.mesh_file
+    assert serialized_surroundings(serialize_message(message)).key == found.key
+
+
+def test_a_block_is_sent_as_a_closed_mesh_that_points_outward(surfaces):
+    found = ra.surroundings('bowl_track')
+    run = run_in(found, surfaces)
+    scene = found.scene(run.conditions, RADIUS)
+    message = over_the_wire(surroundings_msg(run, scene, 'bowl_track'))
+    block, body = next((b, m) for b, m in zip(scene.bodies, message.bodies, strict=True) if m.mesh)
+    points = np.array([[p.x, p.y, p.z] for p in body.mesh[0].vertices])
+    a, b, c = (points[[t.vertex_indices[k] for t in body.mesh[0].triangles]] for k in range(3))
+    volume = float(np.einsum('ij,ij->i', a, np.cross(b, c)).sum() / 6)
+    assert volume == pytest.approx(float(np.prod(block.high - block.low)))
+
+
+def test_a_mesh_travels_in_the_message(ramp, surfaces, forgotten):
+    run = run_in(ramp, surfaces)
+    scene = ramp.scene(run.conditions, RADIUS)
+    message = over_the_wire(surroundings_msg(run, scene, 'ramp'))
+    assert 'ramp.obj' in message.document
+    assert '/' not in message.document
+    points = np.array([[p.x, p.y, p.z] for p in message.bodies[0].mesh[0].vertices])
+    np.testing.assert_allclose(points[:, 2], points[:, 0] / 2 + 0.01, atol=1e-12)
+    forgotten()
+    received = conversions.conditions_from(conversions.conditions_msg(run.conditions))
+    assert received.key() == run.conditions.key()  # without the mesh
+    again = serialized_surroundings(serialize_message(message))
+    assert (again.key, again.name) == (ramp.key, 'ramp')
+    np.testing.assert_array_equal(again.shape.vertices, ramp.shape.vertices)
+
+
+def test_a_changed_mesh_is_rejected(ramp, surfaces, forgotten):
+    run = run_in(ramp, surfaces)
+    message = surroundings_msg(run, ramp.scene(run.conditions, RADIUS), 'ramp')
+    message.mesh = bytes(message.mesh).replace(b'-100', b'-200')
+    forgotten()
+    with pytest.raises(InvalidValueError, match='expected the hash'):
+        serialized_surroundings(serialize_message(message))
+
+
+def test_surroundings_of_another_part_are_rejected(surfaces):
+    found = ra.surroundings('slope')
+    run = run_in(found, surfaces)
+    message = surroundings_msg(run, found.scene(run.conditions, RADIUS), 'slope')
+    check_surroundings(message, 'l_bracket')
+    with pytest.raises(InvalidValueError, match="invalid surroundings of part 'hex_nut'"):
+        check_surroundings(message, 'hex_nut')
+
+
+@pytest.mark.parametrize(
+    ('document', 'expected'),
+    [
+        ('{"kind": "chute", "roll": 9}', 'invalid roll'),
+        ('{"kind": "swamp"}', 'invalid kind of surroundings'),
+        ('[]', 'expected a mapping with the key kind'),
+        ('{', 'invalid surroundings'),
+        ('[' * 50_000, 'invalid surroundings'),
+        ('x' * 200_000, 'expected at most 100000 characters'),
+    ],
+)
+def test_bad_documents_are_rejected(surfaces, document, expected):
+    message = conversions.conditions_msg(surfaces.get())
+    message.surroundings = document
+    with pytest.raises(InvalidValueError, match=expected) as caught:
+        conversions.conditions_from(message)
+    assert len(str(caught.value)) < 500
+
+
+def test_equal_documents_give_equal_conditions(surfaces):
+    message = conversions.conditions_msg(surfaces.get())
+    message.surroundings = json.dumps({'angle': 0.3, 'kind': 'slope'}, indent=2)
+    found = conversions.conditions_from(message)
+    assert found.surroundings == ra.surroundings('slope', angle=0.3).key
+    message.surroundings = '{"kind": "slope", "angle": 0}'
+    assert conversions.conditions_from(message) == surfaces.get()
+
+
+@pytest.fixture
+def with_contacts(part):
+    """A distribution of l_bracket with contacts at a belt and a wall."""
+    aspects = find_aspects(part('l_bracket'))
+    counts = np.zeros(len(aspects), dtype=np.int64)
+    counts[:2] = 6, 4
+    placements = [
+        Placement((1, 2), np.array([0, 0, 0.6, 0.8]), 5, 1),
+        Placement((2, NONE), np.array([0.6, 0, 0, 0.8]), 4, 2),
+        Placement((SIDE, EDGE), np.array([0, 0.6, 0, 0.8]), 2, 3),
+        Placement((CORNER, 1), np.array([0, 0, 0, 1.0]), 1, 4),
+    ]
+    contacts = Placements(('belt', 'wall'), placements, drops=20, uncounted=1)
+    return Distribution(
+        aspects, counts, unclassified=3, unsettled=1, failed=1, lost=3, sliding=2,
+        contacts=contacts,
+    )  # fmt: skip
+
+
+def test_contacts_round_trip(with_contacts, surfaces):
+    run = run_in(ra.surroundings('l_chute'), surfaces)
+    message = over_the_wire(
+        distribution_msg(with_contacts, run, conversions.time_msg(0), complete=True)
+    )
+    assert [list(each.contacts) for each in message.contacts] == [
+        [1, 2],
+        [2, 0],
+        [-1, -2],
+        [-3, 1],
+    ]
+    assert message.contacts[0].planes == ['belt', 'wall']
+    assert message.contacts[0].probability == 5 / 20
+    assert message.contacts[0].lower < 5 / 20 < message.contacts[0].upper
+    again = distribution_from(message).contacts
+    assert (again.planes, again.drops, again.uncounted) == (('belt', 'wall'), 20, 1)
+    for one, other in zip(again.placements, with_contacts.contacts.placements, strict=True):
+        assert (one.contacts, one.count) == (other.contacts, other.count)
+        assert one.symmetry_class == other.symmetry_class
+        np.testing.assert_array_equal(one.orientation, other.orientation)
+
+
+@pytest.mark.parametrize(
+    ('change', 'expected'),
+    [
+        (lambda each: each.contacts.append(1), 'expected a code from -3 to'),
+        (lambda each: setattr(each, 'contacts', [99, 0]), 'expected a code from -3 to'),
+        (lambda each: setattr(each, 'planes', ['belt']), 'expected a code from -3 to'),
+        (lambda each: setattr(each, 'count', 7), 'expected 13 drops at rest; they have 15'),
+        (lambda each: setattr(each.orientation, 'w', 7.0), 'expected a unit quaternion'),
+    ],
+)
+def test_inconsistent_contacts_are_rejected(with_contacts, surfaces, change, expected):
+    run = run_in(ra.surroundings('l_chute'), surfaces)
+    message = distribution_msg(with_contacts, run, conversions.time_msg(0), complete=True)
+    change(message.contacts[0])
+    with pytest.raises(InvalidValueError, match=expected):
+        distribution_from(message)
+
+
+def test_drops_on_an_unknown_mesh_are_counted_like_those_on_a_plane(
+    ramp, part, surfaces, forgotten
+):
+    given = find_aspects(part('l_bracket'))
+    conditions = run_in(ramp, surfaces).conditions
+    forgotten()
+    assert without_drops(part('l_bracket'), conditions, given) == (given, None)
