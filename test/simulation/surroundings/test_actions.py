@@ -1,0 +1,89 @@
+"""Actions on parts in surroundings: where they start, and that the motion of a tray is rigid."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.api.plan_actions import named_action, plan_actions
+from resting_aspects_ros.core.rotations import down_in_part
+from resting_aspects_ros.simulation.initial_state import CHUNK
+
+
+@pytest.fixture(scope='module')
+def wall():
+    return ra.surroundings('wall', release={'y_min': 0.02, 'y_max': 0.03})
+
+
+@pytest.fixture(scope='module')
+def dropped(wall):
+    return ra.drop('box_10x20x30', 125, surroundings=wall, seed=3, workers=1)
+
+
+def planned(dropped, wall, action):
+    conditions = dataclasses.replace(dropped.run.conditions, surroundings=wall.key)
+    return plan_actions(
+        dropped.part, named_action(action), conditions, per_aspect=20, rests=dropped.poses
+    )
+
+
+def test_actions_start_in_poses_in_which_drops_ended(dropped, wall):
+    starts = planned(dropped, wall, 'tap').job.starts
+    states = starts.states(np.arange(CHUNK), np.random.default_rng(1))
+    ids = dropped.distribution.aspects.classify(states.orientation)
+    assert ids.tolist() == (np.arange(CHUNK) % 6 + 1).tolist()
+    ends = dropped.poses.orientation
+    closest = np.abs(states.orientation @ ends.T).max(axis=1)
+    assert np.allclose(closest, 1)
+
+
+def test_a_tap_without_energy_leaves_every_part(wall):
+    none = ra.Kick(speed=0, spin=0)
+    result = ra.reorient('box_10x20x30', none, 5, surroundings=wall, drops=125, seed=3, workers=1)
+    assert (result.matrix.counts[:, :6] == 5 * np.eye(6)).all()
+
+
+def test_an_aspect_that_does_not_occur_is_named(dropped, wall):
+    up = dropped.poses.between(0, 1)
+    conditions = dataclasses.replace(dropped.run.conditions, surroundings=wall.key)
+    with pytest.raises(ra.InvalidValueError, match='no part came to rest in aspect'):
+        plan_actions(dropped.part, named_action('tap'), conditions, per_aspect=5, rests=up)
+
+
+def test_a_step_is_refused(dropped, wall):
+    with pytest.raises(ra.InvalidValueError, match='step: expected without surroundings'):
+        planned(dropped, wall, 'step_down')
+
+
+@pytest.mark.slow
+def test_a_tray_that_rocks_moves_its_walls_with_its_floor():
+    # Rocking by less than friction and weight hold: parts keep their aspect, because the floor and
+    # the walls keep their angle.
+    release = {'x_min': 0.0, 'x_max': 0.0, 'y_min': 0.0, 'y_max': 0.0}
+    tray = ra.surroundings('tray', length=0.08, width=0.08, release=release)
+    rocking = ra.Vibration(frequency=10.0, duration=1.2, rocking_x=0.004, plate_size=1.0)
+    result = ra.reorient(
+        'box_10x20x30',
+        rocking,
+        3,
+        surroundings=tray,
+        drops=250,
+        seed=3,
+        workers=1,
+        friction=0.6,
+        restitution=0.0,
+    )
+    assert result.matrix.counts[:2, :2].sum() == 6
+    assert not result.matrix.counts[:, -1].any()
+
+
+def test_floor_of_a_slope_is_where_aspects_are_counted():
+    result = ra.drop(
+        'tetrahedron', 50, surroundings=ra.surroundings('slope', angle=0.1), workers=1
+    )
+    on_floor = result.distribution.aspects.floor_normal
+    assert np.allclose(on_floor, [np.sin(0.1), 0, np.cos(0.1)])
+    down = down_in_part(result.poses.orientation, on_floor)
+    ids = result.distribution.aspects.locate(down)[0]
+    assert np.bincount(ids, minlength=5)[1:].tolist() == result.distribution.counts.tolist()
