@@ -30,8 +30,7 @@ from resting_aspects_ros.simulation.run_description import (
     check_first_drop,
     check_run_id,
 )
-from resting_aspects_ros.simulation.surroundings.library import surroundings_from
-from resting_aspects_ros.simulation.surroundings.mesh_surface import UnknownMeshError
+from resting_aspects_ros.simulation.surroundings.library import key_of_document
 
 NANOSECONDS = 1_000_000_000
 # Maximum length of the JSON document of surroundings; those of the suite have 300 characters.
@@ -86,10 +85,7 @@ def _surroundings_key(document: str) -> str:
         raise InvalidValueError(
             f'invalid surroundings {shown(document)}: expected at most {MAX_DOCUMENT} characters'
         )
-    try:
-        return surroundings_from(document).key
-    except UnknownMeshError:
-        return document
+    return key_of_document(document)
 
 
 def run_msg(run: Run) -> RunDescription:

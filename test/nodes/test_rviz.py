@@ -7,7 +7,8 @@ import yaml
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
-from resting_aspects_ros.ros.interface import FRAME, LATCHED, MARKERS
+from resting_aspects_ros.nodes.aspect_classifier.surroundings_markers import BODIES, NAMES
+from resting_aspects_ros.ros.interface import FRAME, LATCHED, MARKERS, SURROUNDINGS_MARKERS
 
 FILE = Path(__file__).resolve().parents[2] / 'rviz' / 'resting_aspects.rviz'
 # The types that these displays of rviz_default_plugins subscribe to.
@@ -35,7 +36,7 @@ def displays(manager):
 
 
 def test_config_shows_markers_and_current_poses(displays):
-    assert set(displays) == {'markers', 'current_poses'}
+    assert set(displays) == {'markers', 'surroundings_markers', 'current_poses'}
     assert all(display['Enabled'] for display in displays.values())
 
 
@@ -70,3 +71,4 @@ def test_frame_and_namespaces_match_the_messages(suite, manager, displays):
     assert {marker.header.frame_id for marker in received[-1].markers} == {FRAME}
     shown = {marker.ns for marker in received[-1].markers if marker.ns}
     assert set(displays[MARKERS]['Namespaces']) == shown
+    assert set(displays[SURROUNDINGS_MARKERS]['Namespaces']) == {BODIES, NAMES}

@@ -1,5 +1,6 @@
 """Read the JSON document of a distribution that `drop`, `request` or `classify` printed."""
 
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import fields
@@ -32,10 +33,7 @@ from resting_aspects_ros.core.statistics.comparison import REST, DropCounts
 from resting_aspects_ros.core.statistics.distribution import METHOD
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.simulation.run_description import MAX_SEED, RunDescription
-from resting_aspects_ros.simulation.surroundings.library import (
-    make_surroundings,
-    surroundings_from,
-)
+from resting_aspects_ros.simulation.surroundings.library import key_of_document
 
 if TYPE_CHECKING:
     Id: TypeAlias = int
@@ -137,10 +135,8 @@ class RunDocument(CountsDocument):
         conditions = dict(self.conditions)
         conditions['height_of'] = HeightOf[conditions['height_of']]
         surroundings = conditions.pop('surroundings')
-        if isinstance(surroundings, str):
-            conditions['surroundings'] = surroundings_from(surroundings).key
-        else:
-            conditions['surroundings'] = make_surroundings(surroundings).key
+        text = surroundings if isinstance(surroundings, str) else json.dumps(surroundings)
+        conditions['surroundings'] = key_of_document(text)
         values: dict[str, Any] = {
             each.name: getattr(self, each.name) for each in fields(RunDescription)
         }

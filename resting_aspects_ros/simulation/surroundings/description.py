@@ -136,7 +136,7 @@ class Surroundings:
         """The document as canonical JSON; equal for equal surroundings, empty if level."""
         if self.level:
             return ''
-        return json.dumps(self.document, sort_keys=True, separators=(',', ':'))
+        return canonical_json(self.document)
 
     @property
     def text(self) -> str:
@@ -191,6 +191,11 @@ class Surroundings:
                 last = given[1] if given[1] is not None else given[0]
                 found.append(np.array([first, last]))
         return found[0], found[1]
+
+
+def canonical_json(document: Mapping[str, Any]) -> str:
+    """Return a document as JSON; equal for equal documents."""
+    return json.dumps(document, sort_keys=True, separators=(',', ':'))
 
 
 def _mapping(name: str, given: Any, allowed: Any) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from resting_aspects_ros.simulation.surroundings.description import (
     KINDS,
     RELEASE_VALUES,
     Surroundings,
+    canonical_json,
 )
 from resting_aspects_ros.simulation.surroundings.mesh_surface import (
     MeshSurface,
@@ -96,6 +97,17 @@ def surroundings_from(key: str) -> Surroundings:
         raise
     except (ValueError, RecursionError) as error:
         raise InvalidValueError(f'invalid surroundings {shown(key)}: {error}') from None
+
+
+def key_of_document(text: str) -> str:
+    """Return the key for a JSON document of surroundings; raises InvalidValueError.
+
+    Reads no file: the values of a mesh surface whose mesh is not known are not checked.
+    """
+    try:
+        return surroundings_from(text).key
+    except UnknownMeshError:
+        return canonical_json(json.loads(text))
 
 
 def make_surroundings(document: Any, name: str = '') -> Surroundings:
