@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from resting_aspects_ros.api.condition_text import condition_facts, surface_text, when_text
+from resting_aspects_ros.api.contact_pages import contact_page_rows
 from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.estimate import recommended_method
 from resting_aspects_ros.api.inputs.counts import CountedDrops, counted_by_class_of
@@ -70,7 +71,9 @@ def _report(result: DropResult, against: CountedDrops | None) -> Report:
     estimates: dict[str, Array] = {}
     reasons: dict[str, str] = {}
     recommended = ''
-    if part is not None and len(distribution.aspects):
+    # The methods assume a level plane.
+    level = not result.run.conditions.surroundings
+    if part is not None and len(distribution.aspects) and level:
         shape = RestingShape(part, distribution.aspects)
         recommended = recommended_method(shape, result.run.conditions).reason
         found, reasons = estimate_each(shape, METHODS)
@@ -87,6 +90,7 @@ def _report(result: DropResult, against: CountedDrops | None) -> Report:
         not_defined=reasons,
         recommended=recommended,
         measured=None if against is None else _measured(result, against),
+        contacts=tuple(contact_page_rows(result)),
     )
 
 

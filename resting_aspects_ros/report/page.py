@@ -62,6 +62,27 @@ MAX_PICTURED_ROWS = 60  # of more rows, those with the most drops have pictures
 
 
 @dataclass(frozen=True, eq=False)
+class ContactRow:
+    """A placement in surroundings: what touches each body, and a picture.
+
+    contacts : tuple of (str, str)
+        Name of the body, and what touches it.
+    """
+
+    contacts: tuple[tuple[str, str], ...]
+    count: int
+    symmetry_class: int | None = None
+    probability: str = ''
+    interval: str = ''
+    image: Image | None = None
+
+    @property
+    def picture(self) -> str:
+        """The picture as a data URI; empty if there is none."""
+        return '' if self.image is None else picture_uri(self.image)
+
+
+@dataclass(frozen=True, eq=False)
 class Report:
     """The content of a page.
 
@@ -81,6 +102,8 @@ class Report:
         A sentence that names the recommended method.
     measured : ReferenceCounts or None
         The counts with which the drops are compared.
+    contacts : tuple of ContactRow
+        What the parts touch in surroundings with walls, the most frequent first.
     """
 
     title: str
@@ -94,6 +117,7 @@ class Report:
     not_defined: Mapping[str, str] = field(default_factory=dict)
     recommended: str = ''
     measured: ReferenceCounts | None = None
+    contacts: tuple[ContactRow, ...] = ()
 
 
 def report_files(report: Report) -> Iterator[tuple[str, bytes]]:

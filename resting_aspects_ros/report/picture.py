@@ -1,5 +1,6 @@
 """The bar chart of a distribution, with a picture of the part beside each bar."""
 
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +39,7 @@ TOP, BOTTOM, MARGIN = 110, 84, 28
 ROW, ROW_OF_MANY, MANY = 164, 116, 6
 ROW_WITHOUT_PICTURE, ROW_OF_OTHERS = 92, 64
 BAR = 42
+MAX_TITLE = 80  # characters
 LABEL, BESIDE_BAR = 200, 190
 
 
@@ -50,6 +52,9 @@ def distribution_figure(
     numbers, and the others share one bar. Outcomes in no aspect have grey bars. Whiskers are the
     intervals. The subtitle can state the conditions.
     """
+    # A long title, such as one with surroundings, continues below.
+    title, *more = textwrap.wrap(title, MAX_TITLE) or ['']
+    subtitle = ' '.join([*more, subtitle]).strip()
     rows = _rows(distribution)
     side = ROW if sum(bool(row.aspects) for row in rows) <= MANY else ROW_OF_MANY
     of_aspect = side if part else ROW_WITHOUT_PICTURE

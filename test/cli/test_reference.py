@@ -2,6 +2,7 @@
 
 import argparse
 import csv
+import dataclasses
 import io
 import json
 import re
@@ -19,11 +20,23 @@ from resting_aspects_ros.simulation.conditions import QUANTITIES, HeightOf
 from resting_aspects_ros.simulation.part_library import KEYS
 from resting_aspects_ros.simulation.quantity import quantities_of
 from resting_aspects_ros.simulation.run_description import MAX_DROPS
+from resting_aspects_ros.simulation.surroundings.description import (
+    BODY_VALUES,
+    RELEASE_VALUES,
+)
+from resting_aspects_ros.simulation.surroundings.description import KINDS as SURROUNDINGS
+from resting_aspects_ros.simulation.surroundings.library import surroundings_names
 
 COMMANDS = 'docs/reference/commands.md'
 FILES = 'docs/reference/files.md'
 # Sections of flags that several commands share, as their pages name them.
-SHARED = ('Part', 'Conditions', 'Values of an action', 'Conditions of the contact')
+SHARED = (
+    'Part',
+    'Conditions',
+    'Surroundings',
+    'Values of an action',
+    'Conditions of the contact',
+)
 
 
 def keys(page, heading, part=0):
@@ -125,13 +138,43 @@ def test_every_value_of_an_action_is_listed_with_its_bounds(kind):
     assert rows == [(name, each.allowed()) for name, each in quantities_of(KINDS[kind]).items()]
 
 
+def test_every_kind_of_surroundings_is_listed():
+    text = section(FILES, '## Surroundings')
+    (kinds,) = re.findall(r'^\| `kind` \| (.*?) \|', text, re.MULTILINE)
+    assert kinds.split(', ') == list(SURROUNDINGS)
+    assert keys(FILES, '## Surroundings', 1) == list(BODY_VALUES)
+    assert keys(FILES, '## Surroundings', 2) == list(RELEASE_VALUES)
+    listed = first_cells(section('docs/how_to/surroundings.md', '## Use shipped surroundings'))
+    assert listed == [f'`{name}`' for name in surroundings_names()]
+
+
+@pytest.mark.parametrize('kind', SURROUNDINGS)
+def test_every_dimension_of_surroundings_is_listed(kind):
+    _, found, text = section(FILES, '## Surroundings').partition(f'\n`{kind}`: ')
+    assert found
+    line, _, text = text.partition('\n\n')
+    bodies = line.partition(' Its bodies: ')[2]
+    assert tuple(re.findall(r'`(\w+)`', bodies)) == SURROUNDINGS[kind].body_names
+    table = text.partition('\n\n')[0] if text.startswith('|') else ''
+    rows = re.findall(r'^\| `(\w+)` \| (.*?) \| (.*?) \|', table, re.MULTILINE)
+    declared = {each.name: each for each in dataclasses.fields(SURROUNDINGS[kind]) if each.init}
+    assert {name for name, *_ in rows} == set(declared)
+    for name, allowed, default in rows:
+        if (quantity := quantities_of(SURROUNDINGS[kind]).get(name)) is not None:
+            assert allowed == quantity.allowed()
+            value = declared[name].default
+            assert default == ('required' if value is dataclasses.MISSING else f'{value:.6g}')
+
+
 def test_every_key_of_a_part_is_listed():
     assert keys(FILES, '## Part description') == list(KEYS)
 
 
 def test_every_key_of_a_result_is_listed(run):
-    ended = run('drop', 'tetrahedron', '--drops', '20', '--json', '--check-convergence')
+    few = ['--drops', '20', '--json', '--check-convergence']
+    ended = run('drop', 'tetrahedron', *few, '--surroundings', 'wall')
     document = json.loads(ended.stdout)
+    assert keys(FILES, '## Result', 2) == list(document['contacts'][0])
     assert set(keys(FILES, '## Result')) == set(document)
     (row,) = re.findall(r'^\| `schema_version` \|.*$', section(FILES, '## Result'), re.MULTILINE)
     assert row.endswith(f': {document["schema_version"]} |')

@@ -1,0 +1,50 @@
+"""Rows of a report page for the contacts in surroundings, with pictures."""
+
+from collections.abc import Iterator
+
+from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.surroundings import scene_of
+from resting_aspects_ros.core.aspects.contacts import ContactPlane
+from resting_aspects_ros.report.aspect_pose import picture_part
+from resting_aspects_ros.report.contact_picture import contact_image
+from resting_aspects_ros.report.page import ContactRow
+from resting_aspects_ros.report.rounding import interval_text, probability_text
+
+# Placements with a row of their own on the page, and the side of a picture, pixels.
+MAX_ROWS = 24
+PIXELS = 240
+
+
+def contact_page_rows(result: DropResult) -> Iterator[ContactRow]:
+    """Yield a row for each of the most frequent placements; nothing without walls or part."""
+    part, contacts, distribution = result.part, result.contacts, result.distribution
+    scene = None if part is None else scene_of(part, result.run.conditions)
+    if part is None or contacts is None or scene is None:
+        return
+    planes = [
+        ContactPlane(face.name, scene.in_tray(face.normal[None])[0], face.offset)
+        for face in scene.faces
+    ]
+    drawn = picture_part(part, distribution.aspects.aspects)
+    rows = contacts.sorted_rows(distribution.interval, distribution.confidence)
+    for placement, interval in rows[:MAX_ROWS]:
+        yield ContactRow(
+            contacts=tuple(
+                (name.replace('_', ' '), _text(value))
+                for name, value in contacts.named(placement).items()
+            ),
+            symmetry_class=placement.symmetry_class,
+            count=placement.count,
+            probability=probability_text(interval),
+            interval=interval_text(interval),
+            image=contact_image(drawn, placement.orientation, placement.contacts, planes, PIXELS),
+        )
+    if rest := sum(placement.count for placement, _ in rows[MAX_ROWS:]):
+        number = len(rows) - MAX_ROWS
+        yield ContactRow(contacts=(('', f'{number} other placements'),), count=rest)
+
+
+def _text(value: int | str | None) -> str:
+    if value is None:
+        return 'no contact'
+    return f'aspect {value}' if isinstance(value, int) else value
