@@ -215,7 +215,7 @@ def _label_ends(axes: 'Axes', ends: Sequence[tuple[float, str, str]], top: float
     """
     ordered = sorted(ends)
     places = labels_apart(np.array([share for share, _, _ in ordered]), 0.062 * top)
-    inches = axes.get_position().width * axes.figure.get_figwidth()
+    inches = axes.bbox.width / axes.figure.dpi
     across = axes.get_yaxis_transform()
     for (share, colour, label), place in zip(ordered, places, strict=True):
         line = [1.0, 1.0 + 0.16 / inches], [share, place]
