@@ -32,6 +32,7 @@ CONSTRUCTIONS = {
     r'\bclass(es)? (that )?(is|are) off\b': 'deviates',
     r'\bis no (group|known|longer one|terminal)\b': 'is not a',
     r'\bone alone\b': 'a single one',
+    r'\balso (if|none)\b': 'even if, including none',
 }
 PATTERNS = {re.compile(each, re.IGNORECASE): better for each, better in CONSTRUCTIONS.items()}
 

@@ -108,7 +108,7 @@ def compare(
     True
     """
     check_confidence(confidence)
-    one, other = _counts(a), _counts(b)
+    one, other = counted_drops(a), counted_drops(b)
     if one.by_class or other.by_class:
         one, other = counted_by_class(one), counted_by_class(other)
     _check_same_aspects(one, other)
@@ -123,7 +123,8 @@ def compare(
     return ComparisonResult(one, other, found)
 
 
-def _counts(given: DropResult | str | Path) -> CountedDrops:
+def counted_drops(given: DropResult | str | Path) -> CountedDrops:
+    """Return the counts of a result or of a file; raises InvalidValueError."""
     if not isinstance(given, DropResult):
         return read_counts(Path(given))
     counted = counts_of_run(

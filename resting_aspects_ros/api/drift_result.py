@@ -38,7 +38,7 @@ class DriftResult:
 
     @property
     def drift(self) -> bool:
-        """Whether any window is an alarm."""
+        """Whether any window raises an alarm."""
         return len(self.tested.test.drifted) > 0
 
     @property

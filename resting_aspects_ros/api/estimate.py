@@ -30,6 +30,7 @@ from resting_aspects_ros.report.estimate_report import against_fields, estimate_
 from resting_aspects_ros.simulation.conditions import DropConditions
 
 if TYPE_CHECKING:  # imported when there is something to compare with
+    from resting_aspects_ros.api.drop_result import DropResult
     from resting_aspects_ros.api.inputs.counts import CountedDrops
 
 # Seed of the Monte Carlo p values, so that equal inputs give equal results.
@@ -108,7 +109,7 @@ def estimate(
     methods: Iterable[str] | None = None,
     *,
     surface: str | DropConditions | None = None,
-    against: str | Path | None = None,
+    against: 'DropResult | str | Path | None' = None,
     **conditions: Any,
 ) -> EstimateResult:
     """Predict the distribution of a part from its shape, without drops.
@@ -122,9 +123,8 @@ def estimate(
     surface : str or DropConditions, optional
         The conditions for which a method is recommended; by default those of ``against``, else
         those of rubber_mat.
-    against : str or Path, optional
-        Drops of the part to compare with: a log, a JSON document, or a CSV of counts.
-        Reading a log imports ROS.
+    against : DropResult, str or Path, optional
+        Drops of the part to compare with: a result, or a file as for `compare`.
     **conditions : float
         Conditions that differ from the surface, in SI units, such as ``height=0.1``.
 
@@ -157,10 +157,10 @@ def estimate(
     shape = RestingShape(loaded)
     counted = None
     if against is not None:
-        from resting_aspects_ros.api.inputs.count_files import read_counts
+        from resting_aspects_ros.api.compare import counted_drops
         from resting_aspects_ros.api.inputs.counts import check_against
 
-        counted = read_counts(Path(against))
+        counted = counted_drops(against)
         check_against(counted, loaded.name, loaded.part_sha256, shape.aspects)
     given = _conditions(surface, counted)
     given = given.changed(**conditions) if conditions else given

@@ -28,6 +28,8 @@ from resting_aspects_ros.report.tray_picture import DrawnPart, save_tray_picture
 if TYPE_CHECKING:
     from resting_aspects_ros.client.feeder_watch import FeederWatch, Moment
 
+# Maximum time for the drops and for the flips, s; on a busy machine the nodes start slowly.
+TIMEOUT = 3600.0
 # For messages of the last cycle that are still on their way, s.
 REST = 0.3
 
@@ -118,7 +120,11 @@ class FeederDemo:
         with RestingAspectsClient(ros_args=namespace, check=check) as client:
             with DropProgress(name, plan.drops) as progress:
                 drops = client.get_distribution(
-                    name, drops=plan.drops, seed=plan.seed, progress=progress.update
+                    name,
+                    drops=plan.drops,
+                    seed=plan.seed,
+                    timeout=TIMEOUT,
+                    progress=progress.update,
                 )
             with DropProgress(name, flips, 'flips') as progress:
                 found = client.reorient_part(
@@ -127,6 +133,7 @@ class FeederDemo:
                     plan.per_aspect,
                     drops=plan.drops,
                     seed=plan.seed,
+                    timeout=TIMEOUT,
                     progress=progress.update,
                 )
         result = ReorientResult(

@@ -57,7 +57,7 @@ def add_output(parser: argparse.ArgumentParser, *, each: bool = True) -> None:
         parser.add_argument(
             '--each',
             action='store_true',
-            help='show a row for each aspect, also for those that a rotation of the part maps '
+            help='show a row for each aspect, even for those that a rotation of the part maps '
             'onto each other',
         )
     parser.add_argument('--json', action='store_true', help='print one JSON document instead')

@@ -215,20 +215,31 @@ def _drop_ticks(drops: Counts, inches: float) -> list[float]:
 
 
 def _label_ends(axes: 'Axes', ends: Sequence[tuple[float, str, str]], top: float) -> None:
-    """Write labels right of the lines, moved apart where they would overlap."""
-    apart = 0.062 * top
-    y = -np.inf
-    for share, colour, label in sorted(ends):
-        y = max(share, y + apart)
-        axes.plot(1.0, y, '>', color=colour, transform=axes.get_yaxis_transform(), clip_on=False)
-        axes.annotate(
-            label,
-            (1.0, y),
-            (8, 0),
-            xycoords=('axes fraction', 'data'),
-            textcoords='offset points',
-            size=8,
-            va='center',
-            color=TEXT,
-            annotation_clip=False,
+    """Write labels right of the lines, moved apart where they would overlap.
+
+    A label that is moved is connected with the end of its line.
+    """
+    ordered = sorted(ends)
+    places = labels_apart(np.array([share for share, _, _ in ordered]), 0.062 * top)
+    inches = axes.bbox.width / axes.figure.dpi
+    across = axes.get_yaxis_transform()
+    for (share, colour, label), place in zip(ordered, places, strict=True):
+        line = [1.0, 1.0 + 0.16 / inches], [share, place]
+        axes.plot(*line, color=colour, linewidth=1.5, transform=across, clip_on=False)
+        axes.text(
+            1.0 + 0.2 / inches, place, label, size=8, va='center', color=TEXT, transform=across
         )
+
+
+def labels_apart(values: Array, gap: float) -> Array:
+    """Return ascending values, moved by little to distances of at least ``gap``, none below 0."""
+    # With the gaps subtracted, values that are too close decrease, and their mean is their place.
+    steps = gap * np.arange(len(values))
+    blocks: list[list[float]] = []
+    for value in values - steps:
+        blocks.append([value])
+        while len(blocks) > 1 and np.mean(blocks[-2]) > np.mean(blocks[-1]):
+            last = blocks.pop()
+            blocks[-1] += last
+    fitted = [max(float(np.mean(block)), 0.0) for block in blocks for _ in block]
+    return np.array(fitted) + steps

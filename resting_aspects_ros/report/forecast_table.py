@@ -154,7 +154,7 @@ def _cells(named: NamedForecast) -> list[tuple[str, str]]:
         ('cycles without a pick', _small_share_text(float(picks.none))),
         ('flips of a part until picked', NOTHING if none else number_text(found.flips_per_part)),
         ('time of the robot', f'{share_text(shares["robot"])} %'),
-        ('what limits', found.limited_by or NOTHING),
+        ('limited by', found.limited_by or NOTHING),
         *([] if none else effects),
     ]
 

@@ -1,4 +1,4 @@
-"""What outlines say to a reader: a table for the terminal, and which classes look alike."""
+"""Outlines as text: a table for the terminal, and which classes look alike."""
 
 from collections.abc import Sequence
 from itertools import combinations

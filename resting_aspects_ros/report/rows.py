@@ -51,7 +51,7 @@ def class_rows(distribution: Distribution) -> list[Row]:
 
 
 def aspect_rows(distribution: Distribution) -> list[Row]:
-    """Return a row for each aspect, also if several aspects look the same."""
+    """Return a row for each aspect, even if several aspects look the same."""
     rows = zip(
         distribution.aspects.aspects, distribution.counts, distribution.intervals(), strict=True
     )

@@ -11,6 +11,7 @@ from resting_aspects_ros.report.figures import (
     comparison_figure,
     convergence_figure,
     estimates_figure,
+    labels_apart,
 )
 from resting_aspects_ros.report.row_axes import NARROW, WIDE
 from resting_aspects_ros.report.rows import Row
@@ -87,3 +88,10 @@ def test_all_methods_are_named(rows, width, methods):
     boxes = check_texts(estimates_figure(rows, estimates, width))
     labels = {METHODS[name].label for name in estimates}
     assert {*labels, *NAMES} <= set(boxes)
+
+
+def test_labels_that_are_too_close_move_apart_by_little():
+    moved = labels_apart(np.array([0.0, 1.0, 27.3, 27.5]), 2.0)
+    np.testing.assert_allclose(moved, [0.0, 2.0, 26.4, 28.4])
+    far = np.array([1.0, 5.0, 9.0])
+    np.testing.assert_array_equal(labels_apart(far, 2.0), far)

@@ -63,7 +63,7 @@ class CountedDrops:
 
     @property
     def all_groups(self) -> Groups:
-        """The groups of ``ids``, also those of one."""
+        """The groups of ``ids``, including those of a single class."""
         return self.groups or single_groups(self.ids)
 
     @property

@@ -14,6 +14,8 @@ from resting_aspects_ros.simulation.interruption import Interruption
 
 PART, DROPS, SEED = 'l_bracket', 1000, 1
 NODES = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
+# Maximum time for the drops, s; on a busy machine the nodes start slowly.
+TIMEOUT = 600.0
 LOG_TIMEOUT = 20.0  # s
 LOG_PERIOD = 0.1  # s
 
@@ -85,7 +87,7 @@ def _ask(namespace: list[str], logs: Path, check: Any) -> Path:
     with RestingAspectsClient(ros_args=namespace, check=check) as client:
         with DropProgress(PART, DROPS) as progress:
             message = client.get_distribution(
-                PART, drops=DROPS, seed=SEED, progress=progress.update
+                PART, drops=DROPS, seed=SEED, timeout=TIMEOUT, progress=progress.update
             )
         result = result_from(message, client.get_part(PART))
     print_result(result, as_json=False)

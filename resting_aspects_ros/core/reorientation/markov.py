@@ -237,7 +237,7 @@ def _drop_shares(drop: Array) -> Array:
 
 
 def _paths(steps: Mask) -> Mask:
-    """Return whether any number of steps, also none, leads from row to column, (k, k)."""
+    """Return whether any number of steps, including none, leads from row to column, (k, k)."""
     paths: Mask = steps | np.eye(len(steps), dtype=np.bool_)
     while True:
         longer = paths @ paths

@@ -39,7 +39,7 @@ class TooFewDropsError(InvalidValueError):
 
 
 def power_of(simulated: Counts, parts: int, shift: float, level: float = LEVEL) -> float:
-    """Return the probability that a window with a drifted class is an alarm.
+    """Return the probability that a window with a drifted class raises an alarm.
 
     It is the lowest for any class that deviates by ``shift`` in either direction, if the other
     classes keep their proportions. The class with the share nearest to 1/2 is the hardest to find.

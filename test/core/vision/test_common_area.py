@@ -1,4 +1,4 @@
-"""The area that polygons have in common, also if they are almost equal."""
+"""The area that polygons have in common, even if they are almost equal."""
 
 import numpy as np
 import pytest
