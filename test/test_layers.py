@@ -183,7 +183,7 @@ def test_rooms_import_in_one_direction():
         ('core/part.py', 'import os.path'),
         ('core/part.py', 'import yaml'),
         ('core/aspects/aspect.py', 'from resting_aspects_ros.core.statistics import intervals'),
-        ('api/drop.py', 'from resting_aspects_ros.run_logs.contents import logged_result'),
+        ('api/drop.py', 'from resting_aspects_ros.run_logs.logged_result import logged_result'),
         ('api/drop.py', 'def late():\n    from resting_aspects_ros.ros.spin import spin'),
         ('nodes/drop_recorder/node.py', 'import resting_aspects_ros.nodes.log_replayer.node'),
         ('core/part.py', 'import manifold3d'),

@@ -27,6 +27,6 @@ def read_log(log: str | Path) -> DropResult:
     InvalidValueError
         The file is not a log of a run with its part.
     """
-    from resting_aspects_ros.run_logs.contents import logged_result
+    from resting_aspects_ros.run_logs.logged_result import logged_result
 
     return logged_result(Path(log), keep_poses=True)

@@ -8,6 +8,9 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE
+
 
 class RestStatus(IntEnum):
     """How a drop ended; the codes of the message RestingPose.
@@ -71,6 +74,38 @@ class RestingPoses:
         names = [field.name for field in fields(self)[1:]]
         arrays = {name: getattr(self, name)[low:high] for name in names}
         return RestingPoses(self.first_drop + low, **arrays)
+
+    def check(self) -> None:
+        """Raise InvalidValueError for unknown codes, and for invalid poses of settled drops."""
+        settled = self.status == RestStatus.SETTLED
+        with np.errstate(over='ignore', invalid='ignore'):  # an infinite norm is rejected below
+            norm = np.linalg.norm(self.orientation, axis=1)
+        for name, values, expected, is_valid in (
+            ('status', self.status, 'a RestStatus code', np.isin(self.status, list(RestStatus))),
+            (
+                'decided_by',
+                self.decided_by,
+                'a DecidedBy code',
+                np.isin(self.decided_by, list(DecidedBy)),
+            ),
+            (
+                'position',
+                self.position,
+                'finite numbers',
+                np.isfinite(self.position).all(1) | ~settled,
+            ),
+            (
+                'orientation',
+                self.orientation,
+                'a unit quaternion',
+                (np.abs(norm - 1) <= LENGTH_TOLERANCE) | ~settled,
+            ),
+        ):
+            for k in np.flatnonzero(~is_valid)[:1].tolist():
+                raise InvalidValueError(
+                    f'invalid {name} {values[k].tolist()} of drop {self.first_drop + k}: '
+                    f'expected {expected}'
+                )
 
     @classmethod
     def join(cls, parts: Sequence['RestingPoses']) -> 'RestingPoses':

@@ -54,10 +54,9 @@ if TYPE_CHECKING:
 PAGE = 'report.html'
 FIGURES = ('distribution', 'pie', 'convergence', 'estimates', 'comparison')
 FILES = (PAGE, *(f'{figure}.{ending}' for figure in FIGURES for ending in ENDINGS))
-# Side of a picture in a row, twice its size on the page for high-resolution screens. Pages with
-# more than MANY_ROWS rows have smaller pictures; see page.css.
-PIXELS, PIXELS_OF_MANY_ROWS, MANY_ROWS = 320, 192, 12
-SMALL_PIXELS = 64  # side of a picture beside a bar
+# Side of a picture in a row, twice its size on the page for high-resolution screens, smaller on
+# pages with more than MANY_ROWS rows (see page.css); and side of a picture beside a bar.
+PIXELS, PIXELS_OF_MANY_ROWS, MANY_ROWS, SMALL_PIXELS = 320, 192, 12, 64
 MAX_PICTURED_ROWS = 60  # of more rows, those with the most drops have pictures
 
 

@@ -20,8 +20,7 @@ from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.geometry.mesh_file import FORMATS
 from resting_aspects_ros.core.part import Part, is_valid_name
 from resting_aspects_ros.core.part_loading import part_from_bytes
-from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
-from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE
+from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.simulation import conditions as drop_conditions
 from resting_aspects_ros.simulation.run_description import RunDescription as Run
@@ -164,42 +163,9 @@ def poses_from(msg: RestingPosesMsg) -> RestingPoses:
         time_to_rest=np.array([p.time_to_rest for p in msg.poses], dtype=np.float64),
         energy_growth=np.array([p.energy_growth for p in msg.poses], dtype=np.float64),
     )
-    _check_poses(poses)
-    return poses
-
-
-def _check_poses(poses: RestingPoses) -> None:
-    """Raise InvalidValueError for unknown codes, and for invalid poses of settled drops."""
     check_first_drop(poses.first_drop, len(poses))
-    settled = poses.status == RestStatus.SETTLED
-    with np.errstate(over='ignore', invalid='ignore'):  # an infinite norm is rejected below
-        norm = np.linalg.norm(poses.orientation, axis=1)
-    for name, values, expected, is_valid in (
-        ('status', poses.status, 'a RestStatus code', np.isin(poses.status, list(RestStatus))),
-        (
-            'decided_by',
-            poses.decided_by,
-            'a DecidedBy code',
-            np.isin(poses.decided_by, list(DecidedBy)),
-        ),
-        (
-            'position',
-            poses.position,
-            'finite numbers',
-            np.isfinite(poses.position).all(1) | ~settled,
-        ),
-        (
-            'orientation',
-            poses.orientation,
-            'a unit quaternion',
-            (np.abs(norm - 1) <= LENGTH_TOLERANCE) | ~settled,
-        ),
-    ):
-        for k in np.flatnonzero(~is_valid)[:1].tolist():
-            raise InvalidValueError(
-                f'invalid {name} {values[k].tolist()} of drop {poses.first_drop + k}: '
-                f'expected {expected}'
-            )
+    poses.check()
+    return poses
 
 
 def part_msg(part: Part) -> PartDescription:

@@ -1,28 +1,18 @@
 """Content of a log: the run, its part, its poses and its counts, or its transition matrix."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
 
 from resting_aspects_interfaces.msg import TransitionMatrix
 
-from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.surroundings import without_drops
-from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError, LogError, one_line, warn
 from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import (
-    METHOD,
     Distribution,
-    aspect_ids,
-    count_poses,
-    no_drops,
 )
-from resting_aspects_ros.core.statistics.history import History
 from resting_aspects_ros.logs.bag_metadata import LogOutcome
 from resting_aspects_ros.logs.indexed_reader import IndexedLog, NoIndexError
 from resting_aspects_ros.logs.message_reader import mcap_file, state_warning, typed_messages
@@ -39,7 +29,7 @@ from resting_aspects_ros.ros.distribution_conversions import serialized_distribu
 from resting_aspects_ros.ros.surroundings_conversions import serialized_surroundings
 from resting_aspects_ros.ros.transition_conversions import serialized_transitions
 from resting_aspects_ros.simulation.index_ranges import IndexRanges
-from resting_aspects_ros.simulation.merge_runs import RunPoses, merge_drops
+from resting_aspects_ros.simulation.merge_runs import RunPoses
 from resting_aspects_ros.simulation.run_description import RunDescription
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 from resting_aspects_ros.simulation.surroundings.library import surroundings_from
@@ -235,49 +225,3 @@ def _read_by_index(run: LoggedRun) -> bool:
     except NoIndexError:
         return False
     return True
-
-
-def logged_result(log: Path, *, keep_poses: bool = False) -> DropResult:
-    """Return a result with a new count of the drops in a log, without duplicates.
-
-    The result has the poses only if ``keep_poses`` is set and no drops are missing. Raises
-    InvalidValueError if the log has no drops or not their part, LogError if it cannot be read.
-    """
-    logged = read_logged_run(log, keep_poses=True)
-    run, part = logged.run, logged.part
-    if run is None:
-        raise InvalidValueError(f'{named("log", log)} contains no drops')
-    if part is None or part.part_sha256 != run.part_sha256:
-        raise InvalidValueError(f'{named("log", log)} does not describe its part')
-    logged.warn_if_unfinished()
-    logged.check_surroundings()
-    aspects, contacts = without_drops(part, run.conditions, find_aspects(part))
-    distribution = no_drops(aspects, by_precision=run.precision > 0)
-    history = History(distribution.aspects)
-    chunks = list(_poses(logged.batches, run))
-    for poses in chunks:
-        ids = aspect_ids(distribution.aspects, poses)
-        history.add(ids)
-        distribution += count_poses(distribution.aspects, poses, ids)
-        if contacts is not None:
-            contacts.add(poses, ids)
-    whole = logged.outcome.whole and logged.finished
-    gaps = any(before.end != after.first_drop for before, after in pairwise(chunks))
-    return DropResult(
-        distribution,
-        run,
-        part,
-        METHOD,
-        whole,
-        history=history.points(),
-        poses=RestingPoses.join(chunks) if keep_poses and chunks and not gaps else None,
-        contacts=contacts,
-    )
-
-
-def _poses(batches: list[RunPoses], run: RunDescription) -> Iterator[RestingPoses]:
-    """Yield the drops of a run without duplicates, ascending."""
-    for merged in merge_drops(batches, any_engine=True):
-        if merged.run.sequence() == run.sequence():
-            for poses in merged.poses:
-                yield poses.between(run.first_drop, run.end)

@@ -29,7 +29,7 @@ from resting_aspects_ros.logs.topic_metadata import (
 )
 from resting_aspects_ros.ros.conversions import part_msg, poses_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
-from resting_aspects_ros.run_logs.contents import logged_result
+from resting_aspects_ros.run_logs.logged_result import logged_result
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.initial_state import CHUNK

@@ -84,6 +84,6 @@ def _read_result(arguments: argparse.Namespace) -> DropResult:
                 'contains its part'
             )
     # This imports ROS, which a JSON document does not need.
-    from resting_aspects_ros.run_logs.contents import logged_result
+    from resting_aspects_ros.run_logs.logged_result import logged_result
 
     return logged_result(path)
