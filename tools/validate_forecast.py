@@ -46,7 +46,7 @@ CASES: dict[str, tuple[int, CycleTimes, int | None]] = {
     '1 part, overlap': (1, OVERLAP, None),
 }
 MINUTES, PIECE = 2500, 5
-# Random feeders, and runs of so many minutes of each.
+# Random feeders, runs of each, and their lengths, minutes.
 FEEDERS, RUNS, LENGTHS = 30, 10, (5.0, 20.0)
 # Shares of the classes, simulated drops, and level.
 DRIFT = [

@@ -114,7 +114,7 @@ def rotation_between(one: Array, other: Array) -> Array:
     if rotate(found, one[None])[0] @ other > 1 - ALIGNED:
         return found
     # SciPy before 1.13 does not turn a vector into its opposite.
-    axis, w = np.cross(one, other), 1 + one @ other
+    axis, w = np.cross(one, other), 1 + float(one @ other)
     if w < ALIGNED:
         axis, w = np.cross(one, np.eye(3)[np.abs(one).argmin()]), 0.0
     return canonical(np.array([*axis, w]))

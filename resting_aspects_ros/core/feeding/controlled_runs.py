@@ -164,7 +164,7 @@ def _simulated(
     places: Callable[[np.random.Generator], Places] | None,
     generator: np.random.Generator,
 ) -> SimulatedRuns:
-    """Simulate runs of at most so many minutes whose true moves are drawn from their posterior."""
+    """Simulate runs of at most ``minutes`` whose true moves are drawn from their posterior."""
     feeder, number = model.feeder, model.best_number
     state = SteadyStates(feeder).at(model.table, number)
     cycle = float(cycle_time(feeder.times, state.picks, state.supplied)) / 60

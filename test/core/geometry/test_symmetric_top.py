@@ -120,7 +120,7 @@ def test_faces_of_a_pinwheel_are_two_classes(solid, arms):
 
 @given(turn=SEEDS, arbitrary=st.floats(0, 2 * np.pi), flip=st.booleans(), arms=st.integers(3, 6))
 def test_frame_turns_with_the_part(turn, arbitrary, flip, arms):
-    """Up to the rotations of the part, whatever the axes in the plane of the equal moments."""
+    """Up to the rotations of the part, for any axes in the plane of the equal moments."""
     mesh = pinwheel(arms)
     vertices = mesh.vertices - mesh.center_mass
     radius = np.linalg.norm(vertices, axis=1).max()
