@@ -8,13 +8,15 @@ places the outlines on the tray instead of using the density model, several time
 import argparse
 import dataclasses
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
 import resting_aspects_ros as ra
+from resting_aspects_ros.api.forecast import CLEARANCE, TRAY, forecast_from
+from resting_aspects_ros.api.forecast_setup import pickable_aspects
 from resting_aspects_ros.core.feeding.baselines import (
     Controller,
     flip_and_refill,
@@ -28,6 +30,7 @@ from resting_aspects_ros.core.feeding.controller_model import (
 )
 from resting_aspects_ros.core.feeding.cycle import CycleTimes
 from resting_aspects_ros.core.feeding.decision import Advice, SeenPart, advise
+from resting_aspects_ros.core.feeding.footprint import Tray
 from resting_aspects_ros.core.feeding.tray_simulation import simulate
 
 # Pickable classes of each part.
@@ -111,6 +114,33 @@ def compared(ours: npt.NDArray[np.float64], theirs: npt.NDArray[np.float64]) -> 
     return f'{difference.mean():+.2f} ± {error:.2f}'
 
 
+def scenarios(
+    seeds: int, minutes: float, rules: Rules, positions: bool = False, spread: bool = False
+) -> Iterator[str]:
+    """Compare the controller with rules for each part and set of times; yields the table."""
+    heads = ['part, limited by', 'parts on tray', 'forecast of the cycle', 'controller, parts/min']
+    heads += [f'% above "{name}"' for name in rules]
+    heads += ['with spread: % above controller without'] if spread else []
+    yield '| ' + ' | '.join(heads) + ' |'
+    yield '|---' * len(heads) + '|'
+    for part, classes in PARTS.items():
+        result = ra.reorient(part, 'flip', PER_ASPECT, drops=DROPS, seed=1)
+        ids = pickable_aspects(result.matrix.aspects, None, classes)
+        for limit, times in TIMES.items():
+            found = forecast_from(result, ids, Tray(TRAY, CLEARANCE), times).named.model
+            plain = controller_model(found)
+            vibrating = controller_model(found, spread=SPREAD * times.vibrate)
+            rate = partial(
+                rates, model=vibrating, seeds=seeds, minutes=minutes, positions=positions
+            )
+            ours = rate(partial(advise, model=plain))
+            row = [f'{part}, {limit}', str(plain.best_number), f'{60 * plain.values.rate:.2f}']
+            row += [f'{ours.mean():.2f}']
+            row += [compared(ours, rate(make(plain))) for make in rules.values()]
+            row += [compared(rate(partial(advise, model=vibrating)), ours)] if spread else []
+            yield '| ' + ' | '.join(row) + ' |'
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -118,40 +148,9 @@ def main() -> None:
     parser.add_argument('--minutes', type=float, default=60)
     parser.add_argument('--positions', action='store_true')
     args = parser.parse_args()
-    heads = ['part', 'limited by', 'parts on tray', 'forecast', 'controller, parts/min']
-    heads += [f'% above "{name}"' for name in RULES]
-    heads += ['with spread: % above controller without']
-    sys.stdout.write('| ' + ' | '.join(heads) + ' |\n' + '|---' * len(heads) + '|\n')
-    for part, classes in PARTS.items():
-        for limit, times in TIMES.items():
-            found = ra.forecast(
-                part,
-                pickable_classes=classes,
-                robot=times.robot,
-                vibrate=times.vibrate,
-                settle=times.settle,
-                image=times.image,
-                supply=times.supply,
-                drops=DROPS,
-                per_aspect=PER_ASPECT,
-                seed=1,
-            )
-            plain = controller_model(found.named.model)
-            spread = controller_model(found.named.model, spread=SPREAD * times.vibrate)
-            rate = partial(
-                rates,
-                model=spread,
-                seeds=args.seeds,
-                minutes=args.minutes,
-                positions=args.positions,
-            )
-            ours = rate(partial(advise, model=plain))
-            row = [part, limit, str(plain.best_number), f'{60 * plain.values.rate:.1f}']
-            row += [f'{ours.mean():.2f}']
-            row += [compared(ours, rate(make(plain))) for make in RULES.values()]
-            row += [compared(rate(partial(advise, model=spread)), ours)]
-            sys.stdout.write('| ' + ' | '.join(row) + ' |\n')
-            sys.stdout.flush()
+    for line in scenarios(args.seeds, args.minutes, RULES, args.positions, spread=True):
+        sys.stdout.write(f'{line}\n')
+        sys.stdout.flush()
 
 
 if __name__ == '__main__':

@@ -31,7 +31,7 @@ SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
     'tosses': tosses,
     'reorientation': reorientation,
     'identification': lambda _: identification(),
-    'feeder': lambda _: feeder(20, 5, over_ros=True),
+    'feeder': lambda _: feeder(20, 3, over_ros=True),
 }
 
 

@@ -1,6 +1,6 @@
-"""Validation of `forecast_controlled`: runs with camera, vision and controller beside it.
+"""Validation of the feeder: forecasts, runs with camera and controller, rules of today, drift.
 
-`tools/validate_feeder.py [--seeds 20] [--minutes 5] [--ros]` prints the section; takes about ten
+`tools/validate_feeder.py [--seeds 20] [--minutes 3] [--ros]` prints the section; takes about 20
 minutes on one core. With --ros, the first run of each part is repeated over ROS.
 """
 
@@ -13,9 +13,11 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import compare_controllers
 import numpy as np
 from rich.console import Console
 from rich.progress import track
+from validate_forecast import coverage, false_alarms, formulas
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.forecast import forecast_from
@@ -37,6 +39,7 @@ from resting_aspects_ros.nodes.vision_example.contours import clearances, find_b
 
 # Pickable classes of each part.
 PARTS = {'l_bracket': (1,), 't_prism': (1,)}
+RULE_SEEDS, RULE_MINUTES = 16, 60.0
 TRAY = Tray((0.2, 0.2), 0.005)
 TIMES = CycleTimes(robot=1.2, vibrate=0.5, settle=0.3, image=0.2)
 DROPS, PER_ASPECT, SEED = 300, 40, 1
@@ -116,8 +119,33 @@ def look(
 
 
 def feeder(seeds: int, minutes: float, over_ros: bool) -> Iterator[str]:
-    """Compare runs of each part with the prediction interval of its forecast."""
+    """Validate the forecast, the runs of a cell, the controller and the drift test."""
     yield '## Feeder'
+    yield ''
+    yield from formulas()
+    yield from cells(seeds, minutes, over_ros)
+    yield from coverage()
+    yield '### Controller and rules of today'
+    yield ''
+    yield (
+        f'Runs of {RULE_MINUTES:g} minutes with {RULE_SEEDS} paired seeds on trays of the density '
+        'model. Percent by which the controller is above each rule, with the standard error of '
+        f'the paired differences. Model: {compare_controllers.DROPS} drops and '
+        f'{compare_controllers.PER_ASPECT} flips from each aspect; pickable classes '
+        + ', '.join(f'{k[0]} of `{name}`' for name, k in compare_controllers.PARTS.items())
+        + '. *Refill and flip at once* is the cycle of the forecast.'
+    )
+    yield ''
+    yield from compare_controllers.scenarios(
+        RULE_SEEDS, RULE_MINUTES, compare_controllers.BASELINES
+    )
+    yield ''
+    yield from false_alarms()
+
+
+def cells(seeds: int, minutes: float, over_ros: bool) -> Iterator[str]:
+    """Compare runs of each part with the prediction interval of its forecast."""
+    yield '### Runs with camera, vision and controller'
     yield ''
     yield (
         f'Runs of {minutes:g} minutes in simulated time, beginning with an empty tray, with '
@@ -154,8 +182,10 @@ def feeder(seeds: int, minutes: float, over_ros: bool) -> Iterator[str]:
         )
         if over_ros:
             lines += [over(name, classes, minutes, runs[0])]
+    if lines:
+        yield ''
+        yield from lines
     yield ''
-    yield from lines
 
 
 def prepared(
@@ -188,7 +218,7 @@ def over(name: str, classes: tuple[int, ...], minutes: float, run: CellRun) -> s
 if __name__ == '__main__':
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--seeds', type=int, default=20)
-    parser.add_argument('--minutes', type=float, default=5)
+    parser.add_argument('--minutes', type=float, default=3)
     parser.add_argument('--ros', action='store_true')
     parser.add_argument('--part', choices=PARTS)
     given = parser.parse_args()

@@ -15,6 +15,7 @@ from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.cli.console import make_console
+from resting_aspects_ros.cli.feeder_demo_layout import save_layout
 from resting_aspects_ros.cli.feeder_demo_plan import PX_PER_MM, PlannedDemo
 from resting_aspects_ros.cli.node_processes import NodeProcesses
 from resting_aspects_ros.core.feeding.controlled_runs import ControlledRuns
@@ -51,8 +52,8 @@ class FeederDemo:
         self._seconds = 0.0
         self._earlier = set(self._logs())
 
-    def run(self) -> None:
-        """Run the nodes until the simulated time is over."""
+    def run(self, layout: Path) -> None:
+        """Run the nodes until the simulated time is over; write the layout of their topics."""
         # A unique namespace separates the demo from other suites on this machine, and LOCALHOST
         # from other machines in the network.
         os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -61,6 +62,9 @@ class FeederDemo:
         _say(self._plan.pickable_text)
         nodes = self._plan.node_arguments(f'{name}/clock', self._out / 'logs')
         _say(f'Starting {len(nodes)} nodes in the namespace {name} ...')
+        watching = save_layout(layout, self._plan.known.part.name, name)
+        if self._plan.real_time:
+            _say(watching)
         with NodeProcesses(self._out) as processes:
             for node, given in nodes.items():
                 processes.start(node, [*namespace, *given])

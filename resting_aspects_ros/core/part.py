@@ -15,6 +15,7 @@ from resting_aspects_ros.core.geometry.intrinsic_frame import (
     intrinsic_signs,
     principal_frame,
 )
+from resting_aspects_ros.core.geometry.symmetric_top import symmetric_top_axes
 
 Array = npt.NDArray[np.float64]
 
@@ -103,15 +104,21 @@ class Part:
         The axes are in the order of principal_moments and right-handed. Their signs maximize the
         third moments of the solid about the centre of mass (of its hull, if the mesh is not
         closed), and then its fourth moments, so that the frame rotates with the part. If two
-        moments are equal, the axes in their plane are arbitrary, but identical for identical
-        bytes.
+        moments are equal, the axes in their plane follow from higher moments too; see
+        `symmetric_top`. If all three are equal, the axes are arbitrary, but identical for
+        identical bytes.
         """
-        axes = principal_frame(self.inertia)[1]
+        principal, axes = principal_frame(self.inertia)
         vertices, faces, volume = self.vertices, self.faces, self.volume
         if np.isnan(volume):
             vertices, faces, volume = outward_hull(self.hull_vertices)
-        moments = higher_moments((vertices - self.centre_of_mass) / self.hull_radius, faces, axes)
-        return axes * intrinsic_signs(moments / (volume / self.hull_radius**3)) + 0.0
+        radius = self.hull_radius
+        vertices, volume = (vertices - self.centre_of_mass) / radius, volume / radius**3
+        found = symmetric_top_axes(vertices, faces, volume, principal, axes)
+        if found is None:
+            moments = higher_moments(vertices, faces, axes)
+            found = axes * intrinsic_signs(moments / volume)
+        return found + 0.0
 
     @cached_property
     def mesh_sha256(self) -> str:

@@ -5,6 +5,8 @@ imported only in the functions that need it: worker processes use this module wi
 reduces their start time to a fraction.
 """
 
+import warnings
+
 import numpy as np
 import numpy.typing as npt
 
@@ -12,6 +14,8 @@ Array = npt.NDArray[np.float64]
 
 # Maximum deviation of the length of a quaternion from 1. Rounding to four decimals causes 1e-4.
 LENGTH_TOLERANCE = 1e-3
+# Maximum deviation of the cosine between two directions that are aligned.
+ALIGNED = 1e-9
 
 
 def wxyz_from_xyzw(xyzw: Array) -> Array:
@@ -102,10 +106,24 @@ def orientation_with_down(down: Array) -> Array:
     ``down`` is a direction in the part frame.
     It is the shortest such rotation; any rotation about the vertical could be added.
     """
+    return rotation_between(down, np.array([0.0, 0.0, -1.0]))
+
+
+def rotation_between(one: Array, other: Array) -> Array:
+    """Return the shortest rotation, a quaternion (4,), that turns a unit vector into another."""
     from scipy.spatial.transform import Rotation
 
-    rotation, _ = Rotation.align_vectors(np.array([[0.0, 0.0, -1.0]]), down[None, :])
-    return canonical(rotation.as_quat())
+    with warnings.catch_warnings():
+        # SciPy before 1.12 warns that other rotations align the vectors as well.
+        warnings.simplefilter('ignore', UserWarning)
+        found = canonical(Rotation.align_vectors(other[None], one[None])[0].as_quat())
+    if rotate(found, one[None])[0] @ other > 1 - ALIGNED:
+        return found
+    # SciPy before 1.13 does not turn a vector into its opposite.
+    axis, w = np.cross(one, other), 1 + float(one @ other)
+    if w < ALIGNED:
+        axis, w = np.cross(one, np.eye(3)[np.abs(one).argmin()]), 0.0
+    return canonical(np.array([*axis, w]))
 
 
 def rotate(xyzw: Array, points: Array) -> Array:

@@ -154,6 +154,8 @@ def test_demo_compares_a_run_with_its_forecast(begin, tmp_path):
     with Image.open(tmp_path / 'feeder_demo.png') as picture:
         assert min(picture.size) > 500
     assert list(tmp_path.glob('logs/feeder*/*.mcap'))
+    layout = (tmp_path / 'foxglove.json').read_text()
+    assert f'/feeder_demo_{demo.pid}/feeder_advice/l_bracket' in layout
     assert not processes_of(demo.pid)
 
 

@@ -13,6 +13,7 @@ from resting_aspects_ros.core.rotations import (
     orientation_with_down,
     random_orientations,
     rotate,
+    rotation_between,
     wxyz_from_xyzw,
     xyzw_from_wxyz,
 )
@@ -149,3 +150,18 @@ def test_random_orientations_depend_only_on_the_generator():
     np.random.seed(0)  # noqa: NPY002
     np.testing.assert_array_equal(random_orientations(np.random.default_rng(7), 100), q)
     assert (random_orientations(np.random.default_rng(8), 100) != q).any(axis=1).all()
+
+
+@pytest.mark.parametrize('broken', [False, True])
+@pytest.mark.parametrize(
+    ('one', 'other'),
+    [((0, 0, 1), (0, 0, -1)), ((1, 0, 0), (-1, 0, 0)), ((0.6, 0, 0.8), (0, 1, 0))],
+)
+def test_shortest_rotation_between_two_directions(monkeypatch, broken, one, other):
+    """Broken: SciPy before 1.13 does not turn a vector into its opposite."""
+    if broken:
+        monkeypatch.setattr(Rotation, 'align_vectors', lambda *_: (Rotation.identity(), 0.0))
+    one, other = np.array(one, dtype=float), np.array(other, dtype=float)
+    turn = Rotation.from_quat(rotation_between(one, other))
+    np.testing.assert_allclose(turn.apply(one), other, atol=1e-12)
+    assert turn.magnitude() == pytest.approx(np.arccos(one @ other))

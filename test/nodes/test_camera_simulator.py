@@ -1,18 +1,24 @@
 """camera_simulator, vision_example and feeder_controller together over ROS."""
 
 import asyncio
+import importlib
+import json
 import os
+import re
 import signal
+from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
+import yaml
 from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
 
 from resting_aspects_ros.api.identify import known_part
+from resting_aspects_ros.cli.feeder_demo_layout import foxglove_layout
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.core.vision.tray_image import TrayCamera
 from resting_aspects_ros.nodes.camera_simulator.messages import camera_info_msg
@@ -239,3 +245,86 @@ def test_requests_without_an_answer_are_forgotten(monkeypatch):
         asyncio.run(VisionExample._on_image(node, image))
     service.remove_pending_request.assert_called_once_with(service.call_async.return_value)
     assert not node._busy
+
+
+VIEWS = Path(__file__).resolve().parents[2]
+# Types that the panels of Foxglove and the display of RViz show.
+PANEL_TYPES = {
+    'imageTopic': 'sensor_msgs/msg/Image',
+    'calibrationTopic': 'sensor_msgs/msg/CameraInfo',
+    'topicToRender': 'diagnostic_msgs/msg/DiagnosticArray',
+}
+
+
+def shown_paths(value, key=''):
+    """Give (key, path) of everything in a Foxglove layout that is the path of a message."""
+    if isinstance(value, dict):
+        for name, each in value.items():
+            yield from shown_paths(each, name)
+    elif isinstance(value, list):
+        for each in value:
+            yield from shown_paths(each, key)
+    elif isinstance(value, str) and value.startswith('/'):
+        yield key, value
+
+
+def fields_of(kind):
+    """Return the types of the fields of a message type such as std_msgs/msg/Header."""
+    package, _, name = kind.split('/')
+    return getattr(importlib.import_module(f'{package}.msg'), name).get_fields_and_field_types()
+
+
+def published_type(watch, topic):
+    """Return the only type of a topic, when it has a publisher."""
+
+    def types():
+        found = watch.client.node.get_publishers_info_by_topic(topic)
+        return {each.topic_type for each in found}
+
+    (kind,) = watch.client.wait(types, topic)
+    return kind
+
+
+def test_shipped_layout_has_no_namespace():
+    text = (VIEWS / 'config' / 'foxglove' / 'feeder.json').read_text(encoding='utf-8')
+    assert json.loads(foxglove_layout(PART)) == json.loads(text)
+    moved = foxglove_layout('gear', '/cell_2')
+    assert '/cell_2/feeder_advice/gear.rates[0]' in moved
+    assert '"/diagnostics"' in moved
+    assert PART not in moved
+
+
+def test_foxglove_layout_shows_what_the_nodes_publish(cell):
+    watch, _, namespace = cell
+    found = list(shown_paths(json.loads(foxglove_layout(PART, namespace))))
+    assert {'imageTopic', 'calibrationTopic', 'topicToRender', 'topicPath', 'value'} == {
+        key for key, _ in found
+    }
+    for key, path in found:
+        topic, *fields = re.split(r'[.\[]', path)
+        kind = published_type(watch, topic)
+        assert kind == PANEL_TYPES.get(key, kind)
+        for field in [each for each in fields if not each.endswith(']')]:
+            kind = fields_of(kind)[field]
+            indexed = f'{field}[' in path
+            assert indexed == kind.startswith('sequence<')
+            kind = kind.removeprefix('sequence<').removesuffix('>')
+
+
+def test_rviz_shows_the_annotated_image(cell):
+    watch, _, namespace = cell
+    text = (VIEWS / 'rviz' / 'feeder.rviz').read_text(encoding='utf-8')
+    manager = yaml.safe_load(text)['Visualization Manager']
+    (display,) = [each for each in manager['Displays'] if 'Topic' in each]
+    asked = display['Topic']
+    assert display['Class'] == 'rviz_default_plugins/Image'
+    assert not asked['Value'].startswith('/')
+    topic = f'{namespace}/{asked["Value"]}'
+    assert published_type(watch, topic) == 'sensor_msgs/msg/Image'
+    (publisher,) = watch.client.node.get_publishers_info_by_topic(topic)
+    assert asked['Reliability Policy'].upper() == publisher.qos_profile.reliability.name
+    assert asked['Durability Policy'].upper() == publisher.qos_profile.durability.name
+    images = watch.client.listen(Image, topic, IMAGES)
+    watch.client.wait(lambda: images, 'annotated images')
+    assert images[-1].header.frame_id == manager['Global Options']['Fixed Frame']
+    assert images[-1].encoding == 'rgb8'

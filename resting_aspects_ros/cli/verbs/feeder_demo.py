@@ -12,7 +12,7 @@ from resting_aspects_ros.simulation.interruption import Interruption
 
 PART, MINUTES, SEED = 'l_bracket', '10', 1
 DROPS, PER_ASPECT = 300, 40
-DOCUMENT, PICTURE = 'feeder_demo.json', 'feeder_demo.png'
+DOCUMENT, PICTURE, LAYOUT = 'feeder_demo.json', 'feeder_demo.png', 'foxglove.json'
 INTERRUPTED = 130
 
 DESCRIPTION = f"""Run a vision feeder without hardware, in simulated time: drop the part {DROPS}
@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the demo; returns the exit code. Raises RestingAspectsError if a node fails."""
     out: Path = arguments.out
     make_folder('--out', out)
-    for name in (DOCUMENT, PICTURE):
+    for name in (DOCUMENT, PICTURE, LAYOUT):
         check_output('--out', out / name)
     with Interruption() as stop:
         # These imports take a second, and --help does not need them.
@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         demo = FeederDemo(planned_demo(arguments, DROPS, PER_ASPECT), out, stop.check)
         try:
-            demo.run()
+            demo.run(out / LAYOUT)
         except KeyboardInterrupt:
             print('interrupted', file=sys.stderr)
         found = demo.save(out / DOCUMENT, out / PICTURE)

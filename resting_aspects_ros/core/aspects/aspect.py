@@ -29,7 +29,7 @@ from resting_aspects_ros.core.rotations import (
 )
 
 # Version of the rule that numbers aspects. Counts under another version are not used.
-ASPECT_NUMBERING = 2
+ASPECT_NUMBERING = 3
 # Ids are ordered by centre of mass height, R, and by share; both are compared in steps of this.
 ORDER_STEP = 1e-3
 # Maximum distance of directions on a circle from its plane, as a share of the radius.

@@ -20,6 +20,7 @@ from itertools import product
 
 import numpy as np
 
+from resting_aspects_ros.core.geometry.quadrature import triangle_points
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array, rotate
 
@@ -139,22 +140,6 @@ def _surface_points(corners: Array, number: int) -> tuple[Array, Array]:
     """Return points (3, m) and weights (m,) for integrals over triangles, divided by the area."""
     sides = corners[:, 1:] - corners[:, :1]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    barycentric, weights = _points(number)
+    barycentric, weights = triangle_points(number)
     points = np.einsum('pc,fcd->dpf', barycentric, corners).reshape(3, -1)
     return points, np.outer(weights, area / area.sum()).ravel()
-
-
-def _points(number: int) -> tuple[Array, Array]:
-    """Return barycentric points (p, 3) and weights (p,) for integrals over a triangle.
-
-    They are products of Gauss points on a square that is mapped to the triangle, exact for
-    polynomials of degree 2 number - 2.
-    """
-    if number == 1:
-        return np.full((1, 3), 1 / 3), np.ones(1)
-    nodes, weights = np.polynomial.legendre.leggauss(number)
-    nodes, weights = (nodes + 1) / 2, weights / 2
-    u, v = (grid.ravel() for grid in np.meshgrid(nodes, nodes))
-    across = v * (1 - u)
-    share = np.outer(weights, weights).ravel() * (1 - u)
-    return np.stack([1 - u - across, u, across], axis=1), share / share.sum()

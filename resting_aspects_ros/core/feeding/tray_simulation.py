@@ -9,6 +9,7 @@ import numpy as np
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.feeding.controller_model import ControllerModel
 from resting_aspects_ros.core.feeding.decision import Advice, Choice, SeenPart
+from resting_aspects_ros.core.feeding.steady_state import Moves
 from resting_aspects_ros.core.feeding.tray_places import DensityPlaces, Places, RandomPlaces
 from resting_aspects_ros.core.reorientation.markov import Mask
 from resting_aspects_ros.core.statistics.intervals import Array, Counts
@@ -54,11 +55,10 @@ class SimulatedTray:
         self._places, self._generator, self._unrecognised = places, generator, unrecognised
         self.classes: Counts = np.zeros(0, dtype=np.int64)
         self._known: Mask = np.zeros(0, dtype=np.bool_)
-        self.use(model)
+        self.use(model.moves)
 
-    def use(self, model: ControllerModel) -> None:
-        """Take the shares of drops and flips from another model of the same part from now on."""
-        moves = model.moves
+    def use(self, moves: Moves) -> None:
+        """Take other shares of drops and flips of the same part from now on."""
         self._drop = np.cumsum(moves.drop)
         self._flips = np.cumsum(np.column_stack([moves.transitions, moves.left]), axis=1)
 
@@ -111,6 +111,7 @@ def simulate(
     unrecognised: float = 0.0,
     positions: bool = False,
     places: Places | None = None,
+    moves: Moves | None = None,
 ) -> TrayRun:
     """Simulate a feeder that obeys a controller, beginning with an empty tray.
 
@@ -133,11 +134,15 @@ def simulate(
         from the table of the model whether they are free (DensityPlaces).
     places : Places, optional
         Empty places to be used instead.
+    moves : Moves, optional
+        True moves that differ from those of the model.
     """
     if not seconds > 0:
         raise InvalidValueError(f'invalid seconds {shown(seconds)}: expected more than 0')
     places = places or (RandomPlaces if positions else DensityPlaces)(model, generator)
     tray = SimulatedTray(model, places, generator, unrecognised)
+    if moves is not None:
+        tray.use(moves)
     clock, images, supplied = 0.0, 0, 0
     done: list[float] = []
     choices: Counter[Choice] = Counter()

@@ -52,7 +52,7 @@ class VirtualFeeder:
     def use(self, model: ControllerModel) -> None:
         """Take the true moves and the times from another model of the same part from now on."""
         self._model = model
-        self.tray.use(model)
+        self.tray.use(model.moves)
 
     def take_image(self) -> None:
         """Let the time of an image and its evaluation pass."""

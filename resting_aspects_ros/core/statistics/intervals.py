@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betainccinv, betaincinv, ndtri
+from scipy.special import betaincinv, ndtri
 
 from resting_aspects_ros.core.errors import InvalidValueError
 
@@ -134,5 +134,5 @@ def _clopper_pearson(count: Counts, drops: Counts, tail: float) -> tuple[Array, 
     drops are arbitrary.
     """
     lower = betaincinv(np.maximum(count, 1), drops - count + 1, tail)
-    upper = betainccinv(count + 1, np.maximum(drops - count, 1), tail)
+    upper = 1 - betaincinv(np.maximum(drops - count, 1), count + 1, tail)
     return np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)

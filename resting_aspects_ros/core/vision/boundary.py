@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 import shapely
-from scipy.spatial import KDTree
+from scipy.spatial import cKDTree
 
 from resting_aspects_ros.core.geometry.surface_match import SYMMETRY_TOLERANCE
 from resting_aspects_ros.core.geometry.tessellation import CURVED_STEP, MARGIN, MAX_WIDTH_RATIO
@@ -38,6 +38,12 @@ class Boundary:
         Maximum distance of the boundary from the centroid, m.
     points : (k, 2) float
         Starts of the pieces, relative to the centroid, m.
+    along : (k, 2) float
+        From the start of each piece to its end, m.
+    squares : (k,) float
+        Their squared lengths, m^2.
+    sides : (2, k) int
+        The pieces that start and that end at each point.
     skins : (k,) float
         Depth of the true curve over the pieces, m.
     """
@@ -58,27 +64,20 @@ class Boundary:
         self.skins = np.concatenate([skin for *_, skin in pieces])
         first = np.cumsum([0, *(len(start) for start, *_ in pieces)])
         before = [np.roll(np.arange(a, b), 1) for a, b in pairwise(first)]
-        self._before = np.concatenate(before)
-        self._tree = KDTree(self.points)
+        self.sides = np.stack([np.arange(len(self.points)), np.concatenate(before)])
+        self.along = self._ends - self.points
+        self.squares = (self.along**2).sum(axis=1)
+        self._tree = cKDTree(self.points)  # KDTree takes longer for few points
 
     def nearest(self, points: Array) -> tuple[Array, Indices]:
         """Return the ways (n, 2) from points to the boundary and the pieces where they end."""
-        near = np.asarray(self._tree.query(points)[1])
-        ways = np.stack([self._way(points, near), self._way(points, self._before[near])])
-        first = (ways[0] ** 2).sum(axis=1) <= (ways[1] ** 2).sum(axis=1)
-        piece = np.where(first, near, self._before[near])
-        return np.where(first[:, None], ways[0], ways[1]), piece
+        pieces = self.sides[:, self._tree.query(points)[1]]
+        return nearest_on_pieces(points, pieces, self.points, self.along, self.squares)
 
-    def _way(self, points: Array, piece: Indices) -> Array:
-        start = self.points[piece]
-        along = self._ends[piece] - start
-        share = ((points - start) * along).sum(axis=1) / (along**2).sum(axis=1)
-        return np.asarray(start + np.clip(share, 0, 1)[:, None] * along - points)
-
-    def normals(self, piece: Indices) -> Array:
-        """Return the unit normals (n, 2) of pieces."""
-        along = self._ends[piece] - self.points[piece]
-        along /= np.linalg.norm(along, axis=1)[:, None]
+    @cached_property
+    def normals(self) -> Array:
+        """(k, 2) float: unit normals of the pieces."""
+        along = self.along / np.linalg.norm(self.along, axis=1)[:, None]
         return np.stack([along[:, 1], -along[:, 0]], axis=1)
 
     def excess(self, points: Array, skins: Array) -> Array:
@@ -148,6 +147,24 @@ class Boundary:
             np.bincount(ray % RAYS, np.sign(cross[piece]) * np.abs(r) ** p, RAYS) for p in POWERS
         ]
         return np.array(sums)
+
+
+def nearest_on_pieces(
+    points: Array, pieces: Indices, starts: Array, along: Array, squares: Array
+) -> tuple[Array, Indices]:
+    """Return the ways (n, 2) from points to the nearer one of two pieces (2, n), and that piece.
+
+    ``starts`` (k, 2), ``along`` (k, 2) and ``squares`` (k,) describe all pieces; see Boundary.
+    """
+    # Sums of two terms are faster than sum(axis=-1).
+    u, v = np.moveaxis(along[pieces], -1, 0)
+    x, y = np.moveaxis(starts[pieces] - points, -1, 0)
+    share = np.clip(-(x * u + y * v) / squares[pieces], 0, 1)
+    x, y = x + share * u, y + share * v
+    square = x * x + y * y
+    first = square[0] <= square[1]
+    way = np.stack([np.where(first, x[0], x[1]), np.where(first, y[0], y[1])], axis=1)
+    return way, np.where(first, pieces[0], pieces[1])
 
 
 def turn(angle: float) -> Array:

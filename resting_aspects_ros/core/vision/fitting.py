@@ -12,6 +12,7 @@ import shapely
 from shapely.geometry.polygon import orient
 
 from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.core.vision.alignment import normal_equations, turned
 from resting_aspects_ros.core.vision.boundary import RAYS, Boundary, turn
 from resting_aspects_ros.core.vision.common_area import common_area
 
@@ -141,7 +142,7 @@ def refined(
     some = seen.samples[::EVERY]
     scale = model.boundary.radius
     for step in range(iterations + 1):
-        points = _turned(some[None] - shifts[:, None], -yaws)
+        points = turned(some[None] - shifts[:, None], -yaws)
         way, piece = model.boundary.nearest(points.reshape(-1, 2))
         if step == 1 and len(yaws) > MAX_YAWS:
             nearest = (way**2).sum(axis=1).reshape(len(yaws), -1).sum(axis=1)
@@ -149,16 +150,13 @@ def refined(
             yaws, shifts, points = yaws[kept], shifts[kept], points[kept]
             way = way.reshape(len(nearest), -1, 2)[kept].reshape(-1, 2)
             piece = piece.reshape(len(nearest), -1)[kept].ravel()
-        normal = model.boundary.normals(piece).reshape(points.shape)
-        off = (way.reshape(points.shape) * normal).sum(axis=2)
-        lever = (points[..., 0] * normal[..., 1] - points[..., 1] * normal[..., 0]) / scale
-        design = np.concatenate([lever[..., None], normal], axis=2)
-        square = np.einsum('kmi,kmj->kij', design, design) / len(some) + 1e-9 * np.eye(3)
+        normals = model.boundary.normals[piece].reshape(points.shape)
+        square, right = normal_equations(points, way.reshape(points.shape), normals, scale)
         if step == iterations:
             break
-        moved = np.linalg.solve(square, np.einsum('kmi,km->ki', design, off)[..., None])[..., 0]
-        shifts = shifts - _turned(moved[:, None, 1:] / len(some), yaws)[:, 0]
-        yaws = yaws - moved[:, 0] / len(some) / scale
+        moved = np.asarray(np.linalg.solve(square, right[..., None]), np.float64)[..., 0]
+        shifts = shifts - turned(moved[:, None, 1:], yaws)[:, 0]
+        yaws = yaws - moved[:, 0] / scale
     stiffness = scale**2 / np.linalg.inv(square)[:, 0, 0]
     there, back = _distances(model, seen, yaws, shifts)
     squares = ((there**2).mean(axis=1) + (back**2).mean(axis=1)) / 2
@@ -226,18 +224,11 @@ def _same(one: float, other: float, order: int) -> bool:
 
 def _distances(model: Shape, seen: Shape, yaws: Array, shifts: Array) -> tuple[Array, Array]:
     """Return the distances (k, m) of the observed samples and of those of the model, m."""
-    points = _turned(seen.samples[None] - shifts[:, None], -yaws)
+    points = turned(seen.samples[None] - shifts[:, None], -yaws)
     there, _ = model.boundary.nearest(points.reshape(-1, 2))
-    points = _turned(np.broadcast_to(model.samples, (len(yaws), *model.samples.shape)), yaws)
+    points = turned(np.broadcast_to(model.samples, (len(yaws), *model.samples.shape)), yaws)
     back, _ = seen.boundary.nearest((points + shifts[:, None]).reshape(-1, 2))
     return (
         np.linalg.norm(there, axis=1).reshape(len(yaws), -1),
         np.linalg.norm(back, axis=1).reshape(len(yaws), -1),
     )
-
-
-def _turned(points: Array, yaws: Array) -> Array:
-    """Return points (k, m, 2) rotated by yaws (k,)."""
-    c, s = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
-    x, y = points[..., 0], points[..., 1]
-    return np.stack([c * x - s * y, s * x + c * y], axis=2)

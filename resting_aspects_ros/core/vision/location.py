@@ -1,9 +1,8 @@
 """The 6D poses of a part that a camera sees in an aspect at (x, y, yaw), and the inverse.
 
 A camera pose is relative to an outline: (x, y) is the projection of the centre of mass on the
-tray, m, and yaw turns the outline counter-clockwise, seen from above, rad. R_a is the orientation
-of the aspect at yaw 0, and c the centre of mass in the part frame. The pose of the part frame in
-the tray frame is
+tray, m, and yaw turns the outline counter-clockwise, seen from above, rad. With the orientation
+R_a of the aspect at yaw 0 and the centre of mass c, the pose of the part frame on the tray is
 
     R = Rz(yaw) R_a,    t = (x, y, com_height) - R c.
 """

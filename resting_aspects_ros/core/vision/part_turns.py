@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.aspects.symmetry import Symmetry
-from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.core.rotations import Array, rotation_between
 
 
 def rotation_to(symmetry: Symmetry | None, one: Array, other: Array) -> Array:
@@ -12,7 +12,7 @@ def rotation_to(symmetry: Symmetry | None, one: Array, other: Array) -> Array:
     if symmetry is None:
         return np.eye(3)
     if symmetry.kind == 'spherical':
-        return Rotation.align_vectors(other[None], one[None])[0].as_matrix()
+        return Rotation.from_quat(rotation_between(one, other)).as_matrix()
     rotations = symmetry.rotations
     if symmetry.axis is not None:
         rotations = np.array([_about(symmetry.axis, r @ one, other) @ r for r in rotations])

@@ -28,6 +28,7 @@ from resting_aspects_ros.core.vision.outline import (
     seen_outline,
     spread,
 )
+from resting_aspects_ros.core.vision.view_stack import ViewStack
 
 # Root mean square distance of neighbours, R, that is not divided further, and the minimum step,
 # rad. Outlines that are closer than the second value, R, are equal.
@@ -74,6 +75,15 @@ class Views:
     def squares(self) -> Array:
         """(n, 2) float: sums of the squares of the signatures."""
         return np.stack([shape.squares for shape in self.shapes])
+
+    @cached_property
+    def stack(self) -> ViewStack:
+        """The shapes, for fits of several of them at once."""
+        return ViewStack(self.shapes)
+
+    def beside(self, k: int) -> list[int]:
+        """Return the views before and after another one, fewer at the ends of the range."""
+        return [n for step in (-1, 1) if (n := self.neighbour(k, step)) is not None]
 
     def neighbour(self, k: int, step: int) -> int | None:
         """Return the view before or after another one, None at the end of the range."""

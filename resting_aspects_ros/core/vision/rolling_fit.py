@@ -1,5 +1,7 @@
 """Fit of the outlines of a part that rolls: yaw, position and roll."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +14,6 @@ from resting_aspects_ros.core.vision.fitting import (
     Shape,
     fit,
     mismatch,
-    refined,
 )
 from resting_aspects_ros.core.vision.likelihood import OutlineNoise, known_likelihood
 from resting_aspects_ros.core.vision.outline import rolled
@@ -81,31 +82,30 @@ def view_fits(views: Views, seen: Shape, sd: float, count: float) -> list[ViewFi
 
     ``sd`` is that of the boundary, m, with ``count`` independent errors.
     """
-    found: dict[int, list[Fit]] = {}
-
-    def near(k: int, yaw: float) -> Fit:
-        """Return the fit of a view, which is computed once for each yaw."""
-        for each in found.setdefault(k, []):
-            if abs(np.angle(np.exp(1j * (each.yaw - yaw)))) < 2 * np.pi / RAYS:
-                return each
-        found[k].append(refined(views.shapes[k], seen, np.array([yaw]), 1, ITERATIONS)[0])
-        return found[k][-1]
-
-    starts = [(k, near(k, yaw)) for k, yaw in _starts(views, seen)]
-    nearest = np.sqrt(min(one.square for _, one in starts)) + REACH * seen.boundary.radius
+    near = _NearFits(views, seen)
+    starts = _starts(views, seen)
+    first = near.all(starts)
+    nearest = np.sqrt(min(one.square for one in first)) + REACH * seen.boundary.radius
+    ends = [
+        (k, one) for (k, _), one in zip(starts, first, strict=True) if one.square <= nearest**2
+    ]
+    moving = list(range(len(ends)))
+    for _ in range(STEPS):
+        # All starts take a step at once.
+        near.all([(n, ends[i][1].yaw) for i in moving for n in views.beside(ends[i][0])])
+        still = []
+        for i in moving:
+            k, best = ends[i]
+            around = [(n, near(n, best.yaw)) for n in views.beside(k)]
+            other, one = min(around, key=lambda row: row[1].square, default=(k, best))
+            if other != k and one.square < best.square:
+                ends[i] = (other, one)
+                still.append(i)
+        moving = still
+    near.all([(n, best.yaw) for k, best in ends for n in views.beside(k)])
     fits: dict[tuple[int, int], ViewFit] = {}
-    for start, first in starts:
-        if first.square > nearest**2:
-            continue
-        k, best = start, first
-        for _ in range(STEPS):
-            around = [n for step in (-1, 1) if (n := views.neighbour(k, step)) is not None]
-            other = min(around, key=lambda n: near(n, best.yaw).square, default=k)
-            if other == k or near(other, best.yaw).square >= best.square:
-                break
-            k, best = other, near(other, best.yaw)
-        before, after = (views.neighbour(k, step) for step in (-1, 1))
-        sides = [(n, near(n, best.yaw)) for n in (before, after) if n is not None]
+    for k, best in ends:
+        sides = [(n, near(n, best.yaw)) for n in views.beside(k)]
         equal = all(views.groups[n] == views.groups[k] for n, _ in sides)
         key = (-1 - int(views.groups[k]) if equal else k, round(best.yaw / SAME_START))
         if key not in fits:
@@ -114,6 +114,44 @@ def view_fits(views: Views, seen: Shape, sd: float, count: float) -> list[ViewFi
                 _between(views, k, best, sides, sd, count) if between else _at(views, k, best)
             )
     return list(fits.values())
+
+
+class _NearFits:
+    """The fits of views near yaws; those near the same yaw are computed once."""
+
+    def __init__(self, views: Views, seen: Shape) -> None:
+        self._views, self._seen = views, seen
+        # By view: the yaw from which a fit began, and the fit.
+        self._found: dict[int, list[tuple[float, Fit]]] = {}
+
+    def __call__(self, k: int, yaw: float) -> Fit:
+        """Return the fit of a view near a yaw, rad."""
+        return self.all([(k, yaw)])[0]
+
+    def all(self, pairs: Sequence[tuple[int, float]]) -> list[Fit]:
+        """Return the fits of pairs of a view and a yaw, rad."""
+        needed: list[tuple[int, float]] = []
+        for k, yaw in pairs:
+            same = any(k == n and _is_near(yaw, other) for n, other in needed)
+            if not same and self._known(k, yaw) is None:
+                needed.append((k, yaw))
+        if needed:
+            which, yaws = np.array([k for k, _ in needed]), np.array([yaw for _, yaw in needed])
+            fits = self._views.stack.refined(which, self._seen, yaws, ITERATIONS)
+            for (k, yaw), one in zip(needed, fits, strict=True):
+                self._found.setdefault(k, []).append((yaw, one))
+        found = [self._known(k, yaw) for k, yaw in pairs]
+        return [one for one in found if one is not None]
+
+    def _known(self, k: int, yaw: float) -> Fit | None:
+        for begin, one in self._found.get(k, ()):
+            if _is_near(yaw, one.yaw) or _is_near(yaw, begin):
+                return one
+        return None
+
+
+def _is_near(one: float, other: float) -> bool:
+    return abs(math.remainder(one - other, 2 * math.pi)) < 2 * np.pi / RAYS
 
 
 def _starts(views: Views, seen: Shape) -> list[tuple[int, float]]:
@@ -151,14 +189,16 @@ def _between(
         a, b = -((-a) % views.period), b % views.period
     steps = np.array([a, 0.0, b])
     squares = np.array([first.square, best.square, last.square])
-    curve, slope, _ = np.polyfit(steps, squares, 2)
+    parabola = np.linalg.inv(np.vander(steps))  # coefficients from values at the steps
+    curve, slope, _ = parabola @ squares
     whole = views.period or float(np.ptp(views.rolls))
     if curve <= 0:
         return _at(views, k, best)
     step = float(np.clip(-slope / (2 * curve), a, b))
+    weights = np.array([step**2, step, 1.0]) @ parabola
 
     def at(values: list[float]) -> float:
-        return float(np.polyval(np.polyfit(steps, values, 2), step))
+        return float(weights @ values)
 
     yaws = [float(np.angle(np.exp(1j * (each.yaw - best.yaw)))) for each in (first, best, last)]
     yaw = float(np.angle(np.exp(1j * (best.yaw + at(yaws)))))

@@ -9,13 +9,14 @@ import pytest
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.feeding import controlled_runs
 from resting_aspects_ros.core.feeding.baselines import flip_and_refill
-from resting_aspects_ros.core.feeding.controlled_runs import forecast_controller
+from resting_aspects_ros.core.feeding.controlled_runs import SimulatedRuns, forecast_controller
 from resting_aspects_ros.core.feeding.controller_model import ControllerModel
 from resting_aspects_ros.core.feeding.cycle import CycleTimes
 from resting_aspects_ros.core.feeding.decision import advise
 from resting_aspects_ros.core.feeding.density import FreeShares
 from resting_aspects_ros.core.feeding.footprint import Footprint, Tray
 from resting_aspects_ros.core.feeding.model import FeederModel, SteadyStates
+from resting_aspects_ros.core.feeding.steady_state import Moves, drawn_moves
 from resting_aspects_ros.core.feeding.tray_places import DensityPlaces
 from resting_aspects_ros.core.feeding.tray_simulation import simulate
 
@@ -68,6 +69,51 @@ def test_runs_are_within_the_prediction_interval(monkeypatch, rule):
         rates.append(np.searchsorted(run.picked, 600) / 10)
     # At least 24 of 30 in 99.9 % of cases, if each is within with 95 %.
     assert sum(low <= rate <= high for rate in rates) >= 24
+
+
+def test_line_and_variances_of_runs_are_found():
+    """Runs of 4 minutes whose rates are known: see the arguments of the normal numbers."""
+    generator, number = np.random.default_rng(2), 3000
+    relative = generator.normal(1, 0.1, number)
+    of_moves, of_minute = 0.5, 6.0
+    rates = 30 + 45 * (relative - 1) + generator.normal(0, np.sqrt(of_moves), number)
+    batches = rates[:, None] + generator.normal(0, np.sqrt(3 * of_minute / 4), (number, 3))
+    runs = SimulatedRuns(relative, 1.0, batches, 4.0, 0.0)
+    whole = of_moves + of_minute / 4
+    # Standard errors: of a mean, of a slope, and of variances, sqrt(2 / n) of themselves.
+    assert runs.line[0] == pytest.approx(30, abs=4 * np.sqrt(whole / number))
+    assert runs.line[1] == pytest.approx(45, abs=4 * np.sqrt(whole / number) / 0.1)
+    line, moves, minute = (each.mean() for each in runs.variances(generator))
+    assert line == pytest.approx(whole / number, rel=4 * np.sqrt(2 / number))
+    assert minute == pytest.approx(of_minute, rel=4 * np.sqrt(2 / (2 * number)))
+    assert moves == pytest.approx(of_moves, abs=6 * whole * np.sqrt(2 / number))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('minutes', [5, 30])
+def test_interval_contains_what_the_counts_leave_open(minutes):
+    """The true moves of each run are drawn; the controller knows counts of few drops and flips.
+
+    With a limit of picks the fixed cycle depends less on the moves than the controller does.
+    """
+    feeder = dataclasses.replace(
+        FEEDER,
+        drop=np.array([60, 40]),
+        transitions=np.array([[18, 2, 0], [6, 14, 0]]),
+        max_picks=3,
+    )
+    model = ControllerModel(feeder, TABLE, 12)
+    found = forecast_controller(model, minutes, places=lambda each: DensityPlaces(model, each))
+    low, high = found.prediction
+    drawn = drawn_moves(feeder.drop, feeder.transitions, 40, np.random.default_rng(5))
+    within = 0
+    for k in range(40):
+        moves = Moves(drawn.drop[k], drawn.transitions[k], drawn.left[k])
+        generator = np.random.default_rng(1000 + k)
+        run = simulate(partial(advise, model=model), model, 60 * minutes, generator, moves=moves)
+        within += low <= np.searchsorted(run.picked, 60 * minutes) / minutes <= high
+    # At least 33 of 40 in 99.8 % of cases, if each is within with 95 %.
+    assert within >= 33
 
 
 def test_formula_predicts_runs_of_its_cycle():

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-import simpy
+from feeder_events import simulated_picks
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -51,54 +51,12 @@ def few_parts_are_placed(monkeypatch):
     monkeypatch.setattr(forecast_module, 'DRAWS', 60)
 
 
-def simulated(moves, free, number, times, max_picks, seconds, seed):
-    """Simulate feeder and robot as processes; returns the times of all picks."""
-    generator = np.random.default_rng(seed)
-    tray = generator.choice(len(free), size=number, p=moves.drop)
-    moved = np.column_stack([moves.transitions, moves.left])
-    env = simpy.Environment()
-    robot = simpy.Resource(env)
-    found = []
-
-    def place():
-        with robot.request() as ready:
-            yield ready
-            yield env.timeout(times.place)
-
-    def feeder():
-        nonlocal tray
-        while True:
-            yield env.timeout(times.vibrate)
-            yield env.timeout(times.settle + times.image)
-            seen = np.flatnonzero(generator.random(number) < free[tray])
-            seen = generator.permutation(seen)[:max_picks]
-            with robot.request() as ready:
-                yield ready
-            for k in range(len(seen)):
-                last = k == len(seen) - 1
-                yield env.timeout(times.robot - times.place * last)
-                found.append(env.now)
-            if len(seen) and times.place:
-                env.process(place())
-            picked = np.zeros(number, dtype=bool)
-            picked[seen] = True
-            state = np.array([generator.choice(len(free) + 1, p=row) for row in moved[tray]])
-            new = picked | (state == len(free))
-            state[new] = generator.choice(len(free), size=new.sum(), p=moves.drop)
-            tray = state
-            yield env.timeout(times.supply * new.sum())
-
-    env.process(feeder())
-    env.run(until=seconds)
-    return np.array(found)
-
-
 @pytest.fixture(scope='module', params=['plain', 'overlap', 'limited', 'few'])
 def case(request):
     """Give times, number of parts, maximum of picks, and the picks of a long simulation."""
     times = TIMES if request.param == 'plain' else OVERLAP
     number, most = {'limited': (12, 2), 'few': (2, None)}.get(request.param, (12, None))
-    found = simulated(MOVES, FREE, number, times, most, 60 * MINUTES, seed=1)
+    found = simulated_picks(MOVES, FREE, number, times, most, 60 * MINUTES, seed=1)
     return times, number, most, found
 
 
@@ -138,7 +96,7 @@ def test_runs_are_within_the_prediction_interval():
     within = 0
     for k in range(30):
         moves = Moves(drawn.drop[k], drawn.transitions[k], drawn.left[k])
-        picks = simulated(moves, free, 10, TIMES, None, 60 * 20, seed=k)
+        picks = simulated_picks(moves, free, 10, TIMES, None, 60 * 20, seed=k)
         within += low <= len(picks) / 20 <= high
     # At least 24 of 30 in 99.9 % of cases, if each is within with 95 %.
     assert within >= 24
