@@ -1,4 +1,4 @@
-"""Connections to Bullet: one for each thread, which is used again for every world."""
+"""The connection of a thread to Bullet, whose worlds all use it."""
 
 import threading
 import weakref
@@ -8,6 +8,8 @@ from resting_aspects_ros.simulation.silenced_stderr import silenced_stderr
 
 with silenced_stderr():  # pybullet prints its build time on import, in every process
     import pybullet
+
+__all__ = ['empty_client', 'pybullet']
 
 
 def empty_client() -> int:
