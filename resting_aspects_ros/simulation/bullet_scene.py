@@ -5,6 +5,8 @@ part with several bodies in an order that depends on the other parts, so that it
 which there are.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import pybullet
@@ -60,7 +62,10 @@ def drop_in_scene(job: DropJob, states: InitialState, first_drop: int, end: int)
 
 
 class SceneWorld(_World):
-    """A world with the bodies of the surroundings. Its axes are those of the scene frame."""
+    """A world with the bodies of the surroundings.
+
+    Its axes are those of the scene frame, and it moves with ``DropJob.frame_velocity``.
+    """
 
     _residual = RESIDUAL
 
@@ -114,7 +119,9 @@ class SceneWorld(_World):
                 flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH | pybullet.GEOM_CONCAVE_INTERNAL_EDGE,
                 physicsClientId=self._client,
             )
-        made = self._add_static(shape) if c.speed else self._add_at_rest(shape)
+        velocity = body.velocity * (job.time_unit / job.radius) - job.frame_velocity
+        moves = job.motion is not None or bool(velocity.any())
+        made = self._add_static(shape) if moves else self._add_at_rest(shape)
         self._set(
             made,
             restitution=c.restitution,
@@ -122,10 +129,9 @@ class SceneWorld(_World):
             rollingFriction=c.rolling_friction * job.rolling_length,
             spinningFriction=job.conditions.spinning_friction,
         )
-        velocity = (body.velocity * (job.time_unit / job.radius)).tolist()
-        state = (position, orientation, velocity, [0.0] * 3)
+        state = (position, orientation, velocity.tolist(), [0.0] * 3)
         self._place(made, *state)
-        if job.motion is not None or (body.contact.speed and not isinstance(body, HalfSpace)):
+        if job.motion is not None or (moves and not isinstance(body, HalfSpace)):
             self._moving.append((made, state))
 
     def _add_at_rest(self, shape: int) -> int:
@@ -141,6 +147,7 @@ class SceneWorld(_World):
     def drop_all(self, states: InitialState, slots: npt.NDArray[np.int64]) -> SceneSettling:
         """Release one body per slot and step until each is at rest, slides, is lost or failed."""
         origins = self._origins(slots)
+        states = replace(states, velocity=states.velocity - self._job.frame_velocity)
         bodies = self._add(states, slots, origins)
         settling = SceneSettling(self._job, states, slots)
         self._settled(bodies, origins, settling)

@@ -183,6 +183,13 @@ class DropJob:
         return math.sqrt(self.radius / self.conditions.gravity)
 
     @property
+    def frame_velocity(self) -> Array:
+        """(3,) velocity of the frame in which surroundings are simulated, R / T, scene frame."""
+        if self.scene is None or self.motion is not None:
+            return np.zeros(3)
+        return self.scene.frame_velocity * (self.time_unit / self.radius)
+
+    @property
     def impact_speed(self) -> float:
         """Speed at which the fastest point of the part hits the surface, m/s.
 

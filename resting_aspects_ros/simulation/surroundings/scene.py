@@ -141,7 +141,30 @@ class Scene:
         """Return vectors or points (n, 3) of the scene frame in the tray frame."""
         return rotate(self.tray_from_scene, vectors)
 
+    @property
+    def frame_velocity(self) -> Array:
+        """(3,) velocity of the frame in which the scene is simulated, m/s, scene frame.
+
+        That of the first body, if the scene is the same everywhere in that direction. In the
+        engine, friction on bodies at rest is more accurate, and takes less time.
+        """
+        velocity = self.bodies[0].velocity
+        return velocity if self._same_along(velocity) else np.zeros(3)
+
+    @property
+    def driven(self) -> bool:
+        """Whether a surface moves, which can add energy."""
+        return any(body.contact.speed for body in self.bodies)
+
     def velocities(self) -> Array:
-        """Return the different velocities (k, 3) of the surfaces, and zero, m/s, scene frame."""
+        """Return zero and the velocities (k, 3) with which parts can be carried for ever, m/s.
+
+        A belt that runs into a wall, or ends, carries no part for ever. Scene frame.
+        """
         moving = {tuple(body.velocity.tolist()) for body in self.bodies if body.contact.speed}
-        return np.array([(0.0, 0.0, 0.0), *sorted(moving)])
+        endless = sorted(v for v in moving if self._same_along(np.array(v)))
+        return np.array([(0.0, 0.0, 0.0), *endless])
+
+    def _same_along(self, direction: Array) -> bool:
+        """Return whether the scene is the same everywhere along a direction (3,)."""
+        return not direction[self.free :].any()

@@ -43,7 +43,9 @@ class SceneSettling(Settling):
         assert job.scene is not None
         self._scene = job.scene
         scale = job.time_unit / job.radius
-        self._surface_velocities = self._scene.velocities() * scale
+        # The states are relative to a frame that moves; the positions at the end are not.
+        self._frame = job.frame_velocity
+        self._surface_velocities = self._scene.velocities() * scale - self._frame
         self._max_speed = max(MAX_SLIDE_SPEED, 3 * job.impact_speed * scale)
         super().__init__(job, states, slots)
         n = len(slots)
@@ -72,6 +74,7 @@ class SceneSettling(Settling):
         self.time[sound] = now + self._elapsed[sound]
         self.time[sound[still & ~lost]] -= REST_WINDOW
         ended = still | lost | sliding | timed_out
+        self.position[sound[ended]] += self._frame * now
         self.moving = sound[~ended]
         return np.concatenate([moving[failed], sound[ended]])
 
@@ -86,7 +89,7 @@ class SceneSettling(Settling):
         rows = self.moving[sound]
         found = states.select(sound)
         energy = self._energies(found)
-        if shaken or len(self._surface_velocities) > 1:  # what moves adds energy
+        if shaken or self._scene.driven:  # what moves adds energy
             return np.asarray(~sound)
         self.growth[rows] = np.maximum(self.growth[rows], energy - self._energy[rows])
         lowest = np.minimum(self._min_energy[rows], energy)
@@ -111,7 +114,7 @@ class SceneSettling(Settling):
         turned = np.abs(states.orientation - self.orientation[which]).max(axis=1)
         self.position[which] = states.position
         self.orientation[which] = states.orientation
-        creep = MAX_CREEP if len(self._surface_velocities) > 1 else REST_MOTION
+        creep = MAX_CREEP if self._scene.driven else REST_MOTION
         still = (distance < creep) & (turned < REST_MOTION) & (not restart)
         self._still[which] = np.where(still, self._still[which] + 1, 0)
         return np.asarray(self._still[which] * CHECK_INTERVAL >= REST_WINDOW)

@@ -24,11 +24,12 @@ class Placed:
 
     def __init__(self, job, position, orientation, velocity=(0, 0, 0)):
         shape = (len(position), 3)
+        self.frame = job.frame_velocity
         self.job, self.world = job, SceneWorld(job, job.scene)
         start = InitialState(
             np.array(position, dtype=float),
             np.array(orientation, dtype=float),
-            np.array(np.broadcast_to(velocity, shape), dtype=float),
+            np.array(np.broadcast_to(velocity, shape) - self.frame),
             np.zeros(shape),
             elapsed=np.zeros(len(position)),
         )
@@ -48,7 +49,8 @@ class Placed:
 
     @property
     def states(self):
-        return self.world._states(self.bodies, self.origins, self.slots)
+        found = self.world._states(self.bodies, self.origins, self.slots)
+        return dataclasses.replace(found, velocity=found.velocity + self.frame)
 
 
 @pytest.fixture(scope='session')
@@ -60,8 +62,8 @@ def mat(surfaces):
 def job_in(mat):
     """Make the job of a part in a kind of surroundings, without bounces."""
 
-    def make(part, kind, bodies=None, **changes):
-        found = Surroundings(kind, bodies=bodies or {})
+    def make(part, kind, bodies=None, release=None, **changes):
+        found = Surroundings(kind, bodies=bodies or {}, release=release or {})
         conditions = dataclasses.replace(mat.changed(**changes), surroundings=found.key)
         return make_job(part, conditions, 1)
 
@@ -72,11 +74,11 @@ def job_in(mat):
 def flat_on():
     """Place bodies with their part frames turned by some angles about z on the plane z = 0."""
 
-    def make(job, yaws, velocity=(0, 0, 0), y=0.0):
+    def make(job, yaws, velocity=(0, 0, 0), x=0.0, y=0.0, lift=MARGIN):
         turned = Rotation.from_euler('z', np.reshape(yaws, (-1, 1)))
         orientation = (turned * Rotation.from_quat(job.axes)).as_quat()
-        height = depth_along(orientation, np.array([0.0, 0.0, -1.0]), job.hull) + MARGIN
-        position = np.stack([0 * height, 0 * height + y, height], axis=1)
+        height = depth_along(orientation, np.array([0.0, 0.0, -1.0]), job.hull) + lift
+        position = np.stack([0 * height + x, 0 * height + y, height], axis=1)
         return Placed(job, position, orientation, velocity)
 
     return make

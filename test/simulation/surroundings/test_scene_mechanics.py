@@ -103,7 +103,7 @@ def test_a_block_tips_where_its_centre_of_mass_is_beyond_its_edge(
 
 
 @pytest.mark.parametrize(('right', 'left'), [(30, 60), (45, 45), (20, 50)])
-def test_normal_forces_on_a_ball_between_frictionless_planes(solid, job_in, right, left, flat_on):
+def test_normal_forces_on_a_ball_between_frictionless_planes(solid, job_in, flat_on, right, left):
     # In the scene frame both planes of a groove are equally steep; the roll makes the difference.
     b1, b2 = np.radians([right, left])
     groove = VGroove(math.pi - b1 - b2, roll=(b2 - b1) / 2)
