@@ -202,7 +202,6 @@ def test_a_belt_that_runs_into_a_wall_slips_below_a_part_at_rest(solid, job_in, 
     assert (placed.settle() == RestStatus.SETTLED).all()
     half = 15 / 1000 / job.radius
     assert placed.settling.position[0, 0] == pytest.approx(-half, abs=0.005)
-    assert np.abs(placed.states.velocity).max() < 2e-3
 
 
 @pytest.mark.slow

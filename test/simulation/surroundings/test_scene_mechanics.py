@@ -102,6 +102,7 @@ def test_a_block_tips_where_its_centre_of_mass_is_beyond_its_edge(
         assert (turned.magnitude()[0] > 0.5) == falls, math.degrees(angle)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('right', 'left'), [(30, 60), (45, 45), (20, 50)])
 def test_normal_forces_on_a_ball_between_frictionless_planes(solid, job_in, flat_on, right, left):
     # In the scene frame both planes of a groove are equally steep; the roll makes the difference.
