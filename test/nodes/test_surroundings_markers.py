@@ -1,0 +1,70 @@
+"""Markers of surroundings: patches of planes end at the other planes."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message
+from visualization_msgs.msg import Marker, MarkerArray
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.nodes.aspect_classifier.surroundings_markers import (
+    BODIES,
+    NAMES,
+    PATCH,
+    plane_patch,
+    serialized_markers,
+)
+
+LEVEL = np.array([0.0, 0.0, 1.0, 0.0])
+
+
+def area(corners):
+    a, b, c = corners[:1], corners[1:-1], corners[2:]
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def test_a_patch_of_a_plane_is_a_square_in_it():
+    corners = plane_patch(np.array([0.6, 0.0, 0.8, -0.1]), [], 2.0)
+    np.testing.assert_allclose(corners @ [0.6, 0.0, 0.8], 0.1)
+    np.testing.assert_allclose(corners.mean(axis=0), [0.06, 0.0, 0.08], atol=1e-12)
+    assert area(corners) == pytest.approx(16.0)
+
+
+def test_a_patch_ends_at_a_wall():
+    wall = np.array([0.0, 1.0, 0.0, 0.5])  # the half-space y <= -0.5
+    corners = plane_patch(LEVEL, [wall], 2.0)
+    assert corners[:, 1].min() == pytest.approx(-0.5)
+    assert area(corners) == pytest.approx(4 * 2.5)
+
+
+def test_a_plane_inside_another_body_has_no_patch():
+    assert len(plane_patch(LEVEL, [np.array([0.0, 0.0, 1.0, -1.0])], 2.0)) == 0
+
+
+def markers_in(part, surfaces, found):
+    conditions = dataclasses.replace(surfaces.get(), surroundings=found.key)
+    data = serialized_markers(part, conditions, None, 'cell')
+    return deserialize_message(data, MarkerArray).markers
+
+
+def test_a_chute_has_two_patches_with_names(part, surfaces):
+    first, *markers = markers_in(part('l_bracket'), surfaces, ra.surroundings('l_chute'))
+    assert first.action == Marker.DELETEALL
+    assert {each.header.frame_id for each in markers} == {'cell'}
+    assert [each.text for each in markers if each.ns == NAMES] == ['belt, 0.1 m/s', 'wall']
+    belt, wall = (
+        np.array([[p.x, p.y, p.z] for p in each.points]) for each in markers if each.ns == BODIES
+    )
+    # The chute is rolled by 45 degrees: both patches rise from its axis, to different sides.
+    size = PATCH * part('l_bracket').hull_radius
+    for points in (belt, wall):
+        assert points[:, 2].min() == pytest.approx(0, abs=1e-9)
+        assert points[:, 2].max() == pytest.approx(size * np.sqrt(0.5))
+    assert belt[:, 1].mean() * wall[:, 1].mean() < 0
+
+
+def test_a_track_is_shown_as_a_block(part, surfaces):
+    markers = markers_in(part('l_bracket'), surfaces, ra.surroundings('bowl_track'))
+    sizes = [len(each.points) for each in markers if each.ns == BODIES]
+    assert 36 in sizes
