@@ -161,7 +161,8 @@ def _filled(message_class, rng):
 
 def _value(kind, rng):
     if kind.startswith('sequence<'):
-        return [_value(kind[len('sequence<') : -1], rng) for _ in range(3)]
+        element, _, most = kind[len('sequence<') : -1].partition(', ')
+        return [_value(element, rng) for _ in range(min(3, int(most or 3)))]
     if kind.endswith(']'):
         element, count = kind[:-1].split('[')
         return [_value(element, rng) for _ in range(int(count))]

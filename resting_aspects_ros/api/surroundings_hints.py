@@ -9,6 +9,7 @@ from scipy.optimize import nnls
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.surroundings.library import surroundings_from
+from resting_aspects_ros.simulation.surroundings.mesh_surface import UnknownMeshError
 from resting_aspects_ros.simulation.surroundings.scene import Scene
 
 # How parts leave surroundings of a kind.
@@ -30,7 +31,10 @@ def outcome_hints(
     """
     if not conditions.surroundings or radius is None:
         return
-    surroundings = surroundings_from(conditions.surroundings)
+    try:
+        surroundings = surroundings_from(conditions.surroundings)
+    except UnknownMeshError:
+        return
     scene = surroundings.scene(conditions, radius)
     if distribution.sliding:
         reason = slide_reason(scene)

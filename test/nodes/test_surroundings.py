@@ -1,0 +1,96 @@
+"""Goals and requests in surroundings: from the drop to the log, in real processes."""
+
+import json
+
+import pytest
+from resting_aspects_interfaces.msg import Status, SurroundingsDescription
+from visualization_msgs.msg import MarkerArray
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.nodes.aspect_classifier.surroundings_markers import BODIES
+from resting_aspects_ros.ros.distribution_conversions import distribution_from
+from resting_aspects_ros.ros.interface import LATCHED, SURROUNDINGS_MARKERS, SURROUNDINGS_QOS
+
+PART = 'l_bracket'
+
+
+@pytest.fixture(scope='module')
+def answer(suite):
+    """The answer to a request in the chute, which is dropped first."""
+    return suite.client.ask(PART, 40, surroundings='l_chute', seed=[18])
+
+
+@pytest.mark.slow
+def test_a_request_in_a_chute_counts_contacts(suite, answer):
+    assert answer.status.code == Status.OK, answer.status.message
+    message = answer.distribution
+    assert message.run.conditions.surroundings == ra.surroundings('l_chute').key
+    found = distribution_from(message)
+    assert found.drops == 40
+    assert found.contacts.planes == ('belt', 'wall')
+    direct = ra.drop(PART, drops=40, seed=18, surroundings='l_chute', workers=1)
+    assert found.counts.tolist() == direct.distribution.counts.tolist()
+    assert (found.lost, found.sliding, found.unsettled) == (
+        direct.distribution.lost, direct.distribution.sliding, direct.distribution.unsettled,
+    )  # fmt: skip
+    # The message has the most frequent contacts first.
+    assert sorted((p.contacts, p.count) for p in found.contacts.placements) == sorted(
+        (p.contacts, p.count) for p in direct.contacts.placements
+    )
+
+
+@pytest.mark.slow
+def test_only_the_same_surroundings_match(suite, answer):
+    assert answer.status.code == Status.OK
+    known = {'only_known': True, 'seed': [18]}
+    same = suite.client.ask(PART, 40, surroundings='l_chute', **known)
+    assert same.distribution.run.run_id == answer.distribution.run.run_id
+    document = json.dumps(ra.surroundings('l_chute').document)
+    same = suite.client.ask(PART, 40, surroundings=document, **known)
+    assert same.distribution.run.run_id == answer.distribution.run.run_id
+    for other in ('', 'slope', '{"kind": "chute", "roll": 0.3}'):
+        refused = suite.client.ask(PART, 40, surroundings=other, **known)
+        assert refused.status.code == Status.NOT_AVAILABLE
+
+
+@pytest.mark.slow
+def test_surroundings_are_described_recorded_and_shown(suite, answer):
+    run = answer.distribution.run
+    described = suite.client.listen(
+        SurroundingsDescription, f'surroundings/{PART}', SURROUNDINGS_QOS
+    )
+    shown = suite.client.listen(MarkerArray, SURROUNDINGS_MARKERS, LATCHED)
+    suite.client.wait(lambda: any(each.run_id == run.run_id for each in described), 'description')
+    message = next(each for each in described if each.run_id == run.run_id)
+    assert (message.part, message.name) == (PART, 'l_chute')
+    assert message.document == run.conditions.surroundings
+    assert [body.name for body in message.bodies] == ['belt', 'wall']
+    suite.client.wait(
+        lambda: shown and len([m for m in shown[-1].markers if m.ns == BODIES]) == 2, 'markers'
+    )
+    result = ra.read_log(suite.log_of(run.run_id))
+    assert result.complete
+    assert result.distribution.counts.tolist() == [
+        each.count for each in answer.distribution.aspects
+    ]
+    assert sum(p.count for p in result.contacts.placements) == sum(
+        each.count for each in answer.distribution.contacts
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('surroundings', 'expected'),
+    [
+        ('swamp', "invalid surroundings 'swamp': expected a JSON document, or one of "),
+        ('/etc/passwd', 'expected a JSON document, or one of '),
+        ('{"kind": "slope", "angle": 7}', 'invalid angle'),
+        ('{"kind": "mesh", "mesh": "/etc/passwd"}', 'surroundings_folder of drop_simulator'),
+    ],
+)
+def test_invalid_surroundings_of_a_goal(suite, surroundings, expected):
+    drop = suite.client.drop(PART, 10, surroundings=surroundings)
+    assert drop.outcome == 'aborted'
+    assert drop.result.status.code == Status.INVALID
+    assert expected in drop.result.status.message
+    assert suite.alive
