@@ -13,22 +13,18 @@ themselves.
 
 import math
 import tempfile
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import numpy as np
 import numpy.typing as npt
-import pybullet
 
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.rotations import Array, product, rotate
-from resting_aspects_ros.simulation.bullet_engine import (
-    _PART_GROUP,
-    _SURFACE_GROUP,
-    PENETRATION_TIME,
-)
+from resting_aspects_ros.simulation.bullet_client import pybullet
+from resting_aspects_ros.simulation.bullet_engine import _PART_GROUP, _SURFACE_GROUP
 from resting_aspects_ros.simulation.bullet_wall import FAR, NO_TURN, WallWorld, WorldWithEdge
-from resting_aspects_ros.simulation.drop_job import EDGE_STEPS_PER_T, DropJob
+from resting_aspects_ros.simulation.drop_job import EDGE_CHECKS_PER_T, STEPS_PER_T, DropJob
 from resting_aspects_ros.simulation.initial_state import (
     REST_MARGIN,
     BodyStates,
@@ -37,8 +33,6 @@ from resting_aspects_ros.simulation.initial_state import (
 )
 from resting_aspects_ros.simulation.settling import MAX_DEPTH, Settling
 
-# Time between checks of the parts, T.
-CHECK_INTERVAL = 0.25
 # A part is beyond the edge if its hull is further than this, R, from the plane of the wall.
 CLEARANCE = 0.02
 # A part stays at the edge if it is not beyond it after TIME_LIMIT, T, and the time in which the
@@ -55,14 +49,13 @@ CAPSULE_LENGTH = 0.5
 # it, which saves time.
 DROP = 0.05
 
-# As SOLVER_RESIDUAL, while parts are at the edge. They have many contacts with it, and a smaller
-# residual doubles the time without a change of the spin of a plate by more than 0.1 %.
-RESIDUAL = 1e-7
-# At the edge a time step is this many times longer than after it, unless the speed determines it:
-# contacts with the edge take most of the time of a step. With twice this time, an upright box
-# leaves the edge with 2 % too much spin, and its shares change by 0.03; with a quarter of it, its
-# spin changes by 0.2 %.
-LONG_STEPS = 4
+# As SOLVER_RESIDUAL, while parts are at the edge, where they have many contacts. With 1e-7, which
+# is a twentieth of the weight per step, a part that lies on both belts leaves them with 0.02 / T
+# less spin; the time is the same.
+RESIDUAL = 1e-9
+# Parts that move over the edge together. They are in the same place, and Bullet finds each pair of
+# them in each step, although they cannot touch each other.
+GROUP = 25
 
 _ALONG_Y = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
 # Quarter turn that makes the direction x point up.
@@ -73,10 +66,14 @@ def fall_over_edge(job: DropJob, states: InitialState, slots: npt.NDArray[np.int
     """Move parts over the edge, and step until those in some slots are at rest on the lower belt.
 
     The states are relative to the wall below the edge, and the ends to the lower belt. All parts
-    of the chunk move over the edge: Bullet sorts the contacts of two compounds in an order that
+    of a group move over the edge: Bullet sorts the contacts of two compounds in an order that
     depends on the other bodies, so that the motion of a part depends on which there are.
     """
-    passed, status = EdgeWorld(job).pass_over(states)
+    passed = InitialState(*(getattr(states, f.name).copy() for f in fields(states)))
+    status = np.full(len(states.elapsed), RestStatus.UNSETTLED, dtype=np.uint8)
+    everyone = np.arange(len(status))
+    for group in np.unique(slots // GROUP):
+        EdgeWorld(job).pass_over(passed, status, everyone[everyone // GROUP == group])
     return WallWorld(job).settled(passed, slots, status[slots])
 
 
@@ -85,19 +82,16 @@ class EdgeWorld(WorldWithEdge):
 
     def __init__(self, job: DropJob) -> None:
         super().__init__(job)
-        if job.steps_per_t == EDGE_STEPS_PER_T * job.refinement:
-            self._step *= LONG_STEPS
+        # Contacts with the edge take most of the time of a step. With half of these steps, an
+        # upright box leaves the edge with 2 % too much spin, and its shares change by 0.03; with
+        # four times as many, its spin changes by 0.2 %.
+        self._set_steps(job.steps(STEPS_PER_T))
         pybullet.setPhysicsEngineParameter(
-            fixedTimeStep=self._step,
-            erp=self._step / PENETRATION_TIME,
-            contactERP=self._step / PENETRATION_TIME,
-            solverResidualThreshold=RESIDUAL,
-            physicsClientId=self._client,
+            solverResidualThreshold=RESIDUAL, physicsClientId=self._client
         )
         edge = job.edge
         assert edge is not None
-        speed = job.time_unit / job.radius
-        self._upper, self._lower = edge.belt_speed * speed, edge.lower_speed * speed
+        self._upper, self._lower = edge.belt_speed * job.time_unit / job.radius, job.lower_speed
         self._place(self._ground, [0.0] * 3, NO_TURN, [self._lower, 0.0, 0.0], [0.0] * 3)
         radius = max(edge.radius / job.radius, MIN_RADIUS)
         self._shape = _compound(_obj_text(_in_body(job)), self._client)
@@ -123,35 +117,34 @@ class EdgeWorld(WorldWithEdge):
         turn = [0.0, self._upper / radius, 0.0]
         self._place(self._roller, [-radius, 0.0, height - radius], NO_TURN, [0.0] * 3, turn)
 
-    def pass_over(self, states: InitialState) -> tuple[InitialState, npt.NDArray[np.uint8]]:
-        """Move all parts of a chunk over the edge.
+    def pass_over(
+        self, at: InitialState, status: npt.NDArray[np.uint8], which: npt.NDArray[np.int64]
+    ) -> None:
+        """Move some parts over the edge; changes their rows of ``at`` and of ``status``.
 
-        Returns their states when they are beyond it, relative to the lower belt and to the wall,
-        and for each SETTLED, or UNSETTLED or FAILED for a part that did not get there.
+        The states are then relative to the lower belt and to the wall. The status is SETTLED for a
+        part that is beyond the edge, FAILED for one that failed, and as before for others.
         """
-        ends = InitialState(*(getattr(states, f.name).copy() for f in fields(states)))
-        starts = replace(states, position=states.position + np.array([0.0, 0.0, REST_MARGIN]))
-        moving = np.arange(len(states.elapsed))
-        origins = np.zeros((len(moving), 3))
-        bodies = self._add(starts, moving, origins)
-        status = np.full(len(moving), RestStatus.UNSETTLED, dtype=np.uint8)
-        steps = round(CHECK_INTERVAL / self._step)
+        at.position[which, 2] += REST_MARGIN
+        origins = np.zeros((len(status), 3))
+        bodies = dict(zip(which.tolist(), self._add(at, which, origins[which]), strict=True))
+        moving, steps = which, self._steps_per_t // EDGE_CHECKS_PER_T
         now, limit = 0.0, TIME_LIMIT + CARRIED / self._upper
         while len(moving) and now < limit:
             self._advance_renewed(steps)
-            now += steps * self._step
-            at = self._states(bodies, origins, moving)
-            sound, beyond = self._sound(at), self._beyond(at)
+            now += 1 / EDGE_CHECKS_PER_T
+            found = self._states(bodies, origins, moving)
+            sound, beyond = self._sound(found), self._beyond(found)
             status[moving[~sound]] = RestStatus.FAILED
             status[moving[sound & beyond]] = RestStatus.SETTLED
-            rows, found = moving[sound], at.select(sound)
-            ends.position[rows], ends.orientation[rows] = found.position, found.orientation
-            ends.velocity[rows] = found.velocity - np.array([self._lower, 0.0, 0.0])
-            ends.spin[rows], ends.elapsed[rows] = found.spin, now
-            for i in moving[~sound | beyond]:
+            rows, found = moving[sound], found.select(sound)
+            at.position[rows], at.orientation[rows] = found.position, found.orientation
+            at.velocity[rows], at.spin[rows] = found.velocity, found.spin
+            at.elapsed[rows] = now
+            for i in moving[~sound | beyond].tolist():
                 pybullet.removeBody(bodies[i], physicsClientId=self._client)
             moving = moving[sound & ~beyond]
-        return ends, status
+        at.velocity[which, 0] -= self._lower
 
     def _advance_renewed(self, steps: int) -> None:
         for _ in range(steps):

@@ -1,4 +1,4 @@
-"""The Bullet physics engine: the only module that imports pybullet.
+"""The Bullet physics engine; only bullet_* modules import pybullet.
 
 Bullet's margins and thresholds are absolute, so every part is simulated in its own scale: lengths
 are in units of the hull radius R, times in units of T = sqrt(R / g), and the mass is 1. Therefore
@@ -6,16 +6,14 @@ g is 1.
 """
 
 import math
-import threading
-import weakref
 from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.simulation.bullet_client import empty_client, pybullet
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import (
     CHUNK,
@@ -24,10 +22,6 @@ from resting_aspects_ros.simulation.initial_state import (
     initial_states,
 )
 from resting_aspects_ros.simulation.settling import CHECK_INTERVAL, Settling, resting_poses
-from resting_aspects_ros.simulation.silenced_stderr import silenced_stderr
-
-with silenced_stderr():  # pybullet prints its build time on import, in every process
-    import pybullet
 
 # Distance between slots, R. A collision mask keeps bodies from touching each other; the distance
 # reduces the cost of collision detection.
@@ -82,13 +76,11 @@ class _World:
     """
 
     def __init__(self, job: DropJob) -> None:
-        client = _empty_client()
+        client = empty_client()
         self._job = job
         self._client = client
-        self._step = 1 / job.steps_per_t
         pybullet.setGravity(0, 0, -1, physicsClientId=client)
         pybullet.setPhysicsEngineParameter(
-            fixedTimeStep=self._step,
             numSubSteps=0,
             numSolverIterations=MAX_SOLVER_ITERATIONS,
             solverResidualThreshold=SOLVER_RESIDUAL,
@@ -96,16 +88,25 @@ class _World:
             # is an island of its own and stops iterating independently.
             minimumSolverIslandSize=0,
             restitutionVelocityThreshold=RESTITUTION_THRESHOLD,
-            erp=self._step / PENETRATION_TIME,
-            contactERP=self._step / PENETRATION_TIME,
             contactBreakingThreshold=min(CONTACT_BREAKING, THIN_PART_FRACTION * job.min_height),
             deterministicOverlappingPairs=1,
             physicsClientId=client,
         )
+        self._set_steps(job.steps_per_t)
         plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
         self._ground = self._add_static(plane)
         self._shape = pybullet.createCollisionShape(
             pybullet.GEOM_MESH, vertices=_corners(job.hull.tobytes()), physicsClientId=client
+        )
+
+    def _set_steps(self, steps_per_t: int) -> None:
+        """Set the number of time steps per T."""
+        self._steps_per_t, self._step = steps_per_t, 1 / steps_per_t
+        pybullet.setPhysicsEngineParameter(
+            fixedTimeStep=self._step,
+            erp=self._step / PENETRATION_TIME,
+            contactERP=self._step / PENETRATION_TIME,
+            physicsClientId=self._client,
         )
 
     def _add_static(self, shape: int) -> int:
@@ -173,15 +174,19 @@ class _World:
         return self._settled(bodies, origins, Settling(self._job, states, slots))
 
     def _settled(self, bodies: list[int], origins: Array, settling: Settling) -> Settling:
-        steps = round(CHECK_INTERVAL * self._job.steps_per_t)
-        checks = 0
+        now = 0.0
         while len(settling.moving):
-            self._advance(checks * steps, steps)
-            checks += 1
+            now = self._until_check(now)
             moving = self._states(bodies, origins, settling.moving)
-            for i in settling.check(checks * steps * self._step, moving):
+            for i in settling.check(now, moving):
                 pybullet.removeBody(bodies[i], physicsClientId=self._client)
         return settling
+
+    def _until_check(self, now: float) -> float:
+        """Step the world from the time ``now``, T, to the next check; returns the time of it."""
+        made, steps = (round(t * self._steps_per_t) for t in (now, CHECK_INTERVAL))
+        self._advance(made, steps)
+        return (made + steps) * self._step
 
     def _advance(self, made: int, steps: int) -> None:
         """Step the world, in which ``made`` steps were made, and move the surface with it."""
@@ -196,9 +201,12 @@ class _World:
         self._place(self._ground, *last)
 
     def _states(
-        self, bodies: list[int], origins: Array, which: npt.NDArray[np.int64]
+        self,
+        bodies: list[int] | dict[int, int],
+        origins: Array,
+        which: npt.NDArray[np.int64],
     ) -> BodyStates:
-        ids, client = [bodies[i] for i in which], self._client
+        ids, client = [bodies[i] for i in which.tolist()], self._client
         poses = [pybullet.getBasePositionAndOrientation(i, physicsClientId=client) for i in ids]
         speeds = [pybullet.getBaseVelocity(i, physicsClientId=client) for i in ids]
         position, orientation = map(np.array, zip(*poses, strict=True))
@@ -215,32 +223,6 @@ def _corners(hull: bytes) -> list[list[float]]:
     """
     corners: list[list[float]] = np.frombuffer(hull).reshape(-1, 3).tolist()
     return corners
-
-
-def _empty_client() -> int:
-    """Return the thread's Bullet client with an empty world; connecting again would take 5 ms."""
-    if not hasattr(_thread_data, 'client'):
-        _thread_data.client = _Client()
-    number = _thread_data.client.number
-    pybullet.resetSimulation(physicsClientId=number)
-    return number
-
-
-class _Client:
-    """A connection to Bullet that closes when its thread ends."""
-
-    def __init__(self) -> None:
-        self.number: int = pybullet.connect(pybullet.DIRECT)
-        if self.number < 0:
-            raise EngineError('Bullet cannot create another world in this process')
-        weakref.finalize(self, pybullet.disconnect, self.number)
-
-
-class _PerThread(threading.local):
-    client: _Client
-
-
-_thread_data = _PerThread()
 
 
 def _slot_origins(slots: npt.NDArray[np.int64]) -> Array:

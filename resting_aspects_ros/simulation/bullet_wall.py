@@ -4,14 +4,17 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-import pybullet
 
 from resting_aspects_ros.core.poses import RestStatus
+from resting_aspects_ros.simulation.bullet_client import pybullet
 from resting_aspects_ros.simulation.bullet_engine import SLOT_SPACING, _World
-from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.drop_job import STEPS_PER_T, DropJob
 from resting_aspects_ros.simulation.initial_state import CHUNK, InitialState
-from resting_aspects_ros.simulation.settling import Settling
+from resting_aspects_ros.simulation.settling import CHECK_INTERVAL, Settling
 
+# Time with the fine steps of a fall, T, after a part is beyond the edge; later it moves like any
+# drop.
+FINE_TIME = 3.0
 # Extent of the bodies, R: more than parts can drift.
 FAR = 20.0
 NO_TURN = [0.0, 0.0, 0.0, 1.0]
@@ -73,6 +76,12 @@ class WallWorld(WorldWithEdge):
         for i in np.flatnonzero(~passed):
             pybullet.removeBody(bodies[i], physicsClientId=self._client)
         return self._settled(bodies, origins, settling)
+
+    def _until_check(self, now: float) -> float:
+        later = self._job.steps(STEPS_PER_T)
+        if now > FINE_TIME - CHECK_INTERVAL / 2 and self._steps_per_t != later:
+            self._set_steps(later)
+        return super()._until_check(now)
 
     def _advance(self, made: int, steps: int) -> None:
         if self._speed == 0:

@@ -32,6 +32,8 @@ MOTION_STEPS_PER_T = 320
 # onto a side, n = 1667), a share of 0.292 with 1280 steps was 0.284 with 640, 0.265 with 320 and
 # 0.257 with 160 steps; the differences to 1280 steps have standard errors of 0.004 to 0.009.
 EDGE_STEPS_PER_T = 640
+# Checks per T of parts that move over an edge, each after a whole number of steps.
+EDGE_CHECKS_PER_T = 8
 # Maximum distance, R, that a point of the part moves in one step at impact speed, for any height
 # and for up to 3 standard deviations of speed and spin at release.
 TRAVEL_PER_STEP = 0.05
@@ -131,9 +133,12 @@ class DropJob:
     @property
     def wall_speed(self) -> float:
         """Speed of the wall below an edge in the frame of the lower belt, R / T; 0 without one."""
-        if self.edge is None:
-            return 0.0
-        return -self.edge.lower_speed * self.time_unit / self.radius
+        return -self.lower_speed
+
+    @property
+    def lower_speed(self) -> float:
+        """Speed of the belt below an edge, R / T; 0 without one."""
+        return 0.0 if self.edge is None else self.edge.lower_speed * self.time_unit / self.radius
 
     @property
     def motion(self) -> Motion | None:
@@ -185,14 +190,18 @@ class DropJob:
 
     @property
     def steps_per_t(self) -> int:
-        """Number of time steps per T."""
-        speed = self.impact_speed * self.time_unit / self.radius
-        steps = max(STEPS_PER_T, math.ceil(speed / TRAVEL_PER_STEP))
+        """Number of time steps per T; below an edge, that of the first impacts."""
         if self.motion is not None:
             resolved = math.ceil(self.time_unit / self.motion.time_step)
-            steps = max(steps, MOTION_STEPS_PER_T, resolved)
+            return self.steps(max(MOTION_STEPS_PER_T, resolved))
+        return self.steps(STEPS_PER_T if self.edge is None else EDGE_STEPS_PER_T)
+
+    def steps(self, least: int) -> int:
+        """Return the number of time steps per T, at least ``least`` and as the speed requires."""
+        speed = self.impact_speed * self.time_unit / self.radius
+        steps = max(least, math.ceil(speed / TRAVEL_PER_STEP))
         if self.edge is not None:
-            steps = max(steps, EDGE_STEPS_PER_T)
+            steps = -(-steps // EDGE_CHECKS_PER_T) * EDGE_CHECKS_PER_T
         return steps * self.refinement
 
     @property

@@ -1,0 +1,78 @@
+"""The shifts and the distances that `make validate` states of actions."""
+
+import numpy as np
+import pytest
+import validate_reorientation
+from dropper import Dropper
+from paired_actions import ONE_SIDED, joint_counts, shifts
+from validate_reorientation import farthest
+
+from resting_aspects_ros.api.condition_text import shipped_actions
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.simulation.process_workers import ProcessWorkers
+
+
+def test_shift_and_error_are_those_of_paired_shares():
+    counts = np.zeros((1, 5, 5), dtype=np.int64)
+    counts[0, 0, 0], counts[0, 0, 1], counts[0, 1, 0], counts[0, 1, 1] = 500, 40, 10, 450
+    found = shifts(counts)
+    assert found.largest[0] == 0
+    assert abs(found.shift[0, :2]).tolist() == [0.03, 0.03]
+    # 40 parts leave the first column and 10 come: sqrt(50 - 30^2 / 1000) / 1000.
+    assert found.error[0, 0] == pytest.approx(np.sqrt(50 - 0.9) / 1000, rel=0.02)
+    assert found.different == pytest.approx(0.05)
+    assert found.bound == pytest.approx(0.03 + ONE_SIDED * found.error[0, 0])
+
+
+def test_bound_covers_the_largest_change_in_19_of_20_samples():
+    generator = np.random.default_rng(1)
+    p = np.array([0.28, 0.02, 0.0, 0.1, 0.5, 0.02, 0.02, 0.01, 0.05])
+    true = p.reshape(3, 3)
+    largest = abs(true.sum(axis=0) - true.sum(axis=1)).max()
+    n = 1000
+    samples = generator.multinomial(2000, p, size=n).reshape(n, 1, 3, 3)
+    covered = np.mean([shifts(counts).bound >= largest for counts in samples])
+    # The share of covered samples has the standard error sqrt(0.95 x 0.05 / n).
+    assert covered > 0.95 - 3 * np.sqrt(0.95 * 0.05 / n)
+
+
+@pytest.fixture(autouse=True)
+def few_samples(monkeypatch):
+    monkeypatch.setattr(validate_reorientation, 'SAMPLES', 200)
+
+
+def test_distance_of_equal_rows_is_within_chance():
+    generator = np.random.default_rng(1)
+    n, above = 200, 0
+    for _ in range(n):
+        rows = generator.multinomial(500, [0.3, 0.3, 0.2, 0.2], size=4)
+        distance, chance, _ = farthest(rows, rows, generator)
+        above += distance > chance
+    # 5 % of the samples exceed it; the quantile of 200 samples adds to the standard error.
+    assert 0 < above / n < 0.05 + 3 * np.sqrt(2 * 0.05 * 0.95 / n)
+
+
+def test_bound_of_the_distance_covers_in_19_of_20_samples():
+    generator = np.random.default_rng(1)
+    rows = np.array([[0.4, 0.3, 0.3], [0.3, 0.4, 0.3]])
+    n = 100
+    bounds = [
+        farthest(found, found, generator)[2]
+        for found in (generator.multinomial(400, rows) for _ in range(n))
+    ]
+    assert np.mean(np.array(bounds) >= 0.1) > 0.95 - 3 * np.sqrt(0.95 * 0.05 / n)
+
+
+@pytest.mark.slow
+def test_joint_counts_have_every_action_once(part):
+    shape = part('box_10x20x30')
+    workers = ProcessWorkers(1)
+    try:
+        counts = joint_counts(Dropper(workers), shape, shipped_actions().get('tap').action, 10)
+    finally:
+        workers.stop()
+    classes = find_aspects(shape).classes()
+    assert counts.shape == (len(classes), len(classes) + 4, len(classes) + 4)
+    assert counts.sum(axis=(1, 2)).tolist() == [10] * len(classes)
+    # A tap is weak: most parts stay, with both time steps.
+    assert counts[0, 0, 0] >= 8
