@@ -27,10 +27,11 @@ STEPS_PER_T = 160
 # restitution 0.3 on a plate of 25 Hz, 1.5 mm and 0.001 rad), a share of 0.20 with 640 and 1280
 # steps was 0.22 with 320 and 0.25 with 160 steps (standard error 0.01).
 MOTION_STEPS_PER_T = 320
-# The same for parts that fall from an edge. They hit the lower belt with two corners at almost the
-# same time, because they turn about the edge. In the worst case found (an upright box that falls
-# onto a side, n = 1667), a share of 0.292 with 1280 steps was 0.284 with 640, 0.265 with 320 and
-# 0.257 with 160 steps; the differences to 1280 steps have standard errors of 0.004 to 0.009.
+# The same for the first impacts of parts that fall from an edge. They hit the lower belt with two
+# corners at almost the same time, because they turn about the edge. In the worst case found (an
+# upright box that falls onto a side, n = 1667), a share of 0.292 with 1280 steps was 0.284 with
+# 640, 0.265 with 320 and 0.257 with 160 steps; the differences to 1280 steps have standard errors
+# of 0.004 to 0.009.
 EDGE_STEPS_PER_T = 640
 # Checks per T of parts that move over an edge, each after a whole number of steps.
 EDGE_CHECKS_PER_T = 8
