@@ -96,11 +96,11 @@ def _memory(dropper: Dropper, parts: list[Part], strongest: dict[str, Counts]) -
         outside = [drop.unclassified, drop.unsettled, drop.failed, 0]
         dropped = np.array([[*drop.counts.tolist(), *outside]])
         rows = strongest[part.name]
-        cells = [
-            f'{value:.4f}'
-            for pair in ((rows, rows), (rows, dropped))
-            for value in farthest(*pair, generator)
+        values = [
+            *farthest(rows, rows, generator),
+            *farthest(rows, dropped, generator),
         ]
+        cells = [f'{value:.4f}' for value in values]
         yield f'| {part.name} | {rows.sum(axis=1).min()} | {" | ".join(cells)} |'
     yield ''
 
