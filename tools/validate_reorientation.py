@@ -95,11 +95,11 @@ def _memory(dropper: Dropper, parts: list[Part], strongest: dict[str, Counts]) -
         outside = [drop.unclassified, drop.unsettled, drop.failed, 0]
         dropped = np.array([[*drop.counts.tolist(), *outside]])
         rows = strongest[part.name]
-        cells = [
-            f'{value:.4f}'
-            for others in (rows, dropped)
-            for value in farthest(rows, others, generator)
+        values = [
+            *farthest(rows, rows, generator),
+            *farthest(rows, dropped, generator),
         ]
+        cells = [f'{value:.4f}' for value in values]
         yield f'| {part.name} | {rows.sum(axis=1).min()} | {" | ".join(cells)} |'
     yield ''
 

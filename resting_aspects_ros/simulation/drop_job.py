@@ -34,7 +34,7 @@ MOTION_STEPS_PER_T = 320
 # 640, 0.265 with 320 and 0.257 with 160 steps; the differences to 1280 steps have standard errors
 # of 0.004 to 0.009.
 EDGE_STEPS_PER_T = 640
-# Checks per T of parts that move over an edge, each after a whole number of steps.
+# Checks per T of parts that move over an edge; a multiple of it is the number of steps per T.
 EDGE_CHECKS_PER_T = 8
 # Maximum distance, R, that a point of the part moves in one step at impact speed, for any height
 # and for up to 3 standard deviations of speed and spin at release.
