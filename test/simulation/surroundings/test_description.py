@@ -1,0 +1,121 @@
+"""The description of surroundings: values, texts, keys and the scene that follows from them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.simulation.quantity import quantities_of
+from resting_aspects_ros.simulation.surroundings.description import KINDS, Surroundings
+from resting_aspects_ros.simulation.surroundings.kinds import Chute, Slope, tray_from_scene
+from resting_aspects_ros.simulation.surroundings.library import (
+    make_surroundings,
+    surroundings_from,
+)
+
+# Dimensions that have no default.
+NEEDED = {
+    'slope': {'angle': 0.2},
+    'v_groove': {'opening': 1.5},
+    'tray': {'length': 0.4, 'width': 0.3},
+    'bowl_track': {'width': 0.04},
+}
+FLAT = [kind for kind in KINDS if kind != 'mesh']
+
+
+def described(kind, **values):
+    return make_surroundings({'kind': kind, **NEEDED.get(kind, {}), **values})
+
+
+@pytest.mark.parametrize('kind', FLAT)
+def test_a_key_gives_the_same_surroundings(kind):
+    body = KINDS[kind].body_names[0]
+    given = described(kind, bodies={body: {'friction': 0.3}}, release={'x_min': 0.01})
+    assert surroundings_from(given.key).document == given.document
+    assert surroundings_from(given.key).key == given.key
+
+
+@pytest.mark.parametrize('kind', FLAT)
+def test_every_dimension_is_checked(kind):
+    for name, quantity in quantities_of(KINDS[kind]).items():
+        with pytest.raises(InvalidValueError, match=f'invalid {name} .*expected'):
+            described(kind, **{name: quantity.high + 1})
+
+
+def test_order_of_keys_does_not_matter():
+    one = described('chute', bodies={'wall': {'friction': 0.2}, 'belt': {'speed': 0.1}})
+    other = described('chute', bodies={'belt': {'speed': 0.1}, 'wall': {'friction': 0.2}})
+    assert one.key == other.key
+
+
+@pytest.mark.parametrize('level', [described('plane'), Surroundings(Slope(angle=0.0))])
+def test_level_plane_has_an_empty_key(level):
+    assert level.key == ''
+
+
+def test_level_plane_with_values_of_its_own_is_not_the_default():
+    assert described('plane', bodies={'floor': {'friction': 0.1}}).key
+
+
+def test_text_has_all_values_in_the_units_of_people():
+    given = described('chute', roll=0.5, bodies={'belt': {'speed': 0.1}}, release={'y_min': 0.02})
+    assert given.text == (
+        'chute (roll 28.6479 deg, pitch 0 deg), belt (speed 0.1 m/s), release (y min 20 mm)'
+    )
+
+
+@pytest.mark.parametrize(
+    ('document', 'says'),
+    [
+        ({'kind': 'chut'}, "'chut'.*did you mean 'chute'"),
+        ({'kind': 'chute', 'rol': 0.1}, "'rol'.*did you mean 'roll'"),
+        ({'kind': 'chute', 'bodies': {'bel': {}}}, "'bel'.*belt, wall.*did you mean 'belt'"),
+        ({'kind': 'chute', 'bodies': {'belt': {'frict': 1}}}, "'frict'.*friction"),
+        ({'kind': 'chute', 'bodies': {'belt': 3}}, 'belt 3.*mapping'),
+        ({'kind': 'chute', 'release': {'x': 3}}, "'x' in release.*x_min"),
+        ({'kind': 'chute', 'roll': True}, 'roll True'),
+        ({'kind': 'chute', 'orientation': [0, 0, 0, 2]}, 'orientation.*unit quaternion'),
+        ({'kind': 'chute', 'release': {'x_min': 2, 'x_max': 1}}, 'x_min 2.*at most x_max, 1'),
+        ({'kind': 'slope'}, 'missing value angle of the kind slope'),
+        ({'kind': 'mesh'}, 'missing value mesh of the kind mesh'),
+        ({'kind': 'mesh', 'mesh': 'no.stl', 'vertices': 1}, "'vertices'"),
+        ({'roll': 3}, 'expected a mapping with the key kind'),
+        ([], 'expected a mapping'),
+    ],
+)
+def test_wrong_descriptions_are_refused(document, says):
+    with pytest.raises(InvalidValueError, match=says):
+        make_surroundings(document)
+
+
+def test_angle_out_of_bounds_is_stated_in_degrees():
+    with pytest.raises(InvalidValueError, match=r'angle 2.*\(0 to 85 deg\)'):
+        Slope(angle=2)
+
+
+def test_bodies_have_the_values_of_the_conditions_or_their_own(mat):
+    scene = described('chute', bodies={'belt': {'friction': 0.9}}).scene(mat, 0.02)
+    belt, wall = scene.bodies
+    assert (belt.contact.friction, wall.contact.friction) == (0.9, mat.friction)
+    assert belt.contact.restitution == mat.restitution
+
+
+def test_gravity_is_tilted_by_roll_and_pitch(mat):
+    roll, pitch = 0.5, 0.3
+    scene = Surroundings(Chute(roll=roll, pitch=pitch)).scene(mat, 0.02)
+    # The component along x is that of the pitch; across it, gravity is rolled towards the wall.
+    expected = [np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)]
+    np.testing.assert_allclose(scene.down, expected, atol=1e-12)
+    assert np.linalg.norm(tray_from_scene(roll, pitch)) == pytest.approx(1, abs=1e-12)
+
+
+def test_release_inside_a_wall_is_refused(mat):
+    near = described('wall', release={'y_min': 0.01, 'y_max': 0.03})
+    with pytest.raises(InvalidValueError, match=r'10 mm from the wall.*hull radius.*20 mm'):
+        near.scene(mat, 0.02)
+
+
+def test_surroundings_are_not_changed_by_their_name():
+    given = described('chute')
+    assert dataclasses.replace(given, name='mine').key == given.key

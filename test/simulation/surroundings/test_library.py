@@ -1,0 +1,71 @@
+"""The named surroundings of config/surroundings, and changes of single values."""
+
+import pytest
+
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.simulation.config_files import surroundings_folder
+from resting_aspects_ros.simulation.surroundings.library import (
+    named_surroundings,
+    surroundings_names,
+)
+
+
+@pytest.mark.parametrize('name', surroundings_names())
+def test_every_file_can_be_used_and_has_its_source(name, mat):
+    found = named_surroundings(name)
+    assert found.name == name
+    assert found.scene(mat, 0.02).bodies
+    text = (surroundings_folder() / f'{name}.yaml').read_text()
+    assert '\nsource: ' in text
+    assert text.startswith('# ')
+
+
+def test_l_chute_has_the_published_values():
+    chute = named_surroundings('l_chute')
+    assert chute.shape.roll == pytest.approx(0.7853981633974483)
+    assert chute.bodies['belt']['friction'] == 0.4
+    assert chute.bodies['wall'] == {'friction': 0.2}
+
+
+def test_changes_have_units_and_name_bodies_with_a_dot():
+    changes = {'roll': '30deg', 'belt.friction': 0.5, 'release.y_min': '10mm'}
+    chute = named_surroundings('l_chute', changes)
+    assert chute.shape.roll == pytest.approx(0.5235987755982988)
+    assert chute.bodies['belt'] == {'friction': 0.5, 'speed': 0.1}
+    assert chute.release == {'y_min': 0.01}
+
+
+def test_a_kind_can_be_named_without_a_file():
+    assert named_surroundings('chute').shape.kind == 'chute'
+
+
+def test_a_file_of_its_own(tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('kind: slope\nangle: 12deg\n')
+    found = named_surroundings(path)
+    assert (found.name, found.text) == ('mine', 'mine (angle 12 deg)')
+
+
+@pytest.mark.parametrize(
+    ('text', 'says'),
+    [
+        ('kind: [', 'is not valid YAML'),
+        ('', 'invalid kind None'),
+        ('- 1', r'invalid kind \[1\]'),
+        ('kind: slop', "invalid kind 'slop'"),
+        ('kind: slope\nangle: 12mm', "angle '12mm'.*rad, deg"),
+        ('kind: mesh\nmesh: no.stl', 'no.stl.*does not exist'),
+    ],
+)
+def test_errors_name_the_file(tmp_path, text, says):
+    path = tmp_path / 'mine.yaml'
+    path.write_text(text)
+    with pytest.raises(InvalidValueError, match=says) as caught:
+        named_surroundings(path)
+    assert 'mine.yaml' in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+def test_unknown_name_is_refused_with_a_suggestion():
+    with pytest.raises(InvalidValueError, match=r"'l_chut'.*did you mean 'l_chute'"):
+        named_surroundings('l_chut')
