@@ -15,8 +15,8 @@ from resting_aspects_ros.core.errors import LogError
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import count_poses, no_drops
 from resting_aspects_ros.nodes.aspect_classifier.log_loader import load_log
-from resting_aspects_ros.run_logs.contents import logged_result
 from resting_aspects_ros.run_logs.local_log import LocalRunLog
+from resting_aspects_ros.run_logs.logged_result import logged_result
 from resting_aspects_ros.simulation.surroundings import library, mesh_surface
 
 DROPS = 12
