@@ -1,0 +1,59 @@
+"""`drop --surroundings`: errors of one line, tables with contacts, and hints for the outcome."""
+
+import json
+
+import pytest
+
+from resting_aspects_ros.simulation.surroundings.library import surroundings_names
+
+
+@pytest.mark.parametrize(
+    ('words', 'says'),
+    [
+        (['--surroundings', 'l_chut'], ["'l_chut'", "did you mean 'l_chute'"]),
+        (['--surroundings'], surroundings_names()),
+        (['--surroundings', 'none.yaml'], ["'none.yaml'", 'does not exist']),
+        (['--surroundings', 'slope', '--set', 'angle'], ["'angle'", 'NAME=VALUE']),
+        (['--surroundings', 'slope', '--set', 'angle=90deg'], ['angle', '0 to 85 deg']),
+        (['--surroundings', 'slope', '--set', 'angle=9mm'], ["'9mm'", 'rad, deg']),
+        (['--surroundings', 'slope', '--set', 'angel=9deg'], ["'angel'", "mean 'angle'"]),
+        (['--surroundings', 'l_chute', '--set', 'wal.friction=1'], ["'wal'", 'belt, wall']),
+        (['--surroundings', 'tray', '--set', 'width=9mm'], ['release', 'hull radius']),
+        (['--surroundings', 'mesh'], ['mesh', 'missing']),
+        (['--set', 'angle=9deg'], ["'angle=9deg'", 'only with --surroundings']),
+    ],
+    ids=' '.join,
+)
+def test_invalid_surroundings_are_refused(refused, words, says):
+    line = refused('drop', 'tetrahedron', *words)
+    for word in says:
+        assert word in line
+
+
+def test_contacts_are_shown_and_every_drop_is_counted(run):
+    words = ['drop', 'tetrahedron', '--drops', '20', '--surroundings', 'l_chute', '--json']
+    document = json.loads(run(*words).stdout)
+    assert document['conditions']['surroundings']['kind'] == 'chute'
+    outside = ('unclassified', 'unsettled', 'failed', 'lost', 'sliding')
+    counted = sum(aspect['count'] for aspect in document['aspects'])
+    assert counted + sum(document[name] for name in outside) == 20
+    at_rest = counted + document['unclassified']
+    assert sum(row['count'] for row in document['contacts']) == at_rest
+    assert {tuple(row['contacts']) for row in document['contacts']} == {('belt', 'wall')}
+
+
+@pytest.mark.slow
+def test_too_steep_a_slope_is_explained(run):
+    slope = ['--surroundings', 'slope', '--set', 'angle=20deg']
+    lines = run('drop', 'tetrahedron', '--drops', '20', *slope).stdout.splitlines()
+    assert (
+        'All 20 parts slide or roll until the end: the slope of 20 degrees exceeds the friction '
+        'angle of 14 degrees (friction 0.25).'
+    ) in ' '.join(line.strip() for line in lines)
+
+
+@pytest.mark.slow
+def test_lost_parts_are_explained(run):
+    track = ['--surroundings', 'bowl_track', '--set', 'width=10mm']
+    ended = run('drop', 'tetrahedron', '--drops', '20', *track)
+    assert 'All 20 parts are lost: they fell over the edge of the track.' in ended.stdout
