@@ -1,6 +1,6 @@
 """Surroundings in Bullet: parts meet half-spaces, blocks and meshes instead of a level plane.
 
-All parts of a chunk are simulated, also if only some are wanted: Bullet sorts the contacts of a
+All parts of a chunk are simulated, even if only some are wanted: Bullet sorts the contacts of a
 part with several bodies in an order that depends on the other parts, so that its motion depends on
 which there are.
 """

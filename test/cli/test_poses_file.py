@@ -134,7 +134,8 @@ def test_decimal_comma_is_refused(refusal):
 
 def test_unknown_status_is_refused(refusal):
     assert refusal('qx,qy,qz,qw,Status\n0,0,0,1,ok\n') == (
-        "invalid Status 'ok' in p.csv line 2: expected one of SETTLED, UNSETTLED, FAILED, LOST"
+        "invalid Status 'ok' in p.csv line 2: expected one of SETTLED, UNSETTLED, FAILED, LOST, "
+        'SLIDING'
     )
 
 

@@ -71,6 +71,7 @@ def test_every_dependency_is_included_once():
         'geometry_msgs/Quaternion',
         'geometry_msgs/Vector3',
         'resting_aspects_interfaces/Aspect',
+        'resting_aspects_interfaces/ContactShare',
         'resting_aspects_interfaces/DropConditions',
         'resting_aspects_interfaces/RunDescription',
         'resting_aspects_interfaces/SymmetryClass',

@@ -94,9 +94,10 @@ def run_snippet(run_script, suite):
 
 @pytest.fixture(scope='module')
 def dropped(suite):
-    """A run of 50 drops; there are transitions of the part too."""
+    """A run of 50 drops; there are transitions of the part too, and a run in surroundings."""
     goal = suite.client.reorient('l_bracket', 'tap', 2, drops=5)
     assert goal.outcome == 'succeeded'
+    assert suite.client.ask('l_bracket', 5, surroundings='slope').distribution.drops == 5
     return suite.client.ask('l_bracket', 50, seed=[5050]).distribution
 
 

@@ -13,7 +13,12 @@ from resting_aspects_interfaces.msg import AspectDistribution
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.ros.interface import ALL_LATCHED
 from resting_aspects_ros.ros.parameters import Parameter
-from resting_aspects_ros.simulation.config_files import config_folder, parts_folder, surfaces_file
+from resting_aspects_ros.simulation.config_files import (
+    config_folder,
+    parts_folder,
+    surfaces_file,
+    surroundings_folder,
+)
 
 FILE = config_folder() / 'resting_aspects.yaml'
 TYPES = {
@@ -166,16 +171,19 @@ def test_nodes_read_their_parameters_from_the_file(
     shutil.copy(parts_folder() / 'tetrahedron.stl', tmp_path / 'parts')
     surfaces = surfaces_file().read_text(encoding='utf-8').replace('steel:', 'granite:')
     (tmp_path / 'surfaces.yaml').write_text(surfaces, encoding='utf-8')
+    shutil.copytree(surroundings_folder(), tmp_path / 'surroundings')
     changed = {
         'drop_simulator': {
             'parts_folder': str(tmp_path / 'parts'),
             'surfaces_file': str(tmp_path / 'surfaces.yaml'),
+            'surroundings_folder': str(tmp_path / 'surroundings'),
             'surface': 'granite',
             'frame_id': 'cell_tray',
             'workers': 1,
         },
         'aspect_classifier': {
             'surfaces_file': str(tmp_path / 'surfaces.yaml'),
+            'surroundings_folder': str(tmp_path / 'surroundings'),
             'frame_id': 'cell_tray',
             'publish_period': 0.5,
             'log_folder': '',

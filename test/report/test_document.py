@@ -65,11 +65,14 @@ def test_aspect_has_the_fields_of_the_message(distribution, pytestconfig):
 
 
 def test_document_has_the_other_fields_of_the_message(distribution, pytestconfig):
-    # What is in header and run of the message, the command line gives; it writes complete runs.
+    # What is in header and run of the message, the command line gives, and contacts with walls; it
+    # writes complete runs.
     expected = message_fields(pytestconfig, 'AspectDistribution.msg') - {
         'header',
         'run',
         'complete',
+        'contacts',
+        'contacts_uncounted',
     }
     assert expected <= set(distribution_document(distribution, RUN))
 
