@@ -32,7 +32,6 @@ from resting_aspects_ros.simulation.surroundings.kinds import (
     Y,
     tray_from_scene,
 )
-from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
 from resting_aspects_ros.simulation.surroundings.scene import HalfSpace, PairValues, Scene
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
@@ -252,34 +251,4 @@ def test_a_mirrored_chute_gives_mirrored_shares_of_the_mirrored_part(solid, make
         ids, angle = aspects.locate(down * [1, flip, 1])
         found = np.where(angle < 0.05, ids, 0)
         counts.append(np.bincount(found, minlength=len(aspects) + 1))
-    assert same(*counts) > LEVEL
-
-
-@pytest.mark.slow
-def test_a_groove_of_triangles_gives_the_shares_of_the_planes(solid, make, drops, tmp_path):
-    # A symmetric part, whose aspects on the right plane are compared.
-    shape, n, opening = solid(trimesh.creation.box((30, 20, 12))), 2 * CHUNK, math.radians(120)
-    slab = trimesh.creation.box((200, 100, 10))
-    slab.apply_translation([0, 50, -5])
-    sides = []
-    for sign in (1, -1):
-        side = slab.copy()
-        turn = sign * (math.pi - opening) / 2 + (0 if sign == 1 else math.pi)
-        if sign == -1:
-            side.apply_transform(np.diag([1.0, 1.0, -1.0, 1.0]))
-        side.apply_transform(trimesh.transformations.rotation_matrix(turn, [1, 0, 0]))
-        sides.append(side)
-    path = tmp_path / 'groove.stl'
-    trimesh.util.concatenate(sides).export(path)
-    counts = []
-    release = {'x_min': 0.0, 'x_max': 0.0, 'y_min': -0.005, 'y_max': 0.005}
-    normal = np.array([[0, math.cos(opening / 2), math.sin(opening / 2)]])
-    aspects = find_aspects(shape)
-    for kind in (VGroove(opening), MeshSurface(str(path))):
-        poses = drops(make(shape, kind, release=release), n)
-        settled = poses.status == RestStatus.SETTLED
-        assert settled.mean() > 0.99
-        q = poses.orientation[settled] * [-1, -1, -1, 1]
-        ids, angle = aspects.locate(-rotate(q, np.tile(normal, (len(q), 1))))
-        counts.append(np.bincount(np.where(angle < 0.05, ids, 0), minlength=len(aspects) + 1))
     assert same(*counts) > LEVEL
