@@ -97,7 +97,9 @@ def _report(result: DropResult, against: CountedDrops | None) -> Report:
 def _measured(result: DropResult, against: CountedDrops) -> ReferenceCounts:
     tally = counted_by_class_of(against, result.distribution.aspects)
     own = result.distribution.by_class()
-    counted = DropCounts(own.counts, own.unclassified, own.unsettled, own.failed)
+    counted = DropCounts(
+        own.counts, own.unclassified, own.unsettled + own.lost + own.sliding, own.failed
+    )
     found = compare(counted, tally, np.random.default_rng(SEED), own.confidence)
     return ReferenceCounts(printable(Path(against.source).name), counted, tally, found)
 

@@ -25,6 +25,7 @@ from resting_aspects_ros.simulation.run_description import (
 )
 from resting_aspects_ros.simulation.starts import Starts
 from resting_aspects_ros.simulation.surroundings.library import surroundings_from
+from resting_aspects_ros.simulation.surroundings.scene import Scene
 
 # The engine itself is not imported here, because only the workers need it.
 ENGINE = 'bullet'
@@ -33,6 +34,9 @@ ENGINE_VERSION = version('pybullet')
 NARROW = 0.15
 # Faster impacts, R / T, are rejected: their many small steps would occupy a worker for hours.
 MAX_IMPACT = 100.0
+# Faster belts in surroundings, R / T, are rejected: the time steps that resolve their contact with
+# a part would be as many as for such an impact, but until the part is at rest.
+MAX_BELT = 20.0
 
 
 def plan_run(
@@ -148,7 +152,20 @@ def make_job(
             f'{source}: expected at most '
             f'{fastest:.4g} m/s for its size and gravity'
         )
+    if scene is not None:
+        _check_belts(job, scene)
     return job
+
+
+def _check_belts(job: DropJob, scene: Scene) -> None:
+    """Raise InvalidValueError if a surface moves faster than the time step resolves."""
+    fastest = MAX_BELT * job.radius / job.time_unit
+    for body in scene.bodies:
+        if abs(body.contact.speed) > fastest:
+            raise InvalidValueError(
+                f'invalid speed {body.contact.speed:g} m/s of the {body.name}: expected at most '
+                f'{fastest:.3g} m/s for the size of this part and gravity'
+            )
 
 
 def rolling_length(landscape: Landscape, aspects: list[JoinedMinima]) -> float:

@@ -102,7 +102,7 @@ def counts_of_run(
         DropCounts(
             distribution.counts,
             distribution.unclassified,
-            distribution.unsettled,
+            distribution.unsettled + distribution.lost + distribution.sliding,
             distribution.failed,
         ),
         np.array([np.full(3, np.nan) if a.rolls else a.down_in_part for a in aspects]),

@@ -175,8 +175,8 @@ class Corner(_Unbounded):
     free: ClassVar[int] = 0
     across: ClassVar[tuple[float, float]] = (0.0, 1.0)
 
-    roll: float = _angle('roll', _ROLL_TEXT, default=0.0)
-    pitch: float = _angle('pitch', 'inclination towards the end wall', default=0.0)
+    roll: float = _angle('roll', _ROLL_TEXT, default=math.radians(20))
+    pitch: float = _angle('pitch', 'inclination towards the end wall', default=math.radians(20))
 
     def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
         """See Kind."""

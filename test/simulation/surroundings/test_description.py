@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.simulation.plan import make_job
 from resting_aspects_ros.simulation.quantity import quantities_of
 from resting_aspects_ros.simulation.surroundings.description import KINDS, Surroundings
 from resting_aspects_ros.simulation.surroundings.kinds import Chute, Slope, tray_from_scene
@@ -119,3 +120,10 @@ def test_release_inside_a_wall_is_refused(mat):
 def test_surroundings_are_not_changed_by_their_name():
     given = described('chute')
     assert dataclasses.replace(given, name='mine').key == given.key
+
+
+def test_a_belt_faster_than_the_time_step_resolves_is_refused(mat, part):
+    fast = described('chute', bodies={'belt': {'speed': 50.0}})
+    conditions = dataclasses.replace(mat, surroundings=fast.key)
+    with pytest.raises(InvalidValueError, match=r'speed 50 m/s of the belt: expected at most 10\.6 m/s'):
+        make_job(part('l_bracket'), conditions, 1)
