@@ -117,9 +117,13 @@ class RequestedSurroundings:
             found = await self._files.run(read_named, self._folder, requested, self._meshes)
             return self._add(requested, found)
         try:
-            return surroundings_from(requested).key
+            key = surroundings_from(requested).key
+            if key in self._names:
+                return key
         except UnknownMeshError:
-            await self._read_all()
+            pass
+        # For the mesh of the document, or the name of surroundings that another node resolved.
+        await self._read_all()
         try:
             return surroundings_from(requested).key
         except UnknownMeshError as error:

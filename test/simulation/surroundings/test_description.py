@@ -125,5 +125,7 @@ def test_surroundings_are_not_changed_by_their_name():
 def test_a_belt_faster_than_the_time_step_resolves_is_refused(mat, part):
     fast = described('chute', bodies={'belt': {'speed': 50.0}})
     conditions = dataclasses.replace(mat, surroundings=fast.key)
-    with pytest.raises(InvalidValueError, match=r'speed 50 m/s of the belt: expected at most 10\.6 m/s'):
+    with pytest.raises(
+        InvalidValueError, match=r'speed 50 m/s of the belt: expected at most 10\.6 m/s'
+    ):
         make_job(part('l_bracket'), conditions, 1)
