@@ -102,8 +102,9 @@ class SceneWorld(_World):
             )
             position = (body.normal * body.offset / job.radius).tolist()
         elif isinstance(body, Block):
-            low = np.maximum(body.low / job.radius, -LONG)
-            high = np.minimum(body.high / job.radius, LONG)
+            low, high = body.low / job.radius, body.high / job.radius
+            if self._scene.free:  # the same everywhere along x, where the parts are side by side
+                low[0], high[0] = -LONG, LONG
             shape = pybullet.createCollisionShape(
                 pybullet.GEOM_BOX,
                 halfExtents=((high - low) / 2).tolist(),

@@ -78,6 +78,14 @@ def test_a_tray_that_rocks_moves_its_walls_with_its_floor():
     assert not result.matrix.counts[:, -1].any()
 
 
+def test_a_track_is_as_long_as_the_parts_need():
+    # Parts of a chunk lie side by side along the track, over 500 hull radii.
+    release = {'y_min': 0.03, 'y_max': 0.04}
+    track = ra.surroundings('bowl_track', width=0.3, release=release)
+    result = ra.drop('l_bracket', 125, surroundings=track, workers=1)
+    assert result.distribution.lost == 0
+
+
 def test_floor_of_a_slope_is_where_aspects_are_counted():
     result = ra.drop(
         'tetrahedron', 50, surroundings=ra.surroundings('slope', angle=0.1), workers=1
