@@ -49,7 +49,7 @@ def surroundings(name: str | Path, **changes: Any) -> Surroundings:
     >>> import resting_aspects_ros as ra
     >>> chute = ra.surroundings('l_chute', roll='30deg', belt={'speed': 0.2})
     >>> chute.text
-    'l_chute, roll 30 deg, pitch 0 deg, belt friction 0.4, belt speed 0.2 m/s, wall friction 0.2'
+    'l chute (roll 30 deg, pitch 0 deg), belt (friction 0.4, speed 0.2 m/s), wall (friction 0.2)'
     """
     flat: dict[str, Any] = {}
     for key, value in changes.items():

@@ -224,18 +224,24 @@ def resting_poses(job: DropJob, first_drop: int, ends: Settling) -> RestingPoses
     # A drop decided by its energy would continue to roll to the minimum. Its yaw and its sliding
     # on the way there are not predicted.
     decided = ends.minimum >= 0
-    orientation[decided] = turned_down(
-        orientation[decided], job.rest.directions[ends.minimum[decided]]
-    )
+    minima = job.rest.directions[ends.minimum[decided]]
+    orientation[decided] = turned_down(orientation[decided], minima)
     centre = ends.position * job.radius
     # In Bullet, a hull rests a margin (0.001 R) above the plane; the pose has the part on it.
     settled = ends.status == RestStatus.SETTLED
     depth = depth_of(body_from_part(orientation, job.axes), job.hull) * job.radius
     centre[:, 2] = np.where(settled, depth, centre[:, 2])
-    position = centre - rotate(orientation, job.centre_of_mass)
+    return poses_at(job, first_drop, ends, centre, orientation)
+
+
+def poses_at(
+    job: DropJob, first_drop: int, ends: Settling, centre: Array, orientation: Array
+) -> RestingPoses:
+    """Return the poses of ended drops whose centres of mass (n, 3) are at ``centre``, m."""
+    failed = ends.status == RestStatus.FAILED
     return RestingPoses(
         first_drop=first_drop,
-        position=np.where(failed[:, None], 0.0, position),
+        position=np.where(failed[:, None], 0.0, centre - rotate(orientation, job.centre_of_mass)),
         orientation=orientation,
         status=ends.status,
         decided_by=ends.decided_by,

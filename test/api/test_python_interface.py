@@ -19,7 +19,16 @@ from resting_aspects_ros.simulation.plan import make_job
 
 
 @pytest.mark.parametrize(
-    'module', ['', '.api.classify', '.api.compare', '.api.drop', '.api.estimate', '.api.load_part']
+    'module',
+    [
+        '',
+        '.api.classify',
+        '.api.compare',
+        '.api.drop',
+        '.api.estimate',
+        '.api.load_part',
+        '.api.surroundings',
+    ],
 )
 def test_examples_in_docstrings_hold(module):
     tested = import_module(f'resting_aspects_ros{module}')

@@ -24,7 +24,7 @@ MAX_TILT = math.radians(85)
 X, Y, Z = np.eye(3)
 # Depth of blocks below the surface on which parts rest, m.
 DEPTH = 1.0
-# Length of a track along x in both directions, m.
+# Length of a track along x in both directions, m, as it is drawn; parts meet no end of it.
 LENGTH = 10.0
 
 Contacts = Mapping[str, PairValues]

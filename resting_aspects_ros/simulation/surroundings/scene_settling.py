@@ -16,6 +16,7 @@ from resting_aspects_ros.simulation.settling import (
     REST_MOTION,
     REST_WINDOW,
     Settling,
+    poses_at,
 )
 from resting_aspects_ros.simulation.surroundings.release import depth_along, in_tray_axes
 
@@ -163,16 +164,7 @@ def poses_in_scene(job: DropJob, first_drop: int, ends: SceneSettling) -> Restin
     settled = ends.status == RestStatus.SETTLED
     centre = np.where(settled[:, None], _put_down(job, ends.position, body), ends.position)
     orientation = canonical(part_from_body(in_tray_axes(scene, body), job.axes))
-    position = scene.in_tray(centre * job.radius) - rotate(orientation, job.centre_of_mass)
-    return RestingPoses(
-        first_drop=first_drop,
-        position=np.where(failed[:, None], 0.0, position),
-        orientation=orientation,
-        status=ends.status,
-        decided_by=ends.decided_by,
-        time_to_rest=ends.time * job.time_unit,
-        energy_growth=ends.growth,
-    )
+    return poses_at(job, first_drop, ends, scene.in_tray(centre * job.radius), orientation)
 
 
 def _put_down(job: DropJob, position: Array, orientation: Array) -> Array:
