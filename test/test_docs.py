@@ -41,6 +41,11 @@ def test_the_readme_leads_to_every_page():
     assert set(PAGES) - {'README.md'} <= linked
 
 
+def test_the_readme_states_which_surfaces_are_modelled():
+    _, _, limits = PAGES['README.md'].partition('## What it does not do')
+    assert 'flat floor' in limits.partition('\n## ')[0]
+
+
 def test_every_page_is_of_one_kind():
     kinds = {page.split('/')[1] for page in PAGES if page.startswith('docs/')}
     assert kinds == {'tutorials', 'how_to', 'reference', 'explanation'}

@@ -375,6 +375,19 @@ def test_every_topic_and_service_of_the_nodes_is_listed(suite, dropped):
         assert found <= listed, program
 
 
+def test_hidden_topics_are_documented(suite, dropped):
+    assert dropped.drops
+    own = f'{suite.namespace}/_'
+    hidden = [
+        name.removeprefix(f'{suite.namespace}/')
+        for name, _ in suite.client.node.get_topic_names_and_types()
+        if name.startswith(own)
+    ]
+    assert hidden
+    page = (ROOT / 'docs' / 'reference' / 'ros_interface.md').read_text(encoding='utf-8')
+    assert [name for name in hidden if f'`{name.partition("/")[0]}/<node>`' not in page] == []
+
+
 @pytest.mark.parametrize('name', TOPICS)
 def test_documented_qos_matches_the_publisher(suite, dropped, name):
     profile = TOPICS[name]
