@@ -41,6 +41,7 @@ ROOMS = {
     'logs': DOMAIN,
     'report': DOMAIN,
     'api': COMPOSED,
+    'studies': COMPOSED,
     'ros': COMPOSED,
     'client': ON_ROS,
     'run_logs': ON_ROS,

@@ -83,6 +83,14 @@ def named_surroundings(name: str | Path, changes: Mapping[str, Any] | None = Non
         raise InvalidValueError(f'{where}: {error}') from None
 
 
+def changed_surroundings(base: Surroundings, changes: Mapping[str, Any]) -> Surroundings:
+    """Return surroundings with changes; see named_surroundings. Raises InvalidValueError."""
+    values: dict[str, Any] = json.loads(json.dumps(base.document))
+    for key, value in changes.items():
+        _change(values, key, value)
+    return make_surroundings(values, base.name)
+
+
 @functools.lru_cache(maxsize=64)
 def surroundings_from(key: str) -> Surroundings:
     """Return the surroundings with a key; see Surroundings.key. Raises InvalidValueError.

@@ -1,0 +1,109 @@
+"""Factors: their texts, their values, and what is simulated at a point."""
+
+import numpy as np
+import pytest
+
+from resting_aspects_ros.api.condition_text import given_conditions
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.simulation.actions import NamedAction
+from resting_aspects_ros.simulation.impulses import Kick
+from resting_aspects_ros.simulation.surroundings.library import named_surroundings
+from resting_aspects_ros.studies.factors import (
+    Factor,
+    check_factors,
+    parse_factor,
+    point_values,
+    read_factor,
+)
+from resting_aspects_ros.studies.setting import Setting
+
+MAT = given_conditions('rubber_mat', {})
+PLAIN = Setting(MAT)
+SLOPE = Setting(MAT, named_surroundings('slope', {'angle': 0.0}))
+KICK = Setting(MAT, action=NamedAction('tap', Kick(speed=0.3)))
+
+
+@pytest.mark.parametrize(
+    ('text', 'factor'),
+    [
+        ('height=20mm:200mm:7', Factor('height', 0.02, 0.2, 7, unit='m', label='height')),
+        ('restitution=0.3:.8', Factor('restitution', 0.3, 0.8, label='restitution')),
+        (
+            'height = 2cm : 0.2 : log',
+            Factor('height', 0.02, 0.2, 0, True, unit='m', label='height'),
+        ),
+        (
+            'rolling-friction=1e-3:0.1:5:LOG',
+            Factor('rolling_friction', 0.001, 0.1, 5, True, label='rolling friction'),
+        ),
+    ],
+)
+def test_factor_is_parsed(text, factor):
+    found = parse_factor(text, PLAIN)
+    assert found == factor
+    assert read_factor(factor.name, factor.document, PLAIN) == factor
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('height', 'expected NAME=LOW:HIGH'),
+        ('height=20mm', 'expected LOW:HIGH'),
+        ('height=20mm:200mm:x', 'expected LOW:HIGH'),
+        ('height=20mm:200mm:1', 'levels 1 of height: expected 2 to 1000'),
+        ('height=20kg:200mm', 'expected a number, in m or with one of m, um, mm'),
+        ('height=200mm:20mm', 'range 0.2 to 0.02 of height: expected a lower and a higher'),
+        ('restitution=0.3:1.2', 'high of restitution 1.2: expected 0 to 1'),
+        ('restitution=0:1:log', 'expected more than 0 for logarithmic'),
+        ('hight=1:2', "expected one of height, .*; did you mean 'height'"),
+        ('surroundings.angle=0:1', 'expected surroundings'),
+        ('action.speed=0:1', 'expected an action'),
+    ],
+)
+def test_invalid_factor_is_refused(text, message):
+    with pytest.raises(InvalidValueError, match=message):
+        parse_factor(text, PLAIN)
+
+
+def test_the_same_factor_twice_is_refused():
+    factor = parse_factor('restitution=0:1', PLAIN)
+    with pytest.raises(InvalidValueError, match='restitution only once'):
+        check_factors([factor, factor])
+    with pytest.raises(InvalidValueError, match='missing factor'):
+        check_factors([])
+
+
+@pytest.mark.parametrize('logarithmic', [False, True])
+def test_values_and_shares_are_inverse_and_reach_the_ends(logarithmic):
+    factor = Factor('height', 0.02, 0.2, logarithmic=logarithmic)
+    shares = np.linspace(0, 1, 7)
+    values = factor.values(shares)
+    assert values[[0, -1]].tolist() == [0.02, 0.2]
+    np.testing.assert_allclose(factor.shares(values), shares, atol=1e-11)
+    steps = np.diff(np.log(values) if logarithmic else values)
+    np.testing.assert_allclose(steps, steps[0], rtol=1e-9)
+
+
+def test_conditions_surroundings_and_actions_vary():
+    changed = SLOPE.changed({'surroundings.angle': 0.25, 'friction': 0.2})
+    assert changed.surroundings.shape.angle == 0.25
+    assert (changed.drop_conditions.friction, changed.drop_conditions.surface) == (0.2, '')
+    assert 'angle' in changed.drop_conditions.surroundings
+    assert SLOPE.drop_conditions.surroundings == ''  # angle 0 is the level plane
+    belt = Setting(MAT, named_surroundings('l_chute')).changed({'surroundings.belt.speed': 0.1})
+    assert belt.surroundings.bodies['belt']['speed'] == 0.1
+    assert KICK.changed({'action.speed': 0.5}).action.action.speed == 0.5
+    with pytest.raises(InvalidValueError, match='invalid factor'):
+        PLAIN.changed({'surroundings.angle': 0.1})
+
+
+def test_every_quantity_of_a_setting_can_vary():
+    for setting in (PLAIN, SLOPE, KICK):
+        for name, quantity in setting.quantities().items():
+            high = min(quantity.high, quantity.low + 1.0)
+            factor = read_factor(
+                name, {'low': quantity.low + 0.1 * (high - quantity.low), 'high': high}, setting
+            )
+            middle = point_values([factor], np.array([[0.5]]))[0]
+            if not name.startswith('surroundings.release'):
+                assert setting.changed(middle) != setting, name
