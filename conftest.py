@@ -8,6 +8,10 @@ import os
 
 import pytest
 
+# The test processes share the cores. Threads of small matrix products, each of which waits for
+# the others, would make them many times slower on a loaded machine. Set before NumPy is imported.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
 
 def _fail_if_skipped(report):
     allowed = hasattr(report, 'wasxfail') or 'stated_requirement' in getattr(

@@ -100,6 +100,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, TextIOWrapper):
         # Output contains file names, which the terminal's encoding may not represent.
         sys.stdout.reconfigure(errors='backslashreplace')
+    # Before NumPy is imported: worker processes use all cores, and threads of small matrix products
+    # would only wait for each other.
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     words = _joined(sys.argv[1:] if argv is None else argv)
     try:
         # SIGTERM and SIGHUP end the command in the same orderly way as Ctrl-C.
