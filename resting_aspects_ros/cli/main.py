@@ -100,8 +100,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, TextIOWrapper):
         # Output contains file names, which the terminal's encoding may not represent.
         sys.stdout.reconfigure(errors='backslashreplace')
-    # Before NumPy is imported: worker processes use all cores, and threads of small matrix products
-    # would only wait for each other.
+    # Before NumPy is imported: all cores are used by worker processes, and threads of small matrix
+    # products would only wait for each other.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     words = _joined(sys.argv[1:] if argv is None else argv)
     try:
