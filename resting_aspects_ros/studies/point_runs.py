@@ -19,7 +19,7 @@ from resting_aspects_ros.simulation.chunks import MAX_DEATHS, Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.run_description import check_drops, check_seed
-from resting_aspects_ros.studies.point_plans import OTHER, PointPlan, plan_point
+from resting_aspects_ros.studies.point_plans import OTHER, PointPlan, plan_point, point_seed
 from resting_aspects_ros.studies.setting import Setting
 
 Counts = npt.NDArray[np.int64]
