@@ -25,8 +25,10 @@ ROOT = Path(__file__).resolve().parents[1]
 DEADLINE = 600.0
 
 # The processes that tests start are ended by signals. `nohup make test` would let them ignore
-# SIGHUP, and `make test &` in a script SIGINT, because a process inherits what is ignored.
-signal.signal(signal.SIGHUP, signal.SIG_DFL)
+# SIGHUP, and `make test &` in a script SIGINT and SIGQUIT, because a process inherits what is
+# ignored.
+for number in (signal.SIGHUP, signal.SIGQUIT):
+    signal.signal(number, signal.SIG_DFL)
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -3,13 +3,15 @@
 import functools
 from collections.abc import Iterator, Mapping
 from datetime import datetime, timezone
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.core.errors import one_line
-from resting_aspects_ros.simulation.actions import Actions
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.simulation.config_files import actions_file, surfaces_file
 from resting_aspects_ros.simulation.surfaces import Surfaces
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.simulation.actions import Actions
 
 _NANOSECONDS = 1_000_000_000
 
@@ -29,8 +31,11 @@ def given_conditions(surface: str | DropConditions, changes: Mapping[str, Any]) 
 
 
 @functools.cache
-def shipped_actions() -> Actions:
+def shipped_actions() -> 'Actions':
     """Return the actions of config/actions.yaml; the file is read once."""
+    # This import is slow because of NumPy, which --help does not need.
+    from resting_aspects_ros.simulation.actions import Actions
+
     return Actions.read(actions_file())
 
 

@@ -4,7 +4,6 @@ import argparse
 from collections.abc import Mapping
 from pathlib import Path
 
-from resting_aspects_ros.api.surroundings import requested_surroundings, with_surroundings
 from resting_aspects_ros.cli.values import parse_integer, parse_quantity, parse_share
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.simulation.quantity import Quantity
@@ -155,6 +154,9 @@ def requested_conditions(arguments: argparse.Namespace, surfaces: Surfaces) -> D
     """Return the conditions that the flags request; raises InvalidValueError."""
     conditions = surfaces.get(arguments.surface).changed(**changed_conditions(arguments))
     name = getattr(arguments, 'surroundings', None)
+    # This import is slow because of NumPy, which --help does not need.
+    from resting_aspects_ros.api.surroundings import requested_surroundings, with_surroundings
+
     return with_surroundings(
         conditions, requested_surroundings(name, getattr(arguments, 'set', []))
     )
