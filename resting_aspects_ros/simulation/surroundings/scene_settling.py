@@ -112,7 +112,7 @@ class SceneSettling(Settling):
         moved = states.position - self.position[which]
         carried = self._surface_velocities * CHECK_INTERVAL
         distance = np.abs(moved[:, None, :] - carried).max(axis=2).min(axis=1)
-        turned = np.abs(states.orientation - self.orientation[which]).max(axis=1)
+        turned = _change(states.orientation, self.orientation[which])
         self.position[which] = states.position
         self.orientation[which] = states.orientation
         creep = MAX_CREEP if self._scene.driven else REST_MOTION
@@ -129,7 +129,7 @@ class SceneSettling(Settling):
         """Return which drops slide or roll for ever."""
         speed = self._relative_speed(states.velocity)
         pointing = self._pointing(states.orientation)
-        turned = np.abs(pointing - self._anchor[which]).max(axis=1) > SLIDE_TURN
+        turned = self._turned(pointing, self._anchor[which]) > SLIDE_TURN
         over = self._now - self._anchor_time[which] >= SLIDE_WINDOW
         steady = over & ~turned & (speed > MIN_SLIDE_SPEED)
         steady &= speed >= self._anchor_speed[which] * (1 - REST_MOTION)
@@ -139,6 +139,12 @@ class SceneSettling(Settling):
         self._anchor_time[which[new]] = self._now
         away = speed > self._max_speed if self._scene.free else np.zeros(len(which), dtype=bool)
         return np.asarray(steady | away)
+
+    def _turned(self, pointing: Array, anchor: Array) -> Array:
+        """Return by how much what _pointing returns has changed, (n,)."""
+        if self._scene.free < 2:
+            return _change(pointing, anchor)
+        return np.asarray(np.abs(pointing - anchor).max(axis=1))
 
     def _pointing(self, orientation: Array) -> Array:
         """Return what does not change while a part slides: its orientation, or its tilt."""
@@ -153,6 +159,16 @@ class SceneSettling(Settling):
         radius = self._job.radius
         inside = [position @ space.normal < space.offset / radius for space in self._scene.lost]
         return np.asarray(np.any([np.zeros(len(position), dtype=np.bool_), *inside], axis=0))
+
+
+def _change(orientation: Array, other: Array) -> Array:
+    """Return the maximum change (n,) of a component between unit quaternions (n, 4).
+
+    A quaternion and its negative are the same orientation. Bullet returns one or the other where
+    two components have almost the same magnitude.
+    """
+    near = np.abs(orientation - other).max(axis=1)
+    return np.minimum(near, np.abs(orientation + other).max(axis=1))
 
 
 def poses_in_scene(job: DropJob, first_drop: int, ends: SceneSettling) -> RestingPoses:

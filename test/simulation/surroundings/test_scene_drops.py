@@ -189,7 +189,7 @@ def _in_groove(flat_on, job, rolls, corners):
         placed.bodies, placed.origins, at, turned.as_quat(), strict=True
     ):
         position = [float(origin[0]), float(y0), float(z0)]
-        placed.world._place(body, position, q.tolist(), [0] * 3, [0] * 3)
+        placed._place(body, position, q.tolist(), [0] * 3, [0] * 3)
     return placed
 
 
