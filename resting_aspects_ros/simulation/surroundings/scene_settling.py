@@ -168,7 +168,7 @@ def _change(orientation: Array, other: Array) -> Array:
     two components have almost the same magnitude.
     """
     near = np.abs(orientation - other).max(axis=1)
-    return np.minimum(near, np.abs(orientation + other).max(axis=1))
+    return np.asarray(np.minimum(near, np.abs(orientation + other).max(axis=1)))
 
 
 def poses_in_scene(job: DropJob, first_drop: int, ends: SceneSettling) -> RestingPoses:
