@@ -7,15 +7,14 @@ import numpy.typing as npt
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, columns_of
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.noise import Noise
 from resting_aspects_ros.simulation.run_description import MAX_DROPS
 from resting_aspects_ros.simulation.starts import GivenStarts, GivenStates
 
 DEFAULT_REPLICATES = 1
-_COLUMN = {RestStatus.UNSETTLED: 1, RestStatus.FAILED: 2}
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +36,7 @@ class CountsByState:
     def add(self, poses: RestingPoses, ids: npt.NDArray[np.int64]) -> None:
         """Count a chunk of poses, given the ids of their aspects."""
         aspects = self.counts.shape[1] - len(OUTCOMES)
-        column = np.where(ids > 0, ids - 1, aspects)
-        for status, offset in _COLUMN.items():
-            column[poses.status == status] = aspects + offset
+        column = columns_of(poses, ids, aspects)
         row = np.arange(poses.first_drop, poses.end) % len(self.counts)
         np.add.at(self.counts, (row, column), 1)
 

@@ -23,7 +23,7 @@ from resting_aspects_ros.core.statistics.intervals import (
     check_confidence,
     check_interval_method,
 )
-from resting_aspects_ros.core.statistics.stopping import drops_for
+from resting_aspects_ros.core.statistics.stopping import check_precision, drops_for
 from resting_aspects_ros.simulation.actions import KINDS, Action, NamedAction
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.drop_job import DropJob
@@ -79,22 +79,17 @@ def plan_actions(
     With a precision, ``per_aspect`` is the maximum number of actions; 0: as many as needed.
     ``rests`` are resting poses in the surroundings, from which the actions start there.
     """
-    check_interval_method(interval)
-    check_confidence(confidence)
     landscape = Landscape(part) if landscape is None else landscape
-    scene = scene_of(part, conditions)
-    aspects = aspects_in(scene, find_aspects(part, landscape))
-    if not len(aspects):
-        raise InvalidValueError(f'invalid part {part.name}: expected a part with an aspect')
-    limit = MAX_DROPS // len(aspects)
-    if precision > 0:
-        columns = len(aspects) + len(OUTCOMES)
-        per_aspect = drops_for(precision, per_aspect or limit, columns, interval, confidence)
-    if not isinstance(per_aspect, int) or not 1 <= per_aspect <= limit:
-        raise InvalidValueError(
-            f'invalid number of actions per aspect {shown(per_aspect)}: expected 1 to {limit} for '
-            f'{len(aspects)} aspects'
-        )
+    scene, aspects, per_aspect = check_actions(
+        part,
+        action,
+        conditions,
+        per_aspect=per_aspect,
+        precision=precision,
+        interval=interval,
+        confidence=confidence,
+        landscape=landscape,
+    )
     job, run = plan_run(
         part,
         conditions,
@@ -114,6 +109,48 @@ def plan_actions(
     return PlannedActions(action, job, run, TransitionCounter(empty, run, precision))
 
 
+def check_actions(
+    part: Part,
+    action: NamedAction,
+    conditions: DropConditions,
+    *,
+    per_aspect: int,
+    precision: float = 0.0,
+    interval: str = INTERVAL,
+    confidence: float = CONFIDENCE,
+    landscape: Landscape | None = None,
+) -> tuple[Scene | None, AspectSet, int]:
+    """Return the surroundings, the aspects counted in them, and the number of actions from each.
+
+    Raises InvalidValueError. Actions in surroundings are checked before the drops from which they
+    start; see plan_actions for the parameters.
+    """
+    check_interval_method(interval)
+    check_confidence(confidence)
+    if precision:
+        check_precision(precision)
+    scene = scene_of(part, conditions)
+    if scene is not None and isinstance(action.action, Step):
+        raise InvalidValueError(
+            f'invalid action {action.name} in surroundings: expected none for a step, which has '
+            'level belts of its own; a fall into surroundings is simulated by drops from initial '
+            'states, those of parts that leave the upper belt'
+        )
+    aspects = aspects_in(scene, find_aspects(part, landscape))
+    if not len(aspects):
+        raise InvalidValueError(f'invalid part {part.name}: expected a part with an aspect')
+    limit = MAX_DROPS // len(aspects)
+    if precision > 0:
+        columns = len(aspects) + len(OUTCOMES)
+        per_aspect = drops_for(precision, per_aspect or limit, columns, interval, confidence)
+    if not isinstance(per_aspect, int) or not 1 <= per_aspect <= limit:
+        raise InvalidValueError(
+            f'invalid number of actions per aspect {shown(per_aspect)}: expected 1 to {limit} for '
+            f'{len(aspects)} aspects'
+        )
+    return scene, aspects, per_aspect
+
+
 def _starts(
     part: Part,
     aspects: AspectSet,
@@ -125,10 +162,7 @@ def _starts(
     """Return the starts of an action; raises InvalidValueError."""
     if scene is None:
         return action_starts(part, aspects.aspects, action, conditions.gravity)
-    if isinstance(action, Step):
-        raise InvalidValueError(
-            'invalid action step: expected without surroundings; it has its own, two belts'
-        )
+    assert not isinstance(action, Step)  # check_actions refuses it
     if rests is None:
         raise InvalidValueError('invalid surroundings: expected resting poses in them')
     motion = action if isinstance(action, Vibration) else None

@@ -2,18 +2,19 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.api.chunk_loop import given_workers
 from resting_aspects_ros.api.condition_text import given_conditions
-from resting_aspects_ros.api.drop_counter import DropCounter
+from resting_aspects_ros.api.drop_counter import Consumer, DropCounter
 from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.plan_actions import (
     DEFAULT_ACTION,
     DEFAULT_PER_ASPECT,
     PlannedActions,
+    check_actions,
     named_action,
     plan_actions,
 )
@@ -108,19 +109,20 @@ def reorient(
     """
     given = with_surroundings(given_conditions(surface, conditions), surroundings)
     loaded = given_part(part)
-    plan = functools.partial(
-        plan_actions,
-        loaded,
-        named_action(action),
-        given,
-        per_aspect=(0 if precision else DEFAULT_PER_ASPECT) if per_aspect is None else per_aspect,
-        precision=precision,
-        seed=seed,
-        interval=interval,
-        confidence=confidence,
-        landscape=Landscape(loaded),
-    )
-    # Without surroundings, wrong input is refused before the first drop.
+    values: Mapping[str, Any] = {
+        'per_aspect': (0 if precision else DEFAULT_PER_ASPECT)
+        if per_aspect is None
+        else per_aspect,
+        'precision': precision,
+        'interval': interval,
+        'confidence': confidence,
+        'landscape': Landscape(loaded),
+    }
+    requested = named_action(action)
+    plan = functools.partial(plan_actions, loaded, requested, given, seed=seed, **values)
+    # Wrong input is refused before the first drop.
+    if given.surroundings:
+        check_actions(loaded, requested, given, **values)
     planned = None if given.surroundings else plan()
     with given_workers(workers) as pool:
         dropped, rests = drop_for_start(loaded, given, drops, seed, pool, shown=progress)
@@ -183,10 +185,12 @@ def drop_for_start(
     """
     planned = plan_drops(part, conditions, drops=drops, seed=seed)
     chunks: list[RestingPoses] = []
-    counter = DropCounter(
-        planned.empty, planned.run, consumers=[lambda poses, _: chunks.append(poses)]
-    )
+    consumers: list[Consumer] = [*planned.consumers, lambda poses, _: chunks.append(poses)]
+    counter = DropCounter(planned.empty, planned.run, consumers=consumers)
     with DropProgress(part.name, drops, shown=shown) as bar:
         counter.drop(planned.job, workers, bar.update, stopped)
         bar.end(counter.distribution.drops)
-    return counter.distribution, RestingPoses.join([RestingPoses.none(0), *chunks])
+    dropped = counter.distribution
+    if planned.contacts is not None:
+        dropped = dataclasses.replace(dropped, contacts=planned.contacts.counted)
+    return dropped, RestingPoses.join([RestingPoses.none(0), *chunks])

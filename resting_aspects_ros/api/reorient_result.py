@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.condition_text import surface_text
 from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.api.surroundings import conditions_document, conditions_text
 from resting_aspects_ros.api.transition_counter import MatrixConvergence
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.geometry.decomposition import ConvexPieces
@@ -23,7 +23,7 @@ from resting_aspects_ros.core.reorientation.markov import (
 )
 from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
 from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.core.statistics.distribution import Distribution
+from resting_aspects_ros.core.statistics.distribution import OUTSIDE, Distribution
 from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields, plain, share_fields
 from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.report.transition_document import long_run_fields, matrix_fields
@@ -67,7 +67,7 @@ class ReorientResult:
     def title(self) -> str:
         """Part, action, surface and seed in one line."""
         return (
-            f'{self.run.part}, {self.action.name} on {surface_text(self.run.conditions)}, '
+            f'{self.run.part}, {self.action.name} on {conditions_text(self.run.conditions)}, '
             f'seed {self.run.seed}'
         )
 
@@ -158,13 +158,13 @@ class ReorientResult:
             'drop': {
                 'drops': self.drop.drops,
                 'counts': plain(self.drop.counts),
-                'unclassified': self.drop.unclassified,
-                'unsettled': self.drop.unsettled,
-                'failed': self.drop.failed,
+                **{name: getattr(self.drop, name) for name in OUTSIDE},
             },
             **matrix_fields(self.matrix),
             'long_run': None,
         }
+        if self.run.conditions.surroundings:
+            document['conditions'] = conditions_document(self.run.conditions)
         if self.long_run is not None:
             aspects = self.matrix.aspects
             document |= long_run_fields(self.long_run, *self.long_run_bounds, aspects)

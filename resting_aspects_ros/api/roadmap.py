@@ -21,9 +21,11 @@ from resting_aspects_ros.api.inputs.json_document import (
     validated,
 )
 from resting_aspects_ros.api.measured_trials import MeasuredPair, MeasuredTrials
+from resting_aspects_ros.core.aspects.contacts import NONE
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix
 from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE, canonical
+from resting_aspects_ros.core.statistics.contact_counts import Placements
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.document import numbers, plain
 
@@ -56,7 +58,7 @@ def roadmap_document(
     ----------
     part : Part
     distribution : Distribution
-        Drops of the part.
+        Drops of the part, in surroundings with walls with its contacts.
     csa_weights : (k,) array, optional
         Weights of the method 'csa' by aspect id, with a sum of 1: ``Estimate.probabilities``.
         None if the method is not defined for the part.
@@ -87,7 +89,7 @@ def roadmap_document(
                 'observed_frequency_percent': 100 * count / drops if drops else None,
                 'rocking_barrier_mm': plain(1000 * float(aspect.min_barrier)),
                 'csa_stability_index': weight,
-                'contacts': {'floor': True, 'wall': False},
+                **_contacts(aspect.id, count, distribution.contacts),
             }
             for aspect, count, weight in zip(
                 aspects, distribution.counts.tolist(), weights, strict=True
@@ -107,6 +109,26 @@ def roadmap_document(
             for name, (matrix, _) in matrices.items()
             for transition in _transitions(name, matrix)
         ],
+    }
+
+
+def _contacts(aspect: int, count: int, contacts: Placements | None) -> dict[str, object]:
+    """Return what the drops in an aspect touch: more than half of them, and how many.
+
+    The floor is the first plane, on which aspects are counted; all others are walls. Without
+    drops in the aspect, it is not known whether a part there touches a wall.
+    """
+    floor, wall = count, 0
+    if contacts is not None:
+        on_floor = [p for p in contacts.placements if p.contacts[0] == aspect]
+        floor = sum(p.count for p in on_floor)
+        wall = sum(p.count for p in on_floor if any(code != NONE for code in p.contacts[1:]))
+    at_wall: bool | None = 2 * wall > floor
+    if contacts is not None and not floor:
+        at_wall = None
+    return {
+        'contacts': {'floor': True, 'wall': at_wall},
+        'contact_counts': {'floor': floor, 'wall': wall},
     }
 
 

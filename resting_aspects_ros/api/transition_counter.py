@@ -7,8 +7,12 @@ import numpy as np
 
 from resting_aspects_ros.api.chunk_loop import count_chunks
 from resting_aspects_ros.api.convergence import DETECTABLE_SHIFT, REFINEMENT
-from resting_aspects_ros.core.poses import RestingPoses, RestStatus
-from resting_aspects_ros.core.reorientation.transition_matrix import TransitionMatrix, no_actions
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.reorientation.transition_matrix import (
+    TransitionMatrix,
+    columns_of,
+    no_actions,
+)
 from resting_aspects_ros.core.statistics.comparison import square_and_add
 from resting_aspects_ros.core.statistics.distribution import aspect_ids
 from resting_aspects_ros.core.statistics.intervals import SIMULTANEOUS, bounds
@@ -16,9 +20,6 @@ from resting_aspects_ros.core.statistics.stopping import checkpoints, is_precise
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.run_description import RunDescription
-
-# Column of each status that is in no aspect, after the columns of the aspects; see OUTCOMES.
-_OUTCOME = {RestStatus.UNSETTLED: 1, RestStatus.FAILED: 2, RestStatus.LOST: 3}
 
 
 class TransitionCounter:
@@ -75,10 +76,7 @@ class TransitionCounter:
         """Count a chunk; chunks must arrive in order."""
         k = len(self.matrix.counts)
         start = np.arange(poses.first_drop, poses.end) % k
-        end = aspect_ids(self.matrix.aspects, poses) - 1
-        end[end < 0] = k  # at rest in no aspect
-        for status, column in _OUTCOME.items():
-            end[poses.status == status] = k + column
+        end = columns_of(poses, aspect_ids(self.matrix.aspects, poses), k)
         counts = np.zeros_like(self.matrix.counts)
         np.add.at(counts, (start, end), 1)
         growth = float(poses.energy_growth.max(initial=0.0))

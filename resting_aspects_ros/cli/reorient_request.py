@@ -4,12 +4,18 @@ import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.measured_trials import MeasuredTrials
 from resting_aspects_ros.api.output_files import check_output, make_folder
-from resting_aspects_ros.api.plan_actions import DEFAULT_PER_ASPECT, PlannedActions, plan_actions
+from resting_aspects_ros.api.plan_actions import (
+    DEFAULT_PER_ASPECT,
+    PlannedActions,
+    check_actions,
+    plan_actions,
+)
 from resting_aspects_ros.api.reorient_result import wanted_mask
 from resting_aspects_ros.api.roadmap import read_roadmap
 from resting_aspects_ros.cli.action_options import requested_actions
@@ -77,19 +83,19 @@ def requested_reorientation(
     if per_aspect is None:
         per_aspect = 0 if precision else DEFAULT_PER_ASPECT
     landscape = Landscape(part)
-    drop, rests = make_drops(part, conditions) if conditions.surroundings else (None, None)
+    values: dict[str, Any] = {
+        'per_aspect': per_aspect,
+        'precision': precision,
+        'confidence': confidence,
+        'landscape': landscape,
+    }
+    drop, rests = None, None
+    if conditions.surroundings:
+        for action in actions:  # before the drops
+            check_actions(part, action, conditions, **values)
+        drop, rests = make_drops(part, conditions)
     planned = tuple(
-        plan_actions(
-            part,
-            action,
-            conditions,
-            per_aspect=per_aspect,
-            precision=precision,
-            seed=arguments.seed,
-            confidence=confidence,
-            landscape=landscape,
-            rests=rests,
-        )
+        plan_actions(part, action, conditions, seed=arguments.seed, rests=rests, **values)
         for action in actions
     )
     wanted = _wanted(arguments, planned[0])

@@ -4,8 +4,10 @@ Every message names the thing, its value and what was expected. It can be displa
 any input it is a single short line without control characters.
 """
 
+import difflib
 import reprlib
 import warnings
+from collections.abc import Iterable
 from typing import Any
 
 MAX_SHOWN = 80
@@ -79,3 +81,9 @@ def one_line(text: str, length: int = 300) -> str:
     text = ' '.join(text[: 4 * length].split())
     text = ''.join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
     return text if len(text) <= length else f'{text[: length - 3]}...'
+
+
+def did_you_mean(name: object, known: Iterable[str]) -> str:
+    """Return the end of an error that suggests a known name; empty if none is similar."""
+    close = difflib.get_close_matches(str(name).lower(), list(known), n=1)
+    return f'; did you mean {close[0]!r}?' if close else ''

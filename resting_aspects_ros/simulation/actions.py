@@ -1,17 +1,21 @@
 """What a feeder does to parts at rest: the actions, and named ones, read from a YAML file."""
 
 import dataclasses
-import difflib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.errors import InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.yaml_file import read_yaml
 from resting_aspects_ros.simulation.impulses import Kick
 from resting_aspects_ros.simulation.nozzle import Nozzle
-from resting_aspects_ros.simulation.quantity import Quantity, quantities_of
+from resting_aspects_ros.simulation.quantity import (
+    Quantity,
+    described_kind,
+    made_from,
+    quantities_of,
+)
 from resting_aspects_ros.simulation.step_action import Step
 from resting_aspects_ros.simulation.vibration import Vibration
 
@@ -71,10 +75,9 @@ class Actions:
         """Return a named action; raises InvalidValueError."""
         if name not in self._actions:
             expected = [*KINDS, *(each for each in self._actions if each not in KINDS)]
-            close = difflib.get_close_matches(str(name).lower(), expected, n=1)
-            hint = f'; did you mean {close[0]!r}?' if close else ''
             raise InvalidValueError(
-                f'invalid action {shown(name)}: expected one of {", ".join(expected)}{hint}'
+                f'invalid action {shown(name)}: expected one of {", ".join(expected)}'
+                f'{did_you_mean(name, expected)}'
             )
         return self._actions[name]
 
@@ -93,25 +96,7 @@ def make_action(kind: str, values: Mapping[str, Any]) -> Action:
 
     Values that are left out have their defaults.
     """
-    if kind not in KINDS:
-        raise InvalidValueError(
-            f'invalid kind of action {shown(kind)}: expected one of {", ".join(KINDS)}'
-        )
-    made = KINDS[kind]
-    fields = {field.name: field for field in dataclasses.fields(made)}
-    unknown = [name for name in values if name not in fields]
-    if unknown:
-        raise InvalidValueError(
-            f'invalid value {shown(unknown[0])} of a {kind}: expected {", ".join(fields)}'
-        )
-    missing = [
-        name
-        for name, field in fields.items()
-        if field.default is dataclasses.MISSING and name not in values
-    ]
-    if missing:
-        raise InvalidValueError(f'missing {missing[0]} of a {kind}')
-    return made(**values)
+    return made_from(KINDS, 'action', kind, values)
 
 
 def _named_action(label: str, name: object, entry: object) -> NamedAction:
@@ -120,14 +105,9 @@ def _named_action(label: str, name: object, entry: object) -> NamedAction:
             f'{label}: invalid name {shown(name)} of an action: expected a name such as my_tap'
         )
     where = f'{label}, {name}'
-    if not isinstance(entry, dict) or not isinstance(entry.get('kind'), str):
-        raise InvalidValueError(f'{where}: expected a mapping with the key kind')
-    values = {str(key): value for key, value in entry.items()}
-    kind, time = values.pop('kind'), values.pop('time', DEFAULT_TIME)
-    source = values.pop('source', '')
-    if not isinstance(source, str):
-        raise InvalidValueError(f'{where}: invalid source {shown(source)}: expected text')
     try:
+        kind, values, source = described_kind('action', entry)
+        time = values.pop('time', DEFAULT_TIME)
         return NamedAction(name, make_action(kind, values), time, source)
     except InvalidValueError as error:
         raise InvalidValueError(f'{where}: {error}') from None

@@ -1,13 +1,18 @@
 """The registered parts: a folder of meshes, each with an optional YAML file."""
 
-import difflib
 import math
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.core.errors import PartError, RestingAspectsError, UnknownPartError, shown
+from resting_aspects_ros.core.errors import (
+    PartError,
+    RestingAspectsError,
+    UnknownPartError,
+    did_you_mean,
+    shown,
+)
 from resting_aspects_ros.core.geometry.mesh_file import FORMATS
 from resting_aspects_ros.core.input_file import is_file, named, printable
 from resting_aspects_ros.core.part import MAX_NAME, Part, is_valid_name
@@ -136,8 +141,7 @@ class PartLibrary:
 
     def _unknown(self, name: str) -> str:
         names = self.names()
-        close = difflib.get_close_matches(str(name).lower(), names, n=1)
-        hint = f'; did you mean {close[0]!r}?' if close else ''
+        hint = did_you_mean(name, names)
         related = [problem for problem in self.problems() if printable(str(name)) in problem]
         hint += ''.join(f'; {problem}' for problem in related)
         return unknown_part_text(name, names, f'none in {str(self.folder)!r}') + hint

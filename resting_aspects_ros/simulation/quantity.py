@@ -1,11 +1,17 @@
-"""Numbers with a unit, a label and bounds, declared once as the metadata of dataclass fields."""
+"""Numbers with a unit, a label and bounds, declared once as the metadata of dataclass fields.
+
+The dataclasses are made from mappings of names to values, such as those of YAML files.
+"""
 
 import dataclasses
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
-from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.errors import InvalidValueError, did_you_mean, shown
+
+T = TypeVar('T')
 
 
 @dataclass(frozen=True)
@@ -65,3 +71,49 @@ def check_quantities(values: Any) -> None:
     """Replace the quantities of a frozen dataclass by floats; raises InvalidValueError."""
     for name, each in quantities_of(values).items():
         object.__setattr__(values, name, each.check(name, getattr(values, name)))
+
+
+def described_kind(what: str, document: Any) -> tuple[str, dict[str, Any], str]:
+    """Return the kind, the values and the source of an entry of a YAML file.
+
+    ``what`` is what the entry describes, such as 'action'. Raises InvalidValueError.
+    """
+    if not isinstance(document, Mapping) or not isinstance(document.get('kind'), str):
+        raise InvalidValueError(f'invalid {what}: expected a mapping with the key kind')
+    values = {str(key): value for key, value in document.items()}
+    kind, source = values.pop('kind'), values.pop('source', '')
+    if not isinstance(source, str):
+        raise InvalidValueError(f'invalid source {shown(source)}: expected text')
+    return kind, values, source
+
+
+def made_from(
+    kinds: Mapping[str, type[T]],
+    what: str,
+    kind: str,
+    values: Mapping[str, Any],
+    others: Sequence[str] = (),
+) -> T:
+    """Return the dataclass of a kind with these values; values left out have their defaults.
+
+    ``others`` are names beside those of its fields that an error lists. Raises InvalidValueError.
+    """
+    if kind not in kinds:
+        raise InvalidValueError(
+            f'invalid kind of {what} {shown(kind)}: expected one of {", ".join(kinds)}'
+            f'{did_you_mean(kind, kinds)}'
+        )
+    made: Any = kinds[kind]
+    fields = [each for each in dataclasses.fields(made) if each.init]
+    names = [*(each.name for each in fields), *others]
+    for name in values:
+        if name not in names:
+            raise InvalidValueError(
+                f'invalid value {shown(name)} of a {kind}: expected one of {", ".join(names)}'
+                f'{did_you_mean(name, names)}'
+            )
+    for each in fields:
+        if each.default is dataclasses.MISSING and each.name not in values:
+            raise InvalidValueError(f'missing {each.name} of a {kind}')
+    result: T = made(**values)
+    return result

@@ -19,10 +19,12 @@ from resting_aspects_ros.api import roadmap
 from resting_aspects_ros.api.measured_trials import compare_measured, with_measured
 from resting_aspects_ros.api.roadmap import read_roadmap, roadmap_document
 from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.contacts import CORNER, EDGE, NONE
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.estimators.estimate import estimate
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, TransitionMatrix
+from resting_aspects_ros.core.statistics.contact_counts import Placement, Placements
 from resting_aspects_ros.core.statistics.distribution import Distribution, no_drops
 from resting_aspects_ros.core.statistics.intervals import SIMULTANEOUS
 from resting_aspects_ros.report.document import to_json
@@ -134,6 +136,34 @@ def test_the_document_has_every_aspect(document, aspects):
     assert sum(pose['csa_stability_index'] for pose in poses) == pytest.approx(1)
     assert poses[0]['csa_stability_index'] > poses[-1]['csa_stability_index'] > 0
     assert poses[0]['contacts'] == {'floor': True, 'wall': False}
+    assert poses[0]['contact_counts'] == {'floor': 300, 'wall': 0}
+
+
+def test_contacts_are_those_of_most_drops_in_an_aspect(box, aspects):
+    """A wall is touched in aspect 1 by 200 of 300 drops, in 2 by 100 of 300; 4 is never seen."""
+    contacts = Placements(
+        ('belt', 'wall'),
+        [
+            Placement((1, 3), np.array([0, 0, 0, 1.0]), 150),
+            Placement((1, EDGE), np.array([0, 0, 0, 1.0]), 50),
+            Placement((1, NONE), np.array([0, 0, 0, 1.0]), 100),
+            Placement((2, CORNER), np.array([0, 0, 0, 1.0]), 100),
+            Placement((2, NONE), np.array([0, 0, 0, 1.0]), 200),
+            Placement((EDGE, 3), np.array([0, 0, 0, 1.0]), 7),
+            Placement((3, NONE), np.array([0, 0, 0, 1.0]), 5),
+        ],
+        drops=612,
+    )
+    counts = np.array([300, 300, 5, 0, 0, 0], dtype=np.int64)
+    drops = Distribution(aspects, counts, 7, 0, 0, contacts=contacts)
+    found = [
+        (pose['contacts']['floor'], pose['contacts']['wall'], *pose['contact_counts'].values())
+        for pose in roadmap_document(box, drops, None, {})['poses']
+    ]
+    assert found == [
+        (True, True, 300, 200), (True, False, 300, 100), (True, False, 5, 0),
+        (True, None, 0, 0), (True, None, 0, 0), (True, None, 0, 0),
+    ]  # fmt: skip
 
 
 def test_the_document_has_every_pair_that_was_seen(document):

@@ -3,10 +3,14 @@
 import json
 
 import pytest
+from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import Status, SurroundingsDescription
 from visualization_msgs.msg import MarkerArray
 
 import resting_aspects_ros as ra
+from resting_aspects_ros.logs.bag_metadata import recorded_outcome
+from resting_aspects_ros.logs.message_reader import messages
+from resting_aspects_ros.logs.topic_metadata import SURROUNDINGS_TYPE
 from resting_aspects_ros.nodes.aspect_classifier.surroundings_markers import BODIES
 from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.ros.interface import LATCHED, SURROUNDINGS_MARKERS, SURROUNDINGS_QOS
@@ -76,6 +80,43 @@ def test_surroundings_are_described_recorded_and_shown(suite, answer):
     assert sum(p.count for p in result.contacts.placements) == sum(
         each.count for each in answer.distribution.contacts
     )
+
+
+@pytest.mark.slow
+def test_actions_in_surroundings_are_those_of_the_python_interface(suite):
+    options = {'drops': 250, 'seed': 4}
+    goal = suite.client.reorient(PART, 'tap', 5, surroundings='l_chute', **options)
+    assert goal.outcome == 'succeeded', goal.result.status.message
+    found = goal.result.transitions
+    expected = ra.reorient(PART, 'tap', 5, surroundings='l_chute', workers=1, **options)
+    assert list(found.counts) == expected.matrix.counts.ravel().tolist()
+    assert [each.count for each in found.aspects] == expected.drop.counts.tolist()
+    assert {each.total for each in goal.feedback} == {5 * len(found.aspects)}
+    log = suite.log_of(found.run.run_id)
+    (described,) = [
+        deserialize_message(data, SurroundingsDescription)
+        for data in messages(log, SURROUNDINGS_TYPE)
+    ]
+    assert described.document == ra.surroundings('l_chute').key
+    assert recorded_outcome(log).whole
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('goal', 'expected'),
+    [
+        ({'surroundings': 'swamp'}, "invalid surroundings 'swamp'"),
+        ({'action': 'step_down', 'surroundings': 'slope'}, 'invalid action step_down in surr'),
+        ({'per_aspect': 0, 'surroundings': 'slope'}, 'invalid number of actions per aspect 0'),
+        ({'surroundings': 'l_chute', 'drops': 1}, 'no part came to rest in aspect'),
+    ],
+)
+def test_invalid_actions_in_surroundings(suite, goal, expected):
+    made = suite.client.reorient(**{'part': PART, 'drops': 10, **goal})
+    assert made.outcome == 'aborted'
+    assert made.result.status.code == Status.INVALID
+    assert expected in made.result.status.message
+    assert suite.alive
 
 
 @pytest.mark.slow

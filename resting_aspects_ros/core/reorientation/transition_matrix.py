@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.statistics import intervals
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, INTERVAL, Array, Counts
 from resting_aspects_ros.core.statistics.stopping import stopping_confidence
@@ -13,6 +14,13 @@ from resting_aspects_ros.core.statistics.stopping import stopping_confidence
 # What an action leads to if not to an aspect: rest in no aspect, no rest within the time limit,
 # a numerical error, or a part that left the surface. These are the last columns of a matrix.
 OUTCOMES = ('unclassified', 'unsettled', 'failed', 'lost')
+# The outcome for each status but that of a part at rest. A part that slides is not at rest.
+_OUTCOME_OF = {
+    RestStatus.UNSETTLED: 'unsettled',
+    RestStatus.FAILED: 'failed',
+    RestStatus.LOST: 'lost',
+    RestStatus.SLIDING: 'unsettled',
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,3 +115,14 @@ def no_actions(
     """Return the transition matrix before the first action."""
     none = np.zeros((len(aspects), len(aspects) + len(OUTCOMES)), dtype=np.int64)
     return TransitionMatrix(aspects, none, interval, confidence, by_precision)
+
+
+def columns_of(poses: RestingPoses, ids: Counts, aspects: int) -> Counts:
+    """Return the column (n,) of a matrix with a number of aspects in which each pose is counted.
+
+    ``ids`` (n,) are the ids of the aspects of the poses; see `aspect_ids`.
+    """
+    column = np.where(ids > 0, ids - 1, aspects)
+    for status, outcome in _OUTCOME_OF.items():
+        column[poses.status == status] = aspects + OUTCOMES.index(outcome)
+    return column

@@ -15,6 +15,8 @@ from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, INTERVAL, 
 from resting_aspects_ros.core.statistics.stopping import stopping_confidence, stops
 
 METHOD = 'drops'
+# Names of the counts of drops that are at rest in no aspect.
+OUTSIDE = ('unclassified', 'unsettled', 'failed', 'lost', 'sliding')
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +58,7 @@ class Distribution:
     @property
     def drops(self) -> int:
         """Number of drops that were counted."""
-        ended = self.unclassified + self.unsettled + self.failed + self.lost + self.sliding
-        return int(self.counts.sum()) + ended
+        return int(self.counts.sum()) + sum(getattr(self, name) for name in OUTSIDE)
 
     def intervals(self) -> list[Interval]:
         """Return count / drops of each aspect with its interval, for n = drops; see intervals.

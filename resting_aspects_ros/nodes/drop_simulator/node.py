@@ -104,7 +104,13 @@ class DropSimulator(Node):
             **ACTION_SERVICES,
         )
         self._reorient = ReorientServer(
-            self, self._parts, self._workers, self._files, self._conditions, frame
+            self,
+            self._parts,
+            self._workers,
+            self._files,
+            self._conditions,
+            self._descriptions,
+            frame,
         )
         self._parts.ready.add_done_callback(self._on_parts_read)
 

@@ -7,11 +7,12 @@ from resting_aspects_interfaces.action import ReorientPart
 from resting_aspects_interfaces.msg import FeederAction
 
 from resting_aspects_ros.api.condition_text import shipped_actions
-from resting_aspects_ros.api.plan_actions import PlannedActions, plan_actions
+from resting_aspects_ros.api.plan_actions import PlannedActions, check_actions, plan_actions
 from resting_aspects_ros.api.plan_drops import PlannedDrops, plan_drops
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.ros.status import CanceledError
 from resting_aspects_ros.ros.transition_conversions import BoundedLongRun, action_from
 from resting_aspects_ros.simulation.actions import KINDS, NamedAction
@@ -36,22 +37,39 @@ def plan_goal(
     action: NamedAction,
     conditions: DropConditions,
     goal: ReorientPart.Goal,
-) -> tuple[PlannedActions, PlannedDrops]:
-    """Return the actions and the drops of a goal; runs in a FileWorker."""
-    if conditions.surroundings:
-        raise InvalidValueError(
-            'invalid surroundings: expected none in a goal of reorient_part; the command '
-            '`resting_aspects reorient --surroundings` and ra.reorient simulate actions in them'
-        )
-    actions = plan_actions(
+) -> tuple[PlannedDrops, int, PlannedActions | None]:
+    """Return the drops, the number of actions and the actions; runs in a FileWorker.
+
+    In surroundings, actions start from the resting poses of the drops, so that they are None
+    here; see plan_from_rests.
+    """
+    drops = plan_drops(part, conditions, drops=goal.drops, seed=goal.seed)
+    if not conditions.surroundings:
+        actions = plan_from_rests(part, action, conditions, goal, None)
+        return drops, actions.run.drops, actions
+    _, aspects, per_aspect = check_actions(
+        part, action, conditions, per_aspect=goal.per_aspect, precision=goal.precision
+    )
+    return drops, per_aspect * len(aspects), None
+
+
+def plan_from_rests(
+    part: Part,
+    action: NamedAction,
+    conditions: DropConditions,
+    goal: ReorientPart.Goal,
+    rests: RestingPoses | None,
+) -> PlannedActions:
+    """Return the actions of a goal from resting poses in surroundings; runs in a FileWorker."""
+    return plan_actions(
         part,
         action,
         conditions,
         per_aspect=goal.per_aspect,
         precision=goal.precision,
         seed=goal.seed,
+        rests=rests,
     )
-    return actions, plan_drops(part, conditions, drops=goal.drops, seed=goal.seed)
 
 
 def bounded_long_run(result: ReorientResult) -> BoundedLongRun | None:

@@ -3,6 +3,8 @@
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import aclosing
+from functools import partial
+from typing import TypeVar
 
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
@@ -16,6 +18,7 @@ from resting_aspects_ros.api.plan_drops import PlannedDrops
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.statistics.distribution import Distribution, count_poses
 from resting_aspects_ros.nodes.drop_simulator.drop_production import AsyncWorkers
 from resting_aspects_ros.nodes.drop_simulator.goal_execution import (
@@ -27,8 +30,13 @@ from resting_aspects_ros.nodes.drop_simulator.part_publisher import PartPublishe
 from resting_aspects_ros.nodes.drop_simulator.reorient_goal import (
     ReorientGoal,
     bounded_long_run,
+    plan_from_rests,
     plan_goal,
     requested_action,
+)
+from resting_aspects_ros.nodes.drop_simulator.surroundings_publisher import (
+    SurroundingsPublisher,
+    plan_with_meshes,
 )
 from resting_aspects_ros.ros.callbacks import advertise
 from resting_aspects_ros.ros.diagnostics import RateCounter
@@ -44,6 +52,8 @@ from resting_aspects_ros.ros.status import BusyError
 from resting_aspects_ros.ros.transition_conversions import BoundedLongRun, transitions_msg
 from resting_aspects_ros.simulation.conditions import DropConditions
 
+T = TypeVar('T')
+
 # Minimum time between two publications of the matrix of an active goal, s.
 PUBLISH_PERIOD = 1.0
 
@@ -57,6 +67,7 @@ class ReorientServer:
     ----------
     files : finds aspects and long-run shares, so that a large mesh cannot block the node
     conditions : returns the conditions that a goal requests
+    surroundings : publishes those of the actions, and knows their meshes
     frame : frame of the aspects
     """
 
@@ -67,6 +78,7 @@ class ReorientServer:
         workers: AsyncWorkers,
         files: FileWorker,
         conditions: Callable[[ReorientPart.Goal], Awaitable[DropConditions]],
+        surroundings: SurroundingsPublisher,
         frame: str,
     ) -> None:
         self._node = node
@@ -74,6 +86,7 @@ class ReorientServer:
         self._workers = workers
         self._files = files
         self._conditions = conditions
+        self._surroundings = surroundings
         self._frame = frame
         self._goals: list[ReorientGoal] = []
         self._publishers: dict[str, Publisher] = {}
@@ -128,10 +141,13 @@ class ReorientServer:
         part = await self._parts.get(goal.request.part)
         action = requested_action(goal.request.action)
         conditions = await self._conditions(goal.request)
-        planned, drops = await self._files.run(plan_goal, part, action, conditions, goal.request)
-        goal.feedback.total = planned.run.drops
+        given = (part, action, conditions, goal.request)
+        drops, goal.feedback.total, planned = await self._plan(plan_goal, *given)
         self._offer(part.name)  # before the drops, so that subscribers miss no message
-        dropped = await self._drop(goal, drops)
+        dropped, rests = await self._drop(goal, drops)
+        if planned is None:
+            planned = await self._plan(plan_from_rests, *given, rests)
+            self._surroundings.publish(planned.run, planned.job.scene)
         error: Exception | None = None
         try:
             await self._act(goal, planned, part, dropped)
@@ -147,16 +163,27 @@ class ReorientServer:
             result.status.message = f'{action.name} has no effect: every part stays where it is'
         return result, error
 
-    async def _drop(self, goal: ReorientGoal, planned: PlannedDrops) -> Distribution:
-        """Return the distribution of the drops of a goal."""
-        total = planned.empty
+    async def _plan(self, plan: Callable[..., T], *given: object) -> T:
+        """Return what a function of reorient_goal plans; it may need meshes of surroundings."""
+        found: T = await self._files.run(
+            plan_with_meshes, partial(plan, *given), self._surroundings.meshes()
+        )
+        return found
+
+    async def _drop(
+        self, goal: ReorientGoal, planned: PlannedDrops
+    ) -> tuple[Distribution, RestingPoses | None]:
+        """Return the distribution of the drops of a goal, and their poses in surroundings."""
+        total, kept = planned.empty, []
         chunks = self._workers.chunks(planned.job, planned.run, goal.canceled)
         async with aclosing(chunks):
             async for chunk in chunks:
                 total += count_poses(total.aspects, chunk)
                 goal.add_drops(len(chunk))
+                if planned.job.scene is not None:
+                    kept.append(chunk)
         goal.check()
-        return total
+        return total, RestingPoses.join(kept) if kept else None
 
     async def _act(
         self, goal: ReorientGoal, planned: PlannedActions, part: Part, dropped: Distribution

@@ -40,6 +40,10 @@ class SurroundingsPublisher:
         self._frame = frame
         self._publishers: dict[str, Publisher] = {}
 
+    def meshes(self) -> list[MeshFile]:
+        """Return the known meshes of surroundings; see plan_with_meshes."""
+        return self._requested.meshes()
+
     def publish(self, run: RunDescription, scene: Scene | None) -> None:
         """Publish the surroundings of a new run; nothing for the infinite level plane."""
         if scene is None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.errors import InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.core.rotations import LENGTH_TOLERANCE, canonical
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.simulation.quantity import Quantity, quantities_of
@@ -29,7 +29,7 @@ from resting_aspects_ros.simulation.surroundings.kinds import (
 from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
 from resting_aspects_ros.simulation.surroundings.release import check_release, ground_below
 from resting_aspects_ros.simulation.surroundings.scene import MeshBody, PairValues, Scene
-from resting_aspects_ros.simulation.surroundings.texts import did_you_mean, group_text
+from resting_aspects_ros.simulation.surroundings.texts import group_text
 
 KINDS: dict[str, type[Any]] = {
     each.kind: each

@@ -1,18 +1,22 @@
 """Named surroundings: one YAML file for each; and changes of single values."""
 
-import dataclasses
 import functools
 import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.errors import InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.core.input_file import named
 from resting_aspects_ros.core.quantity_text import parse_quantity
 from resting_aspects_ros.core.yaml_file import read_yaml
 from resting_aspects_ros.simulation.config_files import surroundings_folder
-from resting_aspects_ros.simulation.quantity import Quantity, quantities_of
+from resting_aspects_ros.simulation.quantity import (
+    Quantity,
+    described_kind,
+    made_from,
+    quantities_of,
+)
 from resting_aspects_ros.simulation.surroundings.description import (
     BODY_VALUES,
     KINDS,
@@ -25,7 +29,6 @@ from resting_aspects_ros.simulation.surroundings.mesh_surface import (
     UnknownMeshError,
     known_mesh,
 )
-from resting_aspects_ros.simulation.surroundings.texts import did_you_mean
 
 ENDINGS = ('.yaml', '.yml')
 
@@ -123,37 +126,11 @@ def make_surroundings(document: Any, name: str = '') -> Surroundings:
 
     Raises InvalidValueError, with the name of the key.
     """
-    if not isinstance(document, Mapping) or not isinstance(document.get('kind'), str):
-        raise InvalidValueError('invalid surroundings: expected a mapping with the key kind')
-    values = {str(key): value for key, value in document.items()}
-    kind = values.pop('kind')
-    if kind not in KINDS:
-        raise InvalidValueError(
-            f'invalid kind of surroundings {shown(kind)}: expected one of {", ".join(KINDS)}'
-            f'{did_you_mean(kind, KINDS)}'
-        )
-    source = values.pop('source', '')
-    if not isinstance(source, str):
-        raise InvalidValueError(f'invalid source {shown(source)}: expected text')
-    common = {
-        key: values.pop(key) for key in ('bodies', 'release', 'orientation') if key in values
-    }
-    fields = {field.name: field for field in dataclasses.fields(KINDS[kind]) if field.init}
-    unknown = [key for key in values if key not in fields]
-    if unknown:
-        expected = [*fields, 'bodies', 'release', 'orientation']
-        raise InvalidValueError(
-            f'invalid name {shown(unknown[0])} of a value of a {kind}: expected one of '
-            f'{", ".join(expected)}{did_you_mean(unknown[0], expected)}'
-        )
-    missing = [
-        key
-        for key, field in fields.items()
-        if field.default is dataclasses.MISSING and key not in values
-    ]
-    if missing:
-        raise InvalidValueError(f'missing value {missing[0]} of the kind {kind}')
-    return Surroundings(KINDS[kind](**values), name=name, **common)
+    kind, values, _ = described_kind('surroundings', document)
+    others = ('bodies', 'release', 'orientation')
+    common = {key: values.pop(key) for key in others if key in values}
+    shape = made_from(KINDS, 'surroundings', kind, values, others)
+    return Surroundings(shape, name=name, **common)
 
 
 def _check_mesh_known(document: Any) -> None:

@@ -1,17 +1,9 @@
-"""Surroundings in words, and suggestions for names that are not known."""
+"""Surroundings in words."""
 
-import difflib
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 from resting_aspects_ros.simulation.quantity import Quantity
-
-
-def did_you_mean(name: Any, known: Iterable[str]) -> str:
-    """Return the end of an error that suggests a known name; empty if none is similar."""
-    close = difflib.get_close_matches(str(name).lower(), list(known), n=1)
-    return f'; did you mean {close[0]!r}?' if close else ''
 
 
 def group_text(

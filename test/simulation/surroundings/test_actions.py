@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
+from resting_aspects_ros.api.given_states import CountsByState
 from resting_aspects_ros.api.plan_actions import named_action, plan_actions
+from resting_aspects_ros.api.roadmap import roadmap_document
+from resting_aspects_ros.api.transition_counter import TransitionCounter
+from resting_aspects_ros.core.poses import RestStatus
+from resting_aspects_ros.core.reorientation.transition_matrix import no_actions
 from resting_aspects_ros.core.rotations import down_in_part
 from resting_aspects_ros.simulation.initial_state import CHUNK
 
@@ -51,9 +56,63 @@ def test_an_aspect_that_does_not_occur_is_named(dropped, wall):
         plan_actions(dropped.part, named_action('tap'), conditions, per_aspect=5, rests=up)
 
 
-def test_a_step_is_refused(dropped, wall):
-    with pytest.raises(ra.InvalidValueError, match='step: expected without surroundings'):
+def test_a_step_is_refused_with_what_to_do_instead(dropped, wall):
+    says = 'action step_down in surroundings: expected none for a step.* from initial states'
+    with pytest.raises(ra.InvalidValueError, match=says):
         planned(dropped, wall, 'step_down')
+
+
+@pytest.mark.parametrize(
+    ('action', 'per_aspect', 'says'),
+    [
+        ('step_down', 5, 'action step_down in surroundings'),
+        ('tap', 0, 'actions per aspect 0'),
+    ],
+)
+def test_wrong_actions_in_surroundings_are_refused_before_the_drops(
+    wall, action, per_aspect, says
+):
+    class NoWorkers:
+        """Workers of which none may be used."""
+
+    with pytest.raises(ra.InvalidValueError, match=says):
+        ra.reorient(
+            'box_10x20x30', action, per_aspect, surroundings=wall, workers=NoWorkers(), drops=10
+        )
+
+
+def test_a_reorientation_in_surroundings_has_the_contacts_of_its_drops(wall):
+    """The floor of its drops is touched by all of them; a wall only by some."""
+    none = ra.Kick(speed=0, spin=0)
+    made = ra.reorient('box_10x20x30', none, 1, surroundings=wall, drops=125, seed=3, workers=1)
+    document = made.document()
+    assert document['conditions']['surroundings']['kind'] == 'wall'
+    assert ', in wall, wall (friction 0.15), ' in made.title
+    assert {'lost', 'sliding'} <= document['drop'].keys()
+    poses = roadmap_document(made.part, made.drop, None, {})['poses']
+    contacts = made.drop.contacts
+    assert sum(pose['contact_counts']['floor'] for pose in poses) == made.drop.counts.sum()
+    at_wall = sum(p.count for p in contacts.placements if p.contacts[0] > 0 and p.contacts[1])
+    assert sum(pose['contact_counts']['wall'] for pose in poses) == at_wall > 0
+
+
+def test_parts_that_slide_or_are_lost_are_not_counted_as_at_rest(dropped):
+    aspects = dropped.distribution.aspects
+    status = np.array(list(RestStatus), dtype=np.uint8)
+    poses = dataclasses.replace(dropped.poses.between(0, len(status)), status=status)
+    names = {'SETTLED': 0, 'UNSETTLED': 1, 'FAILED': 2, 'LOST': 3, 'SLIDING': 1}
+    expected = np.zeros(len(aspects) + 4, dtype=np.int64)
+    ids = np.where(status == RestStatus.SETTLED, 2, 0)
+    expected[1] = 1
+    for each in RestStatus:
+        expected[len(aspects) + names[each.name]] += each != RestStatus.SETTLED
+    by_state = CountsByState.none(1, len(aspects))
+    by_state.add(poses, ids)
+    assert by_state.counts.tolist() == [expected.tolist()]
+    counter = TransitionCounter(no_actions(aspects), dropped.run, 0.0)
+    counter.count(poses)
+    found = counter.matrix.counts.sum(axis=0)
+    assert found[len(aspects) :].tolist() == expected[len(aspects) :].tolist()
 
 
 @pytest.mark.slow
