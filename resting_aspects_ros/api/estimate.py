@@ -9,6 +9,7 @@ import numpy as np
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.surroundings import surroundings_text
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import warn
 from resting_aspects_ros.core.estimators.estimate import (
@@ -174,6 +175,12 @@ def estimate(
 def recommended_method(shape: RestingShape, conditions: DropConditions) -> Recommendation:
     """Return the method to trust for a part that is dropped under conditions."""
     part = shape.part
+    if conditions.surroundings:
+        return Recommendation(
+            '',
+            'No method is recommended: all of them assume an infinite level plane, and the drops '
+            f'were made in {surroundings_text(conditions.surroundings)}.',
+        )
     speeds = 2 * conditions.speed_horizontal**2 + conditions.speed_vertical**2
     turning = conditions.spin**2 * float(np.trace(part.inertia)) / part.mass
     kinetic = (speeds + turning) / (2 * conditions.gravity)  # as a height, m

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from resting_aspects_ros.api.condition_text import condition_facts, surface_text
+from resting_aspects_ros.api.condition_text import condition_facts
 from resting_aspects_ros.api.measured_trials import MeasuredComparison
 from resting_aspects_ros.api.reorient_plan import PlanResult
 from resting_aspects_ros.api.reorient_result import ReorientResult, wanted_mask
@@ -18,6 +18,7 @@ from resting_aspects_ros.api.report_files import (
     write_files,
 )
 from resting_aspects_ros.api.retention import RetentionResult
+from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.core.aspects.aspect_set import Aspect
 from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, TransitionMatrix
 from resting_aspects_ros.core.statistics.intervals import Interval
@@ -87,7 +88,7 @@ def write_reorientation_report(
     runs = [f'Run of {name}' for name in names] if len(names) > 1 else ['Run']
     report = ReorientationReport(
         title=first.run.part,
-        subtitle=f'{", ".join(names)} on {surface_text(first.run.conditions)}, '
+        subtitle=f'{", ".join(names)} on {conditions_text(first.run.conditions)}, '
         f'seed {first.run.seed}',
         part=first.part,
         aspects=first.matrix.aspects,
@@ -117,7 +118,7 @@ def write_retention_report(result: RetentionResult, folder: Path) -> Path:
     notes = [] if result.complete else [_incomplete(done, run.drops, 'disturbances')]
     report = ReorientationReport(
         title=run.part,
-        subtitle=f'disturbed on {surface_text(run.conditions)}, seed {run.seed}',
+        subtitle=f'disturbed on {conditions_text(run.conditions)}, seed {run.seed}',
         part=part,
         aspects=result.aspects,
         confidence=result.curves[0].confidence,
@@ -215,7 +216,7 @@ def _condition_facts(conditions: DropConditions) -> dict[str, Facts]:
     release = [fact for fact in facts if fact[0].partition(' (')[0] in _RELEASE]
     contact = [fact for fact in facts if fact not in release]
     return {
-        'Conditions': [('surface', surface_text(conditions)), *contact],
+        'Conditions': [('surface', conditions_text(conditions)), *contact],
         'Release of the drops': release,
     }
 

@@ -1,14 +1,17 @@
 """`resting_aspects estimate`: its table, its document, and wrong input."""
 
+import dataclasses
 import json
 import re
 
 import pytest
 import trimesh
 
+from resting_aspects_ros.api.estimate import recommended_method
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.estimators.estimate import METHODS, estimate
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
+from resting_aspects_ros.simulation.surroundings.library import named_surroundings
 
 
 @pytest.fixture
@@ -105,6 +108,15 @@ def test_one_method_is_recommended_for_the_conditions(
     assert ' '.join(printed.split()).endswith(found['reason'])
     marked = [line.split()[0] for line in printed.splitlines() if re.match(r'[a-z_]+\* ', line)]
     assert marked == ([] if method is None else [f'{method}*'])
+
+
+def test_no_method_is_recommended_for_drops_in_surroundings(run, part, surfaces):
+    printed = run('estimate', 'tetrahedron').stdout
+    assert 'All methods assume an infinite level plane.' in printed
+    slope = dataclasses.replace(surfaces.get(), surroundings=named_surroundings('slope').key)
+    found = recommended_method(RestingShape(part('tetrahedron')), slope)
+    assert found.method == ''
+    assert found.reason.endswith('the drops were made in slope (angle 10 deg).')
 
 
 def test_recommendation_uses_conditions_of_drops_by_default(run, document, tmp_path):

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.condition_text import surface_text
 from resting_aspects_ros.api.inputs.class_groups import (
     Groups,
     group_name,
     group_places,
     single_groups,
 )
+from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.core.statistics.comparison import DropCounts
@@ -87,8 +87,8 @@ class CountedDrops:
         words = [one_line(self.source), *([self.part] if self.part else [])]
         if self.run is None:
             return ', '.join([*words, f'{self.drops} drops'])
-        surface = surface_text(self.run.conditions)
-        return ', '.join([*words, f'{self.drops} drops on {surface}', f'seed {self.run.seed}'])
+        where = conditions_text(self.run.conditions)
+        return ', '.join([*words, f'{self.drops} drops on {where}', f'seed {self.run.seed}'])
 
 
 def counts_of_run(

@@ -17,9 +17,10 @@ from resting_aspects_ros.report.estimate_report import estimate_table, legend
 
 ALL = 'all'
 DESCRIPTION = """Show how probable each aspect of a part is by the analytic methods of the
-literature. They take milliseconds and depend only on the shape. The surface
-and the height of release determine which method is recommended. The error of
-each method is in docs/explanation/estimators.md. With --against the methods
+literature. They take milliseconds, depend only on the shape, and assume an
+infinite level plane. The surface and the height of release determine which
+method is recommended. The error of each method is in
+docs/explanation/estimators.md. With --against the methods
 are compared with drops: a log, a JSON document of drop or request, or a CSV of
 counts, as in compare."""
 EXAMPLES = """examples:
@@ -104,6 +105,7 @@ def show_estimates(result: EstimateResult, *, each: bool, as_json: bool) -> None
     show_table(console, table)
     lines = legend([name for name in methods if name in result.estimates], best)
     lines += [f'{reason}.' for reason in result.not_defined.values()]
+    lines += ['All methods assume an infinite level plane.']
     for line in [*lines, *([] if result.recommended is None else [result.recommended.reason])]:
         console.print(line, markup=False, highlight=False)
 

@@ -58,7 +58,7 @@ class Distribution:
     @property
     def drops(self) -> int:
         """Number of drops that were counted."""
-        return int(self.counts.sum()) + sum(getattr(self, name) for name in OUTSIDE)
+        return int(self.counts.sum() + sum(getattr(self, name) for name in OUTSIDE))
 
     def intervals(self) -> list[Interval]:
         """Return count / drops of each aspect with its interval, for n = drops; see intervals.

@@ -182,6 +182,11 @@ def _number(name: str, value: Any, quantity: Quantity) -> Any:
 def _change(values: dict[str, Any], key: str, value: Any) -> None:
     """Set a value of a description; a body or the release is named before a dot."""
     group, dot, name = key.partition('.')
+    if key == 'kind':
+        raise InvalidValueError(
+            'invalid name kind of a value: expected another value; a kind is chosen instead of '
+            'the name of the surroundings'
+        )
     if not dot:
         shape = quantities_of(KINDS[values['kind']])
         values[key] = _number(key, value, shape[key]) if key in shape else value
