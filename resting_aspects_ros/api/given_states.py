@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from resting_aspects_ros.api.surroundings import scene_of
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
@@ -13,8 +14,14 @@ from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.noise import Noise
 from resting_aspects_ros.simulation.run_description import MAX_DROPS
 from resting_aspects_ros.simulation.starts import GivenStarts, GivenStates
+from resting_aspects_ros.simulation.surroundings.release import depth_along, in_scene_axes
+from resting_aspects_ros.simulation.surroundings.scene import Scene
 
 DEFAULT_REPLICATES = 1
+# A part may reach into a plane of surroundings by this, R; the engine moves it out.
+MAX_OVERLAP = 0.01
+# States that are checked together.
+_BLOCK = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,5 +66,27 @@ def given_starts(
         raise InvalidValueError(
             f'invalid replicates {replicates!r}: expected 1 to {limit} for {len(given)} states'
         )
+    scene = scene_of(part, conditions)
+    if scene is not None:
+        _check_outside(part, scene, given)
     starts = GivenStarts(given, noise, conditions.gravity, part.hull_radius)
     return starts, replicates * len(given)
+
+
+def _check_outside(part: Part, scene: Scene, given: GivenStates) -> None:
+    """Raise InvalidValueError if a part begins inside a half-space of the surroundings."""
+    corners = part.hull_vertices - part.centre_of_mass
+    for first in range(0, len(given), _BLOCK):
+        rows = slice(first, first + _BLOCK)
+        position = scene.in_scene(given.position[rows])
+        orientation = in_scene_axes(scene, given.orientation[rows])
+        for plane in scene.half_spaces:
+            reach = depth_along(orientation, -plane.normal, corners)
+            gap = (position * plane.normal).sum(axis=1) - plane.offset - reach
+            worst = int(gap.argmin())
+            if gap[worst] < -MAX_OVERLAP * part.hull_radius:
+                raise InvalidValueError(
+                    f'invalid initial state {first + worst}: the part is '
+                    f'{-1000 * gap[worst]:.4g} mm inside the {plane.name.replace("_", " ")}; '
+                    'expected outside of the surroundings'
+                )

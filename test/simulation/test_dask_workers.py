@@ -14,13 +14,14 @@ import pytest
 import trimesh
 
 from resting_aspects_ros.core.errors import EngineError, InvalidValueError
-from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.simulation import chunks
 from resting_aspects_ros.simulation import dask_workers as drops_cluster
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.dask_workers import TIMEOUT, ClusterWorkers
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.plan import plan_run
+from resting_aspects_ros.simulation.surroundings.library import named_surroundings
 
 
 @pytest.fixture(scope='module')
@@ -52,6 +53,21 @@ def test_poses_are_bit_identical_to_local_ones(planned, workers):
     for field in dataclasses.fields(RestingPoses):
         a, b = (getattr(RestingPoses.join(poses), field.name) for poses in (there, here))
         np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.slow
+def test_workers_need_no_file_of_a_mesh_surface(workers, surfaces, part, tmp_path):
+    trimesh.creation.box([400, 400, 10]).export(tmp_path / 'block.stl')
+    (tmp_path / 'block.yaml').write_text('kind: mesh\nmesh: block.stl\n')
+    found = named_surroundings(tmp_path / 'block.yaml')
+    conditions = dataclasses.replace(surfaces.get(), surroundings=found.key)
+    job, asked = plan_run(part('tetrahedron'), conditions, seed=5, drops=10, run_id='', started=0)
+    for file in tmp_path.iterdir():
+        file.unlink()
+    (there,) = chunks_of(job, asked, workers)
+    here = drop_chunk(job, 0, 10)
+    np.testing.assert_array_equal(there.orientation, here.orientation)
+    assert set(here.status.tolist()) == {RestStatus.SETTLED}
 
 
 def test_lookahead_follows_the_number_of_workers(cluster, workers):

@@ -1,6 +1,7 @@
 """Actions on parts in surroundings: where they start, and that the motion of a tray is rigid."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -135,6 +136,34 @@ def test_a_tray_that_rocks_moves_its_walls_with_its_floor():
     )
     assert result.matrix.counts[:2, :2].sum() == 6
     assert not result.matrix.counts[:, -1].any()
+
+
+def test_initial_states_inside_a_wall_are_refused(wall, part):
+    box = part('box_10x20x30')
+    upright = [[0.0, 0.0, 0.0, 1.0]] * 2
+    # The half length along y is 10 mm, so that the second state is 4 mm inside the wall at y = 0.
+    states = ra.GivenStates(position=[[0, 0.02, 0.1], [0, 0.006, 0.1]], orientation=upright)
+    with pytest.raises(ra.InvalidValueError, match=r'initial state 1: .* 4 mm inside the wall'):
+        ra.drop(box, initial_states=states, surroundings=wall, workers=1)
+    below = ra.GivenStates(position=[[0, 0.02, 0.0]], orientation=upright[:1])
+    with pytest.raises(ra.InvalidValueError, match=r'initial state 0: .* 15 mm inside the floor'):
+        ra.drop(box, initial_states=below, surroundings=wall, workers=1)
+
+
+def test_a_part_at_rest_on_a_slope_stays_where_it_was_put():
+    """Initial states are in the tray frame; the floor of the slope contains its origin."""
+    box = ra.load_part('box_10x20x30')
+    angle = math.radians(5)
+    half = np.array([[0.0, np.sin(angle / 2), 0.0, np.cos(angle / 2)]])
+    normal = np.array([np.sin(angle), 0.0, np.cos(angle)])
+    place = np.array([0.1, 0.0, -0.1 * np.tan(angle)])  # on the slope
+    states = ra.GivenStates(position=[place + 0.0151 * normal], orientation=half)
+    slope = ra.surroundings('slope', angle=angle)
+    made = ra.drop(box, initial_states=states, surroundings=slope, workers=1)
+    assert made.distribution.drops == 1
+    (end,) = made.poses.position
+    # It falls by 0.1 mm and stays; the friction angle is 14 degrees.
+    np.testing.assert_allclose(end, place + 0.015 * normal, atol=5e-4)
 
 
 def test_a_track_is_as_long_as_the_parts_need():
