@@ -54,7 +54,7 @@ def outcome_hints(
 
 
 def _count(number: int, distribution: Distribution) -> str:
-    if number == distribution.drops:
+    if number == distribution.drops > 1:
         return f'All {number} parts'
     return f'{number} of {distribution.drops} parts'
 

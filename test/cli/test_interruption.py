@@ -80,6 +80,15 @@ def test_every_signal_saves_partial_results(run, saved, at_update, number):
 
 
 @pytest.mark.slow
+def test_ctrl_c_in_surroundings_keeps_the_drops_and_their_contacts(run, saved, at_update):
+    at_update(when_some_are_done(signal.SIGINT))
+    document, _ = saved(run(*QUICK, '--surroundings', 'l_chute', *OUTPUTS), 130)
+    at_rest = sum(a['count'] for a in document['aspects']) + document['unclassified']
+    assert at_rest > 0
+    assert sum(row['count'] for row in document['contacts']) == at_rest
+
+
+@pytest.mark.slow
 def test_repeated_ctrl_c(begin, ended, read_until):
     process = begin(*QUICK, *OUTPUTS)
     read_until(process.stderr, some_done)

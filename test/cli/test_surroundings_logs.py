@@ -114,6 +114,35 @@ def test_info_and_merge_show_surroundings_and_contacts(chute_log, capsys):
     assert json.loads(text)['contacts'] == document['contacts']
 
 
+def test_other_commands_name_the_surroundings_of_a_log(chute_log, block_log, capsys):
+    code, text = run_main(capsys, 'compare', chute_log[0], block_log[0])
+    assert code == 0
+    words = ' '.join(text.split())
+    assert 'in chute (roll 45 deg, pitch 0 deg)' in words
+    assert 'in mesh (block.obj' in words
+    code, text = run_main(capsys, 'estimate', 'l_bracket', '--against', chute_log[0])
+    assert code == 0
+    assert 'No method is recommended: all of them assume an infinite level plane' in ' '.join(
+        text.split()
+    )
+
+
+def test_logs_of_different_surroundings_are_not_merged(chute_log, block_log, capsys):
+    code = main(['merge', str(chute_log[0]), str(block_log[0])])
+    assert code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert 'surroundings' in line
+
+
+@pytest.mark.slow
+def test_a_page_is_made_of_a_log_in_a_chute(chute_log, capsys, tmp_path):
+    code, text = run_main(capsys, 'report', chute_log[0], '--out', tmp_path)
+    assert code == 0
+    (page,) = tmp_path.glob('*.html')
+    assert str(page) in text
+    assert 'belt' in page.read_text(encoding='utf-8')
+
+
 def test_a_mesh_travels_in_the_log(block_log, block, elsewhere):
     folder, _, total = block_log
     (path,) = folder.glob('*.mcap')

@@ -58,6 +58,20 @@ def test_too_steep_a_slope_is_explained(run):
 
 
 @pytest.mark.slow
+def test_a_part_larger_than_a_groove_lies_on_both_of_its_planes(run):
+    groove = ['--surroundings', 'v_groove', '--set', 'opening=8deg']
+    ended = run('drop', 'box_10x20x30', '--drops', '20', *groove, '--json')
+    document = json.loads(ended.stdout)
+    outside = ('unclassified', 'unsettled', 'failed', 'lost', 'sliding')
+    counted = sum(aspect['count'] for aspect in document['aspects'])
+    assert counted + sum(document[name] for name in outside) == 20
+    assert document['failed'] == 0
+    assert document['contacts']
+    for row in document['contacts']:
+        assert None not in row['contacts'].values()
+
+
+@pytest.mark.slow
 def test_lost_parts_are_explained(run):
     track = ['--surroundings', 'bowl_track', '--set', 'width=10mm']
     ended = run('drop', 'tetrahedron', '--drops', '20', *track)
