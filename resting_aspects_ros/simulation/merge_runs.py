@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.simulation.run_description import RunDescription
@@ -76,6 +76,10 @@ def _check_same(first: RunDescription, run: RunDescription, any_engine: bool) ->
         (name, str(getattr(here, name)), str(getattr(there, name))) for name in QUANTITIES
     ]
     compared.append(('height_of', here.height_of.name, there.height_of.name))
+    if here.surroundings != there.surroundings:
+        compared.append(
+            ('surroundings', shown(here.surroundings, 200), shown(there.surroundings, 200))
+        )
     if not any_engine:
         compared.append(('engine', _engine(run), _engine(first)))
     for name, value, allowed in compared:

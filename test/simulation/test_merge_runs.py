@@ -139,6 +139,14 @@ def test_other_conditions_are_rejected(name):
     )
 
 
+def test_other_surroundings_are_rejected():
+    conditions = dataclasses.replace(CONDITIONS, surroundings='{"kind":"wall"}')
+    pieces = [(RUN, poses(0, 5)), (run(run_id='b', seed=2, conditions=conditions), poses(0, 5))]
+    assert refusal(pieces) == (
+        'invalid surroundings \'{"kind":"wall"}\' of run b: expected \'\', as in run a'
+    )
+
+
 def test_other_height_of_is_rejected():
     conditions = CONDITIONS.changed(height_of=HeightOf.CENTRE_OF_MASS)
     pieces = [(RUN, poses(0, 5)), (run(run_id='b', seed=2, conditions=conditions), poses(0, 5))]
