@@ -20,7 +20,7 @@ from resting_aspects_ros.simulation.surroundings.library import surroundings_nam
         (['--surroundings', 'l_chute', '--set', 'wal.friction=1'], ["'wal'", 'belt, wall']),
         (['--surroundings', 'l_chute', '--set', 'kind=wall'], ['kind', 'another value']),
         (['--surroundings', 'l_chute', '--set', 'belt.speed=3rpm'], ["'3rpm'", 'mm/s']),
-        (['--surroundings', 'l_chute', '--set', 'belt.speed=50m/s'], ['50 m/s', 'at most']),
+        (['--surroundings', 'l_chute', '--set', 'belt.speed=50m/s'], ['m/s of', 'at most']),
         (['--surroundings', 'slope', '--set', 'angle=20'], ['angle 20', '85 deg']),
         (['--surroundings', 'wall', '--set', 'release.y_min=-5mm'], ['-5 mm', 'hull radius']),
         (['--surroundings', 'tray', '--set', 'width=9mm'], ['release', 'hull radius']),
