@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.errors import InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.simulation.actions import NamedAction, make_action
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.simulation.quantity import Quantity, quantities_of
@@ -15,7 +15,6 @@ from resting_aspects_ros.simulation.surroundings.description import (
     Surroundings,
 )
 from resting_aspects_ros.simulation.surroundings.library import changed_surroundings
-from resting_aspects_ros.simulation.surroundings.texts import did_you_mean
 
 
 @dataclass(frozen=True)
