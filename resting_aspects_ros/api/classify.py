@@ -1,13 +1,15 @@
 """Sort resting poses into clusters, and into the aspects of a part."""
 
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.inputs.pose_csv import PoseTable, read_pose_csv
+from resting_aspects_ros.api.inputs.pose_csv import NOT_AT_REST, PoseTable, read_pose_csv
 from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.surroundings import on_level_floor
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects.clusters import (
@@ -29,6 +31,7 @@ from resting_aspects_ros.core.statistics.agreement import (
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.report.cluster_report import agreement_fields, cluster_document
 from resting_aspects_ros.report.document import to_json
+from resting_aspects_ros.simulation.surroundings.description import Surroundings
 
 # A cluster needs two poses that can be alike.
 MIN_POSES, MIN_POSES_WITH_PART = 2, 1
@@ -114,6 +117,7 @@ def classify(
     part: Part | str | Path | None = None,
     *,
     tolerance: float = DEFAULT_TOLERANCE_DEGREES,
+    surroundings: str | Path | Surroundings | None = None,
 ) -> ClassificationResult:
     """Sort resting poses by their orientations; two are the same if they differ by yaw only.
 
@@ -127,6 +131,9 @@ def classify(
     tolerance : float
         Poses whose down directions are at most so far apart are in one cluster, and so on from
         each pose to the next: 1 to 30 degrees.
+    surroundings : str, Path or Surroundings, optional
+        Where the parts came to rest, as for `drop`; only with a part. Poses are then the same if
+        they differ by a turn about the normal of the first body, on which aspects are counted.
 
     Returns
     -------
@@ -135,7 +142,8 @@ def classify(
     Raises
     ------
     InvalidValueError
-        A pose is not a unit quaternion, or there are too few of them.
+        A pose is not a unit quaternion, there are too few of them, or surroundings are given
+        without a part.
 
     Warns
     -----
@@ -154,6 +162,11 @@ def classify(
     check_tolerance(radians)
     loaded = part if isinstance(part, Part) or part is None else load_part(part)
     table = _table(poses, MIN_POSES if loaded is None else MIN_POSES_WITH_PART)
+    if surroundings is not None:
+        if loaded is None:
+            raise InvalidValueError('invalid surroundings: expected only with a part')
+        turned = on_level_floor(table.orientation, loaded, surroundings)
+        table = dataclasses.replace(table, orientation=turned)
     clusters = find_clusters(down_in_part(table.orientation), radians)
     if loaded is None:
         return ClassificationResult(table, clusters, radians)
@@ -181,7 +194,7 @@ def _table(poses: RestingPoses | npt.ArrayLike | str | Path, min_poses: int) -> 
     unsettled = failed = 0
     if isinstance(poses, RestingPoses):
         settled = poses.status == RestStatus.SETTLED
-        unsettled = int(np.isin(poses.status, (RestStatus.UNSETTLED, RestStatus.LOST)).sum())
+        unsettled = int(np.isin(poses.status, NOT_AT_REST).sum())
         failed = int((poses.status == RestStatus.FAILED).sum())
         index, xyzw = np.flatnonzero(settled), poses.orientation[settled]
     else:

@@ -7,11 +7,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from resting_aspects_ros.api.condition_text import surface_text
+import numpy as np
+
+from resting_aspects_ros.api.condition_text import shipped_surfaces, surface_text
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects.contacts import ContactFinder, ContactPlane
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.rotations import Array, canonical, orientation_with_down, product
 from resting_aspects_ros.core.statistics.contact_counts import ContactCounts
 from resting_aspects_ros.report.document import plain
 from resting_aspects_ros.simulation.conditions import DropConditions
@@ -86,6 +89,18 @@ def aspects_in(scene: Scene | None, aspects: AspectSet) -> AspectSet:
         return aspects
     normal = scene.in_tray(first.normal[None])[0]
     return dataclasses.replace(aspects, floor_normal=normal)
+
+
+def on_level_floor(
+    orientation: Array, part: Part, surroundings: str | Path | Surroundings
+) -> Array:
+    """Return orientations (n, 4) turned so that the normal of the first body points up."""
+    scene = scene_of(part, with_surroundings(shipped_surfaces().get(), surroundings))
+    normal = aspects_in(scene, AspectSet('', ())).floor_normal
+    if normal is None:
+        return orientation
+    turn = orientation_with_down(-normal)
+    return canonical(product(np.tile(turn, (len(orientation), 1)), orientation))
 
 
 def contacts_in(scene: Scene | None, part: Part, aspects: AspectSet) -> ContactCounts | None:

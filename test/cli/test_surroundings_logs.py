@@ -130,6 +130,19 @@ def test_other_commands_name_the_surroundings_of_a_log(chute_log, block_log, cap
     )
 
 
+def test_poses_in_a_chute_are_classified_by_their_side_on_the_belt(chute_log, part):
+    _, poses, total = chute_log
+    found = ra.classify(poses, part('l_bracket'), surroundings='l_chute')
+    assert found.by_part.distribution.counts.tolist() == total.counts.tolist()
+    assert total.counts.sum() == DROPS - 3
+    assert found.by_part.distribution.drops == DROPS
+    with pytest.warns(match='in no aspect'):
+        level = ra.classify(poses, part('l_bracket'))
+    assert not level.by_part.distribution.counts.any()
+    with pytest.raises(ra.InvalidValueError, match='surroundings: expected only with a part'):
+        ra.classify(poses, surroundings='l_chute')
+
+
 def test_logs_of_different_surroundings_are_not_merged(chute_log, block_log, capsys):
     code = main(['merge', str(chute_log[0]), str(block_log[0])])
     assert code == 2

@@ -29,6 +29,10 @@ _AXES = 'xyzw'
 MAX_BYTES = 1 << 29
 
 
+# Statuses that are counted as unsettled.
+NOT_AT_REST = (RestStatus.UNSETTLED, RestStatus.LOST, RestStatus.SLIDING)
+
+
 @dataclass(frozen=True, eq=False)
 class PoseTable:
     """Settled poses, of a file or of arrays.
@@ -40,7 +44,8 @@ class PoseTable:
     line : (n,) int
         Its line in the file, from 1; without a file its index plus one.
     unsettled, failed : int
-        Number of poses with another status, which are left out. Lost parts are unsettled.
+        Number of poses with another status, which are left out. Lost and sliding parts are
+        unsettled.
     source : str
         The file; empty without one.
     """
@@ -108,7 +113,7 @@ def read_pose_csv(path: Path, min_poses: int) -> PoseTable:
         canonical(xyzw),
         np.frombuffer(index, dtype=np.int64),
         np.frombuffer(lines, dtype=np.int64),
-        unsettled=count[RestStatus.UNSETTLED] + count[RestStatus.LOST],
+        unsettled=sum(count[each] for each in NOT_AT_REST),
         failed=count[RestStatus.FAILED],
         source=str(path),
     )

@@ -6,10 +6,12 @@ from pathlib import Path
 
 from resting_aspects_ros.api.classify import ClassificationResult, PartClassification, classify
 from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.surroundings import requested_surroundings
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.options import (
     add_output,
     add_part_place,
+    add_surroundings,
 )
 from resting_aspects_ros.cli.values import parse_quantity
 from resting_aspects_ros.core.aspects.clusters import DEFAULT_TOLERANCE_DEGREES
@@ -29,6 +31,7 @@ cluster and aspect do not correspond."""
 EXAMPLES = """examples:
   resting_aspects classify poses.csv
   resting_aspects classify poses.csv --part l_bracket
+  resting_aspects classify poses.csv --part l_bracket --surroundings l_chute
   resting_aspects classify poses.csv --part my_part.stl --json > o.json
 """
 
@@ -45,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--part', metavar='PART_OR_MESH', help='name of a part, or a mesh file')
     add_part_place(parser)
+    add_surroundings(parser)
     parser.add_argument(
         '--tolerance',
         metavar='DEG',
@@ -59,7 +63,9 @@ def run(arguments: argparse.Namespace) -> int:
     degrees = DEFAULT_TOLERANCE_DEGREES
     if arguments.tolerance is not None:
         degrees = parse_quantity('--tolerance', arguments.tolerance, '')
-    result = classify(arguments.poses, _part(arguments), tolerance=degrees)
+    part = _part(arguments)
+    surroundings = requested_surroundings(arguments.surroundings, arguments.set)
+    result = classify(arguments.poses, part, tolerance=degrees, surroundings=surroundings)
     if arguments.json:
         sys.stdout.write(result.to_json())
     elif result.by_part is None:
