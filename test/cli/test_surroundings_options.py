@@ -58,8 +58,8 @@ def test_too_steep_a_slope_is_explained(run):
 
 
 @pytest.mark.slow
-def test_a_part_larger_than_a_groove_lies_on_both_of_its_planes(run):
-    groove = ['--surroundings', 'v_groove', '--set', 'opening=8deg']
+def test_a_part_in_a_steep_groove_lies_on_both_of_its_planes(run):
+    groove = ['--surroundings', 'v_groove', '--set', 'opening=60deg']
     ended = run('drop', 'box_10x20x30', '--drops', '20', *groove, '--json')
     document = json.loads(ended.stdout)
     outside = ('unclassified', 'unsettled', 'failed', 'lost', 'sliding')
