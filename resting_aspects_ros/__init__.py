@@ -16,6 +16,8 @@ from typing import Any
 __version__ = '0.1.0'
 
 _MODULES = {
+    'CalibrationPlan': 'studies.calibration.plan',
+    'CalibrationResult': 'studies.calibration.result',
     'ClassificationResult': 'api.classify',
     'ComparisonResult': 'api.compare',
     'ControlledRuns': 'core.feeding.controlled_runs',
@@ -54,6 +56,7 @@ _MODULES = {
     'Surroundings': 'simulation.surroundings.description',
     'UnknownPartError': 'core.errors',
     'Vibration': 'simulation.vibration',
+    'calibrate': 'studies.calibration.calibrate',
     'classify': 'api.classify',
     'compare': 'api.compare',
     'drop': 'api.drop',
@@ -71,6 +74,7 @@ _MODULES = {
     'machine_transitions': 'api.machine_transitions',
     'outlines': 'api.outlines',
     'parts_needed': 'core.statistics.drift_power',
+    'plan_calibration': 'studies.calibration.plan',
     'plan_reorientation': 'api.reorient_plan',
     'read_log': 'api.read_log',
     'reorient': 'api.reorient',

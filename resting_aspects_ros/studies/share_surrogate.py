@@ -25,9 +25,8 @@ FOLDS = 8
 PRIOR_MEAN, PRIOR_SLOPE = 10.0, 2.0
 # Number of corners of a Gaussian process; more would cost time and change little.
 MAX_CORNERS = 80
-# Draws from which the uncertainty of the fit is compared with the cross-validated error.
-CHECK_DRAWS = 200
 MAX_INFLATION = 100.0
+SIGNIFICANT = 1.0  # standard errors
 # Drops that are added to each class, divided among all points. Without any, the logit of a class
 # that was never seen has no maximum, and its normal approximation is far too wide.
 ADDED = 1.0
@@ -130,15 +129,21 @@ class ShareSurrogate:
         assert best is not None
         _, form, predicted = best
         found = fit_softmax(form.features(points), _added(table), form.precision(points.shape[1]))
-        error = _net_variance(predicted, table)
-        plain = cls(form, found, math.sqrt(error), 1.0)
-        spread = float(plain.draws(points, rng, CHECK_DRAWS).var(axis=0).mean())
-        inflation = min(max(error / max(spread, 1e-12), 1.0), MAX_INFLATION)
+        error, noise = _net_variance(predicted, table)
+        plain = cls(form, found, math.sqrt(max(error, 0.0)), 1.0)
+        spread = float(plain.variances(points).mean())
+        # Only what the noise of the drops does not explain.
+        excess = error - SIGNIFICANT * noise
+        inflation = min(max(excess / max(spread, 1e-12), 1.0), MAX_INFLATION)
         return dataclasses.replace(plain, inflation=inflation)
 
     def shares(self, points: Array) -> Array:
         """Return the most probable shares (n, k) at points (n, d)."""
         return np.asarray(softmax(self.fitted.logits(self.form.features(points)), axis=1))
+
+    def variances(self, points: Array) -> Array:
+        """Return the variances (n, k) of the shares at points (n, d)."""
+        return self.inflation * self.fitted.share_variances(self.form.features(points))
 
     def draws(self, points: Array, rng: np.random.Generator, size: int) -> Array:
         """Return shares (size, n, k) at points (n, d) of ``size`` functions that fit the drops."""
@@ -197,13 +202,21 @@ def _added(counts: Array) -> Array:
     return counts + ADDED / len(counts)
 
 
-def _net_variance(predicted: Array, counts: Array) -> float:
-    """Return the mean squared error of predicted shares, without the variance of the counts."""
+def _net_variance(predicted: Array, counts: Array) -> tuple[float, float]:
+    """Return the mean squared error of predicted shares, and the standard error of this number.
+
+    The variance of the counts is subtracted, so that it can be negative.
+    """
     totals = counts.sum(axis=1, keepdims=True)
-    squares = (predicted - counts / totals) ** 2 - predicted * (1 - predicted) / totals
+    sampling = predicted * (1 - predicted) / totals
+    squares = (predicted - counts / totals) ** 2 - sampling
     # Points with more drops say more about the error.
-    weights = np.broadcast_to(totals, squares.shape)
-    return max(0.0, float((weights * squares).sum() / weights.sum()))
+    weights = (totals / totals.sum()).ravel()
+    each = squares.mean(axis=1)
+    # A squared normal error has a variance of twice the square of its mean; the classes of a point
+    # are not independent.
+    noise = math.sqrt(float((weights**2 * 2 * sampling.mean(axis=1) ** 2).sum()))
+    return float(weights @ each), noise
 
 
 def _terms(dimensions: int, degree: int) -> list[tuple[int, ...]]:

@@ -39,6 +39,19 @@ class SoftmaxFit:
         """Return the logits (n, k) of points with these features (n, p)."""
         return np.asarray(features @ self.weights @ self.contrasts)
 
+    def share_variances(self, features: Array) -> Array:
+        """Return the variances (n, k) of the shares, to first order in the weights."""
+        shares = softmax(self.logits(features), axis=1)
+        basis = self.contrasts
+        mean = shares @ basis.T
+        found = np.empty_like(shares)
+        for k in range(shares.shape[1]):
+            slope = shares[:, k, None] * (basis[:, k] - mean)
+            gradient = (features[:, :, None] * slope[:, None, :]).reshape(len(features), -1)
+            scaled = solve_triangular(self.precision_root, gradient.T, trans='T')
+            found[:, k] = (scaled**2).sum(axis=0)
+        return found
+
     def drawn_logits(self, features: Array, normal: Array) -> Array:
         """Return draws (s, n, k) of the logits; ``normal`` (s, p (k - 1)) are standard normal."""
         shift = solve_triangular(self.precision_root, normal.T).T

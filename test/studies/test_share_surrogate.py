@@ -120,3 +120,11 @@ def test_fit_is_the_maximum_of_the_likelihood():
 def test_invalid_input_is_named(points, counts, message):
     with pytest.raises(InvalidValueError, match=message):
         ShareSurrogate.fit(points, counts, np.random.default_rng(0))
+
+
+def test_variances_are_those_of_the_draws(surrogates):
+    points = np.random.default_rng(0).random((20, 2))
+    drawn = surrogates[0].draws(points, np.random.default_rng(1), 4000).var(axis=0)
+    # A variance of 4000 draws has a relative standard error of sqrt(2 / 4000) = 2 %; the rest is
+    # the curvature of the shares.
+    assert surrogates[0].variances(points) == pytest.approx(drawn, rel=0.25)

@@ -10,6 +10,7 @@ COMMANDS = {
     'reorient': 'show how an action brings a part from aspect to aspect',
     'retention': 'show how strong a disturbance makes a part leave each aspect',
     'report': 'write a page with pictures and charts of a result',
+    'calibrate': 'find restitution and friction of a surface from counts by hand',
     'estimate': 'predict the distribution from the shape, without drops',
     'aspects': 'show the aspects of a part, without drops',
     'outlines': 'show and export what a camera above sees of each aspect',

@@ -1,0 +1,202 @@
+"""`resting_aspects calibrate`: from counts by hand to a surface."""
+
+import argparse
+import json
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from resting_aspects_ros.cli.options import add_workers
+from resting_aspects_ros.cli.start_workers import start_workers
+from resting_aspects_ros.cli.values import parse_integer
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.studies.calibration.result import CalibrationResult
+
+DESCRIPTION = """Find the restitution and the friction of a surface from parts that were
+counted on it by hand: the conditions that fit, their uncertainty, and what the
+counts do not determine. With several files, also whether the surfaces differ.
+With --plan, which part to drop by hand, and how often. No ROS nodes are needed."""
+EXAMPLES = """examples:
+  resting_aspects calibrate counts.yaml
+  resting_aspects calibrate counts.yaml --out table --drops 500
+  resting_aspects calibrate thick_glass.yaml thin_glass.yaml
+  resting_aspects calibrate --plan --part l_bracket --part hex_nut
+  resting_aspects calibrate counts.yaml --plan
+"""
+DOCUMENT, ENTRY, PICTURE = 'calibration.json', 'surface.yaml', 'calibration.png'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        'counts',
+        metavar='COUNTS',
+        nargs='*',
+        type=Path,
+        help='counts file (YAML): parts with their counts on one surface, and what is known of '
+        'the release; see docs/reference/files.md',
+    )
+    parser.add_argument(
+        '--points',
+        metavar='N',
+        type=parse_integer,
+        help='number of conditions at which the parts are first dropped in the simulation (64, '
+        'and 16 more for each fitted condition above two)',
+    )
+    parser.add_argument(
+        '--drops',
+        metavar='N',
+        type=parse_integer,
+        default=250,
+        help='number of drops of each part at each point (250)',
+    )
+    parser.add_argument(
+        '--seed',
+        metavar='S',
+        type=parse_integer,
+        default=DEFAULT_SEED,
+        help=f'the same seed gives the same result ({DEFAULT_SEED})',
+    )
+    parser.add_argument(
+        '--no-discrepancy',
+        action='store_true',
+        help='the counts are simulated, so that only sampling makes them deviate',
+    )
+    parser.add_argument(
+        '--plan',
+        action='store_true',
+        help='show which part to drop by hand, and how often, to learn most; with a counts file, '
+        'in addition to its counts',
+    )
+    parser.add_argument(
+        '--part',
+        metavar='PART_OR_MESH',
+        action='append',
+        default=[],
+        help='with --plan: a part to consider, repeatable (the example parts)',
+    )
+    parser.add_argument(
+        '--way',
+        choices=('dropped', 'thrown'),
+        default='dropped',
+        help='with --plan and without counts: released at rest, or thrown with unknown spin and '
+        'speed (dropped)',
+    )
+    parser.add_argument(
+        '--out',
+        metavar='DIR',
+        type=Path,
+        help='write calibration.json, surface.yaml (an entry for a surfaces file), '
+        'calibration.png, and drops.json, with which the command continues where it was broken '
+        'off; with several files, into a folder for each surface',
+    )
+    parser.add_argument('--json', action='store_true', help='print one JSON document instead')
+    add_workers(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Calibrate or plan; returns the exit code. Raises RestingAspectsError for wrong input."""
+    if arguments.plan:
+        return _plan(arguments)
+    if not arguments.counts:
+        raise InvalidValueError('missing COUNTS: expected a counts file, or --plan')
+    if arguments.part or arguments.way != 'dropped':
+        raise InvalidValueError('invalid --part or --way: expected only with --plan')
+    # These imports are slow because of NumPy.
+    from resting_aspects_ros.studies.calibration.calibrate import calibrate, given_counts
+    from resting_aspects_ros.studies.calibration.result import compare_surfaces
+
+    surfaces = [given_counts(path).surface for path in arguments.counts]
+    if len(set(surfaces)) < len(surfaces):
+        raise InvalidValueError(
+            f'invalid surfaces {", ".join(surfaces)}: expected a different name in each file'
+        )
+    folders = {name: _folder(arguments.out, name, len(surfaces)) for name in surfaces}
+    results: list[CalibrationResult] = []
+    with ExitStack() as stack:
+        workers = start_workers(arguments, stack)
+        for name, path in zip(surfaces, arguments.counts, strict=True):
+            result = calibrate(
+                path,
+                points=arguments.points,
+                drops=arguments.drops,
+                discrepancy=not arguments.no_discrepancy,
+                seed=arguments.seed,
+                workers=workers,
+                folder=folders[name],
+                progress=True,
+                told=lambda line: print(line, file=sys.stderr),
+            )
+            results.append(result)
+            _write(result, folders[name], quiet=arguments.json)
+    compared = [
+        compare_surfaces(one, other) for k, one in enumerate(results) for other in results[k + 1 :]
+    ]
+    if arguments.json:
+        documents = [result.document() for result in results]
+        whole: Any = documents[0]
+        if len(results) > 1:
+            whole = {'surfaces': documents, 'comparisons': [vars(each) for each in compared]}
+        print(json.dumps(whole, indent=2))
+    else:
+        from resting_aspects_ros.studies.calibration.texts import comparison_text
+
+        for each in compared:
+            print(f'\n{comparison_text(each)}')
+    return 0
+
+
+def _plan(arguments: argparse.Namespace) -> int:
+    if len(arguments.counts) > 1:
+        raise InvalidValueError('invalid COUNTS: expected at most one file with --plan')
+    from resting_aspects_ros.studies.calibration.plan import plan_calibration
+
+    with ExitStack() as stack:
+        plan = plan_calibration(
+            arguments.part,
+            arguments.counts[0] if arguments.counts else None,
+            way=arguments.way,
+            points=arguments.points,
+            drops=arguments.drops,
+            seed=arguments.seed,
+            workers=start_workers(arguments, stack),
+            folder=arguments.out,
+            progress=True,
+        )
+    print(json.dumps(plan.document(), indent=2) if arguments.json else plan)
+    return 0
+
+
+def _folder(out: Path | None, surface: str, surfaces: int) -> Path | None:
+    """Return the folder of a surface, which can be written; None if nothing is saved."""
+    if out is None:
+        return None
+    from resting_aspects_ros.api.output_files import check_output, make_folder
+
+    folder = out if surfaces == 1 else out / surface
+    make_folder('--out', folder)
+    for name in (DOCUMENT, ENTRY, PICTURE):
+        check_output('--out', folder / name)
+    return folder
+
+
+def _write(result: 'CalibrationResult', folder: Path | None, *, quiet: bool) -> None:
+    """Save and print a result."""
+    if not quiet:
+        print(result)
+        print(f'\n{result.surface_entry()}', end='')
+    if folder is None:
+        return
+    from resting_aspects_ros.api.output_files import whole_file
+
+    for name, text in ((DOCUMENT, result.to_json()), (ENTRY, result.surface_entry())):
+        with whole_file(folder / name) as file:
+            file.write_text(text, encoding='utf-8')
+    result.save_picture(folder / PICTURE)
+    if not quiet:
+        paths = ', '.join(str(folder / name) for name in (DOCUMENT, ENTRY, PICTURE))
+        print(f'Written: {paths}', flush=True)

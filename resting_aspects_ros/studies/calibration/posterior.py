@@ -1,0 +1,189 @@
+"""The posterior of conditions, given counts: on points that fill the ranges evenly.
+
+The counts of a part have a Dirichlet-multinomial distribution about the shares of the surrogate.
+Its excess variance has two sources: the discrepancy, because a real part is no rigid body and a
+hand is no release at random, and the uncertainty of the surrogate. With the discrepancy d, the
+standard deviation of a share p about its model is d sqrt(p (1 - p)), the same for all parts.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import gammaln, logsumexp, xlogy
+
+from resting_aspects_ros.studies.designs import sobol
+from resting_aspects_ros.studies.share_surrogate import ShareSurrogate
+
+Array = npt.NDArray[np.float64]
+Counts = npt.NDArray[np.int64]
+
+# Scale of the half-normal prior of the discrepancy: 5 points at a share of one half. Rigid-body
+# models that are fitted to measured impacts still deviate from them (Fazeli, Zapolsky, Drumwright,
+# Rodriguez 2017, Conference on Robot Learning); so the prior has little weight at 0, and little
+# beyond 0.3, which would make any surface fit.
+DISCREPANCY_SCALE = 0.1
+DISCREPANCIES = np.array(
+    [
+        0.002,
+        0.006,
+        0.01,
+        0.015,
+        0.02,
+        0.03,
+        0.04,
+        0.05,
+        0.065,
+        0.08,
+        0.1,
+        0.13,
+        0.16,
+        0.2,
+        0.25,
+        0.3,
+    ]
+)
+# Points over the ranges; more if too few of them fit the counts.
+GRID_SIDE = 181
+POINTS = 1 << 14
+MAX_POINTS = 1 << 18
+MIN_EFFECTIVE = 300.0
+_MIN_RHO = 1e-7
+_BLOCK = 1 << 14
+SEED = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Weights of points that fill the unit cube of the factors evenly.
+
+    points : (n, d) float
+    shares : tuple of (n, g) float
+        Shares of the surrogate for each part.
+    variances : tuple of (n, g) float
+        Their variances, from the surrogate's uncertainty.
+    log_likelihood : (p, r, n) float
+        Of each part, for each discrepancy.
+    discrepancies : (r,) float
+    log_prior : (r,) float
+        Of the discrepancies.
+    """
+
+    points: Array
+    shares: tuple[Array, ...]
+    variances: tuple[Array, ...]
+    log_likelihood: Array
+    discrepancies: Array
+    log_prior: Array
+
+    def weights(self, without: int | None = None) -> Array:
+        """Return the posterior (r, n) of discrepancy and point; ``without`` leaves out a part."""
+        total = self.log_likelihood.sum(axis=0)
+        if without is not None:
+            total = total - self.log_likelihood[without]
+        total = total + self.log_prior[:, None]
+        return np.asarray(np.exp(total - logsumexp(total)))
+
+    @property
+    def log_evidence(self) -> float:
+        """Logarithm of the mean likelihood over the prior."""
+        total = self.log_likelihood.sum(axis=0) + self.log_prior[:, None]
+        return float(logsumexp(total) - np.log(len(self.points)))
+
+    @property
+    def effective(self) -> float:
+        """Number of equally weighted points that would be as good."""
+        weights = self.weights().sum(axis=0)
+        return float(1 / (weights**2).sum())
+
+
+def find_posterior(
+    dimensions: int,
+    surrogates: Sequence[ShareSurrogate],
+    counts: Sequence[Counts],
+    *,
+    discrepancy: bool = True,
+) -> Posterior:
+    """Return the posterior, on a grid for one or two factors and on Sobol points for more."""
+    if dimensions <= 2:
+        return _posterior(_grid(dimensions), surrogates, counts, discrepancy)
+    count = POINTS
+    while True:
+        found = _posterior(sobol(dimensions, count, SEED), surrogates, counts, discrepancy)
+        if found.effective >= MIN_EFFECTIVE or count >= MAX_POINTS:
+            return found
+        count *= 4
+
+
+def with_counts(posterior: Posterior, counts: Sequence[Counts]) -> Posterior:
+    """Return the posterior of other counts of the same parts."""
+    rows = [
+        _log_likelihoods(
+            each, posterior.shares[k], posterior.variances[k], posterior.discrepancies
+        )
+        for k, each in enumerate(counts)
+    ]
+    return dataclasses.replace(posterior, log_likelihood=np.stack(rows))
+
+
+def log_density(counts: Counts, shares: Array, rho: Array) -> Array:
+    """Return the logarithm (...) of the probability of counts (..., g), up to a constant.
+
+    Dirichlet-multinomial with shares (..., g) and intraclass correlation rho (...): the variance
+    of a share is p (1 - p) (rho + (1 - rho) / n).
+    """
+    total = 1 / np.maximum(rho, _MIN_RHO) - 1
+    alpha = np.maximum(shares * total[..., None], 1e-12)
+    over = gammaln(alpha + counts) - gammaln(alpha)
+    return np.asarray(gammaln(total) - gammaln(total + counts.sum(axis=-1)) + over.sum(axis=-1))
+
+
+def _posterior(
+    points: Array,
+    surrogates: Sequence[ShareSurrogate],
+    counts: Sequence[Counts],
+    discrepancy: bool,
+) -> Posterior:
+    blocks = np.array_split(points, max(1, len(points) // _BLOCK))
+    shares = tuple(np.concatenate([s.shares(block) for block in blocks]) for s in surrogates)
+    spread = tuple(np.concatenate([s.variances(block) for block in blocks]) for s in surrogates)
+    values, log_prior = _discrepancies(discrepancy)
+    rows = [
+        _log_likelihoods(each, p, v, values)
+        for each, p, v in zip(counts, shares, spread, strict=True)
+    ]
+    return Posterior(points, shares, spread, np.stack(rows), values, log_prior)
+
+
+def _log_likelihoods(counts: Counts, shares: Array, variances: Array, values: Array) -> Array:
+    """Return the log likelihood (r, n) of one part."""
+    of_surrogate = surrogate_rho(shares, variances)
+    if len(values) == 1 and values[0] == 0 and of_surrogate.max() < 1e-6:
+        return np.asarray(xlogy(counts, shares).sum(axis=1))[None]
+    found = [log_density(counts, shares, 1 - (1 - d**2) * (1 - of_surrogate)) for d in values]
+    return np.stack(found)
+
+
+def surrogate_rho(shares: Array, variances: Array) -> Array:
+    """Return the uncertainty of the surrogate (n,) as an intraclass correlation."""
+    ratio = variances.sum(axis=1) / np.maximum((shares * (1 - shares)).sum(axis=1), 1e-9)
+    return np.asarray(np.minimum(ratio, 0.5))
+
+
+def _discrepancies(discrepancy: bool) -> tuple[Array, Array]:
+    """Return the values of the discrepancy, and the logarithm of their prior."""
+    if not discrepancy:
+        return np.zeros(1), np.zeros(1)
+    density = np.exp(-((DISCREPANCIES / DISCREPANCY_SCALE) ** 2) / 2)
+    prior = density * np.gradient(DISCREPANCIES)
+    return DISCREPANCIES, np.log(prior / prior.sum())
+
+
+def _grid(dimensions: int) -> Array:
+    side = GRID_SIDE if dimensions == 2 else GRID_SIDE**2
+    middles = (np.arange(side) + 0.5) / side
+    return np.stack(np.meshgrid(*[middles] * dimensions, indexing='ij'), axis=-1).reshape(
+        -1, dimensions
+    )

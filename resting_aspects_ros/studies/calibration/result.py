@@ -1,0 +1,242 @@
+"""The result of a calibration: as text, JSON, an entry of a surfaces file, and a picture."""
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from resting_aspects_ros.core.statistics.g_test import g_statistic
+from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
+from resting_aspects_ros.studies.calibration.checks import GTest, Prediction
+from resting_aspects_ros.studies.calibration.fit import Fit
+from resting_aspects_ros.studies.calibration.summary import Estimate, discrepancy, overlap
+
+SCHEMA_VERSION = 1
+DRAWS = 200  # of the posterior, in the document
+# Below this probability, the counts are said to contradict the simulation.
+CONTRADICTED = 0.01
+# A mean discrepancy above this, 5 points at a share of one half, is too large for a surface.
+MAX_DISCREPANCY = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationResult:
+    """What counts say of a surface.
+
+    Attributes
+    ----------
+    estimates : tuple of Estimate
+        Value and uncertainty of each fitted condition.
+    predictions : tuple of Prediction
+        Of each part, from the counts of all parts.
+    left_out : tuple of Prediction
+        Of each part, from the counts of the others; empty if there is one part.
+    g_test : GTest
+        Whether any conditions in the ranges explain the counts, without a discrepancy.
+    fit : Fit
+    """
+
+    fit: Fit
+    estimates: tuple[Estimate, ...]
+    predictions: tuple[Prediction, ...]
+    left_out: tuple[Prediction, ...]
+    g_test: GTest
+    seed: int
+
+    @property
+    def surface(self) -> str:
+        """Name of the surface."""
+        return self.fit.given.surface
+
+    @property
+    def conditions(self) -> DropConditions:
+        """The most probable conditions."""
+        best = {each.factor.name: float(f'{each.best:.3g}') for each in self.estimates}
+        return dataclasses.replace(self.fit.given.base.changed(**best), surface=self.surface)
+
+    @property
+    def left_out_deviation(self) -> float:
+        """Mean absolute deviation of the shares of parts that were left out; NaN for one part."""
+        if not self.left_out:
+            return float('nan')
+        return float(np.mean([each.deviation for each in self.left_out]))
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether no conditions in the ranges explain the counts."""
+        return self.g_test.p < CONTRADICTED
+
+    @property
+    def usable(self) -> bool:
+        """Whether the surface describes the counts at least roughly."""
+        return not self.contradicted or discrepancy(self.fit)[0] <= MAX_DISCREPANCY
+
+    def draws(self, size: int = DRAWS) -> list[dict[str, float]]:
+        """Return conditions that are drawn from the posterior, as values of the factors."""
+        rng = np.random.default_rng(self.seed)
+        weights = self.fit.posterior.weights().sum(axis=0)
+        chosen = self.fit.posterior.points[rng.choice(len(weights), size, p=weights)]
+        factors = self.fit.given.factors
+        columns = [factor.values(chosen[:, k]).tolist() for k, factor in enumerate(factors)]
+        return [
+            dict(zip((f.name for f in factors), row, strict=True))
+            for row in zip(*columns, strict=True)
+        ]
+
+    def compare(self, other: 'CalibrationResult') -> 'SurfaceComparison':
+        """Compare the surface with another one; see SurfaceComparison."""
+        return compare_surfaces(self, other)
+
+    def document(self) -> dict[str, Any]:
+        """Return everything as plain values; see docs/reference/files.md."""
+        given, fit = self.fit.given, self.fit
+        mean, low, high = discrepancy(fit)
+        return {
+            'schema_version': SCHEMA_VERSION,
+            'surface': self.surface,
+            'source': given.source,
+            'way': given.way,
+            'conditions': _values(self.conditions),
+            'estimates': [_estimate(each) for each in self.estimates],
+            'discrepancy': {'mean': mean, 'low': low, 'high': high} if fit.discrepancy else None,
+            'g_test': dataclasses.asdict(self.g_test),
+            'contradicted': self.contradicted,
+            'parts': [
+                {
+                    'name': part.name,
+                    'part_sha256': part.part.part_sha256,
+                    'groups': dict(zip(part.names, map(list, part.groups), strict=True)),
+                    'counts': part.counts.tolist(),
+                    'prediction': _prediction(self.predictions[k]),
+                    'left_out': _prediction(self.left_out[k]) if self.left_out else None,
+                }
+                for k, part in enumerate(given.parts)
+            ],
+            'left_out_deviation': self.left_out_deviation if self.left_out else None,
+            'simulated_drops': fit.simulated_drops,
+            'points': len(fit.points),
+            'rounds': fit.rounds,
+            'error_of_shares': fit.errors.tolist(),
+            'forms': [each.form.text for each in fit.surrogates],
+            'seed': self.seed,
+            'draws': self.draws(),
+        }
+
+    def to_json(self) -> str:
+        """Return the document as JSON."""
+        return json.dumps(self.document(), indent=2) + '\n'
+
+    def surface_entry(self) -> str:
+        """Return an entry for a surfaces file, with its source."""
+        from resting_aspects_ros.studies.calibration.texts import source_text, wrapped
+
+        lines = [f'{self.surface}:']
+        for name in QUANTITIES:
+            lines.append(f'  {name}: {getattr(self.conditions, name)}')
+            if name == 'height':
+                lines.append(f'  height_of: {self.conditions.height_of.name}')
+        lines.append('  source: >-')
+        lines += [f'    {line}' for line in wrapped(source_text(self), 94)]
+        return '\n'.join(lines) + '\n'
+
+    def save_picture(self, path: str | Path) -> None:
+        """Write the picture as a PNG file."""
+        from resting_aspects_ros.api.output_files import whole_file
+        from resting_aspects_ros.report.figure_style import png_bytes
+        from resting_aspects_ros.studies.calibration.figure import calibration_figure
+
+        with whole_file(Path(path)) as file:
+            file.write_bytes(png_bytes(calibration_figure(self)))
+
+    def __str__(self) -> str:
+        from resting_aspects_ros.studies.calibration.texts import result_text
+
+        return result_text(self)
+
+
+@dataclass(frozen=True)
+class SurfaceComparison:
+    """Whether the counts of two files can be of the same surface.
+
+    overlap : float
+        Common weight of the two posteriors: 1 if they are equal, 0 if no conditions fit both.
+    log_ratio : float
+        Logarithm of the ratio of the probabilities of all counts: two surfaces over one.
+    same_parts_p : float
+        P value of a two-sample G test over the parts that both files have with the same groups
+        and release (chi-squared distribution); NaN without such a part. It needs no simulation.
+    """
+
+    one: str
+    other: str
+    overlap: float
+    log_ratio: float
+    same_parts_p: float
+
+
+def compare_surfaces(one: CalibrationResult, other: CalibrationResult) -> SurfaceComparison:
+    """Compare two surfaces whose factors have the same ranges; raises InvalidValueError."""
+    from resting_aspects_ros.core.errors import InvalidValueError
+
+    if one.fit.given.factors != other.fit.given.factors:
+        raise InvalidValueError(
+            f'{one.surface} and {other.surface} cannot be compared: expected the same ranges'
+        )
+    if len(one.fit.posterior.points) != len(other.fit.posterior.points):
+        raise InvalidValueError(
+            f'{one.surface} and {other.surface} cannot be compared: one has far more counts'
+        )
+    a, b = (_log_likelihood(each) for each in (one, other))
+    ratio = _log_mean(a) + _log_mean(b) - _log_mean(a + b)
+    return SurfaceComparison(
+        one.surface, other.surface, overlap(one.fit, other.fit), ratio, _same_parts(one, other)
+    )
+
+
+def _log_likelihood(result: CalibrationResult) -> Any:
+    posterior = result.fit.posterior
+    total = posterior.log_likelihood.sum(axis=0) + posterior.log_prior[:, None]
+    return np.logaddexp.reduce(total, axis=0)
+
+
+def _log_mean(values: Any) -> float:
+    return float(np.logaddexp.reduce(values) - np.log(len(values)))
+
+
+def _same_parts(one: CalibrationResult, other: CalibrationResult) -> float:
+    from scipy.stats import chi2
+
+    statistic, freedom = 0.0, 0
+    theirs = {part.part.part_sha256: part for part in other.fit.given.parts}
+    for part in one.fit.given.parts:
+        match = theirs.get(part.part.part_sha256)
+        if match is None or match.groups != part.groups or match.values != part.values:
+            continue
+        statistic += float(g_statistic(part.counts, match.counts))
+        freedom += int(((part.counts + match.counts) > 0).sum()) - 1
+    return float(chi2.sf(statistic, freedom)) if freedom else float('nan')
+
+
+def _values(conditions: DropConditions) -> dict[str, Any]:
+    found: dict[str, Any] = {name: getattr(conditions, name) for name in QUANTITIES}
+    return {**found, 'height_of': conditions.height_of.name}
+
+
+def _estimate(each: Estimate) -> dict[str, Any]:
+    values = {k: v for k, v in vars(each).items() if k != 'factor'}
+    factor = each.factor
+    return {
+        'name': factor.name,
+        'unit': factor.unit,
+        'range': [factor.low, factor.high],
+        'logarithmic': factor.logarithmic,
+        **values,
+    }
+
+
+def _prediction(each: Prediction) -> dict[str, Any]:
+    arrays = {k: v.tolist() for k, v in vars(each).items()}
+    return {**arrays, 'deviation': each.deviation, 'inside': each.inside}
