@@ -13,6 +13,7 @@ from importlib.metadata import version
 
 from dropper import ROOT, SEED, Dropper
 from rich.console import Console
+from validate_calibration import calibration
 from validate_engine import decision, time_step
 from validate_feeder import feeder
 from validate_identification import identification
@@ -32,6 +33,7 @@ SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
     'reorientation': reorientation,
     'identification': lambda _: identification(),
     'feeder': lambda _: feeder(20, 3, over_ros=True),
+    'calibration': calibration,
 }
 
 

@@ -23,6 +23,7 @@ PARTS = ROOT / 'config' / 'parts'
 FEW_DROPS = ['--drops', '50']
 # What makes the commands quick whose output is not compared.
 FEW = {
+    'calibrate': ['--points', '8', '--drops', '20'],
     'drift': FEW_DROPS,
     'forecast': ['--action', 'tap', '--per-aspect', '20', *FEW_DROPS],
     'drop': FEW_DROPS,
@@ -31,7 +32,7 @@ FEW = {
 }
 OTHER_NUMBERS = {'--precision', '--from-log', '--initial-states', '--expected'}
 # They do not print how many drops and actions they made.
-WITHOUT_NUMBERS = {'forecast'}
+WITHOUT_NUMBERS = {'calibrate', 'forecast'}
 PROGRAM = '.venv/bin/resting_aspects'
 LOG = 'out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50'
 # With a file that each of them makes.

@@ -45,14 +45,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='N',
         type=parse_integer,
         help='number of conditions at which the parts are first dropped in the simulation (64, '
-        'and 16 more for each fitted condition above two)',
+        'and 16 more for each fitted condition above two; with --plan 32)',
     )
     parser.add_argument(
         '--drops',
         metavar='N',
         type=parse_integer,
-        default=250,
-        help='number of drops of each part at each point (250)',
+        help='number of drops of each part at each point (250; with --plan 125)',
     )
     parser.add_argument(
         '--seed',
@@ -123,7 +122,7 @@ def run(arguments: argparse.Namespace) -> int:
             result = calibrate(
                 path,
                 points=arguments.points,
-                drops=arguments.drops,
+                **_given_drops(arguments),
                 discrepancy=not arguments.no_discrepancy,
                 seed=arguments.seed,
                 workers=workers,
@@ -161,7 +160,7 @@ def _plan(arguments: argparse.Namespace) -> int:
             arguments.counts[0] if arguments.counts else None,
             way=arguments.way,
             points=arguments.points,
-            drops=arguments.drops,
+            **_given_drops(arguments),
             seed=arguments.seed,
             workers=start_workers(arguments, stack),
             folder=arguments.out,
@@ -169,6 +168,10 @@ def _plan(arguments: argparse.Namespace) -> int:
         )
     print(json.dumps(plan.document(), indent=2) if arguments.json else plan)
     return 0
+
+
+def _given_drops(arguments: argparse.Namespace) -> dict[str, int]:
+    return {} if arguments.drops is None else {'drops': arguments.drops}
 
 
 def _folder(out: Path | None, surface: str, surfaces: int) -> Path | None:

@@ -10,6 +10,7 @@ from resting_aspects_ros.report.figure_style import FAINT, PAPER, TEXT, new_figu
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
     from resting_aspects_ros.studies.calibration.result import CalibrationResult
@@ -28,7 +29,7 @@ def calibration_figure(result: 'CalibrationResult') -> 'Figure':
     """Return the picture of a result: the regions of the conditions above the shares."""
     pairs = _pairs(len(result.estimates))
     rows = min(sum(_shown(part) for part in result.fit.given.parts), MAX_ROWS)
-    columns = max(1, min(3, len(pairs)))
+    columns = max(2, min(3, len(pairs)))
     bands = -(-len(pairs) // columns)
     width, top, panel = 9.0, 0.75, 2.9
     shares = 0.75 + ROW * rows
@@ -83,6 +84,7 @@ def _draw_region(axes: 'Axes', result: 'CalibrationResult', i: int, j: int) -> N
     axes.set_xlabel(one.title, fontsize=8, color=FAINT)
     if one.logarithmic:
         axes.set_xscale('log')
+        _plain_ticks(axes.xaxis)
     axes.set_xlim(one.low, one.high)
     if i == j:
         density = np.histogram(posterior.points[:, i], CELLS, (0, 1), weights=weights)[0]
@@ -99,8 +101,18 @@ def _draw_region(axes: 'Axes', result: 'CalibrationResult', i: int, j: int) -> N
     axes.plot(result.estimates[i].best, result.estimates[j].best, '+', color=TEXT, markersize=9)
     if other.logarithmic:
         axes.set_yscale('log')
+        _plain_ticks(axes.yaxis)
     axes.set_ylim(other.low, other.high)
     axes.set_ylabel(other.title, fontsize=8, color=FAINT, labelpad=2)
+
+
+def _plain_ticks(axis: 'Axis') -> None:
+    """Show 0.03, 0.1, 0.3 on a logarithmic axis."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(lambda value, _: f'{value:g}')
 
 
 def _level(mass: Array, region: float) -> float:

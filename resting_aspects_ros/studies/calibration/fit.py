@@ -81,7 +81,9 @@ def fit_surface(
     """
     design = sobol(len(given.factors), points, seed)
     simulated = [_simulate(part, given, design, drops, per_point) for part in given.parts]
-    found = fit_counts(given, design, simulated, discrepancy=discrepancy, seed=seed)
+    found = fit_counts(
+        given, design, simulated, fit_shares(design, simulated, seed), discrepancy=discrepancy
+    )
     for number in range(1, rounds + 1):
         if found.errors.max() <= MAX_ERROR:
             break
@@ -100,22 +102,30 @@ def fit_surface(
             np.concatenate([old, _simulate(part, given, new, drops, per_point)])
             for part, old in zip(given.parts, simulated, strict=True)
         ]
-        found = fit_counts(given, design, simulated, discrepancy=discrepancy, seed=seed)
+        found = fit_counts(
+            given, design, simulated, fit_shares(design, simulated, seed), discrepancy=discrepancy
+        )
         found = dataclasses.replace(found, rounds=number)
     return found
+
+
+def fit_shares(
+    points: Array, simulated: Sequence[Counts], seed: int
+) -> tuple[ShareSurrogate, ...]:
+    """Return a surrogate of the shares of each part."""
+    rng = np.random.default_rng(seed)
+    return tuple(ShareSurrogate.fit(points, each, rng) for each in simulated)
 
 
 def fit_counts(
     given: SurfaceCounts,
     points: Array,
     simulated: Sequence[Counts],
+    surrogates: Sequence[ShareSurrogate],
     *,
     discrepancy: bool = True,
-    seed: int = 0,
 ) -> Fit:
     """Return the fit of counts with the simulated drops that there are."""
-    rng = np.random.default_rng(seed)
-    surrogates = tuple(ShareSurrogate.fit(points, each, rng) for each in simulated)
     posterior = find_posterior(
         len(given.factors),
         surrogates,
@@ -123,7 +133,9 @@ def fit_counts(
         discrepancy=discrepancy,
     )
     errors = np.array([_error(posterior, k, part) for k, part in enumerate(given.parts)])
-    return Fit(given, points, tuple(simulated), surrogates, posterior, discrepancy, 0, errors)
+    return Fit(
+        given, points, tuple(simulated), tuple(surrogates), posterior, discrepancy, 0, errors
+    )
 
 
 def conditions_at(

@@ -24,9 +24,7 @@ from resting_aspects_ros.simulation.config_files import parts_folder
 from resting_aspects_ros.simulation.part_library import PartLibrary
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_seed
 from resting_aspects_ros.studies.calibration.calibrate import (
-    DEFAULT_DROPS,
     check_number,
-    default_points,
     drops_file,
     given_counts,
 )
@@ -46,6 +44,11 @@ from resting_aspects_ros.studies.share_surrogate import ShareSurrogate
 
 Array = npt.NDArray[np.float64]
 
+# Half of what a calibration uses: the gain needs the shares only roughly.
+DEFAULT_POINTS = 32
+DEFAULT_DROPS = 125
+# What is known of the release, if nothing is stated.
+CONDITIONS = {'height': 0.06}
 NUMBERS = (50, 100, 200, 400)
 # Conditions that counts are drawn from, and conditions that are compared with them.
 OUTER, INNER = 400, 1000
@@ -55,10 +58,8 @@ OUTER, INNER = 400, 1000
 class Candidate:
     """A part that could be dropped by hand.
 
-    gains : (m,) float
-        Expected information gain for each number of drops, bit.
-    errors : (m,) float
-        Standard errors of the gains.
+    gains, errors : (m,) float
+        Expected information gain for each number of drops, bit, and its standard error.
     spread : (c,) float
         Standard deviation of the share of each class over the conditions.
     """
@@ -142,25 +143,23 @@ def plan_calibration(
         Counts that there are already, as for `calibrate`: what they tell is not counted again.
         They also state the conditions and the way of release.
     conditions, way
-        As in a counts file, without ``counts``.
+        As in a counts file, without ``counts``; the height is 60 mm by default.
     numbers : sequence of int
         Numbers of drops by hand, ascending.
     points, drops, seed, workers, folder, progress
-        As for `calibrate`.
-
-    Returns
-    -------
-    CalibrationPlan
+        As for `calibrate`; 32 points and 125 drops of each part at each point by default.
     """
     loaded = [given_part(part) for part in parts] if parts else _examples()
     for number in numbers:
         check_number('numbers', number, 1, 10**6)
     given = None if counts is None else given_counts(counts)
     factors, base = (
-        made_conditions(conditions or {}, way) if given is None else (given.factors, given.base)
+        made_conditions(CONDITIONS if conditions is None else conditions, way)
+        if given is None
+        else (given.factors, given.base)
     )
     check_seed(seed)
-    count = default_points(len(factors)) if points is None else points
+    count = DEFAULT_POINTS if points is None else points
     check_number('points', count, 8, 4096)
     check_number('drops', drops, 1, 10**6)
     file = drops_file(folder)
@@ -191,8 +190,8 @@ def information_gain(
 ) -> tuple[float, float]:
     """Return the expected information gain of counts, bit, and its standard error.
 
-    ``shares`` (n, k) are those at n equally probable conditions, and ``rho`` (n,) is the intraclass
-    correlation of the counts there.
+    ``shares`` (n, k) are those at n equally probable conditions, and ``rho`` (n,) are the
+    intraclass correlations of the counts there.
     """
     chosen = rng.integers(len(shares), size=outer)
     total = 1 / np.maximum(rho[chosen], 1e-7) - 1

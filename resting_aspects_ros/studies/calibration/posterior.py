@@ -46,7 +46,7 @@ DISCREPANCIES = np.array(
     ]
 )
 # Points over the ranges; more if too few of them fit the counts.
-GRID_SIDE = 181
+GRID_SIDE = 180
 POINTS = 1 << 14
 MAX_POINTS = 1 << 18
 MIN_EFFECTIVE = 300.0

@@ -47,10 +47,9 @@ def make_solid(entry: Mapping[str, Any], folder: Path, where: str) -> Part:
     elif kind == 'cylinder':
         mesh = trimesh.creation.cylinder(numbers[0] / 2, numbers[1], sections=SECTIONS)
     else:
-        try:
-            mesh = trimesh.convex.convex_hull(numbers)
-        except Exception:  # noqa: BLE001 Qhull raises errors of its own
-            raise PartError(f'{where}: invalid hull: expected points that span a solid') from None
+        if np.linalg.matrix_rank(numbers - numbers.mean(axis=0)) < 3:
+            raise PartError(f'{where}: invalid hull: expected points that span a solid')
+        mesh = trimesh.convex.convex_hull(numbers)
     data = mesh.export(file_type='stl')
     assert isinstance(data, bytes)
     name = valid_name(str(entry.get('name', kind)))

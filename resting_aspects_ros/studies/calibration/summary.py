@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.studies.calibration.fit import Fit
+from resting_aspects_ros.studies.calibration.posterior import Posterior
 from resting_aspects_ros.studies.factors import Factor
 
 Array = npt.NDArray[np.float64]
@@ -104,9 +105,9 @@ def correlation(fit: Fit, one: int, other: int) -> float:
     return float(covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]))
 
 
-def region_level(fit: Fit, confidence: float = CONFIDENCE) -> float:
+def region_level(posterior: Posterior, confidence: float = CONFIDENCE) -> float:
     """Return the weight that a point must have to be in the region with this probability."""
-    weights = np.sort(fit.posterior.weights().sum(axis=0))[::-1]
+    weights = np.sort(posterior.weights().sum(axis=0))[::-1]
     return float(
         weights[min(int(np.searchsorted(np.cumsum(weights), confidence)), len(weights) - 1)]
     )

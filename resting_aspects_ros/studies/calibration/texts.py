@@ -50,12 +50,10 @@ def source_text(result: 'CalibrationResult') -> str:
     names = ', '.join(part.name for part in given.parts[:5])
     if len(given.parts) > 5:
         names += f' and {len(given.parts) - 5} more'
-    found = [
-        f'Calibrated to {given.drops} counted drops of {names}.',
-        given.source if given.source.endswith(('.', '')) else f'{given.source}.',
-        *statements(result),
-    ]
-    return ' '.join(text for text in found if text)
+    found = [f'Calibrated to {given.drops} counted drops of {names}.']
+    if given.source:
+        found.append(f'{given.source.rstrip(".")}.')
+    return ' '.join([*found, *statements(result)])
 
 
 def wrapped(text: str, width: int) -> list[str]:
@@ -181,7 +179,7 @@ def _share_table(result: 'CalibrationResult') -> Iterator[str]:
 
 
 def _number(value: float) -> str:
-    return f'{value:.3g}'
+    return f'{value:.2g}' if abs(value) < 10 else f'{value:.0f}'
 
 
 def _listed(words: Sequence[str]) -> str:

@@ -1,0 +1,94 @@
+"""`resting_aspects calibrate`: the whole command with few drops, and what it refuses."""
+
+import json
+
+import pytest
+import yaml
+
+from resting_aspects_ros.cli.main import DONE, WRONG_INPUT
+from resting_aspects_ros.simulation.conditions import QUANTITIES
+
+COUNTS = """
+surface: {surface}
+conditions: {{height: 60 mm}}
+parts:
+  - {{name: plate, box: [20, 20, 8], counts: {{z: {flat}, rest: {rest}}}}}
+  - {{name: block, box: [20, 20, 15], counts: {{z: 61, rest: 39}}}}
+"""
+FEW = ['--points', '8', '--drops', '20', '--workers', '1']
+
+
+@pytest.fixture
+def counts(tmp_path):
+    path = tmp_path / 'counts.yaml'
+    path.write_text(COUNTS.format(surface='oak_table', flat=92, rest=8), encoding='utf-8')
+    return path
+
+
+def test_files_are_written_and_read_again(run, counts, tmp_path):
+    out = tmp_path / 'out'
+    first = run('calibrate', counts, '--out', out, *FEW)
+    assert first.returncode == DONE, first.stderr
+    assert 'oak_table: 2 parts, 200 counted drops' in first.stdout
+    document = json.loads((out / 'calibration.json').read_text(encoding='utf-8'))
+    entry = yaml.safe_load((out / 'surface.yaml').read_text(encoding='utf-8'))['oak_table']
+    assert {name: entry[name] for name in QUANTITIES} == {
+        name: document['conditions'][name] for name in QUANTITIES
+    }
+    assert (out / 'calibration.png').read_bytes().startswith(b'\x89PNG')
+    simulated = json.loads((out / 'drops.json').read_text(encoding='utf-8'))['counts']
+    assert all(sum(row) <= 20 for row in simulated.values())
+    # With the same drops in the file, nothing is simulated again, and the result is the same.
+    second = run('calibrate', counts, '--out', out, *FEW)
+    assert second.stdout == first.stdout
+    assert 'drops/s' not in second.stderr
+
+
+@pytest.mark.slow
+def test_two_files_are_compared(run, counts, tmp_path):
+    other = tmp_path / 'other.yaml'
+    other.write_text(COUNTS.format(surface='mat', flat=60, rest=40), encoding='utf-8')
+    ended = run('calibrate', counts, other, *FEW, '--json')
+    assert ended.returncode == DONE, ended.stderr
+    document = json.loads(ended.stdout)
+    assert [each['surface'] for each in document['surfaces']] == ['oak_table', 'mat']
+    (compared,) = document['comparisons']
+    assert compared['same_parts_p'] < 0.01
+
+
+@pytest.mark.slow
+def test_plan_prefers_the_part_that_tells_more(run):
+    parts = ['--part', 'l_bracket', '--part', 'tetrahedron']
+    ended = run('calibrate', '--plan', *parts, *FEW, '--json')
+    assert ended.returncode == DONE, ended.stderr
+    # A regular tetrahedron has one class: it tells nothing, and is left out.
+    (candidate,) = json.loads(ended.stdout)['candidates']
+    assert candidate['part'] == 'l_bracket'
+    assert candidate['bits'] == sorted(candidate['bits'])
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words', 'message'),
+    [
+        ({}, ['--points', '7'], 'invalid points 7'),
+        ({}, ['--part', 'hex_nut'], 'expected only with --plan'),
+        ({'surface': 'Oak table'}, [], "invalid surface 'Oak table'"),
+        ({'flat': -1}, [], "invalid count -1 of 'z'"),
+    ],
+)
+def test_wrong_input_is_one_line(run, tmp_path, changes, words, message):
+    path = tmp_path / 'counts.yaml'
+    path.write_text(
+        COUNTS.format(**{'surface': 'oak_table', 'flat': 92, 'rest': 8, **changes}),
+        encoding='utf-8',
+    )
+    ended = run('calibrate', path, *words)
+    assert (ended.returncode, ended.stdout) == (WRONG_INPUT, '')
+    assert message in ended.stderr
+    assert len(ended.stderr.splitlines()) == 1
+
+
+def test_counts_or_plan_are_needed(run):
+    ended = run('calibrate')
+    assert ended.returncode == WRONG_INPUT
+    assert 'missing COUNTS' in ended.stderr

@@ -1,0 +1,184 @@
+"""Counts files: groups of aspects, what is fitted, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from doc_pages import code
+
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.core.errors import RestingAspectsWarning as Warned
+from resting_aspects_ros.studies.calibration.counted_part import read_groups
+from resting_aspects_ros.studies.calibration.counts_file import (
+    make_surface_counts,
+    read_surface_counts,
+)
+from resting_aspects_ros.studies.calibration.solids import make_solid
+
+ROOT = Path(__file__).parents[3]
+BOX = {'box': [20, 20, 15], 'counts': {'z': 60, 'rest': 40}}
+
+
+@pytest.fixture(scope='module')
+def box():
+    return find_aspects(make_solid({'box': [20, 30, 10]}, Path(), 'here'))
+
+
+def groups(given, aspects, drops=None, kind='box'):
+    return read_groups(given, drops, kind, aspects, 'here')
+
+
+def test_axes_of_a_box_are_its_classes(box):
+    ids, names, counts = groups({'x': 5, 'y': 1, 'z': 94}, box)
+    assert names == ('x', 'y', 'z')
+    # Ids ascend with the height of the centre: 10, 20 and 30 mm.
+    assert ids == ((3, 4), (5, 6), (1, 2))
+    assert counts.tolist() == [5, 1, 94]
+
+
+@pytest.mark.parametrize(
+    ('given', 'drops', 'ids', 'counts'),
+    [
+        ({'z': 3, 'rest': 7}, None, ((1, 2), (3, 4, 5, 6)), [3, 7]),
+        ({'z': 3}, 10, ((1, 2), (3, 4, 5, 6)), [3, 7]),
+        ({1: 3, 'class_2': 2, 3: 0}, 5, ((1, 2), (3, 4), (5, 6)), [3, 2, 0]),
+        ({'1+3': 3, 2: 2}, None, ((1, 2, 5, 6), (3, 4)), [3, 2]),
+        ({'aspect_1': 3, 'aspect_2': 4, 'rest': 1}, None, ((1,), (2,), (3, 4, 5, 6)), [3, 4, 1]),
+        ({'z': 3, 'rest': 7, 'unclassified': 2}, 12, ((1, 2), (3, 4, 5, 6)), [3, 7]),
+    ],
+)
+def test_counts_by_class_aspect_and_rest(given, drops, ids, counts, box):
+    found = groups(given, box, drops)
+    assert (found[0], found[2].tolist()) == (ids, counts)
+
+
+def test_sides_of_a_cylinder():
+    aspects = find_aspects(make_solid({'cylinder': [10, 10]}, Path(), 'here'))
+    ids, _, counts = groups({'end': 38, 'side': 62}, aspects, kind='cylinder')
+    ends = {a.id for a in aspects.aspects if abs(a.down_in_part[2]) > 0.9}
+    assert set(ids[0]) == ends
+    assert set(ids[1]) == {a.id for a in aspects.aspects} - ends
+    assert counts.tolist() == [38, 62]
+
+
+@pytest.mark.parametrize(
+    ('given', 'drops', 'message'),
+    [
+        ({'top': 3, 'rest': 7}, None, "invalid name 'top' of a count: expected a class"),
+        ({'end': 3, 'rest': 7}, None, "invalid name 'end'"),
+        ({4: 3, 'rest': 7}, None, "invalid name '4' of a count: the part has classes 1 to 3"),
+        ({'aspect_7': 3, 'rest': 7}, None, 'the part has aspects 1 to 6'),
+        ({'z': 3, 'rest': 7}, 12, 'invalid drops 12: expected the sum of the counts, 10'),
+        ({'z': 13}, 12, 'invalid drops 12: expected the sum of the counts, 13'),
+        ({'x': 1, 'y': 2, 'z': 3}, 7, 'invalid drops 7: expected the sum of the counts, 6'),
+        ({'x': 1, 'y': 2, 'z': 3, 'rest': 4}, None, 'invalid rest 4'),
+        ({'z': 3, 'x': 2}, None, 'aspects 5, 6 are missing'),
+        ({'z': 3, 1: 2, 'rest': 1}, None, 'counts aspect 1 again'),
+        ({'z': 3, 'Z ': 2, 'rest': 1}, None, 'expected each name once'),
+        ({'x': 1, 'y': -2, 'z': 3}, None, "invalid count -2 of 'y'"),
+        ({'x': 1, 'y': 2.5, 'z': 3}, None, "invalid count 2.5 of 'y'"),
+        ({'x': 1, 'y': True, 'z': 3}, None, 'invalid count True'),
+        ({'1+2+3': 5}, None, 'all aspects are in one group'),
+        ({'rest': 5}, None, 'all aspects are in one group'),
+        ({'z': 0, 'rest': 0}, None, 'invalid number of drops 0'),
+        ([3, 7], None, 'expected a mapping'),
+        (None, None, 'expected a mapping'),
+    ],
+)
+def test_wrong_counts_are_refused(given, drops, message, box):
+    with pytest.raises(InvalidValueError, match=message.replace('+', r'\+')):
+        groups(given, box, drops)
+
+
+def test_counts_in_a_single_group_are_warned_of(box):
+    with pytest.warns(Warned, match="all 50 drops are in 'z': they tell little"):
+        groups({'z': 50, 'rest': 0}, box)
+
+
+def test_dropped_parts_have_two_fitted_conditions_and_a_height():
+    found = make_surface_counts({'parts': [BOX]}, Path())
+    assert [f.name for f in found.factors] == ['height', 'restitution', 'friction']
+    known = make_surface_counts({'conditions': {'height': '60 mm'}, 'parts': [BOX]}, Path())
+    assert [f.name for f in known.factors] == ['restitution', 'friction']
+    assert (known.base.height, known.base.spin) == (0.06, 0.0)
+
+
+def test_what_is_known_and_what_is_fitted_can_be_stated():
+    conditions = {'height': 0.1, 'restitution': 0.4, 'friction': '0.1:0.5', 'spin': '0:20'}
+    found = make_surface_counts({'conditions': conditions, 'parts': [BOX]}, Path())
+    assert [(f.name, f.low, f.high) for f in found.factors] == [
+        ('friction', 0.1, 0.5),
+        ('spin', 0.0, 20.0),
+    ]
+    assert found.base.restitution == 0.4
+
+
+def test_height_that_all_parts_state_is_not_fitted():
+    parts = [
+        {**BOX, 'name': name, 'conditions': {'height': h}} for name, h in (('a', 1), ('b', 2))
+    ]
+    found = make_surface_counts({'parts': parts}, Path())
+    assert [f.name for f in found.factors] == ['restitution', 'friction']
+    assert [part.values['height'] for part in found.parts] == [1.0, 2.0]
+
+
+def test_example_has_the_published_shares():
+    found = read_surface_counts(ROOT / 'config' / 'counts' / 'steel_cuboids.yaml')
+    assert [f.name for f in found.factors] == [
+        'restitution', 'friction', 'speed_horizontal', 'spin',
+    ]  # fmt: skip
+    published = {
+        0.47: (0.916, 332), 0.75: (0.548, 799), 0.93: (0.399, 516), 1.16: (0.148, 1011),
+        1.44: (0.052, 654), 1.60: (0.017, 702), 1.87: (0.009, 680), 2.65: (0.006, 503),
+    }  # fmt: skip
+    for part, (thickness, (share, rolls)) in zip(found.parts, published.items(), strict=True):
+        assert part.drops == rolls
+        assert part.shares[0] == pytest.approx(share, abs=0.0005)
+        extents = np.ptp(part.part.hull_vertices, axis=0)
+        assert extents == pytest.approx([0.02, 0.02, 0.02 * thickness], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'message'),
+    [
+        ({'colour': 'red'}, "invalid key 'colour'"),
+        ({'surface': 'My table'}, "invalid surface 'My table'"),
+        ({'way': 'rolled'}, "invalid way 'rolled'"),
+        ({'parts': []}, r'invalid parts \[\]'),
+        ({'parts': [BOX, BOX]}, 'is there twice'),
+        ({'parts': [{**BOX, 'cylinder': [1, 2]}]}, 'expected exactly one of'),
+        ({'parts': [{'box': [1, 2], 'counts': {'z': 1}}]}, 'expected three lengths'),
+        ({'parts': [{'box': [1, 2, -3], 'counts': {'z': 1}}]}, 'expected three lengths'),
+        ({'parts': [{'hull': [[0, 0, 0]] * 5, 'counts': {}}]}, 'expected points that span'),
+        ({'parts': [{'part': 'no_such_part', 'counts': {}}]}, "part 1: part 'no_such_part'"),
+        (
+            {'parts': [{**BOX, 'conditions': {'friction': 0.2}}, {**BOX, 'name': 'other'}]},
+            'invalid friction: it is fitted',
+        ),
+        ({'conditions': {'height': 'high'}}, "invalid height 'high'"),
+        ({'conditions': {'restitution': '0.5:1.5'}}, 'restitution'),
+        ({'conditions': {'height_of': 'TOP'}}, "invalid height_of 'TOP'"),
+        (
+            {'conditions': {'height': 1, 'restitution': 0.5, 'friction': 0.5}},
+            'all values are known',
+        ),
+    ],
+)
+def test_wrong_files_are_refused(changes, message):
+    with pytest.raises(RestingAspectsError, match=message) as error:
+        make_surface_counts({'parts': [BOX], **changes}, Path(), 'here')
+    assert str(error.value).startswith('here')
+
+
+def test_example_of_the_page_is_a_counts_file():
+    (text,) = code('docs/how_to/calibrate.md', 'yaml')
+    found = make_surface_counts(yaml.safe_load(text), ROOT)
+    assert [part.drops for part in found.parts] == [200, 100]
+    assert [factor.name for factor in found.factors] == ['restitution', 'friction']
+
+
+def test_document_that_is_no_mapping_is_refused():
+    with pytest.raises(InvalidValueError, match='expected a mapping'):
+        make_surface_counts([1, 2], Path(), 'here')
