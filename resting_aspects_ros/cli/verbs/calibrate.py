@@ -170,7 +170,7 @@ def _plan(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _given_drops(arguments: argparse.Namespace) -> dict[str, int]:
+def _given_drops(arguments: argparse.Namespace) -> dict[str, Any]:
     return {} if arguments.drops is None else {'drops': arguments.drops}
 
 

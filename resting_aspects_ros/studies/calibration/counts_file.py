@@ -152,7 +152,8 @@ def _conditions(
     known = {k: _value(k, v, where) for k, v in both.items() if k not in ranges}
     # A factor needs unit and bounds only, which all conditions have.
     middle = {name: QUANTITIES[name].low or 1.0 for name in ranges}
-    base = DropConditions(**{**middle, **known}, height_of=height_of)
+    values: dict[str, Any] = {**middle, **known, 'height_of': height_of}
+    base = DropConditions(**values)
     try:
         factors = tuple(
             read_factor(k, ranges[k], Setting(base)) for k in QUANTITIES if k in ranges

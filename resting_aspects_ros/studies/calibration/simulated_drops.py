@@ -61,20 +61,22 @@ class SimulatedDrops:
         missing = [k for k, key in enumerate(keys) if key not in self._known]
         for first in range(0, len(missing), BATCH):
             batch = missing[first : first + BATCH]
-            before = self.made
             found = drop_points(
                 part,
                 [points[k] for k in batch],
                 drops,
                 self._seed,
                 workers=self._workers,
-                progress=lambda done, before=before: self._progress(before + done),
+                progress=self._more,
             )
             self.made += int(found.drops.sum())
             for k, row in zip(batch, found.counts.tolist(), strict=True):
                 self._known[keys[k]] = row
             self._save()
         return np.array([self._known[key] for key in keys], dtype=np.int64)
+
+    def _more(self, done: int) -> None:
+        self._progress(self.made + done)
 
     def _save(self) -> None:
         if self._file is not None:

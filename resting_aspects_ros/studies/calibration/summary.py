@@ -49,15 +49,17 @@ def estimates(fit: Fit) -> list[Estimate]:
         unit = fit.posterior.points[:, k]
         values = factor.values(unit)
         mean = float(weights @ values)
-        low, high = shortest_interval(unit, weights)
+        start, end = shortest_interval(unit, weights)
+        low, high = factor.values(np.array([start, end])).tolist()
         found.append(
             Estimate(
                 factor,
                 float(factor.values(best[k : k + 1])[0]),
                 mean,
                 float(np.sqrt(weights @ (values - mean) ** 2)),
-                *(float(v) for v in factor.values(np.array([low, high]))),
-                high - low <= WIDE,
+                low,
+                high,
+                end - start <= WIDE,
             )
         )
     return found
