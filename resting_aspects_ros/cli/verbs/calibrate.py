@@ -54,6 +54,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='number of drops of each part at each point (250; with --plan 125)',
     )
     parser.add_argument(
+        '--rounds',
+        metavar='N',
+        type=parse_integer,
+        default=4,
+        help='maximum number of times that drops are added where the counts are probable (4)',
+    )
+    parser.add_argument(
         '--seed',
         metavar='S',
         type=parse_integer,
@@ -123,6 +130,7 @@ def run(arguments: argparse.Namespace) -> int:
                 path,
                 points=arguments.points,
                 **_given_drops(arguments),
+                rounds=arguments.rounds,
                 discrepancy=not arguments.no_discrepancy,
                 seed=arguments.seed,
                 workers=workers,
