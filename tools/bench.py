@@ -16,6 +16,7 @@ from bench_memory import memory
 from bench_report import Section, machine, markdown, show
 from bench_scaling import scaling
 from bench_suite import running_workers
+from bench_surroundings import surroundings
 from bench_vision import vision
 from bench_ways import ways
 from dropper import ROOT
@@ -36,6 +37,7 @@ def main() -> None:
     for measure in (
         lambda: ways(console, workers),
         actions,
+        surroundings,
         command,
         lambda: _scaling(workers),
         geometry,

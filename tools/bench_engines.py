@@ -5,6 +5,7 @@ its own process.
 """
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -40,9 +41,17 @@ class MujocoBody:
     the time in which the suite's engine corrects penetration. Friction cones are elliptic, because
     with pyramidal cones, MuJoCo's default, a fifth of the drops never come to rest. There is no
     rolling friction, because a part with flat sides does not need it and a step is faster without.
+
+    ``planes`` are the frictions of planes through the origin, by their axis z or y; the friction
+    of a pair is the larger one of the two, so that of the part is then 0.
     """
 
-    def __init__(self, job: DropJob) -> None:
+    def __init__(
+        self,
+        job: DropJob,
+        gravity: Sequence[float] = (0, 0, -1),
+        planes: Mapping[str, float] | None = None,
+    ) -> None:
         import mujoco
 
         self._step = mujoco.mj_step
@@ -51,20 +60,27 @@ class MujocoBody:
         loss = -math.log(max(c.restitution, 1e-3))
         ratio = loss / math.hypot(math.pi, loss)
         contact = (
-            f'friction="{c.friction} 0 0" condim="3" '
-            f'solref="{PENETRATION_TIME / (math.pi * ratio)} {ratio}"'
+            f'condim="3" solref="{PENETRATION_TIME / (math.pi * ratio)} {ratio}" '
+            'friction="{} 0 0"'
         )
+        axes = {'z': '0 0 1', 'y': '0 1 0'}
+        ground = '\n'.join(
+            f'<geom type="plane" size="0 0 1" zaxis="{axes[axis]}" {contact.format(friction)}/>'
+            for axis, friction in (planes or {'z': c.friction}).items()
+        )
+        of_part = contact.format(0.0 if planes else c.friction)
+        down = _numbers(np.array(gravity))
         self.model = mujoco.MjModel.from_xml_string(f"""
             <mujoco>
               <compiler inertiafromgeom="false"/>
-              <option timestep="{1 / job.steps_per_t}" gravity="0 0 -1" cone="elliptic"/>
+              <option timestep="{1 / job.steps_per_t}" gravity="{down}" cone="elliptic"/>
               <asset><mesh name="hull" vertex="{_numbers(job.hull)}"/></asset>
               <worldbody>
-                <geom type="plane" size="0 0 1" {contact}/>
+                {ground}
                 <body>
                   <freejoint/>
                   <inertial pos="0 0 0" mass="1" diaginertia="{_numbers(job.moments)}"/>
-                  <geom type="mesh" mesh="hull" {contact}/>
+                  <geom type="mesh" mesh="hull" {of_part}/>
                 </body>
               </worldbody>
             </mujoco>""")
@@ -74,6 +90,13 @@ class MujocoBody:
         """Place the body at rest."""
         self._reset(self.model, self.data)
         self.data.qpos[:] = [*position, *wxyz_from_xyzw(orientation)]
+
+    def start(
+        self, position: list[float], orientation: list[float], velocity: list[float]
+    ) -> None:
+        """Place the body with a velocity."""
+        self.place(np.array(position), np.array(orientation))
+        self.data.qvel[:3] = velocity
 
     def step(self, steps: int) -> None:
         """Simulate this number of time steps."""

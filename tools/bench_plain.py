@@ -50,9 +50,9 @@ class PlainBody:
             physicsClientId=client,
         )
         plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
-        ground = pybullet.createMultiBody(0, plane, physicsClientId=client)
+        self.ground = pybullet.createMultiBody(0, plane, physicsClientId=client)
         pybullet.changeDynamics(
-            ground, -1, restitution=1, lateralFriction=1, physicsClientId=client
+            self.ground, -1, restitution=1, lateralFriction=1, physicsClientId=client
         )
         hull = pybullet.createCollisionShape(
             pybullet.GEOM_MESH, vertices=job.hull.tolist(), physicsClientId=client
@@ -85,6 +85,36 @@ class PlainBody:
         )
         pybullet.resetBaseVelocity(self.id, [0, 0, 0], [0, 0, 0], physicsClientId=self.client)
 
+    def start(
+        self, position: list[float], orientation: list[float], velocity: list[float]
+    ) -> None:
+        """Place the body with a velocity."""
+        pybullet.resetBasePositionAndOrientation(
+            self.id, position, orientation, physicsClientId=self.client
+        )
+        pybullet.resetBaseVelocity(self.id, velocity, [0, 0, 0], physicsClientId=self.client)
+
+    def surround(
+        self, gravity: list[float], planes: list[tuple[list[float], float]], residual: float
+    ) -> None:
+        """Replace the ground by planes through the origin, by normals and factors of friction."""
+        client = self.client
+        pybullet.setGravity(*gravity, physicsClientId=client)
+        pybullet.setPhysicsEngineParameter(
+            solverResidualThreshold=residual, physicsClientId=client
+        )
+        pybullet.removeBody(self.ground, physicsClientId=client)
+        for normal, friction in planes:
+            plane = pybullet.createCollisionShape(
+                pybullet.GEOM_PLANE, planeNormal=normal, physicsClientId=client
+            )
+            body = pybullet.createMultiBody(
+                0, plane, useMaximalCoordinates=1, physicsClientId=client
+            )
+            pybullet.changeDynamics(
+                body, -1, restitution=1, lateralFriction=friction, physicsClientId=client
+            )
+
     def step(self, steps: int) -> None:
         """Simulate this number of time steps."""
         for _ in range(steps):
@@ -103,7 +133,8 @@ class PlainBody:
 
 
 @contextmanager
-def _body(job: DropJob) -> Iterator[PlainBody]:
+def plain_body(job: DropJob) -> Iterator[PlainBody]:
+    """Yield a body in a world of its own."""
     client = pybullet.connect(pybullet.DIRECT)
     try:
         yield PlainBody(job, client)
@@ -113,19 +144,19 @@ def _body(job: DropJob) -> Iterator[PlainBody]:
 
 def plain_loop(job: DropJob, chunks: range) -> Trial:
     """Simulate drops; the pose is read after each step."""
-    with _body(job) as body:
+    with plain_body(job) as body:
         return _drop_until_still(body, job, chunks)
 
 
 def plain_loop_checks(job: DropJob, chunks: range) -> Trial:
     """Simulate drops; the pose is read only at every check."""
-    with _body(job) as body:
+    with plain_body(job) as body:
         return drop_until_still(body, job, chunks)
 
 
 def plain_loop_energy(job: DropJob, chunks: range) -> Trial:
     """Simulate drops; the pose is read at every check, and the suite's rule ends a drop."""
-    with _body(job) as body:
+    with plain_body(job) as body:
         return drop_until_decided(body, job, chunks)
 
 

@@ -60,6 +60,11 @@ class Placed(SceneWorld):
         self._advance(0, round(time * self.job.steps_per_t))
         return self.states
 
+    def put(self, position: Array, orientation: Array) -> None:
+        """Put all bodies at rest at positions (n, 3) and orientations (n, 4), scene frame."""
+        for body, at, facing in zip(self.bodies, position, orientation, strict=True):
+            self._place(body, at.tolist(), facing.tolist(), [0.0] * 3, [0.0] * 3)
+
     def advance_one(self) -> dict[int, float]:
         """Make one time step; returns the normal force on the first body by other body."""
         self._advance(0, 1)
@@ -129,3 +134,30 @@ def point_path(angle: float, friction: float, velocity: Array, step: float = 1e-
         speed = speed + step * (slowed + np.array([math.sin(angle), 0]))
         at = at + step * speed
     return at
+
+
+def groove_height(job: DropJob, rolls: Array, corners: Array) -> Array:
+    """Return the heights (n,) at which a turned cross-section (k, 2) touches both planes."""
+    assert job.scene is not None
+    planes = [body.normal for body in job.scene.half_spaces]
+    return np.asarray(sum(_reaches(job, rolls, corners)) / sum(n[2] for n in planes))
+
+
+def in_groove(job: DropJob, rolls: Array, corners: Array) -> Placed:
+    """Place bodies along a groove that are turned by rolls (n,), a little above both planes."""
+    assert job.scene is not None
+    placed = flat_on(job, 0 * rolls)
+    planes = [body.normal[1:] for body in job.scene.half_spaces]
+    reach = 0.003 + np.array(_reaches(job, rolls, corners))
+    at = np.linalg.solve(np.array(planes), reach).T
+    turned = Rotation.from_euler('x', rolls[:, None]) * Rotation.from_quat(job.axes)
+    placed.put(np.column_stack([placed.origins[:, 0], at]), turned.as_quat())
+    return placed
+
+
+def _reaches(job: DropJob, rolls: Array, corners: Array) -> list[Array]:
+    """Return how far a cross-section that is turned by rolls reaches into each plane, (n,)."""
+    assert job.scene is not None
+    c, s = np.cos(rolls)[:, None], np.sin(rolls)[:, None]
+    y, z = c * corners[:, 0] - s * corners[:, 1], s * corners[:, 0] + c * corners[:, 1]
+    return [-(p.normal[1] * y + p.normal[2] * z).min(axis=1) for p in job.scene.half_spaces]

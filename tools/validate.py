@@ -18,6 +18,7 @@ from validate_engine import decision, time_step
 from validate_feeder import feeder
 from validate_identification import identification
 from validate_reorientation import reorientation
+from validate_surroundings import surroundings
 from validate_tosses import tosses
 from validate_world import world
 
@@ -31,6 +32,7 @@ SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
     'world': world,
     'tosses': tosses,
     'reorientation': reorientation,
+    'surroundings': surroundings,
     'identification': lambda _: identification(),
     'feeder': lambda _: feeder(20, 3, over_ros=True),
     'calibration': calibration,

@@ -6,8 +6,10 @@ import math
 import numpy as np
 import pytest
 import trimesh
+from placed_bodies import groove_height, in_groove
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2_contingency
+from surroundings_symmetry import CHIRAL, counts_on_belt, mirrored_chute, tilted_plane
 
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.poses import RestStatus
@@ -29,10 +31,7 @@ from resting_aspects_ros.simulation.surroundings.kinds import (
     Tray,
     VGroove,
     X,
-    Y,
-    tray_from_scene,
 )
-from resting_aspects_ros.simulation.surroundings.scene import HalfSpace, PairValues, Scene
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
 LEVEL = 1e-3
@@ -130,18 +129,18 @@ def test_the_time_limit_holds(part, make, monkeypatch):
 # -- Truth from formulas and symmetry ------------------------------------------------------------
 
 
-def test_a_box_in_a_groove_rests_at_minima_of_its_potential_energy(solid, job_in, flat_on):
+def test_a_box_in_a_groove_rests_at_minima_of_its_potential_energy(solid, job_in):
     bar = solid(trimesh.creation.box((40, 12, 8)))
     job = job_in(bar, VGroove(math.radians(120)), friction=0.02)
     corners = np.array([[y, z] for y in (-6, 6) for z in (-4, 4)]) / 1000 / job.radius
     rolls = np.radians(np.arange(-180, 180, 18) + 4.0)
-    placed = _in_groove(flat_on, job, rolls, corners)
+    placed = in_groove(job, rolls, corners)
     placed.step(60)
     matrices = Rotation.from_quat(placed.states.orientation) * Rotation.from_quat(job.axes).inv()
     found = matrices.as_euler('xyz')[:, 0]
     # The height of the centre of mass where a box that is turned by a roll touches both planes.
     grid = np.radians(np.arange(0, 360, 0.05))
-    height = _height(job, grid, corners)
+    height = groove_height(job, grid, corners)
     least = grid[(height < np.roll(height, 1)) & (height < np.roll(height, -1))]
     # A side lies on one of the planes: 4 sides and 2 planes, of which some are no minima.
     # Closed form: with a side on one of the planes, which are inclined by 30 degrees.
@@ -149,7 +148,9 @@ def test_a_box_in_a_groove_rests_at_minima_of_its_potential_energy(solid, job_in
     assert np.abs(np.degrees(least) % 90 - 60).min() < 0.06
     apart = np.abs((found[:, None] - least + math.pi) % (2 * math.pi) - math.pi).min(axis=1)
     assert apart.max() < 0.02
-    assert placed.states.position[:, 2] == pytest.approx(_height(job, found, corners), abs=0.005)
+    assert placed.states.position[:, 2] == pytest.approx(
+        groove_height(job, found, corners), abs=0.005
+    )
 
 
 def test_a_cylinder_lies_along_a_groove(solid, job_in, flat_on):
@@ -167,32 +168,6 @@ def test_a_cylinder_lies_along_a_groove(solid, job_in, flat_on):
     )
 
 
-def _height(job, rolls, corners):
-    """Height at which a cross-section (k, 2), turned by rolls (n,), touches both planes."""
-    c, s = np.cos(rolls)[:, None], np.sin(rolls)[:, None]
-    y, z = c * corners[:, 0] - s * corners[:, 1], s * corners[:, 0] + c * corners[:, 1]
-    planes = [body.normal for body in job.scene.half_spaces]
-    reach = [-(n[1] * y + n[2] * z).min(axis=1) for n in planes]
-    return sum(reach) / sum(n[2] for n in planes)
-
-
-def _in_groove(flat_on, job, rolls, corners):
-    """Bodies along a groove that are turned by rolls, a little above both planes."""
-    placed = flat_on(job, 0 * rolls)
-    c, s = np.cos(rolls)[:, None], np.sin(rolls)[:, None]
-    y, z = c * corners[:, 0] - s * corners[:, 1], s * corners[:, 0] + c * corners[:, 1]
-    planes = [body.normal[1:] for body in job.scene.half_spaces]
-    reach = [0.003 - (n[0] * y + n[1] * z).min(axis=1) for n in planes]
-    at = np.linalg.solve(np.array(planes), np.array(reach)).T
-    turned = Rotation.from_euler('x', rolls[:, None]) * Rotation.from_quat(job.axes)
-    for body, origin, (y0, z0), q in zip(
-        placed.bodies, placed.origins, at, turned.as_quat(), strict=True
-    ):
-        position = [float(origin[0]), float(y0), float(z0)]
-        placed._place(body, position, q.tolist(), [0] * 3, [0] * 3)
-    return placed
-
-
 def test_a_belt_that_runs_into_a_wall_slips_below_a_part_at_rest(solid, job_in, flat_on):
     block = solid(trimesh.creation.box((30, 20, 10)))
     release = {'x_min': -0.05, 'x_max': -0.05, 'y_min': 0.05, 'y_max': 0.05}
@@ -208,16 +183,9 @@ def test_a_plane_tilted_with_gravity_gives_the_distribution_of_the_plane(part, m
     shape, n = part('l_bracket'), 4 * CHUNK
     aspects = find_aspects(shape)
     level = make(shape)
-    c, angle = level.conditions, 0.5
-    floor = HalfSpace(
-        'floor',
-        PairValues(c.friction, c.restitution, c.rolling_friction),
-        X,
-        np.array([0.0, math.sin(angle), math.cos(angle)]),
-    )
-    tilted = Scene((floor,), tray_from_scene(angle, 0.0), 1, (np.zeros(2), np.zeros(2)))
-    np.testing.assert_allclose(tilted.down, -floor.normal, atol=1e-12)
-    found = count_poses(aspects, drops(dataclasses.replace(level, scene=tilted), n))
+    tilted = tilted_plane(level, 0.5)
+    np.testing.assert_allclose(tilted.scene.down, -tilted.scene.bodies[0].normal, atol=1e-12)
+    found = count_poses(aspects, drops(tilted, n))
     expected = count_poses(aspects, drops(dataclasses.replace(level, until_still=True), n))
     assert found.counts.sum() == expected.counts.sum() == n
     assert same(found.counts, expected.counts) > LEVEL
@@ -225,30 +193,14 @@ def test_a_plane_tilted_with_gravity_gives_the_distribution_of_the_plane(part, m
 
 @pytest.mark.slow
 def test_a_mirrored_chute_gives_mirrored_shares_of_the_mirrored_part(solid, make, drops):
-    # A chiral part: the corners of no two of its sides are alike.
-    corners = np.array([[0, 0, 0], [30, 0, 0], [8, 22, 0], [5, 6, 18.0]])
-    shape = solid(trimesh.convex.convex_hull(corners))
-    mirrored = solid(trimesh.convex.convex_hull(corners * [1, -1, 1]))
+    shape = solid(trimesh.convex.convex_hull(CHIRAL))
     n = 4 * CHUNK
-    job, other = make(shape, Chute()), make(mirrored, Chute())
-    belt, wall = job.scene.bodies
-    turned = dataclasses.replace(wall, normal=-Y)
-    roll = tray_from_scene(-math.radians(45), 0.0)
-    low, high = job.scene.region
-    scene = dataclasses.replace(
-        other.scene,
-        bodies=(belt, turned),
-        tray_from_scene=roll,
-        region=(low, np.sort(-high)),
-    )
+    job = make(shape, Chute())
+    other = mirrored_chute(make(solid(trimesh.convex.convex_hull(CHIRAL * [1, -1, 1])), Chute()))
     aspects = find_aspects(shape)
     counts = []
-    for each, flip in ((job, 1), (dataclasses.replace(other, scene=scene), -1)):
+    for each, flip in ((job, 1), (other, -1)):
         poses = drops(each, n)
         assert (poses.status == RestStatus.SETTLED).all()
-        up = each.scene.in_tray(belt.normal[None])
-        down = -rotate(poses.orientation * [-1, -1, -1, 1], np.tile(up, (n, 1)))
-        ids, angle = aspects.locate(down * [1, flip, 1])
-        found = np.where(angle < 0.05, ids, 0)
-        counts.append(np.bincount(found, minlength=len(aspects) + 1))
+        counts.append(counts_on_belt(each, aspects, poses, flip))
     assert same(*counts) > LEVEL

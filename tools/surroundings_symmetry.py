@@ -1,0 +1,61 @@
+"""Jobs in surroundings whose distributions are the same by symmetry."""
+
+import dataclasses
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.rotations import rotate
+from resting_aspects_ros.simulation.drop_job import DropJob
+from resting_aspects_ros.simulation.surroundings.kinds import X, Y, tray_from_scene
+from resting_aspects_ros.simulation.surroundings.scene import HalfSpace, PairValues, Scene
+
+# Corners of a chiral part, mm: those of no two of its sides are alike.
+CHIRAL = np.array([[0, 0, 0], [30, 0, 0], [8, 22, 0], [5, 6, 18.0]])
+# A side of the part lies on the belt if its normal is within this angle, rad.
+ON_BELT = 0.05
+
+
+def tilted_plane(level: DropJob, angle: float) -> DropJob:
+    """Return the job on a plane that is tilted with gravity tilted alike."""
+    c = level.conditions
+    floor = HalfSpace(
+        'floor',
+        PairValues(c.friction, c.restitution, c.rolling_friction),
+        X,
+        np.array([0.0, math.sin(angle), math.cos(angle)]),
+    )
+    scene = Scene((floor,), tray_from_scene(angle, 0.0), 1, (np.zeros(2), np.zeros(2)))
+    return dataclasses.replace(level, scene=scene)
+
+
+def mirrored_chute(job: DropJob) -> DropJob:
+    """Return the job in the mirror image of its chute, which has a roll of 45 degrees."""
+    assert job.scene is not None
+    belt, wall = job.scene.half_spaces
+    low, high = job.scene.region
+    scene = dataclasses.replace(
+        job.scene,
+        bodies=(belt, dataclasses.replace(wall, normal=-Y)),
+        tray_from_scene=tray_from_scene(-math.radians(45), 0.0),
+        region=(low, np.sort(-high)),
+    )
+    return dataclasses.replace(job, scene=scene)
+
+
+def counts_on_belt(
+    job: DropJob, aspects: AspectSet, poses: RestingPoses, flip: int
+) -> npt.NDArray[np.int64]:
+    """Return the counts, (k + 1,), of what lies on the belt: first other poses, then aspects.
+
+    ``flip`` is -1 for a mirrored part, and ``aspects`` are those of the part itself.
+    """
+    assert job.scene is not None
+    up = job.scene.in_tray(job.scene.half_spaces[0].normal[None])
+    down = -rotate(poses.orientation * [-1, -1, -1, 1], np.tile(up, (len(poses), 1)))
+    ids, angle = aspects.locate(down * [1, flip, 1])
+    found = np.where(angle < ON_BELT, ids, 0)
+    return np.bincount(found, minlength=len(aspects) + 1)
