@@ -60,7 +60,7 @@ class ClusterWorkers:
     def result(self, future: 'Future[Any]') -> RestingPoses:
         """Return the poses of a chunk; EngineError if the worker has different versions."""
         poses, worker, versions = future.result()
-        for name, here in _versions().items():
+        for name, here in worker_versions().items():
             if versions[name] != here:
                 raise EngineError(
                     f'invalid worker {worker}: expected {name} {here}, not {versions[name]}'
@@ -89,11 +89,11 @@ def _drop(job: DropJob, first: int, end: int) -> tuple[RestingPoses, str, dict[s
 
     from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 
-    return drop_chunk(job, first, end), get_worker().address, _versions()
+    return drop_chunk(job, first, end), get_worker().address, worker_versions()
 
 
-def _versions() -> dict[str, str]:
-    """Return the versions of the packages that affect the poses."""
+def worker_versions() -> dict[str, str]:
+    """Return the versions of the packages that affect the poses, in this process."""
     return {
         'resting_aspects_ros': __version__,
         'pybullet': version('pybullet'),

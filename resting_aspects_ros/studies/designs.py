@@ -75,7 +75,7 @@ def factorial(factors: Sequence[Factor]) -> Array:
     return np.array(list(itertools.product(*(np.linspace(0, 1, n) for n in levels))))
 
 
-def sobol(d: int, points: int, seed: int, first: int = 0) -> Array:
+def sobol(d: int, points: int, seed: int | Sequence[int], first: int = 0) -> Array:
     """Return points ``first`` to ``first + points - 1`` of a scrambled Sobol sequence."""
     sequence = qmc.Sobol(d, scramble=True, **_random(qmc.Sobol, seed))
     if first:

@@ -98,8 +98,8 @@ def test_worker_exception_is_reported(planned, workers, monkeypatch):
 
 @pytest.mark.parametrize('package', ['resting_aspects_ros', 'pybullet', 'numpy'])
 def test_worker_with_other_versions_is_rejected(planned, workers, monkeypatch, package):
-    versions = drops_cluster._versions() | {package: '1.2.3'}
-    monkeypatch.setattr(drops_cluster, '_versions', lambda: versions)
+    versions = drops_cluster.worker_versions() | {package: '1.2.3'}
+    monkeypatch.setattr(drops_cluster, 'worker_versions', lambda: versions)
     with pytest.raises(
         EngineError, match=rf'^invalid worker tcp://\S+: expected {package} 1.2.3, not [\d.]+$'
     ):

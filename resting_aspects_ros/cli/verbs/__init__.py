@@ -9,6 +9,7 @@ COMMANDS = {
     'drop': 'drop a part and show how it comes to rest',
     'reorient': 'show how an action brings a part from aspect to aspect',
     'retention': 'show how strong a disturbance makes a part leave each aspect',
+    'study': 'show how the aspects depend on the conditions, over many points',
     'report': 'write a page with pictures and charts of a result',
     'calibrate': 'find restitution and friction of a surface from counts by hand',
     'estimate': 'predict the distribution from the shape, without drops',

@@ -1,0 +1,189 @@
+"""`resting_aspects study`: drops over ranges of conditions, and what the shares depend on."""
+
+import argparse
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from resting_aspects_ros.cli.options import (
+    add_conditions,
+    add_surroundings,
+    add_workers,
+)
+from resting_aspects_ros.cli.start_workers import start_workers
+from resting_aspects_ros.cli.values import parse_integer, parse_share
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.simulation.interruption import Interruption
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.studies.study_result import StudyResult
+    from resting_aspects_ros.studies.study_spec import StudySpec
+
+INTERRUPTED = 130
+DESCRIPTION = """Drop parts at many points of some conditions, and show how much the
+probability of each aspect depends on each condition, and whether it is worth
+while to measure it. A study that was interrupted, or that is given more points
+or drops, continues where it ended."""
+EXAMPLES = """examples:
+  resting_aspects study l_bracket --vary restitution=0.3:0.7 --vary friction=0.1:0.5
+  resting_aspects study l_bracket --vary height=20mm:200mm:7 --design factorial --out out/height
+  resting_aspects study old.stl new.stl --vary friction=0.1:0.6 --points 128 --drops 5000
+  resting_aspects study hex_nut --surroundings slope --vary surroundings.angle=5deg:20deg
+  resting_aspects study l_bracket --action tap --vary action.speed=0.1:0.5
+  resting_aspects study out/height/study.yaml --points 128 --scheduler tcp://10.0.0.5:8786
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        'parts',
+        metavar='PART_OR_STUDY',
+        nargs='+',
+        help='names of parts, mesh files and folders of mesh files; or one study.yaml, which '
+        'describes a study',
+    )
+    group = parser.add_argument_group('design of the study')
+    group.add_argument(
+        '--vary',
+        metavar='NAME=LOW:HIGH[:LEVELS][:log]',
+        action='append',
+        default=[],
+        help='vary a condition, a value of the surroundings (surroundings.angle) or of the action '
+        '(action.speed) between two values; can be repeated',
+    )
+    group.add_argument(
+        '--design',
+        choices=('factorial', 'lhs', 'sobol'),
+        help='all combinations of the levels, a Latin hypercube, or a Sobol sequence (sobol)',
+    )
+    group.add_argument('--points', metavar='M', type=parse_integer, help='number of points (64)')
+    group.add_argument(
+        '--drops',
+        metavar='N',
+        type=parse_integer,
+        help='number of drops at each point; with --action, of actions from each aspect (2000)',
+    )
+    group.add_argument(
+        '--seed', metavar='S', type=parse_integer, help='seed of the design and the drops (1)'
+    )
+    group.add_argument(
+        '--action',
+        metavar='NAME',
+        help='do this named action to parts at rest in each aspect, instead of dropping them',
+    )
+    parser.add_argument(
+        '--tolerance',
+        metavar='P',
+        help='change of a probability that matters to you, such as 0.05 or 5%%: decides whether '
+        'measuring a condition is worth while (0.05)',
+    )
+    parser.add_argument(
+        '--confidence',
+        metavar='C',
+        help='confidence of the intervals: more than 0.5 and less than 1 (0.95)',
+    )
+    parser.add_argument(
+        '--out',
+        metavar='DIR',
+        type=Path,
+        help='folder of study.yaml, points.jsonl, results.csv, results.parquet and page.html; a '
+        'study in it is continued (out/study_ and the part, or the folder of study.yaml)',
+    )
+    add_workers(parser)
+    add_conditions(parser)
+    add_surroundings(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Make the study and show it; returns the exit code. RestingAspectsError for wrong input."""
+    with Interruption() as stop, ExitStack() as stack:
+        # These imports are slow because of NumPy.
+        from resting_aspects_ros.studies.study_run import run_study
+
+        spec, folder = _requested(arguments)
+        workers = start_workers(arguments, stack)
+        result = run_study(
+            spec, folder, workers=workers, progress=True, stopped=lambda: stop.asked
+        )
+        return _show(result, folder)
+
+
+def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
+    """Return the requested study and its folder; raises InvalidValueError."""
+    from resting_aspects_ros.studies.study_spec import SPEC, make_spec, read_spec
+
+    changes: dict[str, Any] = {
+        name: value
+        for name in ('design', 'points', 'drops', 'seed')
+        if (value := getattr(arguments, name)) is not None
+    }
+    for name in ('tolerance', 'confidence'):
+        if getattr(arguments, name) is not None:
+            changes[name] = parse_share(f'--{name}', getattr(arguments, name))
+    first = Path(arguments.parts[0])
+    if first.is_dir() and (first / SPEC).exists():
+        first /= SPEC
+    if first.suffix.lower() in {'.yaml', '.yml'}:
+        if len(arguments.parts) > 1 or arguments.vary or arguments.action:
+            raise InvalidValueError(
+                f'invalid arguments: expected no parts, --vary and --action beside {str(first)!r},'
+                ' which defines them'
+            )
+        own = first.parent if first.name == SPEC else Path('out') / first.stem
+        return read_spec(first, changes), arguments.out or own
+    spec = make_spec(_document(arguments, changes))
+    name = '_'.join(part.name for part in spec.parts[:3])
+    return spec, arguments.out or Path('out') / f'study_{name}'
+
+
+def _document(arguments: argparse.Namespace, changes: dict[str, Any]) -> dict[str, Any]:
+    from resting_aspects_ros.api.surroundings import requested_surroundings
+    from resting_aspects_ros.cli.options import changed_conditions
+
+    if not arguments.vary:
+        raise InvalidValueError(
+            'missing --vary: expected at least one, such as --vary restitution=0.3:0.7'
+        )
+    vary: dict[str, str] = {}
+    for text in arguments.vary:
+        name, _, values = text.partition('=')
+        if name.strip() in vary:
+            raise InvalidValueError(f'invalid --vary {text!r}: expected {name} only once')
+        vary[name.strip()] = values.strip()
+    return {
+        'parts': arguments.parts,
+        'surface': arguments.surface,
+        'conditions': {
+            name: getattr(value, 'name', value)
+            for name, value in changed_conditions(arguments).items()
+        },
+        'surroundings': requested_surroundings(arguments.surroundings, arguments.set),
+        'action': arguments.action,
+        'vary': vary,
+        **changes,
+    }
+
+
+def _show(result: 'StudyResult', folder: Path) -> int:
+    """Write the tables and the page, and print the findings; returns the exit code."""
+    for case in result.cases:
+        if case.skipped:
+            k, reason = min(case.skipped.items())
+            print(
+                f'{case.name}: {len(case.skipped)} of {len(result.points)} points are impossible '
+                f'and were skipped; point {k}: {reason}'
+            )
+    if not any(case.drops.any() for case in result.cases):
+        print('No point has drops.')
+    else:
+        result.save_tables(folder)
+        for finding in result.findings:
+            prefix = f'{finding.case}: ' if len(result.cases) > 1 else ''
+            print(f'{prefix}{finding.text}')
+        print(f'Report: {result.report(folder)}')
+    if not result.complete:
+        drops = sum(int(case.drops.sum()) for case in result.cases)
+        print(f'interrupted after {drops} drops; the same command continues the study')
+        return INTERRUPTED
+    return 0

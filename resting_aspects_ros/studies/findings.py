@@ -1,0 +1,131 @@
+"""The findings of a study in words: whether it is worth while to measure a factor."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from resting_aspects_ros.studies.effects import Change, Effects
+from resting_aspects_ros.studies.factors import Factor
+from resting_aspects_ros.studies.study_cases import StudyCase
+
+WORTH, NOT_WORTH, OPEN = 'worth while', 'not worth while', 'not decided'
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one factor does to one case.
+
+    verdict : str
+        Whether it is worth while to measure or to control the factor: WORTH, NOT_WORTH or OPEN.
+    """
+
+    case: str
+    factor: str
+    verdict: str
+    text: str
+
+
+def findings_of(
+    case: StudyCase,
+    effects: Effects | None,
+    factors: Sequence[Factor],
+    tolerance: float,
+    confidence: float,
+) -> Iterator[Finding]:
+    """Yield a finding for each factor, that with the largest change first."""
+    if effects is None:
+        for factor in factors:
+            verdict = NOT_WORTH if len(case.columns) < 2 else OPEN
+            yield Finding(case.name, factor.name, verdict, _nothing(case, factor))
+        return
+    for k in np.argsort([-change.change for change in effects.changes]).tolist():
+        change, factor = effects.changes[k], factors[k]
+        yield Finding(
+            case.name,
+            factor.name,
+            _verdict(change, effects, tolerance),
+            _text(effects, change, factors, k, tolerance, confidence),
+        )
+
+
+def _verdict(change: Change, effects: Effects, tolerance: float) -> str:
+    if not effects.reliable:
+        return OPEN
+    if change.lower > tolerance:
+        return WORTH
+    return NOT_WORTH if change.upper <= tolerance else OPEN
+
+
+def _text(
+    effects: Effects,
+    change: Change,
+    factors: Sequence[Factor],
+    k: int,
+    tolerance: float,
+    confidence: float,
+) -> str:
+    factor = factors[k]
+    name = factor.label or factor.name
+    verdict = _verdict(change, effects, tolerance)
+    limit = points_text(tolerance)
+    moved = (
+        f'{name[0].upper()}{name[1:]} moves the shares by at most {points_text(change.change)} '
+        f'points ({100 * confidence:g} % interval {points_text(change.lower)} to '
+        f'{points_text(change.upper)})'
+    )
+    if verdict == WORTH:
+        end = f'more than the tolerance of {limit} points: measuring it is worth while.'
+    elif verdict == NOT_WORTH:
+        end = f'not more than the tolerance of {limit} points: measuring it is not worth while.'
+    elif effects.reliable:
+        end = (
+            f'which contains the tolerance of {limit} points: more points or drops would decide '
+            'whether measuring it is worth while.'
+        )
+    else:
+        end = (
+            f'but the surrogate explains only {100 * effects.explained:.0f} % of the differences '
+            'between the points: more points are needed to tell whether measuring it is worth '
+            'while.'
+        )
+    joint = ', ' if verdict != OPEN or effects.reliable else '; '
+    return f'{moved}{joint}{end} {_where(effects, change, factors, k)}'
+
+
+def _where(effects: Effects, change: Change, factors: Sequence[Factor], k: int) -> str:
+    """Say where the largest change is, and how large it is on average."""
+    factor = factors[k]
+    ends = [factor.text(float(factor.values(each[k]))) for each in (change.start, change.end)]
+    rest = [
+        f'{each.label or each.name} {each.text(float(each.values(change.start[j])))}'
+        for j, each in enumerate(factors)
+        if j != k
+    ]
+    at = f', at {" and ".join(rest)}' if rest else ''
+    text = (
+        f'The share of {effects.columns[change.column]} is {100 * change.low:.1f} % at '
+        f'{ends[0]} and {100 * change.high:.1f} % at {ends[1]}{at}.'
+    )
+    if rest:
+        text += (
+            f' On average over the other factors, shares move by at most '
+            f'{points_text(change.average)} points.'
+        )
+    return text
+
+
+def _nothing(case: StudyCase, factor: Factor) -> str:
+    name = factor.label or factor.name
+    if len(case.columns) < 2:
+        return (
+            f'{name[0].upper()}{name[1:]} cannot move the shares: all drops are in '
+            f'{case.columns[0]}.'
+        )
+    return f'{name[0].upper()}{name[1:]}: too few points with drops to tell what it does.'
+
+
+def points_text(share: float) -> str:
+    """Return a difference of shares in points, such as '3.1' or '12'."""
+    value = 100 * share
+    return f'{value:.2g}' if abs(value) < 10 else f'{value:.0f}'

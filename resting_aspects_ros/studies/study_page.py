@@ -1,0 +1,210 @@
+"""The page of a study."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from resting_aspects_ros.api.surroundings import conditions_text
+from resting_aspects_ros.report.aspect_pose import picture_part
+from resting_aspects_ros.report.colours import rgb
+from resting_aspects_ros.report.figure_style import inline_svg, svg_text
+from resting_aspects_ros.report.page_table import PageTable, text_table
+from resting_aspects_ros.report.page_template import picture_uri, render_page
+from resting_aspects_ros.report.posed_part import draw_parts, pose_parts
+from resting_aspects_ros.studies.effects import Effects
+from resting_aspects_ros.studies.findings import NOT_WORTH, WORTH, points_text
+from resting_aspects_ros.studies.study_cases import StudyCase
+from resting_aspects_ros.studies.study_comparison import CaseComparison
+from resting_aspects_ros.studies.study_figures import (
+    case_colours,
+    effects_figure,
+    indices_figure,
+)
+from resting_aspects_ros.studies.study_result import StudyResult
+
+PIXELS = 176
+_CSS_PIXELS_PER_INCH = 96
+_CURVES = 'Line charts of the probability of each aspect class and of the entropy over each factor'
+_INDICES = 'Bar charts of the first and total Sobol indices'
+
+
+def study_page(result: StudyResult) -> str:
+    """Return the page of a study as HTML."""
+    spec = result.spec
+    names = ', '.join(part.name for part in spec.parts)
+    pictures = {case.part.name: case_pictures(case) for case in result.cases}
+    drops = sum(int(case.drops.sum()) for case in result.cases)
+    return render_page(
+        'study.html',
+        report={
+            'title': names,
+            'subtitle': f'{len(result.points)} points, {drops} drops, seed {spec.seed}',
+            'notes': list(_notes(result)),
+            'facts': _facts(result),
+        },
+        findings=[
+            {
+                'case': finding.case if len(result.cases) > 1 else '',
+                'text': finding.text,
+                'mark': {WORTH: 'yes', NOT_WORTH: 'no'}.get(finding.verdict, 'open'),
+            }
+            for finding in result.findings
+        ],
+        cases=[
+            _case(result, k, case, effects, pictures[case.part.name])
+            for k, (case, effects) in enumerate(zip(result.cases, result.effects, strict=True))
+        ],
+        comparisons=[_comparison(each, pictures) for each in result.comparisons],
+        confidence=f'{100 * spec.confidence:g}',
+        tolerance=points_text(spec.tolerance),
+    )
+
+
+def case_pictures(case: StudyCase) -> list[str]:
+    """Return a picture of each symmetry class as a data URI."""
+    members = [alike[0] for alike in case.aspects.classes()]
+    part = picture_part(case.part, case.aspects.aspects)
+    colours = [rgb(colour) for colour in case_colours(case)[: len(members)]]
+    return [picture_uri(image) for image in draw_parts(pose_parts(part, members), colours, PIXELS)]
+
+
+def _case(
+    result: StudyResult, k: int, case: StudyCase, effects: Effects | None, pictures: list[str]
+) -> dict[str, Any]:
+    colours = case_colours(case)
+    some = case.drops > 0
+    shares = case.table[some] / case.drops[some][:, None]
+    classes = [
+        {
+            'name': name,
+            'colour': colours[j],
+            'picture': pictures[j] if j < len(pictures) else '',
+            'mean': f'{100 * shares[:, j].mean():.1f} %' if some.any() else '',
+            'range': f'{100 * shares[:, j].min():.1f} to {100 * shares[:, j].max():.1f} %'
+            if some.any()
+            else '',
+        }
+        for j, name in enumerate(case.columns)
+    ]
+    found: dict[str, Any] = {'name': case.name, 'classes': classes, 'figures': None}
+    if effects is None:
+        return found
+    factors = result.spec.factors
+    charts = []
+    for kind, label, figure in (
+        ('curves', _CURVES, effects_figure(case, effects, factors, result.points)),
+        ('indices', _INDICES, indices_figure(case, effects, factors)),
+    ):
+        charts.append(
+            {
+                'svg': inline_svg(svg_text(figure), f'{kind}-{chr(97 + k % 26)}{k}', label),
+                'width': round(_CSS_PIXELS_PER_INCH * figure.get_figwidth()),
+                'label': label,
+                'caption': '',
+            }
+        )
+    found['figures'] = charts
+    found['surrogate'] = (
+        f'The curves and indices are those of a surrogate: {effects.form}. Its cross-validated '
+        f'error is {points_text(effects.cross_validated_error)} points, and it explains '
+        f'{100 * effects.explained:.0f} % of the variance between the points.'
+    )
+    found['reliable'] = effects.reliable
+    found['numbers'] = _indices_table(effects, result)
+    return found
+
+
+def _indices_table(effects: Effects, result: StudyResult) -> PageTable:
+    headings = ['share of']
+    for factor in result.spec.factors:
+        name = factor.label or factor.name
+        headings += [f'{name}: first', f'{name}: total', f'{name}: change of the mean']
+    rows = []
+    found = effects.indices
+    for j, name in enumerate([*effects.columns, 'all shares']):
+        row = [name]
+        for k, curve in enumerate(effects.curves):
+            row.append(f'{found.first[j, k]:.2f} ± {found.first_error[j, k]:.2f}')
+            row.append(f'{found.total[j, k]:.2f} ± {found.total_error[j, k]:.2f}')
+            if j < len(effects.columns):
+                change = curve.mean[-1, j] - curve.mean[0, j]
+                row.append(f'{100 * change:+.1f} points')
+            else:
+                row.append('')
+        rows.append(row)
+    return text_table(headings, rows)
+
+
+def _comparison(found: CaseComparison, pictures: dict[str, list[str]]) -> dict[str, Any]:
+    first, second = found.first, found.second
+    points = '{:+.1f} to {:+.1f}'
+    return {
+        'first': first.name,
+        'second': second.name,
+        'apart': f'{found.apart:.2g}',
+        'rows': [
+            {
+                'names': (first.class_names[e.first - 1], second.class_names[e.second - 1]),
+                'pictures': (
+                    pictures[first.part.name][e.first - 1],
+                    pictures[second.part.name][e.second - 1],
+                ),
+                'shares': (f'{100 * e.first_share:.1f} %', f'{100 * e.second_share:.1f} %'),
+                'difference': f'{100 * e.difference:+.1f} points',
+                'interval': points.format(100 * e.lower, 100 * e.upper),
+                'largest': f'{100 * e.largest:+.1f} points',
+                'largest_interval': points.format(100 * e.largest_lower, 100 * e.largest_upper),
+                'point': e.point,
+            }
+            for e in found.shared
+        ],
+        'alone': [
+            f'{case.name}: {", ".join(names)}'
+            for case, names in (
+                (first, _alone(first, {e.first for e in found.shared})),
+                (second, _alone(second, {e.second for e in found.shared})),
+            )
+            if names
+        ],
+    }
+
+
+def _alone(case: StudyCase, shared: set[int]) -> list[str]:
+    return [name for k, name in enumerate(case.class_names, 1) if k not in shared]
+
+
+def _notes(result: StudyResult) -> Iterator[str]:
+    if not result.complete:
+        yield 'The study is not complete: the same command continues it.'
+    for case in result.cases:
+        if case.skipped:
+            k, reason = min(case.skipped.items())
+            yield (
+                f'{case.name}: {len(case.skipped)} of {len(result.points)} points are impossible '
+                f'and were skipped; the curves are extrapolated there. Point {k}: {reason}.'
+            )
+
+
+def _facts(result: StudyResult) -> dict[str, list[tuple[str, str]]]:
+    spec = result.spec
+    base = spec.base
+    other = [(factor.label or factor.name, _range(factor)) for factor in spec.factors]
+    facts = {
+        'Factors': other,
+        'Conditions': [('all others', conditions_text(base.drop_conditions))],
+        'Study': [
+            ('design', spec.design),
+            ('points', str(len(result.points))),
+            ('drops at each point', str(spec.drops)),
+            ('seed', str(spec.seed)),
+            ('tolerance', f'{points_text(spec.tolerance)} points'),
+        ],
+    }
+    if base.action is not None:
+        facts['Action'] = [(base.action.name, base.action.text)]
+    return facts
+
+
+def _range(factor: Any) -> str:
+    levels = f', {factor.levels} levels' if factor.levels else ''
+    scale = ', logarithmic' if factor.logarithmic else ''
+    return f'{factor.low:g} to {factor.text(factor.high)}{levels}{scale}'
