@@ -18,12 +18,22 @@ class Finding:
 
     verdict : str
         Whether it is worth while to measure or to control the factor: WORTH, NOT_WORTH or OPEN.
+    sentence : str
+        The largest change and the verdict.
+    details : str
+        Where that change is, and how large the changes are on average.
     """
 
     case: str
     factor: str
     verdict: str
-    text: str
+    sentence: str
+    details: str = ''
+
+    @property
+    def text(self) -> str:
+        """The sentence and the details."""
+        return f'{self.sentence} {self.details}'.rstrip()
 
 
 def findings_of(
@@ -45,7 +55,8 @@ def findings_of(
             case.name,
             factor.name,
             _verdict(change, effects, tolerance),
-            _text(effects, change, factors, k, tolerance, confidence),
+            _sentence(effects, change, factor, tolerance, confidence),
+            _where(effects, change, factors, k),
         )
 
 
@@ -57,15 +68,13 @@ def _verdict(change: Change, effects: Effects, tolerance: float) -> str:
     return NOT_WORTH if change.upper <= tolerance else OPEN
 
 
-def _text(
+def _sentence(
     effects: Effects,
     change: Change,
-    factors: Sequence[Factor],
-    k: int,
+    factor: Factor,
     tolerance: float,
     confidence: float,
 ) -> str:
-    factor = factors[k]
     name = factor.label or factor.name
     verdict = _verdict(change, effects, tolerance)
     limit = points_text(tolerance)
@@ -90,7 +99,7 @@ def _text(
             'while.'
         )
     joint = ', ' if verdict != OPEN or effects.reliable else '; '
-    return f'{moved}{joint}{end} {_where(effects, change, factors, k)}'
+    return f'{moved}{joint}{end}'
 
 
 def _where(effects: Effects, change: Change, factors: Sequence[Factor], k: int) -> str:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Inches.
-PANEL_WIDTH, PANEL_HEIGHT, ENTROPY_HEIGHT, ROW_HEIGHT = 2.9, 2.5, 1.3, 0.34
+PANEL_WIDTH, PANEL_HEIGHT, ENTROPY_HEIGHT, ROW_HEIGHT = 3.3, 2.5, 1.3, 0.34
 MAX_COLUMNS = 4
 # With more points than this, dots are smaller.
 MANY_POINTS = 150
@@ -54,7 +54,7 @@ def effects_figure(
         lower = figure.add_subplot(grid[2 * block + 1, column])
         x = factor.values(curve.shares)
         at = factor.values(points[some, k])
-        size = 5 if len(at) <= MANY_POINTS else 2
+        size = 14 if len(at) <= MANY_POINTS else 5
         for j, colour in enumerate(case_colours(case)):
             upper.scatter(at, shares[:, j], s=size, color=colour, alpha=0.3, linewidths=0)
             upper.fill_between(
@@ -84,7 +84,7 @@ def effects_figure(
 def indices_figure(case: StudyCase, effects: Effects, factors: Sequence[Factor]) -> 'Figure':
     """Return the first and total Sobol indices of each column, with their errors."""
     names = [*effects.columns, 'all shares']
-    colours = [*case_colours(case), TEXT]
+    colours = [*case_colours(case), FAINT]
     columns = min(len(factors), MAX_COLUMNS)
     blocks = -(-len(factors) // columns)
     height = ROW_HEIGHT * len(names) + 0.75

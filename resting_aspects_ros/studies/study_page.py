@@ -44,7 +44,8 @@ def study_page(result: StudyResult) -> str:
         findings=[
             {
                 'case': finding.case if len(result.cases) > 1 else '',
-                'text': finding.text,
+                'sentence': finding.sentence,
+                'details': finding.details,
                 'mark': {WORTH: 'yes', NOT_WORTH: 'no'}.get(finding.verdict, 'open'),
             }
             for finding in result.findings

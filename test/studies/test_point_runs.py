@@ -1,14 +1,11 @@
 """Drops at many points: counts that follow from each point alone."""
 
-from concurrent.futures import Future
-
 import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.condition_text import given_conditions
 from resting_aspects_ros.core.errors import EngineError
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.studies.point_plans import point_seed
 from resting_aspects_ros.studies.point_runs import drop_points
@@ -18,42 +15,14 @@ MAT = given_conditions('rubber_mat', {'height': 0.03})
 POINTS = [MAT.changed(restitution=r) for r in (0.1, 0.2, 0.3)]
 
 
-class Here:
-    """Workers that simulate in this process; the listed submissions die or fail."""
-
-    def __init__(self, dying=(), failing=()):
-        self.dying, self.failing, self.submitted = dying, failing, []
-
-    def lookahead(self):
-        return 3
-
-    def submit(self, job, first, end):
-        future = Future()
-        number = len(self.submitted)
-        self.submitted.append((job, first, end))
-        if number in self.dying:
-            future.set_exception(ConnectionError())
-        elif number in self.failing:
-            future.set_exception(ValueError('broken'))
-        else:
-            future.set_result(drop_chunk(job, first, end))
-        return future
-
-    def result(self, future):
-        return future.result()
-
-    def deaths(self, error):
-        return int(isinstance(error, ConnectionError))
-
-
 @pytest.fixture(scope='module')
 def part():
     return ra.load_part('tetrahedron')
 
 
 @pytest.fixture(scope='module')
-def counted(part):
-    return drop_points(part, POINTS, 130, 1, workers=Here())
+def counted(part, here):
+    return drop_points(part, POINTS, 130, 1, workers=here())
 
 
 def test_every_drop_is_counted(counted):
@@ -62,15 +31,15 @@ def test_every_drop_is_counted(counted):
     assert counted.by_class().tolist() == counted.counts.sum(axis=1, keepdims=True).tolist()
 
 
-def test_counts_of_a_point_do_not_depend_on_other_points(part, counted):
-    backward = drop_points(part, POINTS[:0:-1], 130, 1, workers=Here())
+def test_counts_of_a_point_do_not_depend_on_other_points(part, counted, here):
+    backward = drop_points(part, POINTS[:0:-1], 130, 1, workers=here())
     assert (backward.counts == counted.counts[:0:-1]).all()
     assert (counted.counts[0] != counted.counts[1]).any()
 
 
-def test_counts_are_those_of_a_run_with_the_seed_of_the_point(part, counted):
+def test_counts_are_those_of_a_run_with_the_seed_of_the_point(part, counted, here):
     seed = point_seed(1, part, Setting(POINTS[1]))
-    run = ra.drop(part, 130, surface=POINTS[1], seed=seed, workers=Here(), keep_poses=False)
+    run = ra.drop(part, 130, surface=POINTS[1], seed=seed, workers=here(), keep_poses=False)
     assert (run.distribution.counts == counted.counts[1]).all()
 
 
@@ -87,30 +56,30 @@ def test_seed_follows_from_the_point(part):
     assert seeds[0] == point_seed(1, part, Setting(named.changed(friction=named.friction)))
 
 
-def test_chunk_of_a_dead_worker_is_repeated(part, counted):
-    workers = Here(dying=(1, 4))
+def test_chunk_of_a_dead_worker_is_repeated(part, counted, here):
+    workers = here(dying=(1, 4))
     with pytest.warns(ra.RestingAspectsWarning, match='a worker died'):
         again = drop_points(part, POINTS, 130, 1, workers=workers)
     assert (again.counts == counted.counts).all()
     assert len(workers.submitted) == 8
 
 
-def test_failure_of_a_worker_is_reported(part):
+def test_failure_of_a_worker_is_reported(part, here):
     with pytest.raises(EngineError, match='a worker failed'):
-        drop_points(part, POINTS, 130, 1, workers=Here(failing=(2,)))
+        drop_points(part, POINTS, 130, 1, workers=here(failing=(2,)))
 
 
-def test_impossible_point_is_skipped(part):
+def test_impossible_point_is_skipped(part, here):
     low = MAT.changed(height=0.001, height_of=HeightOf.CENTRE_OF_MASS)
-    counted = drop_points(part, [MAT, low], 10, 1, workers=Here())
+    counted = drop_points(part, [MAT, low], 10, 1, workers=here())
     assert counted.drops.tolist() == [10, 0]
     assert list(counted.skipped) == [1]
     assert 'height of the centre of mass' in counted.skipped[1]
 
 
-def test_drops_can_be_stopped(part):
+def test_drops_can_be_stopped(part, here):
     made = []
     counted = drop_points(
-        part, POINTS, 130, 1, workers=Here(), progress=made.append, stopped=lambda: bool(made)
+        part, POINTS, 130, 1, workers=here(), progress=made.append, stopped=lambda: bool(made)
     )
     assert np.sum(counted.drops) == made[-1] < 390

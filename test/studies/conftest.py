@@ -1,0 +1,41 @@
+"""Workers in this process, for the tests of studies."""
+
+from concurrent.futures import Future
+
+import pytest
+
+from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+
+
+class Here:
+    """Workers that simulate in this process; the listed submissions die or fail."""
+
+    def __init__(self, dying=(), failing=()):
+        self.dying, self.failing, self.submitted = dying, failing, []
+
+    def lookahead(self):
+        return 3
+
+    def submit(self, job, first, end):
+        future = Future()
+        number = len(self.submitted)
+        self.submitted.append((job, first, end))
+        if number in self.dying:
+            future.set_exception(ConnectionError())
+        elif number in self.failing:
+            future.set_exception(ValueError('broken'))
+        else:
+            future.set_result(drop_chunk(job, first, end))
+        return future
+
+    def result(self, future):
+        return future.result()
+
+    def deaths(self, error):
+        return int(isinstance(error, ConnectionError))
+
+
+@pytest.fixture(scope='session')
+def here():
+    """The class of such workers."""
+    return Here
