@@ -36,7 +36,13 @@ setup(
     ],
     # pip installs the packages of requirements.txt, and rosdep those of package.xml.
     install_requires=['setuptools'],
-    extras_require={'dask': ['distributed'], 'bodies': ['manifold3d'], 'pieces': ['coacd']},
+    extras_require={
+        'dask': ['distributed'],
+        'step': ['cascadio'],
+        'bodies': ['manifold3d'],
+        'pieces': ['coacd'],
+        'parquet': ['pyarrow'],
+    },
     zip_safe=True,
     entry_points={
         'console_scripts': [

@@ -43,6 +43,7 @@ DEPENDENCIES = {
     'networkx': ('networkx', 'python3-networkx'),
     'numpy': ('numpy', 'python3-numpy'),
     'pybullet': ('pybullet', 'python3-pybullet-pip'),
+    'pyarrow': ('pyarrow', None),  # rosdep has no key for it
     'pydantic': ('pydantic', 'python3-pydantic'),
     'pytest': ('pytest', 'python3-pytest'),
     'rcl_interfaces': ('ros-jazzy-rclpy', 'rcl_interfaces'),
@@ -66,9 +67,9 @@ DEPENDENCIES = {
 }
 # What the suite can do without, by the extra of setup.py that asks for it; package.xml has no such
 # thing.
-OPTIONAL = {'dask': {'distributed'}}
+OPTIONAL = {'dask': {'distributed'}, 'step': {'cascadio'}}
 # What make setup installs and rosdep cannot, so that it is an extra too.
-NO_ROSDEP_KEY = {'bodies': {'manifold3d'}, 'pieces': {'coacd'}}
+NO_ROSDEP_KEY = {'bodies': {'manifold3d'}, 'pieces': {'coacd'}, 'parquet': {'pyarrow'}}
 # Used without an import: the time limit of tests in pyproject.toml.
 NEVER_IMPORTED = {'python3-pytest-timeout'}
 

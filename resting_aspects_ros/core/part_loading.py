@@ -13,6 +13,7 @@ from resting_aspects_ros.core.geometry.hull import convex_hull
 from resting_aspects_ros.core.geometry.mass_properties import GivenMassValues, mass_properties
 from resting_aspects_ros.core.geometry.mesh_file import FORMATS, read_triangles
 from resting_aspects_ros.core.geometry.simplified_hull import simplify_hull
+from resting_aspects_ros.core.geometry.step_file import STEP_FORMATS, stl_from_step
 from resting_aspects_ros.core.input_file import named, read_input
 from resting_aspects_ros.core.part import MAX_NAME, Part, is_valid_name, valid_name
 from resting_aspects_ros.core.units import (
@@ -26,7 +27,7 @@ from resting_aspects_ros.core.units import (
 MAX_BYTES = 256 << 20  # maximum mesh file size; MAX_TRIANGLES need less in any format
 # File formats of CAD programs. They contain curved surfaces, which must be exported as triangles.
 CAD_FORMATS = (
-    *('step', 'stp', 'stpz', 'iges', 'igs', 'sldprt', 'sldasm', 'ipt', 'iam', 'prt', 'asm'),
+    *('stpz', 'iges', 'igs', 'sldprt', 'sldasm', 'ipt', 'iam', 'prt', 'asm'),
     *('catpart', 'catproduct', 'cgr', 'x_t', 'x_b', 'xmt_txt', 'sat', 'sab', 'jt', 'par', 'psm'),
     *('3dm', 'fcstd', 'f3d', 'brep', 'brp', 'dwg', 'dxf', 'skp', 'neu', 'model', 'session'),
 )
@@ -43,7 +44,7 @@ def load_part(
     inertia: Any = None,
     body: int | None = None,
 ) -> Part:
-    """Read a part from an STL, OBJ or PLY file.
+    """Read a part from an STL, OBJ, PLY or STEP file; a STEP file is converted to an STL in mm.
 
     The default name is the stem of the file, converted to a valid name. For the other parameters
     see part_from_bytes. PartError is also raised if the file is missing, is not a regular file, is
@@ -52,9 +53,16 @@ def load_part(
     path = Path(path)
     label = named('mesh', path)
     mesh_format = path.suffix.lower().removeprefix('.')
-    if mesh_format not in FORMATS and not path.is_dir():
+    if mesh_format not in (*FORMATS, *STEP_FORMATS) and not path.is_dir():
         raise PartError(f'{label} has {_wrong_format(path.suffix)}')
     data = read_input(path, MAX_BYTES, 'mesh', PartError)
+    if mesh_format in STEP_FORMATS:
+        if unit not in (None, 'mm'):
+            raise InvalidValueError(
+                f'invalid unit {shown(unit)} of {label}: expected none, because a STEP file has '
+                'its own, which is converted to mm'
+            )
+        data, mesh_format, unit = stl_from_step(data, label), 'stl', 'mm'
     return _part(
         label,
         data,
@@ -126,7 +134,7 @@ def part_from_bytes(
 
 
 def _wrong_format(suffix: str) -> str:
-    expected = ', '.join(f'.{ending}' for ending in FORMATS)
+    expected = ', '.join(f'.{ending}' for ending in (*FORMATS, *STEP_FORMATS))
     text = f'the extension {shown(suffix)}: expected one of {expected}'
     if suffix.lower().removeprefix('.') in CAD_FORMATS:
         return f'{text}. It is a CAD file: export an STL from your CAD program'

@@ -10,6 +10,7 @@ from resting_aspects_ros.api.load_part import load_part, mesh_file
 from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, shown
 from resting_aspects_ros.core.geometry.mesh_file import FORMATS
+from resting_aspects_ros.core.geometry.step_file import STEP_FORMATS
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.units import UNITS
 
@@ -18,7 +19,7 @@ PARTS = 'parts'
 
 def mesh_files(folder: Path) -> list[Path]:
     """Return the mesh files of a folder, sorted; raises InvalidValueError if it has none."""
-    endings = {f'.{ending}' for ending in FORMATS}
+    endings = {f'.{ending}' for ending in (*FORMATS, *STEP_FORMATS)}
     found = sorted(p for p in folder.iterdir() if p.suffix.lower() in endings and p.is_file())
     if not found:
         raise InvalidValueError(

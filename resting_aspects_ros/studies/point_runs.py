@@ -83,8 +83,8 @@ def drop_points(
 ) -> PointCounts:
     """Drop a part at each point, and count the aspects; impossible points are skipped.
 
-    The counts of a point follow from the part, its conditions and the seed, bit for bit, whatever
-    the other points are; points have independent random numbers.
+    The counts of a point follow from the part, its conditions and the seed, bit for bit, and not
+    from the other points, which have independent random numbers.
 
     Parameters
     ----------

@@ -51,8 +51,8 @@ def study(
 ) -> StudyResult:
     """Drop parts at many points of some conditions, and find what the shares depend on.
 
-    The same points give the same counts, bit for bit, for any number of workers and whatever the
-    other points are. Points at which a part cannot be dropped are skipped; see
+    The same points give the same counts, bit for bit, for any number of workers and regardless of
+    the other points. Points at which a part cannot be dropped are skipped; see
     `StudyResult.cases`.
 
     Parameters

@@ -27,12 +27,13 @@ FEW = {
     'drift': FEW_DROPS,
     'forecast': ['--action', 'tap', '--per-aspect', '20', *FEW_DROPS],
     'drop': FEW_DROPS,
+    'study': ['--points', '8', '--drops', '20'],
     'reorient': ['--per-aspect', '20', *FEW_DROPS],
     'retention': ['--per-height', '10'],
 }
 OTHER_NUMBERS = {'--precision', '--from-log', '--initial-states', '--expected'}
 # They do not print how many drops and actions they made.
-WITHOUT_NUMBERS = {'calibrate', 'forecast'}
+WITHOUT_NUMBERS = {'calibrate', 'forecast', 'study'}
 PROGRAM = '.venv/bin/resting_aspects'
 LOG = 'out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50'
 # With a file that each of them makes.
@@ -105,6 +106,7 @@ def folder(printed, tmp_path_factory):
     (folder / 'tosses.csv').write_text(tosses)
     printed(folder, 'drop', 'l_bracket', '--initial-states', 'tosses.csv', '--out', 'out/tosses')
     printed(folder, 'reorient', 'l_bracket', *FEW['reorient'], '--out', 'out/tap')
+    printed(folder, *arguments_of(lines_of('docs/how_to/study.md')[0]), *FEW['study'])
     for text in code(REORIENT, 'python'):
         run_program([sys.executable, '-c', text], cwd=folder)
     return folder

@@ -135,9 +135,9 @@ endsolid a
         ('empty.ply', '', "'empty.ply' is empty"),
         ('nan.stl', ROUND, 'finite'),
         (
-            'model.step',
-            'ISO-10303-21;',
-            'expected one of .stl, .obj, .ply. It is a CAD file: export an STL',
+            'model.sldprt',
+            'x',
+            '.ply, .step, .stp. It is a CAD file: export an STL',
         ),
         ('.', None, 'is a folder'),
         ('..', None, 'is a folder'),
