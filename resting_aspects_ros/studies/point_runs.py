@@ -165,7 +165,7 @@ class _Chunk:
 
 
 class _Pipeline:
-    """Chunks that are being simulated, so many that no worker is idle."""
+    """Chunks that are being simulated, enough of them to keep all workers busy."""
 
     def __init__(self, workers: Workers, chunks: Iterator[_Chunk]) -> None:
         self._workers, self._chunks = workers, chunks

@@ -170,7 +170,7 @@ def _checked(points: Array, counts: npt.ArrayLike) -> tuple[Array, Array]:
 
 
 def _forms(points: Array) -> list[Form]:
-    """Return the forms that can be fitted to so many points, the simplest first."""
+    """Return the forms that can be fitted to this number of points, the simplest first."""
     count, dimensions = points.shape
     degrees = [d for d in (1, 2, 3, 4) if len(_terms(dimensions, d)) <= count] or [1]
     found = [Form(degree) for degree in degrees]

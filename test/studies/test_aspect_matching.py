@@ -1,4 +1,4 @@
-"""Aspects of designs are matched by shape, whatever the frame of the mesh."""
+"""Aspects of designs are matched by shape, in any frame of the mesh."""
 
 import numpy as np
 import pytest

@@ -25,12 +25,12 @@ probability of each aspect depends on each condition, and whether it is worth
 while to measure it. A study that was interrupted, or that is given more points
 or drops, continues where it ended."""
 EXAMPLES = """examples:
-  resting_aspects study l_bracket --vary restitution=0.3:0.7 --vary height=2cm:9cm
+  resting_aspects study l_bracket --vary friction=.1:.5 --vary height=2cm:20cm
   resting_aspects study hex_nut --vary height=20mm:200mm:7 --design factorial
   resting_aspects study old.stl new.stl --vary friction=0.1:0.6 --points 128
-  resting_aspects study hex_nut --surroundings slope --vary surroundings.angle=0:1
+  resting_aspects study a.stl --surroundings slope --vary surroundings.angle=0:1
   resting_aspects study l_bracket --action tap --vary action.speed=0.1:0.5
-  resting_aspects study out/study_l_bracket/study.yaml --points 128 --drops 5000
+  resting_aspects study out/study_l_bracket/study.yaml --points 128
 """
 
 
