@@ -5,7 +5,9 @@ part with several bodies in an order that depends on the other parts, so that it
 which there are.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +44,8 @@ TOGETHER = 5
 # As SOLVER_RESIDUAL: a part in a groove has twice as many contacts. A smaller residual multiplies
 # the time by up to 10.
 RESIDUAL = 1e-7
+# Distance between copies of a mesh, R: parts are lost when they are 2 R beside it.
+CLEARANCE = 6.0
 # Half of the length, R, of a block that is infinitely long.
 LONG = 2000.0
 
@@ -51,7 +55,8 @@ def drop_in_scene(job: DropJob, states: InitialState, first_drop: int, end: int)
     scene = job.scene
     assert scene is not None
     start = first_drop // CHUNK * CHUNK
-    size = CHUNK if scene.free and job.motion is None else TOGETHER
+    apart = (scene.free or scene.finite) and job.motion is None
+    size = CHUNK if apart else TOGETHER
     poses = []
     # Worlds of which no drop is wanted are left out.
     for slot in range((first_drop - start) // size * size, end - start, size):
@@ -72,6 +77,9 @@ class SceneWorld(_World):
     def __init__(self, job: DropJob, scene: Scene) -> None:
         self._scene = scene
         self._moving: list[tuple[int, tuple[list[float], ...]]] = []
+        # Each part has bodies of its own if they are finite and at rest, far from the others.
+        own = scene.finite and job.motion is None
+        self._copies = _apart(scene, job.radius) if own else np.zeros((1, 3))
         super().__init__(job)
         pybullet.setGravity(*scene.down.tolist(), physicsClientId=self._client)
         if not scene.flat and len(job.pieces) > 1:
@@ -92,48 +100,68 @@ class SceneWorld(_World):
         }
 
     def _add_body(self, body: SceneBody) -> None:
-        job, c = self._job, body.contact
-        position, orientation = [0.0] * 3, [0.0, 0.0, 0.0, 1.0]
-        if isinstance(body, HalfSpace):
-            shape = pybullet.createCollisionShape(
-                pybullet.GEOM_PLANE,
-                planeNormal=body.normal.tolist(),
-                physicsClientId=self._client,
-            )
-            position = (body.normal * body.offset / job.radius).tolist()
-        elif isinstance(body, Block):
-            low, high = body.low / job.radius, body.high / job.radius
-            if self._scene.free:  # the same everywhere along x, where the parts are side by side
-                low[0], high[0] = -LONG, LONG
-            shape = pybullet.createCollisionShape(
-                pybullet.GEOM_BOX,
-                halfExtents=((high - low) / 2).tolist(),
-                physicsClientId=self._client,
-            )
-            position = ((high + low) / 2).tolist()
-        else:
-            assert isinstance(body, MeshBody)
-            shape = pybullet.createCollisionShape(
-                pybullet.GEOM_MESH,
-                vertices=(body.vertices / job.radius).tolist(),
-                indices=body.triangles.ravel().tolist(),
-                flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH | pybullet.GEOM_CONCAVE_INTERNAL_EDGE,
-                physicsClientId=self._client,
-            )
+        job = self._job
         velocity = body.velocity * (job.time_unit / job.radius) - job.frame_velocity
         moves = job.motion is not None or bool(velocity.any())
-        made = self._add_static(shape) if moves else self._add_at_rest(shape)
+        for shape, position in self._shapes(body):
+            for origin in self._copies:
+                made = self._add_static(shape) if moves else self._add_at_rest(shape)
+                self._set_pair(made, body)
+                place = (position + origin).tolist()
+                state = (place, [0.0, 0.0, 0.0, 1.0], velocity.tolist(), [0.0] * 3)
+                self._place(made, *state)
+                if job.motion is not None or (moves and not isinstance(body, HalfSpace)):
+                    self._moving.append((made, state))
+
+    def _set_pair(self, made: int, body: SceneBody) -> None:
+        c = body.contact
         self._set(
             made,
             restitution=c.restitution,
             lateralFriction=c.friction,
-            rollingFriction=c.rolling_friction * job.rolling_length,
-            spinningFriction=job.conditions.spinning_friction,
+            rollingFriction=c.rolling_friction * self._job.rolling_length,
+            spinningFriction=self._job.conditions.spinning_friction,
         )
-        state = (position, orientation, velocity.tolist(), [0.0] * 3)
-        self._place(made, *state)
-        if job.motion is not None or (moves and not isinstance(body, HalfSpace)):
-            self._moving.append((made, state))
+
+    def _shapes(self, body: SceneBody) -> Iterator[tuple[int, Array]]:
+        """Yield the shapes of a body, and the place (3,) of each, R."""
+        radius = self._job.radius
+        if isinstance(body, HalfSpace):
+            plane = pybullet.createCollisionShape(
+                pybullet.GEOM_PLANE,
+                planeNormal=body.normal.tolist(),
+                physicsClientId=self._client,
+            )
+            yield plane, body.normal * body.offset / radius
+        elif isinstance(body, Block):
+            low, high = body.low / radius, body.high / radius
+            if self._scene.free:  # the same everywhere along x, where the parts are side by side
+                low[0], high[0] = -LONG, LONG
+            box = pybullet.createCollisionShape(
+                pybullet.GEOM_BOX,
+                halfExtents=((high - low) / 2).tolist(),
+                physicsClientId=self._client,
+            )
+            yield box, (high + low) / 2
+        else:
+            assert isinstance(body, MeshBody)
+            yield from ((shape, np.zeros(3)) for shape in self._mesh_shapes(body))
+
+    def _mesh_shapes(self, body: MeshBody) -> Iterator[int]:
+        radius = self._job.radius
+        if body.prisms:
+            text = _obj_text(tuple(corners / radius for corners in body.prisms))
+            yield _compound(text, self._client)
+        remaining = body.triangles if body.remaining is None else body.remaining
+        if len(remaining):
+            vertices, indices = _lists((body.vertices / radius).tobytes(), remaining.tobytes())
+            yield pybullet.createCollisionShape(
+                pybullet.GEOM_MESH,
+                vertices=vertices,
+                indices=indices,
+                flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
+                physicsClientId=self._client,
+            )
 
     def _add_at_rest(self, shape: int) -> int:
         # With useMaximalCoordinates, a step takes half the time, and friction has the direction
@@ -190,7 +218,25 @@ class SceneWorld(_World):
     def _origins(self, slots: npt.NDArray[np.int64]) -> Array:
         if self._job.motion is not None:  # its rocking depends on the place
             return np.zeros((len(slots), 3))
+        if len(self._copies) > 1:
+            return self._copies[slots]
         if self._scene.free == 2:
             return _slot_origins(slots)
         along = np.stack([slots, 0 * slots, 0 * slots], axis=1) * SLOT_SPACING
         return np.asarray(along * float(self._scene.free), dtype=np.float64)
+
+
+def _apart(scene: Scene, radius: float) -> Array:
+    """Return places (CHUNK, 3), R, at which no part on a copy of a mesh can touch another copy."""
+    extents = [np.ptp(body.vertices, axis=0) for body in scene.bodies if isinstance(body, MeshBody)]
+    spacing = float(np.max(extents)) / radius + CLEARANCE
+    return _slot_origins(np.arange(CHUNK)) * (spacing / SLOT_SPACING)
+
+
+@lru_cache(maxsize=16)
+def _lists(vertices: bytes, triangles: bytes) -> tuple[list[list[float]], list[int]]:
+    """Return a mesh for PyBullet; the same objects for every chunk, see bullet_engine._corners."""
+    return (
+        np.frombuffer(vertices).reshape(-1, 3).tolist(),
+        np.frombuffer(triangles, dtype=np.int64).tolist(),
+    )

@@ -172,7 +172,14 @@ class Surroundings:
             orientation=None if self.orientation is None else np.array(self.orientation),
         )
         check_release(scene, radius)
-        return scene
+        return self._merged(scene, radius)
+
+    def _merged(self, scene: Scene, radius: float) -> Scene:
+        shape = self.shape
+        if not isinstance(shape, MeshSurface):
+            return scene
+        merged = [shape.merged(b, radius) for b in scene.bodies if isinstance(b, MeshBody)]
+        return dataclasses.replace(scene, bodies=tuple(merged))
 
     def _contact(self, name: str, conditions: DropConditions) -> PairValues:
         pair = {k: getattr(conditions, k) for k in BODY_VALUES if k != 'speed'}

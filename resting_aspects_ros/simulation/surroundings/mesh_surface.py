@@ -4,12 +4,14 @@ The key of such surroundings has the name of the file and its hash. The mesh its
 hash among the meshes that this process has read, or received in a message or a log.
 """
 
+import dataclasses
+import functools
 import hashlib
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +24,9 @@ from resting_aspects_ros.core.units import DEFAULT_UNIT, UNITS, check_size
 from resting_aspects_ros.simulation.quantity import check_quantities, quantity
 from resting_aspects_ros.simulation.surroundings.kinds import NO_CONTACT, Contacts, X, Y, Z
 from resting_aspects_ros.simulation.surroundings.scene import HalfSpace, MeshBody, SceneBody
+
+if TYPE_CHECKING:
+    from resting_aspects_ros.simulation.surroundings.flat_sides import MergedMesh
 
 # Triangles that are near a part are tested in every step.
 MAX_TRIANGLES = 100_000
@@ -80,6 +85,14 @@ def remember_mesh(mesh: MeshFile) -> None:
 def known_mesh(sha256: str) -> MeshFile | None:
     """Return the known mesh with a hash, or None."""
     return _KNOWN.get(sha256)
+
+
+@functools.lru_cache(maxsize=16)
+def _merged(surface: 'MeshSurface', radius: float) -> 'MergedMesh':
+    # Shapely is needed for meshes only.
+    from resting_aspects_ros.simulation.surroundings.flat_sides import merged_mesh
+
+    return merged_mesh(surface.vertices, surface.triangles, radius)
 
 
 def _position(axis: str) -> Any:
@@ -195,6 +208,13 @@ class MeshSurface:
     def bodies(self, contacts: Contacts) -> tuple[SceneBody, ...]:
         """See Kind."""
         return (MeshBody('surface', contacts['surface'], X, self.vertices, self.triangles),)
+
+    def merged(self, body: MeshBody, radius: float) -> MeshBody:
+        """Return the body with its flat sides as prisms, for a part of a hull radius, m."""
+        found = _merged(self, radius)
+        return dataclasses.replace(
+            body, prisms=found.prisms, remaining=found.triangles, sides=found.sides
+        )
 
     def lost(self, radius: float) -> tuple[HalfSpace, ...]:
         """See Kind: a part that is below the mesh or beside it has left it."""

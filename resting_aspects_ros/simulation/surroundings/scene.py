@@ -70,10 +70,23 @@ class Block(SceneBody):
 
 @dataclass(frozen=True, eq=False)
 class MeshBody(SceneBody):
-    """A mesh with vertices (n, 3), m, scene frame, and triangles (m, 3) that point outward."""
+    """A mesh, scene frame, m.
+
+    vertices, triangles : (n, 3) float and (m, 3) int
+        The triangles point outward.
+    prisms : tuple of (k, 3) float
+        Corners of convex prisms that represent its wide flat sides; see flat_sides.py.
+    remaining : (l, 3) int or None
+        Triangles that are in no prism; None: all.
+    sides : int
+        Number of flat sides that the prisms represent.
+    """
 
     vertices: Array
     triangles: npt.NDArray[np.int64]
+    prisms: tuple[Array, ...] = ()
+    remaining: npt.NDArray[np.int64] | None = None
+    sides: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +140,11 @@ class Scene:
     def flat(self) -> bool:
         """Whether all bodies are half-spaces, which touch only the convex hull of a part."""
         return len(self.half_spaces) == len(self.bodies)
+
+    @property
+    def finite(self) -> bool:
+        """Whether all bodies are meshes that do not move, so that each part can have its own."""
+        return not self.driven and all(isinstance(body, MeshBody) for body in self.bodies)
 
     @property
     def down(self) -> Array:
