@@ -1,11 +1,14 @@
-"""Writes the example parts into config/parts, as binary STL in mm: make_parts.py [FOLDER].
+"""Writes the meshes of the examples, as binary STL in mm: make_parts.py [FOLDER].
 
-The same bytes every time; a test holds the files in config/parts against this script.
+Parts are written into config/parts, and surfaces on which parts are dropped into
+config/surroundings; both into FOLDER if it is given. The same bytes every time; a test holds the
+files in config against this script.
 """
 
 import math
 import sys
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 from trimesh import Trimesh
@@ -13,7 +16,7 @@ from trimesh import Trimesh
 Point = tuple[float, float]
 Triangle = tuple[int, int, int]
 
-FOLDER = Path(__file__).parents[1] / 'config' / 'parts'
+CONFIG = Path(__file__).parents[1] / 'config'
 
 # Sides of every circle. The corners lie on the circle, so that a disc of radius r has the area
 # n / 2 r^2 sin(2 pi / n), which is 0.16 % less than that of the circle.
@@ -129,6 +132,25 @@ def tetrahedron(edge: float) -> Trimesh:
     )
 
 
+def pocket(plate: float, top: float, bottom: float, depth: float, below: float) -> Trimesh:
+    """A square plate with a square pocket: its top at the height ``depth``, its bottom at 0.
+
+    plate, top, bottom : sides of the plate, and of the pocket at its top and at its bottom.
+    below : thickness of the plate below the pocket.
+    """
+    squares = [(plate, -below), (plate, depth), (top, depth), (bottom, 0.0)]
+    corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+    rings = [[4 * k + i for i in range(4)] for k in range(len(squares))]
+    bands = [t for low, high in pairwise(rings) for t in strip(low, high)]
+    a, b, c, d = rings[0]
+    e, f, g, h = rings[-1]
+    return Trimesh(
+        [(x * side / 2, y * side / 2, z) for side, z in squares for x, y in corners],
+        [(c, b, a), (d, c, a), *bands, (e, f, g), (e, g, h)],
+        process=False,
+    )
+
+
 PARTS: dict[str, Callable[[], Trimesh]] = {
     # Exactly degenerate: its centre of mass, (15, 10, 10), is above an edge of the long leg's end.
     'l_bracket': lambda: prism(angle_profile(40, 30, 10), 20),
@@ -150,20 +172,24 @@ PARTS: dict[str, Callable[[], Trimesh]] = {
     'tetrahedron': lambda: tetrahedron(30),
 }
 
-
-def stl_bytes(name: str) -> bytes:
-    """The STL file of an example part."""
-    data = PARTS[name]().export(file_type='stl')
-    assert isinstance(data, bytes)
-    return data
+SURROUNDINGS: dict[str, Callable[[], Trimesh]] = {
+    # Its sides are inclined by 45 degrees.
+    'pocket': lambda: pocket(plate=240, top=160, bottom=120, depth=20, below=10),
+}
 
 
-def main(folder: Path) -> None:
-    """Write all parts."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in PARTS:
-        (folder / f'{name}.stl').write_bytes(stl_bytes(name))
+def main(parts: Path, surroundings: Path) -> None:
+    """Write all parts, and all surfaces of surroundings."""
+    for folder, meshes in ((parts, PARTS), (surroundings, SURROUNDINGS)):
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, make in meshes.items():
+            data = make().export(file_type='stl')
+            assert isinstance(data, bytes)
+            (folder / f'{name}.stl').write_bytes(data)
 
 
 if __name__ == '__main__':
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)
+    if len(sys.argv) > 1:
+        main(Path(sys.argv[1]), Path(sys.argv[1]))
+    else:
+        main(CONFIG / 'parts', CONFIG / 'surroundings')

@@ -6,6 +6,7 @@ from pathlib import Path
 from resting_aspects_ros.api.convergence import Convergence
 from resting_aspects_ros.api.given_states import CountsByState
 from resting_aspects_ros.api.output_files import whole_file
+from resting_aspects_ros.api.simulated_shapes import simulated_shapes
 from resting_aspects_ros.api.surroundings import conditions_document, conditions_text
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
@@ -98,6 +99,8 @@ class DropResult:
             }
         if self.run.conditions.surroundings:
             fields['conditions'] = conditions_document(self.run.conditions)
+        if shapes := simulated_shapes(self.part, self.run.conditions):
+            fields |= shapes.document()
         if self.contacts is not None:
             fields['contacts'] = contact_rows(self.contacts, self.distribution)
         if self.convergence is not None:

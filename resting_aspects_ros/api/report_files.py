@@ -11,6 +11,8 @@ from resting_aspects_ros.api.drop_result import DropResult
 from resting_aspects_ros.api.estimate import recommended_method
 from resting_aspects_ros.api.inputs.counts import CountedDrops, counted_by_class_of
 from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
+from resting_aspects_ros.api.simulated_shapes import simulated_shapes
+from resting_aspects_ros.api.surroundings import has_level_floor
 from resting_aspects_ros.api.surroundings_facts import surroundings_facts
 from resting_aspects_ros.api.surroundings_hints import outcome_hints
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
@@ -91,6 +93,7 @@ def _report(result: DropResult, against: CountedDrops | None) -> Report:
         recommended=recommended,
         measured=None if against is None else _measured(result, against),
         contacts=tuple(contact_page_rows(result)),
+        level_floor=has_level_floor(result.run.conditions),
     )
 
 
@@ -111,6 +114,8 @@ def _notes(result: DropResult) -> Iterator[str]:
         yield f'The run is not complete: it has {drops} drops, and {goal} was requested.'
     radius = result.part.hull_radius if result.part is not None else None
     yield from outcome_hints(result.distribution, run.conditions, radius)
+    if shapes := simulated_shapes(result.part, run.conditions):
+        yield from shapes.sentences()
     if result.convergence is not None:
         yield result.convergence.text().replace('\n', ' ')
     if result.part is None:

@@ -14,11 +14,18 @@ from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects.contacts import ContactFinder, ContactPlane
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.rotations import Array, canonical, orientation_with_down, product
+from resting_aspects_ros.core.rotations import (
+    Array,
+    canonical,
+    orientation_with_down,
+    product,
+    rotate,
+)
 from resting_aspects_ros.core.statistics.contact_counts import ContactCounts
 from resting_aspects_ros.report.document import plain
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
+from resting_aspects_ros.simulation.surroundings.kinds import NO_CONTACT, tray_from_scene
 from resting_aspects_ros.simulation.surroundings.library import (
     named_surroundings,
     surroundings_from,
@@ -28,7 +35,7 @@ from resting_aspects_ros.simulation.surroundings.mesh_surface import (
     MeshSurface,
     UnknownMeshError,
 )
-from resting_aspects_ros.simulation.surroundings.scene import HalfSpace, Scene
+from resting_aspects_ros.simulation.surroundings.scene import Block, HalfSpace, Scene
 
 
 def surroundings(name: str | Path, **changes: Any) -> Surroundings:
@@ -78,6 +85,21 @@ def scene_of(part: Part, conditions: DropConditions) -> Scene | None:
     if not conditions.surroundings:
         return None
     return surroundings_from(conditions.surroundings).scene(conditions, part.hull_radius)
+
+
+def has_level_floor(conditions: DropConditions) -> bool:
+    """Return whether parts lie on a level plane; False if the surroundings are a mesh."""
+    if not conditions.surroundings:
+        return True
+    try:
+        shape = surroundings_from(conditions.surroundings).shape
+    except UnknownMeshError:
+        return False
+    floor = shape.bodies(dict.fromkeys(shape.body_names, NO_CONTACT))[0]
+    if not isinstance(floor, HalfSpace | Block):
+        return False
+    up = rotate(tray_from_scene(*shape.tilt), floor.normal[None])[0]
+    return bool(up[2] > 1 - 1e-9)
 
 
 def aspects_in(scene: Scene | None, aspects: AspectSet) -> AspectSet:

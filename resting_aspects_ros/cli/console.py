@@ -7,6 +7,7 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.simulated_shapes import simulated_shapes
 from resting_aspects_ros.api.surroundings_hints import outcome_hints
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
@@ -63,6 +64,9 @@ def print_result(result: DropResult, *, as_json: bool, each: bool = False) -> No
     print_table(result.distribution, title, part, each=each)
     if result.contacts is not None and result.contacts.placements:
         show_table(make_console(), contact_table(result.contacts, result.distribution))
+    if shapes := simulated_shapes(part, result.run.conditions):
+        for sentence in shapes.sentences():
+            make_console().print(sentence, highlight=False)
     radius = part.hull_radius if part else None
     for hint in outcome_hints(result.distribution, result.run.conditions, radius):
         make_console().print(hint, highlight=False)

@@ -20,10 +20,10 @@ from resting_aspects_ros.api.reorient_result import (
     wanted_mask,
 )
 from resting_aspects_ros.api.roadmap import roadmap_document
+from resting_aspects_ros.api.simulated_shapes import pieces_text
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.reorient_request import DOCUMENT, ROADMAP
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError
-from resting_aspects_ros.core.geometry.decomposition import ConvexPieces
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.reorientation.plan import Plan
 from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES
@@ -36,7 +36,6 @@ from resting_aspects_ros.report.reorientation_table import (
     plan_table,
     wanted_table,
 )
-from resting_aspects_ros.report.rounding import number_text
 from resting_aspects_ros.report.transition_table import Rows, table_rows, transition_table
 from resting_aspects_ros.simulation.interruption import catch
 
@@ -120,7 +119,7 @@ def _print_result(
     if not result.action.action.has_effect:
         _say(console, 'The action has no effect: every part stays where it is.')
     if result.pieces is not None:
-        _say(console, _pieces_text(result.pieces))
+        _say(console, pieces_text(result.pieces, 'The edge meets'))
     view = result.by_class() if by_class else result
     rows = table_rows(result.matrix.aspects, by_class=by_class)
     if view.long_run is not None:
@@ -158,16 +157,6 @@ def _wanted_rows(
 def _say(console: Console, text: str) -> None:
     if text:
         console.print(text, markup=False, highlight=False)
-
-
-def _pieces_text(pieces: ConvexPieces) -> str:
-    number = len(pieces.corners)
-    missing, excess = (number_text(1000 * each) for each in (pieces.missing, pieces.excess))
-    return (
-        f'The edge meets the part as {number} convex {"piece" if number == 1 else "pieces"}: at '
-        f'most {missing} mm of it are missing, at most {excess} mm are extra, and the volume '
-        f'differs by {100 * pieces.volume_error:+.1f} %.'
-    )
 
 
 def _check_text(check: MeasuredComparison) -> str:

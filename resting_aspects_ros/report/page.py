@@ -103,6 +103,9 @@ class Report:
         The counts with which the drops are compared.
     contacts : tuple of ContactRow
         What the parts touch in surroundings with walls, the most frequent first.
+    level_floor : bool
+        Whether the parts lie on a level plane, as the pictures and the properties of the aspects
+        assume.
     """
 
     title: str
@@ -117,6 +120,7 @@ class Report:
     recommended: str = ''
     measured: ReferenceCounts | None = None
     contacts: tuple[ContactRow, ...] = ()
+    level_floor: bool = True
 
 
 def report_files(report: Report) -> Iterator[tuple[str, bytes]]:
@@ -210,7 +214,7 @@ def _page(
         'estimates': 'Chart of the predictions of the analytic methods',
         'comparison': 'Bar chart of the simulated and the measured shares',
     }
-    texts = row_texts(report.distribution, rows, pictures, report.part)
+    texts = row_texts(report.distribution, rows, pictures, report.part, level=report.level_floor)
     return render_page(
         'page.html',
         report=report,

@@ -64,6 +64,8 @@ def row_texts(
     rows: Sequence[Row],
     pictures: Sequence[Sequence[str]],
     part: Part | None,
+    *,
+    level: bool = True,
 ) -> list[RowText]:
     """Return the texts of each row.
 
@@ -74,6 +76,8 @@ def row_texts(
     pictures : sequence of three str
         The oblique, top and small picture of each row as data URIs; empty without a picture.
     part : Part or None
+    level : bool
+        Whether the parts lie on a level plane. If not, the facts that are true there say so.
     """
     longest = max((row.interval.upper for row in rows), default=1.0)
     heights = millimetre_texts(
@@ -92,7 +96,7 @@ def row_texts(
             probability=_probability(row, distribution.drops),
             interval=interval_text(row.interval),
             bar=_bar(row.interval, longest),
-            facts=_facts(row, height, part, classes) if row.aspects else (),
+            facts=_facts(row, height, part, classes, level=level) if row.aspects else (),
             members=tuple(
                 (
                     aspect.id,
@@ -147,19 +151,25 @@ def _bar(interval: Interval, longest: float) -> tuple[float, float, float]:
 
 
 def _facts(
-    row: Row, height: str, part: Part | None, classes: Sequence[tuple[Aspect, ...]]
+    row: Row,
+    height: str,
+    part: Part | None,
+    classes: Sequence[tuple[Aspect, ...]],
+    *,
+    level: bool,
 ) -> tuple[tuple[str, str, str], ...]:
     basin = sum(aspect.basin_share for aspect in row.aspects)
+    where = '' if level else ', level plane'
     return (
         ('rests on', resting_on(part, row.aspects[0]), 'where the part touches the surface'),
-        ('centre of mass', f'{height} mm high', 'height above the surface'),
+        (f'centre of mass{where}', f'{height} mm high', 'height above the surface'),
         (
-            'minimum barrier',
+            f'minimum barrier{where}',
             _barrier(row, classes),
             'smallest rise of the centre of mass that tips the part over, and into which aspect',
         ),
         (
-            'basin',
+            f'basin{where}',
             f'{share_text(basin)} %',
             'share of all orientations from which the part rolls here if released without speed',
         ),

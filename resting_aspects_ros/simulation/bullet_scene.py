@@ -228,7 +228,9 @@ class SceneWorld(_World):
 
 def _apart(scene: Scene, radius: float) -> Array:
     """Return places (CHUNK, 3), R, at which no part on a copy of a mesh can touch another copy."""
-    extents = [np.ptp(body.vertices, axis=0) for body in scene.bodies if isinstance(body, MeshBody)]
+    extents = [
+        np.ptp(body.vertices, axis=0) for body in scene.bodies if isinstance(body, MeshBody)
+    ]
     spacing = float(np.max(extents)) / radius + CLEARANCE
     return _slot_origins(np.arange(CHUNK)) * (spacing / SLOT_SPACING)
 

@@ -26,8 +26,9 @@ from resting_aspects_ros.simulation.surroundings.kinds import (
     Wall,
     tray_from_scene,
 )
+from resting_aspects_ros.simulation.surroundings.mesh_checks import ground_of
 from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
-from resting_aspects_ros.simulation.surroundings.release import check_release, ground_below
+from resting_aspects_ros.simulation.surroundings.release import check_release
 from resting_aspects_ros.simulation.surroundings.scene import MeshBody, PairValues, Scene
 from resting_aspects_ros.simulation.surroundings.texts import group_text
 
@@ -144,6 +145,8 @@ class Surroundings:
         shape = quantities_of(self.shape)
         texts = [Path(text).name for key, text in self.shape_values.items() if key == 'mesh']
         values = {name: getattr(self.shape, name) for name in shape}
+        if isinstance(self.shape, MeshSurface):  # its pose, if it is not that of the file
+            values = {name: value for name, value in values.items() if value}
         parts = [group_text(self.name or self.shape.kind, values, shape, texts)]
         parts += [group_text(body, each, BODY_VALUES) for body, each in self.bodies.items()]
         if self.release:
@@ -165,7 +168,7 @@ class Surroundings:
             free=self.shape.free,
             region=region,
             ground=max(
-                (_ground(b, region, radius) for b in bodies if isinstance(b, MeshBody)),
+                (ground_of(b, region, radius) for b in bodies if isinstance(b, MeshBody)),
                 default=0.0,
             ),
             lost=self.shape.lost(radius),
@@ -234,17 +237,3 @@ def _quaternion(given: Any) -> tuple[float, ...]:
             f'invalid orientation {shown(given)}: expected a unit quaternion x, y, z, w'
         )
     return tuple(canonical(xyzw).tolist())
-
-
-def _ground(body: MeshBody, region: tuple[Any, Any], radius: float) -> float:
-    """Return the highest z of a mesh below the place of release; InvalidValueError if none."""
-    low, high = np.transpose(region)
-    for place in (low, high):
-        if ground_below(body.vertices, body.triangles, place, place) is None:
-            x, y = (1000 * place).tolist()
-            raise InvalidValueError(
-                f'invalid release at x {x:.4g} mm, y {y:.4g} mm: expected a place above the mesh'
-            )
-    top = ground_below(body.vertices, body.triangles, low - radius, high + radius)
-    assert top is not None
-    return top
