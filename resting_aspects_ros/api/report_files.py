@@ -26,7 +26,6 @@ from resting_aspects_ros.report.comparison_text import ReferenceCounts
 from resting_aspects_ros.report.page import FILES, PAGE, Report, report_files
 from resting_aspects_ros.report.rounding import size_text
 from resting_aspects_ros.report.table import symmetry_text
-from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.run_description import RunDescription
 
 # Seed of the Monte Carlo p values, so that equal inputs give equal reports.
@@ -114,8 +113,6 @@ def _notes(result: DropResult) -> Iterator[str]:
         yield f'The run is not complete: it has {drops} drops, and {goal} was requested.'
     radius = result.part.hull_radius if result.part is not None else None
     yield from outcome_hints(result.distribution, run.conditions, radius)
-    if shapes := simulated_shapes(result.part, run.conditions):
-        yield from shapes.sentences()
     if result.convergence is not None:
         yield result.convergence.text().replace('\n', ' ')
     if result.part is None:
@@ -140,7 +137,7 @@ def _facts(result: DropResult) -> dict[str, list[tuple[str, str]]]:
             ('surface', surface_text(run.conditions)),
             *condition_facts(run.conditions),
         ],
-        **_surroundings_facts(run.conditions),
+        **_surroundings_facts(result),
         'Run': [
             *run_facts(run, distribution.drops, 'drops'),
             (
@@ -151,11 +148,14 @@ def _facts(result: DropResult) -> dict[str, list[tuple[str, str]]]:
     }
 
 
-def _surroundings_facts(conditions: DropConditions) -> dict[str, list[tuple[str, str]]]:
+def _surroundings_facts(result: DropResult) -> dict[str, list[tuple[str, str]]]:
     """Return the surroundings in words, below their heading; empty for the level plane."""
+    conditions = result.run.conditions
     if not conditions.surroundings:
         return {}
-    return {'Surroundings': list(surroundings_facts(conditions))}
+    shapes = simulated_shapes(result.part, conditions)
+    simulated = [] if shapes is None else [('as simulated', text) for text in shapes.sentences()]
+    return {'Surroundings': [*surroundings_facts(conditions), *simulated]}
 
 
 def run_facts(run: RunDescription, done: int, what: str) -> list[tuple[str, str]]:

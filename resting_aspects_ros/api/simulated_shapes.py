@@ -13,6 +13,9 @@ from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.surroundings.mesh_surface import UnknownMeshError
 from resting_aspects_ros.simulation.surroundings.scene import MeshBody
 
+# Shorter distances, m, are rounding errors.
+ROUNDING = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class SimulatedShapes:
@@ -70,12 +73,16 @@ def simulated_shapes(part: Part | None, conditions: DropConditions) -> Simulated
 def pieces_text(pieces: ConvexPieces, what: str) -> str:
     """Return in words how far convex pieces are from the part; ``what`` meets the part."""
     number = len(pieces.corners)
-    missing, excess = (number_text(1000 * each) for each in (pieces.missing, pieces.excess))
+    missing, excess = (_millimetres(each) for each in (pieces.missing, pieces.excess))
     return (
         f'{what} the part as {number} convex {"piece" if number == 1 else "pieces"}: at '
         f'most {missing} mm of it are missing, at most {excess} mm are extra, and the volume '
         f'differs by {100 * pieces.volume_error:+.1f} %.'
     )
+
+
+def _millimetres(length: float) -> str:
+    return number_text(1000 * length) if length >= ROUNDING else '0'
 
 
 def _mesh_text(mesh: MeshBody) -> str:

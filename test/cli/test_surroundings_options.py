@@ -25,6 +25,8 @@ from resting_aspects_ros.simulation.surroundings.library import surroundings_nam
         (['--surroundings', 'wall', '--set', 'release.y_min=-5mm'], ['-5 mm', 'hull radius']),
         (['--surroundings', 'tray', '--set', 'width=9mm'], ['release', 'hull radius']),
         (['--surroundings', 'mesh'], ['mesh', 'missing']),
+        (['--surroundings', 'pocket', '--set', 'x=1m'], ['release', 'above the mesh']),
+        (['--surroundings', 'pocket', '--set', 'unit=um'], ['unit']),
         (['--set', 'angle=9deg'], ["'angle=9deg'", 'only with --surroundings']),
     ],
     ids=' '.join,
@@ -76,3 +78,30 @@ def test_lost_parts_are_explained(run):
     track = ['--surroundings', 'bowl_track', '--set', 'width=10mm']
     ended = run('drop', 'tetrahedron', '--drops', '20', *track)
     assert 'All 20 parts are lost: they fell over the edge of the track.' in ended.stdout
+
+
+@pytest.mark.slow
+def test_shapes_on_a_mesh_are_stated(run):
+    words = ['drop', 'l_bracket', '--drops', '5', '--surroundings', 'pocket']
+    shown = ' '.join(run(*words).stdout.split())
+    assert 'The mesh meets the part as 2 convex pieces: at most' in shown
+    assert 'The mesh of 28 triangles is simulated as 14 convex prisms, into which the' in shown
+    document = json.loads(run(*words, '--json').stdout)
+    assert document['convex_pieces']['number'] == 2
+    # An L is two boxes; CoACD shifts corners by up to 1e-3 R.
+    assert abs(document['convex_pieces']['volume_error']) < 1e-3
+    assert document['mesh_surface'] == {
+        'triangles': 28,
+        'flat_sides': 11,
+        'prisms': 14,
+        'remaining_triangles': 0,
+    }
+
+
+@pytest.mark.slow
+def test_shapes_on_a_track_are_stated(run):
+    words = ['drop', 'tetrahedron', '--drops', '5', '--surroundings', 'bowl_track']
+    assert 'The edge meets the part as 1 convex piece' in ' '.join(run(*words).stdout.split())
+    document = json.loads(run(*words, '--json').stdout)
+    assert document['convex_pieces']['number'] == 1
+    assert 'mesh_surface' not in document

@@ -258,6 +258,16 @@ def test_sections_without_data_are_omitted(part, make_report, written):
     assert not page.all('script', type='module')
 
 
+@pytest.mark.parametrize('level', [True, False])
+def test_facts_of_the_level_plane_are_marked_elsewhere(part, make_report, written, level):
+    report = make_report(part('tetrahedron'), level_floor=level)
+    text = (written(report) / 'report.html').read_text()
+    assert ('The parts do not lie on a level plane.' in text) is not level
+    for fact in ('centre of mass', 'minimum barrier', 'basin'):
+        assert (f'<dt>{fact}, level plane</dt>' in text) is not level
+        assert (f'<dt>{fact}</dt>' in text) is level
+
+
 def test_pictures_have_the_colour_of_the_aspect(page, bracket):
     shown, *others = [each for each in page.all('img') if each['src']]
     images = [each for each in others if each['alt']]

@@ -52,9 +52,12 @@ def _halves(piece: shapely.Polygon, point: Array, along: Array) -> list[shapely.
     found = []
     for across in (np.array([-reach[1], reach[0]]), np.array([reach[1], -reach[0]])):
         half = [point - reach, point + reach, point + reach + across, point - reach + across]
-        for part in shapely.get_parts(shapely.intersection(piece, shapely.Polygon(half))):
-            if part.geom_type == 'Polygon' and not part.buffer(-SLIVER / 2).is_empty:
-                found.append(part)
+        parts = shapely.get_parts(shapely.intersection(piece, shapely.Polygon(half)))
+        found += [
+            part
+            for part in parts
+            if part.geom_type == 'Polygon' and not part.buffer(-SLIVER / 2).is_empty
+        ]
     return found
 
 

@@ -25,7 +25,7 @@ def ground_of(mesh: MeshBody, region: tuple[Array, Array], radius: float) -> flo
     """
     _check_extent(mesh, radius)
     low, high = np.transpose(region)
-    places = itertools.product(*(np.unique(np.linspace(*ends, PLACES)) for ends in region))
+    places = itertools.product(*(np.unique(np.linspace(a, b, PLACES)) for a, b in region))
     for place in map(np.array, places):
         half = GAP * radius / 2
         if ground_below(mesh.vertices, mesh.triangles, place - half, place + half) is None:
