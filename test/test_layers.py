@@ -78,7 +78,7 @@ ONLY_IN = {
     'distributed': ('simulation/dask_workers.py',),
     'dask': (),
     'mcap': ('logs/',),
-    'shapely': ('core/vision/', 'api/', 'report/'),
+    'shapely': ('core/vision/', 'simulation/surroundings/', 'api/', 'report/'),
     'ezdxf': ('report/outline_drawing.py',),
     'PIL': ('report/outline_images.py',),
     'rclpy': ROS,

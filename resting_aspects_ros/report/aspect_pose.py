@@ -119,3 +119,10 @@ def _touching(part: Part, aspect: Aspect) -> Indices:
     x, y, _ = rotate(aspect.orientation, part.vertices[near]).T
     along = np.outer(np.cos(_AZIMUTHS), x) + np.outer(np.sin(_AZIMUTHS), y)
     return np.append(near[along.argmax(axis=1)], lowest)
+
+
+def triangle_counts(part: Part | None, shown: Part | None) -> tuple[int, int] | None:
+    """Return the numbers of triangles of the part and of the simplified part, if they differ."""
+    if part is None or shown is None or len(part.faces) == len(shown.faces):
+        return None
+    return len(part.faces), len(shown.faces)

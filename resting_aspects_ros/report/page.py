@@ -10,7 +10,7 @@ from resting_aspects_ros.core.estimators.estimate import METHODS
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.statistics.intervals import Array, Counts
-from resting_aspects_ros.report.aspect_pose import picture_part
+from resting_aspects_ros.report.aspect_pose import picture_part, triangle_counts
 from resting_aspects_ros.report.colours import rgb
 from resting_aspects_ros.report.comparison_text import (
     ReferenceCounts,
@@ -233,7 +233,7 @@ def _page(
             METHODS[name].label: [share_text(p) for p in _row_sums(drawn.rows, shares)]
             for name, shares in report.estimates.items()
         },
-        simplified=_triangle_counts(report.part, drawn.part),
+        simplified=triangle_counts(report.part, drawn.part),
         scene=drawn.scene(),
         script=read_file('page.js'),
         modules={
@@ -245,10 +245,3 @@ def _page(
 
 def _row_sums(rows: Sequence[Row], values: Any) -> list[Any]:
     return [sum(values[aspect.id - 1] for aspect in row.aspects) for row in rows]
-
-
-def _triangle_counts(part: Part | None, shown: Part | None) -> tuple[int, int] | None:
-    """Return the numbers of triangles of the part and of the simplified part, if they differ."""
-    if part is None or shown is None or len(part.faces) == len(shown.faces):
-        return None
-    return len(part.faces), len(shown.faces)
