@@ -25,11 +25,11 @@ from resting_aspects_ros.simulation.plan import make_job
 from resting_aspects_ros.simulation.settling import (
     CHECK_INTERVAL,
     REST_MOTION,
-    REST_WINDOW,
     TIME_LIMIT,
 )
 from resting_aspects_ros.simulation.surfaces import Surfaces
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
+from resting_aspects_ros.simulation.surroundings.scene_settling import WINDOW
 
 CHUNKS = 4
 # Drops of each other engine, which simulates one body after another.
@@ -149,7 +149,7 @@ def _down(job: DropJob) -> list[float]:
 
 
 def _until_still(job: DropJob, body: PlainBody | MujocoBody, motion: float) -> Cost:
-    """Simulate drops until they were still for REST_WINDOW, at most for TIME_LIMIT."""
+    """Simulate drops until they were still for WINDOW, at most for TIME_LIMIT."""
     states, look = initial_states(job, 0), steps_in(job, CHECK_INTERVAL)
     settled = 0
     started = time.process_time()
@@ -165,7 +165,7 @@ def _until_still(job: DropJob, body: PlainBody | MujocoBody, motion: float) -> C
             now = [*now[:3], *(sign * q for q in now[3:])]
             moved = max(abs(a - b) for a, b in zip(now, before, strict=True))
             before, still = now, still + 1 if moved < motion else 0
-            if still == round(REST_WINDOW / CHECK_INTERVAL):
+            if still == round(WINDOW / CHECK_INTERVAL):
                 settled += 1
                 break
     seconds = time.process_time() - started

@@ -15,8 +15,9 @@ from placed_bodies import FRICTION_EXCESS, point_path
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.core.poses import RestStatus
-from resting_aspects_ros.simulation.settling import CHECK_INTERVAL, REST_WINDOW
+from resting_aspects_ros.simulation.settling import CHECK_INTERVAL
 from resting_aspects_ros.simulation.surroundings.kinds import Chute, Slope, VGroove, Wall
+from resting_aspects_ros.simulation.surroundings.scene_settling import WINDOW
 
 YAWS = np.radians([0, 20, 45, 70, 90])
 # The angle within which a threshold must be right.
@@ -184,7 +185,7 @@ def test_a_part_at_rest_settles_although_its_quaternion_changes_sign(block, job_
     # Bullet returns a quaternion or its negative, which are the same orientation.
     placed = flat_on(job_in(block, Chute()), [0.0], y=3.0)
     at = placed.states
-    for k in range(round(REST_WINDOW / CHECK_INTERVAL)):
+    for k in range(round(WINDOW / CHECK_INTERVAL)):
         seen = dataclasses.replace(at, orientation=at.orientation * (-1) ** k)
         placed.settling.check((k + 1) * CHECK_INTERVAL, seen)
     assert placed.settling.status[0] == RestStatus.SETTLED
