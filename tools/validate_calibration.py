@@ -21,7 +21,7 @@ from resting_aspects_ros.studies.calibration.fit import (
     fit_shares,
 )
 from resting_aspects_ros.studies.calibration.posterior import with_counts
-from resting_aspects_ros.studies.calibration.result import CalibrationResult, compare_surfaces
+from resting_aspects_ros.studies.calibration.result import CalibrationResult
 from resting_aspects_ros.studies.calibration.simulated_drops import SimulatedDrops
 from resting_aspects_ros.studies.calibration.summary import region_level
 from resting_aspects_ros.studies.calibration.texts import comparison_text, statements
@@ -94,7 +94,7 @@ def _plates(dropper: Dropper) -> Iterator[str]:
         yield f'`{result.surface}`:'
         yield ''
         yield from _said(result)
-    yield comparison_text(compare_surfaces(*results)).replace('\n', ' ')
+    yield comparison_text(results[0].compare(results[1])).replace('\n', ' ')
     yield ''
 
 

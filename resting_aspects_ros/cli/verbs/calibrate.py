@@ -114,7 +114,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise InvalidValueError('invalid --part or --way: expected only with --plan')
     # These imports are slow because of NumPy.
     from resting_aspects_ros.studies.calibration.calibrate import calibrate, given_counts
-    from resting_aspects_ros.studies.calibration.result import compare_surfaces
 
     surfaces = [given_counts(path).surface for path in arguments.counts]
     if len(set(surfaces)) < len(surfaces):
@@ -140,9 +139,7 @@ def run(arguments: argparse.Namespace) -> int:
             )
             results.append(result)
             _write(result, folders[name], quiet=arguments.json)
-    compared = [
-        compare_surfaces(one, other) for k, one in enumerate(results) for other in results[k + 1 :]
-    ]
+    compared = [one.compare(other) for k, one in enumerate(results) for other in results[k + 1 :]]
     if arguments.json:
         documents = [result.document() for result in results]
         whole: Any = documents[0]

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from resting_aspects_ros.core.statistics.g_test import g_statistic
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.studies.calibration.checks import GTest, Prediction
+from resting_aspects_ros.studies.calibration.comparison import SurfaceComparison, compare_surfaces
 from resting_aspects_ros.studies.calibration.fit import Fit
-from resting_aspects_ros.studies.calibration.summary import Estimate, discrepancy, overlap
+from resting_aspects_ros.studies.calibration.summary import Estimate, discrepancy
 
 SCHEMA_VERSION = 1
 DRAWS = 200  # of the posterior, in the document
@@ -86,9 +86,9 @@ class CalibrationResult:
             for row in zip(*columns, strict=True)
         ]
 
-    def compare(self, other: 'CalibrationResult') -> 'SurfaceComparison':
+    def compare(self, other: 'CalibrationResult') -> SurfaceComparison:
         """Compare the surface with another one; see SurfaceComparison."""
-        return compare_surfaces(self, other)
+        return compare_surfaces(self.fit, other.fit)
 
     def document(self) -> dict[str, Any]:
         """Return everything as plain values; see docs/reference/files.md."""
@@ -155,69 +155,6 @@ class CalibrationResult:
         from resting_aspects_ros.studies.calibration.texts import result_text
 
         return result_text(self)
-
-
-@dataclass(frozen=True)
-class SurfaceComparison:
-    """Whether the counts of two files can be of the same surface.
-
-    overlap : float
-        Common weight of the two posteriors: 1 if they are equal, 0 if no conditions fit both.
-    log_ratio : float
-        Logarithm of the ratio of the probabilities of all counts: two surfaces over one.
-    same_parts_p : float
-        P value of a two-sample G test over the parts that both files have with the same groups
-        and release (chi-squared distribution); NaN without such a part. It needs no simulation.
-    """
-
-    one: str
-    other: str
-    overlap: float
-    log_ratio: float
-    same_parts_p: float
-
-
-def compare_surfaces(one: CalibrationResult, other: CalibrationResult) -> SurfaceComparison:
-    """Compare two surfaces whose factors have the same ranges; raises InvalidValueError."""
-    from resting_aspects_ros.core.errors import InvalidValueError
-
-    if one.fit.given.factors != other.fit.given.factors:
-        raise InvalidValueError(
-            f'{one.surface} and {other.surface} cannot be compared: expected the same ranges'
-        )
-    if len(one.fit.posterior.points) != len(other.fit.posterior.points):
-        raise InvalidValueError(
-            f'{one.surface} and {other.surface} cannot be compared: one has far more counts'
-        )
-    a, b = (_log_likelihood(each) for each in (one, other))
-    ratio = _log_mean(a) + _log_mean(b) - _log_mean(a + b)
-    return SurfaceComparison(
-        one.surface, other.surface, overlap(one.fit, other.fit), ratio, _same_parts(one, other)
-    )
-
-
-def _log_likelihood(result: CalibrationResult) -> Any:
-    posterior = result.fit.posterior
-    total = posterior.log_likelihood.sum(axis=0) + posterior.log_prior[:, None]
-    return np.logaddexp.reduce(total, axis=0)
-
-
-def _log_mean(values: Any) -> float:
-    return float(np.logaddexp.reduce(values) - np.log(len(values)))
-
-
-def _same_parts(one: CalibrationResult, other: CalibrationResult) -> float:
-    from scipy.stats import chi2
-
-    statistic, freedom = 0.0, 0
-    theirs = {part.part.part_sha256: part for part in other.fit.given.parts}
-    for part in one.fit.given.parts:
-        match = theirs.get(part.part.part_sha256)
-        if match is None or match.groups != part.groups or match.values != part.values:
-            continue
-        statistic += float(g_statistic(part.counts, match.counts))
-        freedom += int(((part.counts + match.counts) > 0).sum()) - 1
-    return float(chi2.sf(statistic, freedom)) if freedom else float('nan')
 
 
 def _values(conditions: DropConditions) -> dict[str, Any]:

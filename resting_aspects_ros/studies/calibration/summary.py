@@ -113,9 +113,3 @@ def region_level(posterior: Posterior, confidence: float = CONFIDENCE) -> float:
     return float(
         weights[min(int(np.searchsorted(np.cumsum(weights), confidence)), len(weights) - 1)]
     )
-
-
-def overlap(fit: Fit, other: Fit) -> float:
-    """Return the common weight of two posteriors over the same ranges, 0 to 1."""
-    one, two = (each.posterior.weights().sum(axis=0) for each in (fit, other))
-    return float(np.minimum(one, two).sum())

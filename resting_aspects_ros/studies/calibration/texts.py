@@ -9,10 +9,8 @@ from resting_aspects_ros.studies.calibration.summary import Estimate, correlatio
 
 if TYPE_CHECKING:
     from resting_aspects_ros.studies.calibration.checks import Prediction
-    from resting_aspects_ros.studies.calibration.result import (
-        CalibrationResult,
-        SurfaceComparison,
-    )
+    from resting_aspects_ros.studies.calibration.comparison import SurfaceComparison
+    from resting_aspects_ros.studies.calibration.result import CalibrationResult
 
 # Factors are said to trade off if their correlation is at least this.
 TRADE_OFF = 0.5
@@ -70,12 +68,17 @@ def comparison_text(found: 'SurfaceComparison') -> str:
         p = f'{found.same_parts_p:.2g}'
         sentences.append(f'{names}: the counts of the same parts {differ} (G test, p = {p})')
     ratio = math.exp(min(abs(found.log_ratio), 300))
-    which = 'two surfaces' if found.log_ratio > 0 else 'one surface'
+    two = found.log_ratio > 0
     sentences.append(
-        f'{names}: all counts are {ratio:.3g} times more probable with {which} than with '
-        f'{"one" if found.log_ratio > 0 else "two"}; the fitted conditions overlap by '
-        f'{100 * found.overlap:.0f} %'
+        f'{names}: all counts are {ratio:.3g} times more probable with '
+        f'{"two surfaces than with one" if two else "one surface than with two"}; the fitted '
+        f'conditions overlap by {100 * found.overlap:.0f} %'
     )
+    if found.same_parts:
+        sentences.append(
+            'Both have the same parts, so that the simulation deviates from both in the same way: '
+            'only sampling is taken into account'
+        )
     return '.\n'.join(sentences) + '.'
 
 
