@@ -68,8 +68,7 @@ def _log_likelihood(fit: Fit, *, sampling: bool) -> Array:
     """Return the log likelihood (n,) of the counts; ``sampling``: of nothing but sampling."""
     posterior = fit.posterior
     if not sampling:
-        total = posterior.log_likelihood.sum(axis=0) + posterior.log_prior[:, None]
-        return np.asarray(logsumexp(total, axis=0))
+        return posterior.density
     rows = [
         xlogy(part.counts, shares).sum(axis=1)
         for part, shares in zip(fit.given.parts, posterior.shares, strict=True)

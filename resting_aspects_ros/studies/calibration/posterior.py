@@ -87,10 +87,10 @@ class Posterior:
         return np.asarray(np.exp(total - logsumexp(total)))
 
     @property
-    def log_evidence(self) -> float:
-        """Logarithm of the mean likelihood over the prior."""
+    def density(self) -> Array:
+        """Logarithm of the likelihood (n,) of all counts."""
         total = self.log_likelihood.sum(axis=0) + self.log_prior[:, None]
-        return float(logsumexp(total) - np.log(len(self.points)))
+        return np.asarray(logsumexp(total, axis=0))
 
     @property
     def effective(self) -> float:
@@ -126,6 +126,21 @@ def with_counts(posterior: Posterior, counts: Sequence[Counts]) -> Posterior:
         for k, each in enumerate(counts)
     ]
     return dataclasses.replace(posterior, log_likelihood=np.stack(rows))
+
+
+def level_at(
+    posterior: Posterior,
+    surrogates: Sequence[ShareSurrogate],
+    counts: Sequence[Counts],
+    point: Array,
+) -> float:
+    """Return the probability of the smallest region that contains a point (d,).
+
+    It is uniform from 0 to 1 if the point is where the counts come from.
+    """
+    exact = len(posterior.discrepancies) == 1
+    here = _posterior(point[None], surrogates, counts, not exact)
+    return float(posterior.weights().sum(axis=0)[posterior.density > here.density[0]].sum())
 
 
 def log_density(counts: Counts, shares: Array, rho: Array) -> Array:

@@ -6,7 +6,6 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.studies.calibration.fit import Fit
-from resting_aspects_ros.studies.calibration.posterior import Posterior
 from resting_aspects_ros.studies.factors import Factor
 
 Array = npt.NDArray[np.float64]
@@ -105,11 +104,3 @@ def correlation(fit: Fit, one: int, other: int) -> float:
     centred = points - weights @ points
     covariance = (weights[:, None] * centred).T @ centred
     return float(covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]))
-
-
-def region_level(posterior: Posterior, confidence: float = CONFIDENCE) -> float:
-    """Return the weight that a point must have to be in the region with this probability."""
-    weights = np.sort(posterior.weights().sum(axis=0))[::-1]
-    return float(
-        weights[min(int(np.searchsorted(np.cumsum(weights), confidence)), len(weights) - 1)]
-    )
