@@ -101,7 +101,7 @@ def plan_actions(
         landscape=landscape,
         starts=_starts(part, aspects, scene, action.action, conditions, rests),
     )
-    _check_speed(part, action, job)
+    check_speed(part, action, job)
     _warn_if_missed(action, job, len(aspects))
     empty = no_actions(
         aspects, interval=interval, confidence=confidence, by_precision=precision > 0
@@ -170,7 +170,7 @@ def _starts(
     return found_starts(part, aspects, scene, rests, body_of(part), impulse, motion)
 
 
-def _check_speed(part: Part, action: NamedAction, job: DropJob) -> None:
+def check_speed(part: Part, action: NamedAction, job: DropJob) -> None:
     """Raise InvalidValueError if the action is so strong that it is probably a mistake."""
     limit = math.sqrt(2 * job.conditions.gravity * MAX_LIFT * part.hull_radius)
     if job.impact_speed > limit:

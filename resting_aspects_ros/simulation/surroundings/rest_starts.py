@@ -77,13 +77,7 @@ def found_starts(
 
     Raises InvalidValueError if no drop ended in one of the aspects.
     """
-    settled = poses.status == RestStatus.SETTLED
-    orientation = poses.orientation[settled]
-    centre = poses.position[settled] + rotate(orientation, part.centre_of_mass)
-    # Where the surroundings are the same everywhere, the place does not matter.
-    free = np.arange(3) < scene.free
-    centre = scene.in_tray(np.where(free, 0.0, scene.in_scene(centre)))
-    ids = aspects.classify(orientation)
+    centre, orientation, ids = _at_rest(part, aspects, scene, poses)
     found = [ids == aspect.id for aspect in aspects.aspects]
     missing = [a.id for a, which in zip(aspects.aspects, found, strict=True) if not which.any()]
     if missing:
@@ -92,15 +86,43 @@ def found_starts(
             f'{", ".join(map(str, missing))} in {len(poses)} drops, so that no action can start '
             'there; expected surroundings in which each aspect occurs, or more drops'
         )
+    rows = _each(centre, found), _each(orientation, found)
+    return FoundStarts(*rows, _carried(scene), impulse, body, motion)
+
+
+def pose_starts(
+    part: Part,
+    aspects: AspectSet,
+    scene: Scene,
+    poses: RestingPoses,
+    body: Body,
+    impulse: Impulse | None,
+    motion: Motion | None,
+) -> FoundStarts:
+    """Return the parts at rest in an aspect, each with a row of its own, in the order of drops."""
+    centre, orientation, ids = _at_rest(part, aspects, scene, poses)
+    which = ids > 0
+    rows = tuple(centre[which][:, None]), tuple(orientation[which][:, None])
+    return FoundStarts(*rows, _carried(scene), impulse, body, motion)
+
+
+def _at_rest(
+    part: Part, aspects: AspectSet, scene: Scene, poses: RestingPoses
+) -> tuple[Array, Array, Indices]:
+    """Return centre of mass, orientation and aspect of the parts at rest; 0: in no aspect."""
+    settled = poses.status == RestStatus.SETTLED
+    orientation = poses.orientation[settled]
+    centre = poses.position[settled] + rotate(orientation, part.centre_of_mass)
+    # Where the surroundings are the same everywhere, the place does not matter.
+    free = np.arange(3) < scene.free
+    centre = scene.in_tray(np.where(free, 0.0, scene.in_scene(centre)))
+    return centre, orientation, aspects.classify(orientation)
+
+
+def _carried(scene: Scene) -> Array:
+    """Return the velocity (3,) of parts that lie on the first body, tray axes, m/s."""
     carried = scene.bodies[0].velocity[None] if scene.free else np.zeros((1, 3))
-    return FoundStarts(
-        _each(centre, found),
-        _each(orientation, found),
-        scene.in_tray(carried)[0],
-        impulse,
-        body,
-        motion,
-    )
+    return np.asarray(scene.in_tray(carried)[0])
 
 
 def _each(rows: Array, found: Sequence[Array]) -> tuple[Array, ...]:
