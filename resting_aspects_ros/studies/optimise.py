@@ -1,0 +1,317 @@
+"""Find the conditions with the most of the wanted aspects, or with the least entropy."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from resting_aspects_ros.api.chunk_loop import given_workers
+from resting_aspects_ros.api.condition_text import given_conditions
+from resting_aspects_ros.api.load_part import given_part
+from resting_aspects_ros.api.plan_actions import named_action
+from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.landscape import Landscape
+from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, check_confidence
+from resting_aspects_ros.simulation.actions import Action, NamedAction
+from resting_aspects_ros.simulation.chunks import Workers
+from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.run_description import (
+    DEFAULT_SEED,
+    check_drops,
+    check_seed,
+)
+from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
+from resting_aspects_ros.simulation.surroundings.description import Surroundings
+from resting_aspects_ros.simulation.surroundings.library import named_surroundings
+from resting_aspects_ros.studies.factors import Factor, check_factors, read_factor
+from resting_aspects_ros.studies.objectives import Array, Counts, Objective, make_objective
+from resting_aspects_ros.studies.optimise_result import (
+    Candidate,
+    OptimisePoint,
+    OptimiseResult,
+)
+from resting_aspects_ros.studies.optimum_comparison import advantage, estimated, posterior_values
+from resting_aspects_ros.studies.optimum_facts import factor_facts
+from resting_aspects_ros.studies.optimum_problem import (
+    BUDGET,
+    DEFAULT_DROPS,
+    DEFAULT_POINTS,
+    Amounts,
+)
+from resting_aspects_ros.studies.optimum_search import DRAWS, OptimumSearch
+from resting_aspects_ros.studies.part_problem import PartProblem, setting_value
+from resting_aspects_ros.studies.setting import Setting
+
+
+class Optimisation:
+    """A search for the best conditions, whose result can be asked for at any time.
+
+    Parameters
+    ----------
+    base : Setting
+        The conditions from which the factors differ, and with which the best ones are compared.
+
+    Raises
+    ------
+    InvalidValueError
+        If no factor varies, or a number is out of bounds.
+    """
+
+    def __init__(
+        self,
+        part: Part,
+        factors: Sequence[Factor],
+        base: Setting,
+        objective: Objective,
+        amounts: Amounts,
+        seed: int,
+        workers: Workers,
+        *,
+        landscape: Landscape | None = None,
+        confidence: float = CONFIDENCE,
+        progress: Callable[[int], None] = lambda _: None,
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> None:
+        check_factors(factors)
+        check_seed(seed)
+        check_drops(amounts.total)
+        check_confidence(confidence)
+        landscape = Landscape(part) if landscape is None else landscape
+        self._part, self._objective, self._base = part, objective, base
+        self._aspects = find_aspects(part, landscape)
+        self._confidence, self._stopped, self._amounts = confidence, stopped, amounts
+        self._problem = PartProblem(
+            part,
+            factors,
+            base,
+            objective,
+            seed,
+            workers,
+            landscape,
+            progress=progress,
+            stopped=stopped,
+        )
+        self._search = OptimumSearch(self._problem, amounts, seed)
+        self._fresh: dict[str, Counts] = {}
+        self._chosen: dict[str, Array | None] = {}
+
+    @property
+    def drops(self) -> int:
+        """Number of drops so far."""
+        return self._problem.done
+
+    def run(self) -> None:
+        """Make the drops; returns early if stopped. Raises InvalidValueError, EngineError."""
+        self._search.run(self._stopped)
+        if self._search.surrogate is None or self._stopped():
+            return
+        self._choose()
+        settings = {
+            name: self._problem.setting(p) for name, p in self._chosen.items() if p is not None
+        }
+        try:
+            self._problem.check(self._base)
+            settings['start'] = self._base
+        except InvalidValueError:
+            pass  # the result says that the start was not compared
+        drops = self._amounts.compared
+        counts = self._problem.counts_at(list(settings.values()), drops, 'comparison')
+        self._fresh = {
+            name: row for name, row in zip(settings, counts, strict=True) if row.sum() == drops
+        }
+
+    def _choose(self) -> None:
+        if not self._chosen:
+            best = self._search.best()
+            self._chosen = {'best': best, 'second': self._search.rival(best)}
+
+    def result(self) -> OptimiseResult | None:
+        """Return what is known; None if nothing is, because too few points were simulated."""
+        search, problem, objective = self._search, self._problem, self._objective
+        if search.surrogate is None:
+            return None
+        self._choose()
+        best_point = self._chosen['best']
+        assert best_point is not None
+        best, second = (self._candidate(name) for name in ('best', 'second'))
+        assert best is not None
+        counts = self._fresh
+        gains = [
+            advantage(objective, counts['best'], counts[name], self._rng(), self._confidence)
+            if {'best', name} <= counts.keys()
+            else None
+            for name in ('second', 'start')
+        ]
+        return OptimiseResult(
+            part=self._part,
+            aspects=self._aspects,
+            objective=objective,
+            factors=problem.factors,
+            facts=tuple(factor_facts(search, best_point)),
+            best=best,
+            second=second,
+            start=self._start(),
+            over_second=gains[0],
+            over_start=gains[1],
+            points=tuple(
+                OptimisePoint(problem.values(p), row, number)
+                for p, row, number in zip(search.points, search.counts, search.rounds, strict=True)
+            ),
+            skipped=tuple((problem.values(p), reason) for p, reason in search.skipped),
+            amounts=self._amounts,
+            drops=self.drops,
+            certain=search.certain,
+            complete='best' in counts,
+            confidence=self._confidence,
+            seed=search.seed,
+            surrogate=search.surrogate.form.text,
+            surrogate_error=search.surrogate.cross_validated_error,
+        )
+
+    def _candidate(self, name: str) -> Candidate | None:
+        point = self._chosen[name]
+        if point is None:
+            return None
+        counts = self._fresh.get(name)
+        if counts is None:
+            draws = self._objective.sign * self._search.drawn(point[None], DRAWS)[:, 0]
+            value = estimated(draws, self._confidence)
+        else:
+            value = posterior_values(self._objective, counts, self._rng(), self._confidence)
+        problem = self._problem
+        return Candidate(problem.setting(point), problem.values(point), counts, value)
+
+    def _start(self) -> Candidate | None:
+        counts = self._fresh.get('start')
+        if counts is None:
+            return None
+        names = [factor.name for factor in self._problem.factors]
+        values = {name: setting_value(self._base, name) for name in names}
+        value = posterior_values(self._objective, counts, self._rng(), self._confidence)
+        return Candidate(self._base, values, counts, value)
+
+    def _rng(self) -> np.random.Generator:
+        return np.random.default_rng((self._search.seed, 5))
+
+
+def optimise(
+    part: Part | str | Path,
+    vary: Mapping[str, Any],
+    *,
+    wanted: Sequence[int] | None = None,
+    wanted_classes: Sequence[int] | None = None,
+    least_entropy: bool = False,
+    surface: str | DropConditions = DEFAULT_SURFACE,
+    surroundings: str | Path | Surroundings | None = None,
+    action: str | Action | NamedAction | None = None,
+    points: int = DEFAULT_POINTS,
+    drops: int = DEFAULT_DROPS,
+    budget: int | None = None,
+    seed: int = DEFAULT_SEED,
+    confidence: float = CONFIDENCE,
+    workers: int | Workers | None = None,
+    progress: bool = False,
+    **conditions: Any,
+) -> OptimiseResult:
+    """Find the conditions with the most of the wanted aspects, or with the least entropy.
+
+    Drops at the points of a Sobol design, a surrogate of the shares, and rounds of further drops
+    where draws of the surrogate have their best points. Fresh drops at the best conditions, at the
+    second best and at the given conditions then show how certain the answer is. The same arguments
+    give the same result for any number of workers.
+
+    Parameters
+    ----------
+    part : Part, str or Path
+        A part, or what `load_part` accepts.
+    vary : mapping of str to str, (float, float) or mapping
+        Ranges of the factors: conditions, ``surroundings.angle`` or ``action.speed``; a text such
+        as '20mm:200mm' or '20mm:200mm:7' (7 levels), or the two ends in SI units.
+    wanted, wanted_classes : sequence of int, optional
+        Wanted aspects or symmetry classes, whose share is maximised.
+    least_entropy : bool
+        Minimise the entropy of the distribution over the symmetry classes instead.
+    surface : str or DropConditions
+        Named conditions, or conditions, of everything that does not vary.
+    surroundings : str, Path or Surroundings, optional
+        As for `drop`. Aspects are counted on the first plane.
+    action : str, Action or NamedAction, optional
+        What is done once to each part that was dropped, before it is counted.
+    points, drops : int
+        Number of points of the design, and of drops at each point.
+    budget : int, optional
+        Maximum number of all drops; by default twice those of the design. A quarter of them are
+        fresh drops.
+    seed, workers, progress
+        As for `drop`.
+    confidence : float
+        Of the intervals.
+    **conditions : float
+        Conditions that differ from the surface, in SI units; what varies starts from them.
+
+    Returns
+    -------
+    OptimiseResult
+
+    Raises
+    ------
+    InvalidValueError
+        A value is out of bounds, a name is not known, or nearly all points are impossible.
+    EngineError
+        The worker processes cannot be started, or died repeatedly.
+
+    Examples
+    --------
+    >>> import resting_aspects_ros as ra
+    >>> found = ra.optimise('tetrahedron', {'height': '20mm:60mm'}, wanted=[1], points=4, drops=20)
+    >>> 0.02 <= found.best.values['height'] <= 0.06
+    True
+    """
+    loaded = given_part(part)
+    base = Setting(
+        given_conditions(surface, conditions),
+        None if surroundings is None else _surroundings(surroundings),
+        None if action is None else named_action(action),
+    )
+    factors = [read_factor(name, _range(given), base) for name, given in vary.items()]
+    landscape = Landscape(loaded)
+    objective = make_objective(
+        find_aspects(loaded, landscape), wanted, wanted_classes, least_entropy=least_entropy
+    )
+    amounts = Amounts(points, drops, BUDGET * points * drops if budget is None else budget)
+    with (
+        given_workers(workers) as pool,
+        DropProgress(loaded.name, amounts.total, shown=progress) as bar,
+    ):
+        optimisation = Optimisation(
+            loaded,
+            factors,
+            base,
+            objective,
+            amounts,
+            seed,
+            pool,
+            landscape=landscape,
+            confidence=confidence,
+            progress=bar.update,
+        )
+        optimisation.run()
+        bar.end(optimisation.drops)
+    result = optimisation.result()
+    assert result is not None  # nothing ends a search early here
+    return result
+
+
+def _surroundings(given: str | Path | Surroundings) -> Surroundings:
+    return given if isinstance(given, Surroundings) else named_surroundings(given)
+
+
+def _range(given: Any) -> Any:
+    """Return a range as `read_factor` accepts it."""
+    if isinstance(given, tuple | list) and len(given) == 2:
+        return {'low': given[0], 'high': given[1]}
+    return given
