@@ -1,5 +1,6 @@
 """What the result of `optimise` says in sentences."""
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -26,6 +27,15 @@ def optimise_notes(result: 'OptimiseResult') -> list[str]:
         *_materials(result),
         *_limits(result),
     ]
+
+
+def value_text(factor: Factor, value: float) -> str:
+    """Return a value of a factor with its unit; lengths in mm and angles in degrees."""
+    if factor.unit == 'rad':
+        return f'{math.degrees(value):.4g} deg'
+    if factor.unit == 'm':
+        return f'{1000 * value:.4g} mm'
+    return factor.text(value)
 
 
 def certainty_text(certainty: float) -> str:
@@ -79,12 +89,12 @@ def _bounds(result: 'OptimiseResult') -> Iterator[str]:
         if value == (quantity.low if facts.bound < 0 else quantity.high):
             yield (
                 f'The best {factor.name} is at the {end} bound that is possible at all, '
-                f'{factor.text(value)}.'
+                f'{value_text(factor, value)}.'
             )
         else:
             yield (
                 f'The best {factor.name} is at the {end} bound of its range, '
-                f'{factor.text(value)}: widen the range, beyond which it may be better still.'
+                f'{value_text(factor, value)}: widen the range, it may be better beyond.'
             )
 
 

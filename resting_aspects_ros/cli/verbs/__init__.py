@@ -16,6 +16,7 @@ COMMANDS = {
     'aspects': 'show the aspects of a part, without drops',
     'outlines': 'show and export what a camera above sees of each aspect',
     'identify': 'tell from an outline in which aspect a part lies',
+    'optimise': 'find the conditions with the most of the wanted aspects',
     'forecast': 'predict the parts per minute of a feeder with a camera and a robot',
     'drift': 'test whether counted parts still agree with the simulation',
     'classify': 'sort resting poses from a file into aspects',

@@ -1,0 +1,203 @@
+"""Make the search that `resting_aspects optimise` requests, show and save its result."""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from resting_aspects_ros.api.condition_text import shipped_actions, shipped_surfaces
+from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.output_files import check_output, make_folder
+from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.api.surroundings import conditions_text, requested_surroundings
+from resting_aspects_ros.cli.console import make_console, show_table
+from resting_aspects_ros.cli.forecast_options import parse_numbers
+from resting_aspects_ros.cli.options import changed_conditions
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.landscape import Landscape
+from resting_aspects_ros.core.errors import EngineError, InvalidValueError, warn
+from resting_aspects_ros.simulation.actions import Actions, NamedAction
+from resting_aspects_ros.simulation.chunks import Workers
+from resting_aspects_ros.simulation.interruption import Interruption
+from resting_aspects_ros.studies.factors import Factor, parse_factor
+from resting_aspects_ros.studies.objectives import make_objective
+from resting_aspects_ros.studies.optimise import Optimisation
+from resting_aspects_ros.studies.optimise_result import Candidate, OptimiseResult
+from resting_aspects_ros.studies.optimise_text import value_text
+from resting_aspects_ros.studies.optimum_problem import BUDGET, Amounts
+from resting_aspects_ros.studies.setting import Setting
+
+INTERRUPTED = 130
+DOCUMENT, POINTS = 'optimum.json', 'points.csv'
+
+
+def optimise_and_show(
+    arguments: argparse.Namespace, workers: Workers, confidence: float, stop: Interruption
+) -> int:
+    """Search and show; returns the exit code. Raises RestingAspectsError for wrong input."""
+    base, amounts = _base(arguments), _amounts(arguments)
+    factors = [parse_factor(text, base) for text in arguments.vary]
+    out = _folder(arguments)
+    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+    for warning in part.warnings:
+        warn(warning)
+    landscape = Landscape(part)
+    objective = make_objective(
+        find_aspects(part, landscape),
+        _numbers('--wanted', arguments.wanted),
+        _numbers('--wanted-classes', arguments.wanted_classes),
+        least_entropy=arguments.least_entropy,
+    )
+    failure: EngineError | None = None
+    with DropProgress(part.name, amounts.total) as progress:
+        optimisation = Optimisation(
+            part,
+            factors,
+            base,
+            objective,
+            amounts,
+            arguments.seed,
+            workers,
+            landscape=landscape,
+            confidence=confidence,
+            progress=progress.update,
+            stopped=lambda: stop.asked,
+        )
+        try:
+            optimisation.run()
+            if not stop.asked:
+                progress.end(optimisation.drops)
+        except EngineError as error:
+            failure = error
+    result = optimisation.result()
+    if result is None:
+        if failure is not None:
+            raise failure
+        print('interrupted; too few points were simulated for a result', file=sys.stderr)
+        return INTERRUPTED
+    _show(result, arguments, out)
+    if failure is not None:
+        raise EngineError(f'{failure}; the result has {result.drops} of {amounts.total} drops')
+    if not result.complete:
+        print(
+            f'interrupted; the result has {result.drops} of {amounts.total} drops',
+            file=sys.stderr,
+        )
+        return INTERRUPTED
+    return 0
+
+
+def _amounts(arguments: argparse.Namespace) -> Amounts:
+    """Return the number of points and drops; raises InvalidValueError."""
+    budget = arguments.budget
+    if budget is None:
+        budget = BUDGET * arguments.points * arguments.drops
+    return Amounts(arguments.points, arguments.drops, budget)
+
+
+def _folder(arguments: argparse.Namespace) -> Path | None:
+    """Return the folder of the result, None if it is not saved; raises InvalidValueError."""
+    out: Path | None = arguments.out
+    if out is not None:
+        make_folder('--out', out)
+        for name in (DOCUMENT, POINTS):
+            check_output('--out', out / name)
+    return out
+
+
+def _base(arguments: argparse.Namespace) -> Setting:
+    """Return the conditions from which the factors differ; raises InvalidValueError."""
+    conditions = shipped_surfaces().get(arguments.surface)
+    action: NamedAction | None = None
+    if arguments.action is not None:
+        known = shipped_actions() if arguments.actions is None else Actions.read(arguments.actions)
+        action = known.get(arguments.action)
+    elif arguments.actions is not None:
+        raise InvalidValueError(
+            f'invalid --actions {str(arguments.actions)!r}: expected only with --action'
+        )
+    return Setting(
+        conditions.changed(**changed_conditions(arguments)),
+        requested_surroundings(arguments.surroundings, arguments.set),
+        action,
+    )
+
+
+def _numbers(flag: str, text: str | None) -> tuple[int, ...] | None:
+    return None if text is None else parse_numbers(flag, text)
+
+
+def _show(result: OptimiseResult, arguments: argparse.Namespace, out: Path | None) -> None:
+    if out is not None:
+        result.save_json(out / DOCUMENT)
+        result.save_csv(out / POINTS)
+    if arguments.json:
+        sys.stdout.write(result.to_json())
+        return
+    console = make_console()
+    show_table(console, candidate_table(result))
+    show_table(console, factor_table(result))
+    for note in result.notes:
+        console.print(note, markup=False, highlight=False)
+    if out is not None:
+        print(f'Written: {out / DOCUMENT}, {out / POINTS}')
+
+
+def candidate_table(result: OptimiseResult) -> Table:
+    """Return the table of the conditions that are compared."""
+    base = conditions_text(result.best.setting.drop_conditions)
+    if result.start is not None:
+        base = conditions_text(result.start.setting.drop_conditions)
+    table = Table(title=f'{result.part.name}: {result.aim}\nyour conditions: {base}')
+    table.add_column('conditions')
+    for factor in result.factors:
+        table.add_column(factor.label or factor.name, justify='right')
+    table.add_column('entropy' if result.objective.is_entropy else 'share', justify='right')
+    table.add_column(f'{100 * result.confidence:g} % interval', justify='right')
+    table.add_column('fresh drops', justify='right')
+    for name, candidate in (
+        ('best', result.best),
+        ('second', result.second),
+        ('yours', result.start),
+    ):
+        if candidate is not None:
+            table.add_row(name, *_cells(candidate, result))
+    return table
+
+
+def factor_table(result: OptimiseResult) -> Table:
+    """Return the table of the factors: range, flat range and effect."""
+    table = Table(title='what the factors do')
+    table.add_column('factor')
+    table.add_column('searched', justify='right')
+    within = result.objective.difference(result.objective.tolerance)
+    table.add_column(f'within {within.replace("1.0 points", "1 point")}', justify='right')
+    table.add_column('effect, at most', justify='right')
+    for factor, facts in zip(result.factors, result.facts, strict=True):
+        table.add_row(
+            factor.label or factor.name,
+            _span(factor, factor.low, factor.high),
+            _span(factor, *factor.values(np.array(facts.flat)).tolist()),
+            result.objective.difference(facts.effect_upper),
+        )
+    return table
+
+
+def _cells(candidate: Candidate, result: OptimiseResult) -> list[str]:
+    number, value = result.objective.number, candidate.estimate
+    values = [candidate.values[factor.name] for factor in result.factors]
+    return [
+        *(
+            '' if v is None else value_text(factor, v)
+            for v, factor in zip(values, result.factors, strict=True)
+        ),
+        number(value.value),
+        f'{number(value.lower).split()[0]} to {number(value.upper)}',
+        str(candidate.drops),
+    ]
+
+
+def _span(factor: Factor, low: float, high: float) -> str:
+    return f'{value_text(factor, low)} to {value_text(factor, high)}'

@@ -1,0 +1,113 @@
+"""`resting_aspects optimise`: the conditions with the most of the wanted aspects."""
+
+import argparse
+from contextlib import ExitStack
+from pathlib import Path
+
+from resting_aspects_ros.cli.options import (
+    add_conditions,
+    add_confidence,
+    add_output,
+    add_part,
+    add_surroundings,
+    add_workers,
+)
+from resting_aspects_ros.cli.start_workers import start_workers
+from resting_aspects_ros.cli.values import parse_integer, parse_share
+from resting_aspects_ros.simulation.interruption import Interruption
+from resting_aspects_ros.simulation.run_description import DEFAULT_SEED
+
+DESCRIPTION = """Find the conditions, within given ranges, in which most parts come to rest in
+wanted aspects, or whose distribution has the least entropy. Fresh drops at the
+best conditions, at the second best and at those of the other flags show how
+certain the answer is. No ROS nodes are needed."""
+EXAMPLES = """examples:
+  resting_aspects optimise l_bracket --vary height=20mm:200mm --wanted 1
+  resting_aspects optimise hex_nut --vary height=20mm:0.2 --vary friction=0.1:0.5
+      --wanted-classes 1 --budget 200000 --out best
+  resting_aspects optimise l_bracket --surroundings v_groove
+      --vary surroundings.opening=60deg:120deg --least-entropy --json
+  resting_aspects optimise l_bracket --action tap --vary action.speed=0.1:1
+      --wanted 1,2
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    add_part(parser)
+    parser.add_argument(
+        '--vary',
+        metavar='NAME=LOW:HIGH',
+        action='append',
+        required=True,
+        help='what varies, and its range: a condition, surroundings.NAME or action.NAME, such as '
+        'height=20mm:200mm, surroundings.angle=0deg:20deg or action.speed=0.1:1; a third value is '
+        'a number of levels, or log; can be repeated',
+    )
+    aim = parser.add_mutually_exclusive_group(required=True)
+    aim.add_argument('--wanted', metavar='IDS', help='wanted aspects, such as 1,3')
+    aim.add_argument('--wanted-classes', metavar='NUMBERS', help='the same for symmetry classes')
+    aim.add_argument(
+        '--least-entropy',
+        action='store_true',
+        help='instead find the least entropy over the symmetry classes',
+    )
+    parser.add_argument(
+        '--action',
+        metavar='NAME',
+        help='an action of config/actions.yaml or of --actions, which is done once to each part '
+        'that was dropped, before it is counted (none)',
+    )
+    parser.add_argument(
+        '--actions', metavar='FILE', type=Path, help='file of named actions (config/actions.yaml)'
+    )
+    parser.add_argument(
+        '--points',
+        metavar='M',
+        type=parse_integer,
+        default=48,
+        help='number of points of the design (48)',
+    )
+    parser.add_argument(
+        '--drops',
+        metavar='N',
+        type=parse_integer,
+        default=1000,
+        help='number of drops at each point of the design and of the search (1000)',
+    )
+    parser.add_argument(
+        '--budget',
+        metavar='N',
+        type=parse_integer,
+        help='maximum number of all drops (twice those of the design); a quarter of them are '
+        'fresh drops that compare the best conditions with others',
+    )
+    parser.add_argument(
+        '--seed',
+        metavar='S',
+        type=parse_integer,
+        default=DEFAULT_SEED,
+        help=f'the same seed gives the same result ({DEFAULT_SEED})',
+    )
+    add_confidence(parser)
+    add_workers(parser)
+    parser.add_argument(
+        '--out',
+        metavar='DIR',
+        type=Path,
+        help='write optimum.json and points.csv into this folder',
+    )
+    add_output(parser, each=False)
+    add_conditions(parser)
+    add_surroundings(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Search and show; returns the exit code. Raises RestingAspectsError for wrong input."""
+    with Interruption() as stop, ExitStack() as stack:
+        confidence = parse_share('--confidence', arguments.confidence)
+        # These imports are slow because of NumPy.
+        from resting_aspects_ros.cli.optimise_run import optimise_and_show
+
+        workers = start_workers(arguments, stack)
+        return optimise_and_show(arguments, workers, confidence, stop)
