@@ -109,6 +109,10 @@ class Optimisation:
         self._search.run(self._stopped)
         if self._search.surrogate is None or self._stopped():
             return
+        self._choose_and_compare()
+
+    def _choose_and_compare(self) -> None:
+        """Make fresh drops at the best conditions, the second ones and the start."""
         self._choose()
         settings = {
             name: self._problem.setting(p) for name, p in self._chosen.items() if p is not None

@@ -31,7 +31,7 @@ class FactorFacts:
 
     flat : (float, float)
         Range around the best value in which the score is within the tolerance of the best one; the
-        other factors have their best values.
+        other factors have their best values. The whole range if no effect is shown.
     bound : int
         -1 or 1 if the best value is at the lower or upper bound of the range, otherwise 0.
     effect : float
@@ -62,15 +62,13 @@ class FactorFacts:
 def factor_facts(search: OptimumSearch, best: Array) -> list[FactorFacts]:
     """Return the facts of each factor; the search must have a surrogate."""
     effects = _effects(search, best)
-    return [
-        FactorFacts(
-            _flat_range(search, best, k),
-            _bound(float(best[k])),
-            *effects[k],
-            _p_value(np.array(search.points), np.array(search.counts), k),
-        )
-        for k in range(len(best))
-    ]
+    points, counts = np.array(search.points), np.array(search.counts)
+    found = []
+    for k in range(len(best)):
+        p_value = _p_value(points, counts, k)
+        flat = _flat_range(search, best, k) if p_value < SIGNIFICANCE else (0.0, 1.0)
+        found.append(FactorFacts(flat, _bound(float(best[k])), *effects[k], p_value))
+    return found
 
 
 def _bound(value: float) -> int:

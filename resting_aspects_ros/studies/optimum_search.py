@@ -30,6 +30,8 @@ CERTAIN = 0.25
 MIN_ROUNDS = 2
 # Points whose coordinates all differ by less than this are nearly the same conditions.
 NEARLY_SAME = 0.2
+# Points closer to an impossible one than this are not proposed.
+TOO_NEAR = 0.02
 # Proposals that are impossible in succession, after which the search gives up.
 MAX_IMPOSSIBLE = 200
 
@@ -168,7 +170,7 @@ class OptimumSearch:
             if self._possible(points[best]):
                 found.append(points[best])
             else:
-                points = np.delete(points, best, axis=0)
+                points = self._not_like_skipped(points)
             if len(found) == size or not len(points):
                 break
         return found
@@ -196,11 +198,12 @@ class OptimumSearch:
             return points
         bad = np.array([point for point, _ in self.skipped])
         good = np.array(self.points)
-        near = _distance(points, good) < _distance(points, bad)
-        return points[near]
+        far = _distance(points, bad)
+        return np.asarray(points[(far > _distance(points, good)) & (far > TOO_NEAR**2)])
 
 
 def _distance(points: Array, others: Array) -> Array:
+    """Return the squared distance (n,) of points to the nearest of others."""
     return np.asarray(((points[:, None] - others[None]) ** 2).sum(axis=2).min(axis=1))
 
 

@@ -23,12 +23,9 @@ best conditions, at the second best and at those of the other flags show how
 certain the answer is. No ROS nodes are needed."""
 EXAMPLES = """examples:
   resting_aspects optimise l_bracket --vary height=20mm:200mm --wanted 1
-  resting_aspects optimise hex_nut --vary height=20mm:0.2 --vary friction=0.1:0.5
-      --wanted-classes 1 --budget 200000 --out best
-  resting_aspects optimise l_bracket --surroundings v_groove
-      --vary surroundings.opening=60deg:120deg --least-entropy --json
-  resting_aspects optimise l_bracket --action tap --vary action.speed=0.1:1
-      --wanted 1,2
+  resting_aspects optimise hex_nut --vary friction=0.1:0.5 --wanted-classes 1
+  resting_aspects optimise part.stl --vary height=5mm:0.2 --wanted 1 --out best
+  resting_aspects optimise l_bracket --vary height=20mm:0.2 --least-entropy
 """
 
 

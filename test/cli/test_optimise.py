@@ -1,0 +1,90 @@
+"""The command `optimise`."""
+
+import json
+
+import pytest
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.studies import optimise
+from resting_aspects_ros.studies.optimum_problem import DEFAULT_DROPS, DEFAULT_POINTS
+
+FEW = ('--points', 4, '--drops', 10, '--budget', 100, '--workers', 2)
+WORDS = ('optimise', 'tetrahedron', '--vary', 'height=10mm:20mm', *FEW)
+
+
+def test_table_and_files_show_the_three_conditions(run, tmp_path):
+    ended = run(*WORDS, '--wanted', '1,2', '--out', 'o')
+    assert ended.returncode == 0, ended.stderr
+    for text in ('largest share of aspects 1 and 2', 'best', 'second', 'yours', '60 mm'):
+        assert text in ended.stdout
+    assert max(map(len, ended.stdout.splitlines())) <= 80
+    document = json.loads((tmp_path / 'o' / 'optimum.json').read_text())
+    assert document['best']['drops'] == 10
+    rows = (tmp_path / 'o' / 'points.csv').read_text().splitlines()
+    assert len(rows) == 1 + len(document['points'])
+
+
+def test_document_is_that_of_the_python_interface(run):
+    ended = run(*WORDS, '--wanted', '1', '--restitution', '0.3', '--json')
+    expected = ra.optimise(
+        'tetrahedron',
+        {'height': '10mm:20mm'},
+        wanted=[1],
+        restitution=0.3,
+        points=4,
+        drops=10,
+        budget=100,
+        workers=1,
+    )
+    assert json.loads(ended.stdout) == json.loads(expected.to_json())
+
+
+def test_failure_of_the_workers_keeps_the_result(run, monkeypatch):
+    def failing(*_):
+        raise EngineError('3 worker processes died in a row')
+
+    monkeypatch.setattr(optimise.Optimisation, '_choose_and_compare', failing)
+    ended = run(*WORDS, '--wanted', '1')
+    assert ended.returncode == 1
+    assert 'is that of the surrogate' in ' '.join(ended.stdout.split())
+    assert 'died in a row; the result has 70 of 100 drops' in ended.stderr
+
+
+def test_interrupted_search_shows_what_is_known(run, monkeypatch):
+    make = optimise.Optimisation._choose_and_compare
+
+    def interrupted(self):
+        monkeypatch.setattr(self._problem, '_stopped', lambda: True)
+        make(self)
+
+    monkeypatch.setattr(optimise.Optimisation, '_choose_and_compare', interrupted)
+    ended = run(*WORDS, '--wanted', '1')
+    assert ended.returncode == 130
+    assert 'The search ended early' in ended.stdout
+    assert ended.stderr.splitlines()[-1] == 'interrupted; the result has 70 of 100 drops'
+
+
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [
+        (('--wanted', '1', '--vary', 'colour=1:2'), "invalid factor 'colour'"),
+        (('--wanted', '1', '--vary', 'height=9mm:3mm'), 'expected a lower and a higher value'),
+        (('--wanted', 'all'), 'expected numbers separated by commas'),
+        (('--wanted', '9'), 'invalid wanted aspect 9: expected 1 to 4'),
+        (('--wanted', '1', '--vary', 'height=1mm:3mm'), 'expected height only once'),
+        (('--wanted', '1', '--actions', 'mine.yaml'), 'expected only with --action'),
+        (('--wanted', '1', '--points', '1'), 'expected at least 2 of each'),
+        (('--wanted', '1', '--vary', 'surroundings.angle=1:2'), 'expected surroundings'),
+    ],
+)
+def test_wrong_values_are_named(run, words, message):
+    ended = run(*WORDS, *words)
+    assert ended.returncode == 2
+    assert message in ended.stderr
+
+
+def test_defaults_are_those_of_the_search(run):
+    text = run('optimise', '--help').stdout
+    assert f'number of points of the design ({DEFAULT_POINTS})' in text
+    assert f'({DEFAULT_DROPS})' in text

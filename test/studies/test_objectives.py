@@ -1,0 +1,101 @@
+"""Objectives: shares and entropies against formulas, and the coverage of their posteriors."""
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.studies import optimum_comparison
+from resting_aspects_ros.studies.objectives import Objective, make_objective
+from resting_aspects_ros.studies.optimum_comparison import advantage, posterior_values
+
+SHARE = Objective((1, 3), ((1, 3),))
+ENTROPY = Objective((), ((1,), (2, 3)))
+
+
+def test_columns_of_a_share_are_wanted_and_all_other_ends():
+    counts, other = np.array([[5, 7, 11]]), np.array([[1, 0, 2, 0, 0]])
+    assert SHARE.columns(counts, other).tolist() == [[16, 10]]
+    assert ENTROPY.columns(counts, other).tolist() == [[5, 18, 3]]
+
+
+def test_entropy_is_that_of_the_formula():
+    shares = np.array([[0.5, 0.5, 0.0], [1.0, 0.0, 0.0], [0.2, 0.8, 0.0]])
+    expected = [np.log(2), 0, -0.2 * np.log(0.2) - 0.8 * np.log(0.8)]
+    assert ENTROPY.values(shares) == pytest.approx(expected)
+    assert ENTROPY.scores(shares) == pytest.approx([-e for e in expected])
+
+
+def test_parts_that_are_in_no_aspect_do_not_lower_the_entropy():
+    lost = np.linspace(0, 1, 11)
+    inside = np.array([0.1, 0.9])
+    shares = np.column_stack([(1 - lost)[:, None] * inside, lost])
+    values = ENTROPY.values(shares)
+    assert (np.diff(values) > 0).all()
+    assert values[-1] == pytest.approx(np.log(2))
+
+
+def test_posterior_corrects_the_bias_of_the_entropy():
+    rng = np.random.default_rng(0)
+    shares, drops = np.array([0.4, 0.3, 0.2, 0.1, 0.0]), 100
+    objective = Objective((), ((1,), (2,), (3,), (4,)))
+    truth = float(objective.values(shares))
+    tables = rng.multinomial(drops, shares, 400)
+    plain = objective.values(tables / drops)
+    posterior = np.array([objective.posterior(row, rng, 100).mean() for row in tables])
+    error = plain.std() / np.sqrt(len(tables))
+    # Miller (1955): -sum p ln p of shares is too small by (k - 1) / 2 n.
+    assert plain.mean() - truth == pytest.approx(-3 / (2 * drops), abs=3 * error)
+    assert abs(posterior.mean() - truth) < 3 / (4 * drops) + 3 * error
+
+
+@pytest.mark.parametrize('objective', [SHARE, ENTROPY])
+def test_intervals_of_fresh_drops_cover_the_truth(objective, monkeypatch):
+    monkeypatch.setattr(optimum_comparison, 'DRAWS', 1000)
+    rng = np.random.default_rng(1)
+    runs, drops = 150, 400
+    one, other = (np.array([[0.55, 0.45], [0.5, 0.5]]) if objective is SHARE else
+                  np.array([[0.2, 0.75, 0.05], [0.3, 0.68, 0.02]]))  # fmt: skip
+    values = objective.values(np.array([one, other]))
+    gain = objective.sign * (values[0] - values[1])
+    covered = np.zeros(2)
+    for _ in range(runs):
+        a, b = rng.multinomial(drops, one), rng.multinomial(drops, other)
+        value = posterior_values(objective, a, rng, 0.9)
+        found = advantage(objective, a, b, rng, 0.9).gain
+        covered += [value.lower <= values[0] <= value.upper, found.lower <= gain <= found.upper]
+    low, high = binom.ppf([0.001, 0.999], runs, 0.9)
+    assert ((low <= covered) & (covered <= high)).all()
+
+
+def test_certainty_is_half_without_a_difference():
+    rng = np.random.default_rng(2)
+    counts = np.array([300, 700])
+    found = advantage(SHARE, counts, counts, rng, 0.95)
+    assert found.certainty == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(20_000))
+
+
+def test_classes_are_resolved_to_their_aspects():
+    aspects = ra.find_aspects(ra.load_part('box_10x20x30'))
+    objective = make_objective(aspects, None, [1])
+    members = [a.id for a in aspects.classes()[0]]
+    assert list(objective.wanted) == members
+    assert len(members) == 2
+    assert objective.text == f'largest share of aspects {members[0]} and {members[1]}'
+
+
+@pytest.mark.parametrize(
+    ('given', 'message'),
+    [
+        ({}, 'expected one of wanted aspects'),
+        ({'wanted': [1], 'least_entropy': True}, 'expected one of wanted aspects'),
+        ({'wanted': []}, 'expected at least one'),
+        ({'wanted': [5]}, 'invalid wanted aspect 5: expected 1 to 4'),
+        ({'wanted_classes': [2]}, 'invalid wanted symmetry class 2: expected 1 to 1'),
+        ({'least_entropy': True}, 'several symmetry classes'),
+    ],
+)
+def test_invalid_objectives_are_named(given, message):
+    aspects = ra.find_aspects(ra.load_part('tetrahedron'))
+    with pytest.raises(ra.InvalidValueError, match=message):
+        make_objective(aspects, **given)

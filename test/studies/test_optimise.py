@@ -1,0 +1,166 @@
+"""The best conditions of parts: mechanics, reproducibility, and what the result says."""
+
+import json
+import math
+from concurrent.futures import Future
+
+import numpy as np
+import pytest
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.surroundings.description import Surroundings
+from resting_aspects_ros.simulation.surroundings.kinds import Plane
+
+RANGES = {'height': '10mm:30mm', 'friction': (0.1, 0.4)}
+FEW = {'points': 4, 'drops': 20, 'budget': 200}
+
+
+class Here:
+    """Workers that simulate in this process, a number of chunks at a time."""
+
+    def __init__(self, lookahead=1):
+        self._lookahead = lookahead
+
+    def lookahead(self):
+        return self._lookahead
+
+    def submit(self, job, first, end):
+        future = Future()
+        future.set_result(drop_chunk(job, first, end))
+        return future
+
+    def result(self, future):
+        return future.result()
+
+    def deaths(self, error):
+        return 0
+
+
+@pytest.fixture(scope='module')
+def found():
+    return ra.optimise('tetrahedron', RANGES, wanted=[1, 2], workers=Here(), **FEW)
+
+
+def test_document_has_the_counts_of_all_drops(found, tmp_path):
+    found.save_json(tmp_path / 'o.json')
+    document = json.loads((tmp_path / 'o.json').read_text())
+    points = sum(sum(p['counts']) for p in document['points'])
+    compared = sum(document[name]['drops'] for name in ('best', 'second', 'start'))
+    assert points + compared == document['drops'] <= 200
+    assert document['complete']
+    assert document['wanted'] == [1, 2]
+    assert document['start']['values'] == {'height': 0.06, 'friction': 0.25}
+    assert document['best']['conditions']['height'] == document['best']['values']['height']
+    assert document['notes'] == found.notes
+
+
+def test_points_are_saved_as_csv(found, tmp_path):
+    found.save_csv(tmp_path / 'p.csv')
+    header, *rows = (tmp_path / 'p.csv').read_text().splitlines()
+    assert header == 'height,friction,round,1+2,other'
+    assert len(rows) == len(found.points)
+
+
+def test_result_does_not_depend_on_the_workers(found):
+    again = ra.optimise('tetrahedron', RANGES, wanted=[1, 2], workers=Here(5), **FEW)
+    assert again.to_json() == found.to_json()
+
+
+def test_notes_name_materials_and_fresh_drops(found):
+    text = ' '.join(found.notes)
+    assert 'friction is a property of the materials' in text
+    assert 'height is a property' not in text
+    assert '20 fresh drops' in text
+    # All aspects of a tetrahedron are the same, so that no difference can be shown.
+    assert 'height and friction have no effect that can be shown' in text
+    assert 'No difference is shown between the best conditions and your conditions' in text
+
+
+def test_impossible_start_is_not_compared():
+    found = ra.optimise(
+        'tetrahedron', {'height': (0.02, 0.04)}, wanted=[1], height=0.01,
+        height_of=1, workers=Here(), **FEW,
+    )  # fmt: skip
+    assert found.start is None
+    assert found.complete
+    assert any('Your conditions are impossible' in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ('vary', 'given', 'message'),
+    [
+        ({}, {'wanted': [1]}, 'expected at least one'),
+        ({'height': '2mm:1mm'}, {'wanted': [1]}, 'a lower and a higher value'),
+        ({'height': '1mm:2mm'}, {}, 'expected one of wanted aspects'),
+        ({'action.speed': '0.1:1'}, {'wanted': [1]}, 'expected an action'),
+        ({'height': (1, 2, 3)}, {'wanted': [1]}, 'invalid range'),
+        ({'height': '1mm:2mm'}, {'wanted': [1], 'budget': 10}, 'invalid budget 10'),
+        ({'height': '1mm:2mm'}, {'wanted': [1], 'confidence': 2}, 'invalid confidence'),
+        ({'height': '1mm:2mm'}, {'wanted': [1], 'seed': -1}, 'invalid seed'),
+    ],
+)
+def test_invalid_input_is_named(vary, given, message):
+    with pytest.raises(ra.InvalidValueError, match=message):
+        ra.optimise('tetrahedron', vary, workers=Here(), **given)
+
+
+@pytest.mark.slow
+def test_parts_stay_on_a_slope_below_the_friction_angle():
+    friction = 0.4
+    found = ra.optimise(
+        'box_10x20x30', {'surroundings.angle': '5deg:40deg'}, wanted_classes=[1, 2, 3],
+        surroundings='slope', friction=friction, height=0.005, workers=Here(),
+        points=8, drops=20, budget=300,
+    )  # fmt: skip
+    assert found.best.values['surroundings.angle'] < math.atan(friction)
+    assert found.best.estimate.value > 0.9
+    # Above the friction angle no part stays.
+    steep = [p for p in found.points if p.values['surroundings.angle'] > math.atan(friction)]
+    assert steep
+    assert sum(p.counts[0] for p in steep) == 0
+    assert found.facts[0].flat[0] == 0
+    assert found.facts[0].matters
+
+
+@pytest.mark.slow
+def test_parts_that_are_released_flat_stay_flat_from_the_least_height():
+    part = ra.load_part('box_10x20x30')
+    aspects = ra.find_aspects(part)
+    flat = Surroundings(Plane(), orientation=tuple(aspects.aspects[0].orientation))
+    found = ra.optimise(
+        part, {'height': '1mm:100mm'}, wanted_classes=[1], surroundings=flat, spin=30.0,
+        workers=Here(), points=8, drops=60, budget=1200,
+    )  # fmt: skip
+    assert found.facts[0].matters
+    assert found.best.values['height'] < 0.02
+    assert found.over_start.certainty > 0.95
+    assert found.over_start.gain.lower > 0
+
+
+@pytest.mark.slow
+def test_gentler_taps_keep_more_parts_in_their_aspect():
+    part = ra.load_part('box_10x20x30')
+    aspects = ra.find_aspects(part)
+    flat = Surroundings(Plane(), orientation=tuple(aspects.aspects[0].orientation))
+    found = ra.optimise(
+        part, {'action.speed': '0.05:1'}, wanted_classes=[1], surroundings=flat, height=0.001,
+        action='hard_tap', workers=Here(), points=8, drops=60, budget=1200,
+    )  # fmt: skip
+    assert found.best.values['action.speed'] < 0.3
+    assert found.facts[0].matters
+    assert 'after one hard_tap on parts that were dropped' in found.aim
+
+
+@pytest.mark.slow
+def test_least_entropy_is_found_where_all_parts_stay_as_released():
+    part = ra.load_part('box_10x20x30')
+    aspects = ra.find_aspects(part)
+    flat = Surroundings(Plane(), orientation=tuple(aspects.aspects[0].orientation))
+    found = ra.optimise(
+        part, {'height': '1mm:100mm'}, least_entropy=True, surroundings=flat, spin=30.0,
+        workers=Here(), points=8, drops=60, budget=1200,
+    )  # fmt: skip
+    assert found.best.values['height'] < 0.03
+    assert found.best.estimate.value < found.start.estimate.value
+    assert np.isfinite(found.best.estimate.upper)
