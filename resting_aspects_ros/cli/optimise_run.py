@@ -23,7 +23,7 @@ from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.studies.factors import Factor, parse_factor
 from resting_aspects_ros.studies.objectives import make_objective
-from resting_aspects_ros.studies.optimise import Optimisation
+from resting_aspects_ros.studies.optimisation import Optimisation
 from resting_aspects_ros.studies.optimise_result import Candidate, OptimiseResult
 from resting_aspects_ros.studies.optimise_text import value_text
 from resting_aspects_ros.studies.optimum_problem import BUDGET, Amounts

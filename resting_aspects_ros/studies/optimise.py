@@ -1,10 +1,8 @@
 """Find the conditions with the most of the wanted aspects, or with the least entropy."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from resting_aspects_ros.api.chunk_loop import given_workers
 from resting_aspects_ros.api.condition_text import given_conditions
@@ -13,193 +11,30 @@ from resting_aspects_ros.api.plan_actions import named_action
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, check_confidence
+from resting_aspects_ros.core.statistics.intervals import CONFIDENCE
 from resting_aspects_ros.simulation.actions import Action, NamedAction
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.run_description import (
     DEFAULT_SEED,
-    check_drops,
-    check_seed,
 )
 from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 from resting_aspects_ros.simulation.surroundings.library import named_surroundings
-from resting_aspects_ros.studies.factors import Factor, check_factors, read_factor
-from resting_aspects_ros.studies.objectives import Array, Counts, Objective, make_objective
+from resting_aspects_ros.studies.factors import read_factor
+from resting_aspects_ros.studies.objectives import make_objective
+from resting_aspects_ros.studies.optimisation import Optimisation
 from resting_aspects_ros.studies.optimise_result import (
-    Candidate,
-    OptimisePoint,
     OptimiseResult,
 )
-from resting_aspects_ros.studies.optimum_comparison import advantage, estimated, posterior_values
-from resting_aspects_ros.studies.optimum_facts import factor_facts
 from resting_aspects_ros.studies.optimum_problem import (
     BUDGET,
     DEFAULT_DROPS,
     DEFAULT_POINTS,
     Amounts,
 )
-from resting_aspects_ros.studies.optimum_search import DRAWS, OptimumSearch
-from resting_aspects_ros.studies.part_problem import PartProblem, setting_value
 from resting_aspects_ros.studies.setting import Setting
-
-
-class Optimisation:
-    """A search for the best conditions, whose result can be asked for at any time.
-
-    Parameters
-    ----------
-    base : Setting
-        The conditions from which the factors differ, and with which the best ones are compared.
-
-    Raises
-    ------
-    InvalidValueError
-        If no factor varies, or a number is out of bounds.
-    """
-
-    def __init__(
-        self,
-        part: Part,
-        factors: Sequence[Factor],
-        base: Setting,
-        objective: Objective,
-        amounts: Amounts,
-        seed: int,
-        workers: Workers,
-        *,
-        landscape: Landscape | None = None,
-        confidence: float = CONFIDENCE,
-        progress: Callable[[int], None] = lambda _: None,
-        stopped: Callable[[], bool] = lambda: False,
-    ) -> None:
-        check_factors(factors)
-        check_seed(seed)
-        check_drops(amounts.total)
-        check_confidence(confidence)
-        landscape = Landscape(part) if landscape is None else landscape
-        self._part, self._objective, self._base = part, objective, base
-        self._aspects = find_aspects(part, landscape)
-        self._confidence, self._stopped, self._amounts = confidence, stopped, amounts
-        self._problem = PartProblem(
-            part,
-            factors,
-            base,
-            objective,
-            seed,
-            workers,
-            landscape,
-            progress=progress,
-            stopped=stopped,
-        )
-        self._search = OptimumSearch(self._problem, amounts, seed)
-        self._fresh: dict[str, Counts] = {}
-        self._chosen: dict[str, Array | None] = {}
-
-    @property
-    def drops(self) -> int:
-        """Number of drops so far."""
-        return self._problem.done
-
-    def run(self) -> None:
-        """Make the drops; returns early if stopped. Raises InvalidValueError, EngineError."""
-        self._search.run(self._stopped)
-        if self._search.surrogate is None or self._stopped():
-            return
-        self._choose_and_compare()
-
-    def _choose_and_compare(self) -> None:
-        """Make fresh drops at the best conditions, the second ones and the start."""
-        self._choose()
-        settings = {
-            name: self._problem.setting(p) for name, p in self._chosen.items() if p is not None
-        }
-        try:
-            self._problem.check(self._base)
-            settings['start'] = self._base
-        except InvalidValueError:
-            pass  # the result says that the start was not compared
-        drops = self._amounts.compared
-        counts = self._problem.counts_at(list(settings.values()), drops, 'comparison')
-        self._fresh = {
-            name: row for name, row in zip(settings, counts, strict=True) if row.sum() == drops
-        }
-
-    def _choose(self) -> None:
-        if not self._chosen:
-            best = self._search.best()
-            self._chosen = {'best': best, 'second': self._search.rival(best)}
-
-    def result(self) -> OptimiseResult | None:
-        """Return what is known; None if nothing is, because too few points were simulated."""
-        search, problem, objective = self._search, self._problem, self._objective
-        if search.surrogate is None:
-            return None
-        self._choose()
-        best_point = self._chosen['best']
-        assert best_point is not None
-        best, second = (self._candidate(name) for name in ('best', 'second'))
-        assert best is not None
-        counts = self._fresh
-        gains = [
-            advantage(objective, counts['best'], counts[name], self._rng(), self._confidence)
-            if {'best', name} <= counts.keys()
-            else None
-            for name in ('second', 'start')
-        ]
-        return OptimiseResult(
-            part=self._part,
-            aspects=self._aspects,
-            objective=objective,
-            factors=problem.factors,
-            facts=tuple(factor_facts(search, best_point)),
-            best=best,
-            second=second,
-            start=self._start(),
-            over_second=gains[0],
-            over_start=gains[1],
-            points=tuple(
-                OptimisePoint(problem.values(p), row, number)
-                for p, row, number in zip(search.points, search.counts, search.rounds, strict=True)
-            ),
-            skipped=tuple((problem.values(p), reason) for p, reason in search.skipped),
-            amounts=self._amounts,
-            drops=self.drops,
-            certain=search.certain,
-            complete='best' in counts,
-            confidence=self._confidence,
-            seed=search.seed,
-            surrogate=search.surrogate.form.text,
-            surrogate_error=search.surrogate.cross_validated_error,
-        )
-
-    def _candidate(self, name: str) -> Candidate | None:
-        point = self._chosen[name]
-        if point is None:
-            return None
-        counts = self._fresh.get(name)
-        if counts is None:
-            draws = self._objective.sign * self._search.drawn(point[None], DRAWS)[:, 0]
-            value = estimated(draws, self._confidence)
-        else:
-            value = posterior_values(self._objective, counts, self._rng(), self._confidence)
-        problem = self._problem
-        return Candidate(problem.setting(point), problem.values(point), counts, value)
-
-    def _start(self) -> Candidate | None:
-        counts = self._fresh.get('start')
-        if counts is None:
-            return None
-        names = [factor.name for factor in self._problem.factors]
-        values = {name: setting_value(self._base, name) for name in names}
-        value = posterior_values(self._objective, counts, self._rng(), self._confidence)
-        return Candidate(self._base, values, counts, value)
-
-    def _rng(self) -> np.random.Generator:
-        return np.random.default_rng((self._search.seed, 5))
 
 
 def optimise(

@@ -25,6 +25,7 @@ FEW_DROPS = ['--drops', '50']
 FEW = {
     'calibrate': ['--points', '8', '--drops', '10', '--rounds', '0'],
     'drift': FEW_DROPS,
+    'optimise': ['--points', '4', '--drops', '10', '--budget', '100'],
     'forecast': ['--action', 'tap', '--per-aspect', '20', *FEW_DROPS],
     'drop': FEW_DROPS,
     'study': ['--points', '8', '--drops', '20'],
@@ -33,7 +34,7 @@ FEW = {
 }
 OTHER_NUMBERS = {'--precision', '--from-log', '--initial-states', '--expected'}
 # They do not print how many drops and actions they made.
-WITHOUT_NUMBERS = {'calibrate', 'forecast', 'study'}
+WITHOUT_NUMBERS = {'calibrate', 'forecast', 'optimise', 'study'}
 PROGRAM = '.venv/bin/resting_aspects'
 LOG = 'out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50'
 # With a file that each of them makes.

@@ -6,7 +6,7 @@ import pytest
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.core.errors import EngineError
-from resting_aspects_ros.studies import optimise
+from resting_aspects_ros.studies import optimisation
 from resting_aspects_ros.studies.optimum_problem import DEFAULT_DROPS, DEFAULT_POINTS
 
 FEW = ('--points', 4, '--drops', 10, '--budget', 100, '--workers', 2)
@@ -44,7 +44,7 @@ def test_failure_of_the_workers_keeps_the_result(run, monkeypatch):
     def failing(*_):
         raise EngineError('3 worker processes died in a row')
 
-    monkeypatch.setattr(optimise.Optimisation, '_choose_and_compare', failing)
+    monkeypatch.setattr(optimisation.Optimisation, '_choose_and_compare', failing)
     ended = run(*WORDS, '--wanted', '1')
     assert ended.returncode == 1
     assert 'is that of the surrogate' in ' '.join(ended.stdout.split())
@@ -52,13 +52,13 @@ def test_failure_of_the_workers_keeps_the_result(run, monkeypatch):
 
 
 def test_interrupted_search_shows_what_is_known(run, monkeypatch):
-    make = optimise.Optimisation._choose_and_compare
+    make = optimisation.Optimisation._choose_and_compare
 
     def interrupted(self):
         monkeypatch.setattr(self._problem, '_stopped', lambda: True)
         make(self)
 
-    monkeypatch.setattr(optimise.Optimisation, '_choose_and_compare', interrupted)
+    monkeypatch.setattr(optimisation.Optimisation, '_choose_and_compare', interrupted)
     ended = run(*WORDS, '--wanted', '1')
     assert ended.returncode == 130
     assert 'The search ended early' in ended.stdout
