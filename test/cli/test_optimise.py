@@ -25,6 +25,7 @@ def test_table_and_files_show_the_three_conditions(run, tmp_path):
     assert len(rows) == 1 + len(document['points'])
 
 
+@pytest.mark.slow
 def test_document_is_that_of_the_python_interface(run):
     ended = run(*WORDS, '--wanted', '1', '--restitution', '0.3', '--json')
     expected = ra.optimise(

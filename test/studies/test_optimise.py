@@ -77,6 +77,7 @@ def test_notes_name_materials_and_fresh_drops(found):
     assert 'No difference is shown between the best conditions and your conditions' in text
 
 
+@pytest.mark.slow
 def test_impossible_start_is_not_compared():
     found = ra.optimise(
         'tetrahedron', {'height': (0.02, 0.04)}, wanted=[1], height=0.01,

@@ -96,6 +96,7 @@ def test_factor_without_effect_is_recognised(found):
     assert 0.15 < best[0] < 0.45
 
 
+@pytest.mark.slow
 def test_same_seed_gives_the_same_search():
     one, other = (searched(Known(hill, 1), Amounts(6, 100, 1500)) for _ in range(2))
     assert np.array_equal(one.points, other.points)
