@@ -41,10 +41,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'height=20mm:200mm, surroundings.angle=0deg:20deg or action.speed=0.1:1; a third value is '
         'a number of levels, or log; can be repeated',
     )
-    aim = parser.add_mutually_exclusive_group(required=True)
-    aim.add_argument('--wanted', metavar='IDS', help='wanted aspects, such as 1,3')
-    aim.add_argument('--wanted-classes', metavar='NUMBERS', help='the same for symmetry classes')
-    aim.add_argument(
+    # No group of exclusive options, whose usage would be too wide: make_objective checks them.
+    parser.add_argument(
+        '--wanted', metavar='IDS', help='find the largest share of these aspects, such as 1,3'
+    )
+    parser.add_argument(
+        '--wanted-classes', metavar='NUMBERS', help='the same for symmetry classes'
+    )
+    parser.add_argument(
         '--least-entropy',
         action='store_true',
         help='instead find the least entropy over the symmetry classes',
