@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import log_softmax
-from scipy.stats import chi2
+from scipy.special import log_softmax, xlogy
+from scipy.stats import chi2, f
 
 from resting_aspects_ros.studies.designs import sobol
 from resting_aspects_ros.studies.optimum_problem import Array, Counts
@@ -117,7 +117,8 @@ def _effects(search: OptimumSearch, best: Array) -> list[tuple[float, float]]:
 def _p_value(points: Array, counts: Counts, k: int) -> float:
     """Return the p value of the likelihood ratio test that a factor has no effect.
 
-    Quadratic logits with and without the factor are compared.
+    Quadratic logits with and without the factor are compared. If they do not fit, as the deviance
+    from the counts shows, the ratio is divided by the dispersion (quasi-likelihood, F test).
     """
     common = counts.sum(axis=0) >= RARE
     table = np.column_stack([counts[:, common], counts[:, ~common].sum(axis=1)])
@@ -129,8 +130,14 @@ def _p_value(points: Array, counts: Counts, k: int) -> float:
     degree = 2 if (d + 1) * (d + 2) // 2 < len(points) else 1
     full, less = Form(degree).features(points), Form(degree).features(others)
     ratio = 2 * (_likelihood(full, table) - _likelihood(less, table))
-    freedom = (full.shape[1] - less.shape[1]) * (table.shape[1] - 1)
-    return float(chi2.sf(ratio, freedom))
+    outcomes = table.shape[1] - 1
+    freedom = (full.shape[1] - less.shape[1]) * outcomes
+    left = (len(points) - full.shape[1]) * outcomes
+    own = table / table.sum(axis=1, keepdims=True)
+    deviance = 2 * (float(xlogy(table, own).sum()) - _likelihood(full, table))
+    if left <= 0 or deviance <= left:
+        return float(chi2.sf(ratio, freedom))
+    return float(f.sf(max(ratio, 0.0) / freedom / (deviance / left), freedom, left))
 
 
 def _likelihood(features: Array, table: Array) -> float:
