@@ -18,6 +18,7 @@ __version__ = '0.1.0'
 _MODULES = {
     'CalibrationPlan': 'studies.calibration.plan',
     'CalibrationResult': 'studies.calibration.result',
+    'BatchResult': 'studies.batch',
     'ClassificationResult': 'api.classify',
     'ComparisonResult': 'api.compare',
     'ControlledRuns': 'core.feeding.controlled_runs',
@@ -62,6 +63,7 @@ _MODULES = {
     'classify': 'api.classify',
     'compare': 'api.compare',
     'drop': 'api.drop',
+    'drop_batch': 'studies.batch',
     'estimate': 'api.estimate',
     'find_aspects': 'core.aspects.aspect',
     'find_homography': 'core.vision.homography',

@@ -13,6 +13,8 @@ from resting_aspects_ros.core.geometry.mesh_file import FORMATS
 from resting_aspects_ros.core.geometry.step_file import STEP_FORMATS
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.units import UNITS
+from resting_aspects_ros.simulation.config_files import parts_folder
+from resting_aspects_ros.simulation.part_library import PartLibrary
 
 PARTS = 'parts'
 
@@ -23,8 +25,8 @@ def mesh_files(folder: Path) -> list[Path]:
     found = sorted(p for p in folder.iterdir() if p.suffix.lower() in endings and p.is_file())
     if not found:
         raise InvalidValueError(
-            f'invalid folder of parts {shown(str(folder))}: expected mesh files ('
-            f'{", ".join(sorted(endings))}) in it'
+            f'invalid part {shown(str(folder))}: it is a folder, expected mesh files '
+            f'({", ".join(sorted(endings))}) in it'
         )
     return found
 
@@ -32,11 +34,21 @@ def mesh_files(folder: Path) -> list[Path]:
 def part_sources(given: Sequence[str | Path]) -> Iterator[str | Path]:
     """Yield names of parts and mesh files; a folder stands for the mesh files in it."""
     for each in given:
-        path = mesh_file(each)
-        if path is not None and path.is_dir():
-            yield from mesh_files(path)
-        else:
+        folder = part_folder(each)
+        if folder is None:
             yield each
+        else:
+            yield from mesh_files(folder)
+
+
+def part_folder(given: str | Path) -> Path | None:
+    """Return a folder of mesh files; None for a file or the name of an example part."""
+    path = Path(given)
+    return path if path.is_dir() and not _is_name(given) else None
+
+
+def _is_name(given: str | Path) -> bool:
+    return mesh_file(given) is None and str(given) in PartLibrary(parts_folder()).names()
 
 
 def load_parts(given: Sequence[Part | str | Path], base: Path | None = None) -> list[Part]:
@@ -47,6 +59,8 @@ def load_parts(given: Sequence[Part | str | Path], base: Path | None = None) -> 
             found.append(each)
             continue
         path = mesh_file(each)
+        if base is not None and not _is_name(each) and (base / each).is_dir():
+            path = Path(each)
         if path is not None and base is not None:
             path = base / path
         found += [load_part(source) for source in part_sources([path or each])]

@@ -4,16 +4,13 @@ from collections.abc import Iterator
 from typing import Any
 
 from resting_aspects_ros.api.surroundings import conditions_text
-from resting_aspects_ros.report.aspect_pose import picture_part
-from resting_aspects_ros.report.colours import rgb
 from resting_aspects_ros.report.figure_style import inline_svg, svg_text
 from resting_aspects_ros.report.page_table import PageTable, text_table
-from resting_aspects_ros.report.page_template import picture_uri, render_page
-from resting_aspects_ros.report.posed_part import draw_parts, pose_parts
+from resting_aspects_ros.report.page_template import render_page
 from resting_aspects_ros.studies.effects import Effects
 from resting_aspects_ros.studies.findings import NOT_WORTH, WORTH, points_text
+from resting_aspects_ros.studies.page_parts import case_pictures, comparison_texts
 from resting_aspects_ros.studies.study_cases import StudyCase
-from resting_aspects_ros.studies.study_comparison import CaseComparison
 from resting_aspects_ros.studies.study_figures import (
     case_colours,
     effects_figure,
@@ -21,7 +18,6 @@ from resting_aspects_ros.studies.study_figures import (
 )
 from resting_aspects_ros.studies.study_result import StudyResult
 
-PIXELS = 176
 _CSS_PIXELS_PER_INCH = 96
 _CURVES = 'Line charts of the probability of each aspect class and of the entropy over each factor'
 _INDICES = 'Bar charts of the first and total Sobol indices'
@@ -31,7 +27,7 @@ def study_page(result: StudyResult) -> str:
     """Return the page of a study as HTML."""
     spec = result.spec
     names = ', '.join(part.name for part in spec.parts)
-    pictures = {case.part.name: case_pictures(case) for case in result.cases}
+    pictures = {id(case): case_pictures(case) for case in result.cases}
     drops = sum(int(case.drops.sum()) for case in result.cases)
     return render_page(
         'study.html',
@@ -51,21 +47,13 @@ def study_page(result: StudyResult) -> str:
             for finding in result.findings
         ],
         cases=[
-            _case(result, k, case, effects, pictures[case.part.name])
+            _case(result, k, case, effects, pictures[id(case)])
             for k, (case, effects) in enumerate(zip(result.cases, result.effects, strict=True))
         ],
-        comparisons=[_comparison(each, pictures) for each in result.comparisons],
+        comparisons=[comparison_texts(each, pictures) for each in result.comparisons],
         confidence=f'{100 * spec.confidence:g}',
         tolerance=points_text(spec.tolerance),
     )
-
-
-def case_pictures(case: StudyCase) -> list[str]:
-    """Return a picture of each symmetry class as a data URI."""
-    members = [alike[0] for alike in case.aspects.classes()]
-    part = picture_part(case.part, case.aspects.aspects)
-    colours = [rgb(colour) for colour in case_colours(case)[: len(members)]]
-    return [picture_uri(image) for image in draw_parts(pose_parts(part, members), colours, PIXELS)]
 
 
 def _case(
@@ -133,44 +121,6 @@ def _indices_table(effects: Effects, result: StudyResult) -> PageTable:
                 row.append('')
         rows.append(row)
     return text_table(headings, rows)
-
-
-def _comparison(found: CaseComparison, pictures: dict[str, list[str]]) -> dict[str, Any]:
-    first, second = found.first, found.second
-    points = '{:+.1f} to {:+.1f}'
-    return {
-        'first': first.name,
-        'second': second.name,
-        'apart': f'{found.apart:.2g}',
-        'rows': [
-            {
-                'names': (first.class_names[e.first - 1], second.class_names[e.second - 1]),
-                'pictures': (
-                    pictures[first.part.name][e.first - 1],
-                    pictures[second.part.name][e.second - 1],
-                ),
-                'shares': (f'{100 * e.first_share:.1f} %', f'{100 * e.second_share:.1f} %'),
-                'difference': f'{100 * e.difference:+.1f} points',
-                'interval': points.format(100 * e.lower, 100 * e.upper),
-                'largest': f'{100 * e.largest:+.1f} points',
-                'largest_interval': points.format(100 * e.largest_lower, 100 * e.largest_upper),
-                'point': e.point,
-            }
-            for e in found.shared
-        ],
-        'alone': [
-            f'{case.name}: {", ".join(names)}'
-            for case, names in (
-                (first, _alone(first, {e.first for e in found.shared})),
-                (second, _alone(second, {e.second for e in found.shared})),
-            )
-            if names
-        ],
-    }
-
-
-def _alone(case: StudyCase, shared: set[int]) -> list[str]:
-    return [name for k, name in enumerate(case.class_names, 1) if k not in shared]
 
 
 def _notes(result: StudyResult) -> Iterator[str]:

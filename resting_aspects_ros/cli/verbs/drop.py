@@ -8,7 +8,7 @@ from resting_aspects_ros.cli.options import (
     add_conditions,
     add_confidence,
     add_output,
-    add_part,
+    add_part_place,
     add_run,
     add_surroundings,
     add_workers,
@@ -25,6 +25,7 @@ to rest, and how probable each is. No ROS nodes are needed."""
 EXAMPLES = """examples:
   resting_aspects drop l_bracket
   resting_aspects drop my_part.stl --unit mm --drops 5000 --out result
+  resting_aspects drop old.stl new.stl FOLDER --out out/batch
   resting_aspects drop l_bracket --report --log out/logs
   resting_aspects drop t_prism --precision 0.02
   resting_aspects drop washer --drops 5000 --check-convergence
@@ -39,7 +40,14 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_part(parser, needed=False)
+    parser.add_argument(
+        'part',
+        metavar='PART_OR_MESH',
+        nargs='*',
+        help='name of a part, or a mesh file; several of them, or a folder of mesh files, are a '
+        'batch with an index page',
+    )
+    add_part_place(parser)
     parser.add_argument(
         '--from-log',
         metavar='LOG',
@@ -109,12 +117,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _is_folder(given: list[str]) -> bool:
+    if not given or not Path(given[0]).is_dir():
+        return False
+    # This import is slow, and only needed if there is such a folder.
+    from resting_aspects_ros.studies.part_files import part_folder
+
+    return part_folder(given[0]) is not None
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Drop and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with Interruption() as stop, ExitStack() as stack:
         confidence = parse_share('--confidence', arguments.confidence)
         # The workers are stopped last, so that the result is written even if stopping them fails.
         workers = start_workers(arguments, stack)
+        if len(arguments.part) > 1 or _is_folder(arguments.part):
+            from resting_aspects_ros.cli.drop_batch_run import drop_batch_and_show
+
+            return drop_batch_and_show(arguments, workers, confidence, stop)
+        arguments.part = arguments.part[0] if arguments.part else None
         # These imports are slow because of NumPy.
         from resting_aspects_ros.cli.drop_request import requested_drops
         from resting_aspects_ros.cli.drop_run import drop_and_show
