@@ -18,7 +18,7 @@ MAX_ANGLE = np.radians(20.0)
 # Heights of the centre of mass of the same aspect differ by at most this, R.
 MAX_HEIGHT = 0.3
 # Parts whose hulls are on average further apart than this, R, are different parts.
-MAX_APART = 0.25
+MAX_APART = 0.15
 # Points of a hull that are compared.
 SAMPLES = 400
 

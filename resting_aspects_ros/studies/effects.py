@@ -1,5 +1,6 @@
 """What the shares of a case depend on: main effects, Sobol indices and largest changes."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,10 +89,13 @@ class Effects:
     changes: list[Change]
     indices: Indices
 
-    @property
-    def reliable(self) -> bool:
-        """Whether the surrogate explains most of the differences between the points."""
-        return self.explained >= EXPLAINED
+    def reliable(self, tolerance: float) -> bool:
+        """Return whether the surrogate explains the differences that matter.
+
+        That is most of the variance between the points, or all but changes whose 95 % interval is
+        within the tolerance.
+        """
+        return self.explained >= EXPLAINED or 2 * self.cross_validated_error <= tolerance
 
 
 class _Model:
@@ -120,7 +124,11 @@ def effects_of(case: StudyCase, points: Array, seed: int, confidence: float) -> 
         surrogate = ShareSurrogate.fit(points, table, generator)
     except InvalidValueError:
         return None
-    model, d = _Model(surrogate, seed), points.shape[1]
+    # Changes that no smooth function describes scatter the points around it, like more chance:
+    # the variance is that of the drops times a dispersion, as in quasi-likelihood.
+    dispersion = 1 + surrogate.cross_validated_error**2 / _chance(table)
+    model = _Model(dataclasses.replace(surrogate, inflation=dispersion), seed)
+    d = points.shape[1]
     tails = (1 - confidence) / 2, (1 + confidence) / 2
     others = sobol(d, OTHERS, (seed, 9))
     found = [_along(model, others, k, tails) for k in range(d)]
@@ -137,7 +145,7 @@ def effects_of(case: StudyCase, points: Array, seed: int, confidence: float) -> 
 
 def entropy(shares: Array) -> Array:
     """Return the entropy (...) of shares (..., c), bit."""
-    return np.asarray(-(shares * np.log2(np.maximum(shares, 1e-300))).sum(axis=-1))
+    return np.asarray((shares * -np.log2(np.maximum(shares, 1e-300))).sum(axis=-1) + 0.0)
 
 
 def _along(
@@ -205,10 +213,15 @@ def _change(
 
 def _explained(table: Counts, error: float) -> float:
     """Return the explained share of the variance of the shares between points."""
-    drops = table.sum(axis=1, keepdims=True)
-    shares = table / drops
-    chance = float((shares * (1 - shares) / np.maximum(drops - 1, 1)).mean())
-    between = float(shares.var(axis=0, ddof=1).mean()) - chance
+    shares = table / table.sum(axis=1, keepdims=True)
+    between = float(shares.var(axis=0, ddof=1).mean()) - _chance(table)
     if between <= 0:
         return 1.0  # all differences are those of chance
     return float(np.clip(1 - error**2 / between, 0, 1))
+
+
+def _chance(table: Counts) -> float:
+    """Return the mean variance of a share by chance; more than 0."""
+    drops = table.sum(axis=1, keepdims=True)
+    shares = (table + 0.5) / (drops + 0.5 * table.shape[1])
+    return float((shares * (1 - shares) / drops).mean())

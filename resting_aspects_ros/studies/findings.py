@@ -9,6 +9,8 @@ from resting_aspects_ros.studies.effects import Change, Effects
 from resting_aspects_ros.studies.factors import Factor
 from resting_aspects_ros.studies.study_cases import StudyCase
 
+# Smaller irregular changes are not mentioned.
+IRREGULAR = 0.005
 WORTH, NOT_WORTH, OPEN = 'worth while', 'not worth while', 'not decided'
 
 
@@ -61,7 +63,7 @@ def findings_of(
 
 
 def _verdict(change: Change, effects: Effects, tolerance: float) -> str:
-    if not effects.reliable:
+    if not effects.reliable(tolerance):
         return OPEN
     if change.lower > tolerance:
         return WORTH
@@ -87,7 +89,7 @@ def _sentence(
         end = f'more than the tolerance of {limit} points: measuring it is worth while.'
     elif verdict == NOT_WORTH:
         end = f'not more than the tolerance of {limit} points: measuring it is not worth while.'
-    elif effects.reliable:
+    elif effects.reliable(tolerance):
         end = (
             f'which contains the tolerance of {limit} points: more points or drops would decide '
             'whether measuring it is worth while.'
@@ -98,7 +100,7 @@ def _sentence(
             'between the points: more points are needed to tell whether measuring it is worth '
             'while.'
         )
-    joint = ', ' if verdict != OPEN or effects.reliable else '; '
+    joint = ', ' if verdict != OPEN or effects.reliable(tolerance) else '; '
     return f'{moved}{joint}{end}'
 
 
@@ -120,6 +122,11 @@ def _where(effects: Effects, change: Change, factors: Sequence[Factor], k: int) 
         text += (
             f' On average over the other factors, shares move by at most '
             f'{points_text(change.average)} points.'
+        )
+    if effects.cross_validated_error > IRREGULAR:
+        text += (
+            f' Irregular changes of {points_text(effects.cross_validated_error)} points (root mean '
+            'square), which no smooth curve describes, come on top.'
         )
     return text
 

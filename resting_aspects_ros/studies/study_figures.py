@@ -47,7 +47,8 @@ def effects_figure(
     shares = case.table[some] / case.drops[some][:, None]
     top = min(1.0, 1.1 * max(shares.max(), *(c.upper.max() for c in effects.curves)))
     bits = entropy(shares)
-    bit_range = min(bits.min(), 0.0), 1.1 * max(bits.max(), 0.1)
+    margin = 0.3 * np.ptp(bits) + 0.05
+    bit_range = max(0.0, bits.min() - margin), bits.max() + margin
     for k, (factor, curve) in enumerate(zip(factors, effects.curves, strict=True)):
         block, column = divmod(k, columns)
         upper = figure.add_subplot(grid[2 * block, column])

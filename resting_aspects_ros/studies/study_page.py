@@ -95,9 +95,10 @@ def _case(
     found['surrogate'] = (
         f'The curves and indices are those of a surrogate: {effects.form}. Its cross-validated '
         f'error is {points_text(effects.cross_validated_error)} points, and it explains '
-        f'{100 * effects.explained:.0f} % of the variance between the points.'
+        f'{100 * effects.explained:.0f} % of the variance between the points. The rest are '
+        'irregular changes, which no smooth curve describes.'
     )
-    found['reliable'] = effects.reliable
+    found['reliable'] = effects.reliable(result.spec.tolerance)
     found['numbers'] = _indices_table(effects, result)
     return found
 

@@ -119,7 +119,7 @@ def test_surrogate_that_explains_little_decides_nothing(cylinder):
     # A share that oscillates faster than the points.
     case, points = case_of(cylinder, lambda u: 0.5 + 0.3 * np.sign(np.sin(200 * u[:, 0])))
     effects, found = verdicts(case, points, 0.05)
-    assert not effects.reliable
+    assert not effects.reliable(0.05)
     assert {finding.verdict for finding in found.values()} == {OPEN}
     assert 'explains only' in found['restitution'].text
 
