@@ -125,8 +125,8 @@ def _where(effects: Effects, change: Change, factors: Sequence[Factor], k: int) 
         )
     if effects.cross_validated_error > IRREGULAR:
         text += (
-            f' Irregular changes of {points_text(effects.cross_validated_error)} points (root mean '
-            'square), which no smooth curve describes, come on top.'
+            f' Irregular changes of {points_text(effects.cross_validated_error)} points (root '
+            'mean square), which no smooth curve describes, come on top.'
         )
     return text
 
