@@ -20,7 +20,8 @@ Array = npt.NDArray[np.float64]
 REGIONS = (0.5, 0.9)
 FILL = ('#C9DCF2', '#5B93D0')  # of the outer and the inner region
 COUNTED, FITTED, LEFT_OUT = '#222226', '#2F6DB5', '#C2571A'
-CELLS = 60
+# Cells of an axis and their smoothing: for a grid of points, and for scattered points.
+CELLS, SMOOTHING = (60, 30), (1.2, 1.6)
 ROW = 0.26  # inches
 MAX_ROWS = 60
 
@@ -79,7 +80,9 @@ def _draw_region(axes: 'Axes', result: 'CalibrationResult', i: int, j: int) -> N
     posterior = result.fit.posterior
     weights = posterior.weights().sum(axis=0)
     one, other = result.estimates[i].factor, result.estimates[j].factor
-    centres = (np.arange(CELLS) + 0.5) / CELLS
+    scattered = len(result.estimates) > 2
+    cells = CELLS[scattered]
+    centres = (np.arange(cells) + 0.5) / cells
     plain_axes(axes, 'y')
     axes.set_xlabel(one.title, fontsize=8, color=FAINT)
     if one.logarithmic:
@@ -87,14 +90,14 @@ def _draw_region(axes: 'Axes', result: 'CalibrationResult', i: int, j: int) -> N
         _plain_ticks(axes.xaxis)
     axes.set_xlim(one.low, one.high)
     if i == j:
-        density = np.histogram(posterior.points[:, i], CELLS, (0, 1), weights=weights)[0]
+        density = np.histogram(posterior.points[:, i], cells, (0, 1), weights=weights)[0]
         axes.fill_between(one.values(centres), gaussian_filter(density, 1.0), color=FILL[1])
         axes.set_yticks([])
         return
     mass = np.histogram2d(
-        posterior.points[:, i], posterior.points[:, j], CELLS, ((0, 1), (0, 1)), weights=weights
+        posterior.points[:, i], posterior.points[:, j], cells, ((0, 1), (0, 1)), weights=weights
     )[0]
-    mass = gaussian_filter(mass, 1.2, mode='nearest')
+    mass = gaussian_filter(mass, SMOOTHING[scattered], mode='nearest')
     levels = sorted(_level(mass, region) for region in REGIONS)
     x, y = one.values(centres), other.values(centres)
     axes.contourf(x, y, mass.T, [*levels, max(mass.max(), levels[-1]) * 1.01], colors=FILL)
