@@ -4,10 +4,14 @@ import tempfile
 from collections.abc import Iterator
 
 import numpy as np
+import numpy.typing as npt
 from dropper import ROOT, SEED, Dropper
 from rich.progress import track
+from scipy.optimize import minimize
+from scipy.special import expit
 
 from resting_aspects_ros.studies.calibration.calibrate import calibrate
+from resting_aspects_ros.studies.calibration.counts_file import SurfaceCounts
 from resting_aspects_ros.studies.calibration.fit import Fit, fit_counts, fit_shares
 from resting_aspects_ros.studies.calibration.posterior import level_at, with_counts
 from resting_aspects_ros.studies.calibration.result import CalibrationResult
@@ -59,7 +63,56 @@ def _cuboids(result: CalibrationResult) -> Iterator[str]:
         )
     yield f'| mean of absolute values | | | | | | {result.left_out_deviation:.3f} |'
     yield ''
+    yield from _laws(given)
     yield from _said(result)
+
+
+def _laws(given: SurfaceCounts) -> Iterator[str]:
+    """Compare with curves that need no physics: what neighbouring cuboids tell of each other."""
+    curves = {'a straight line': 1, 'a parabola': 2}
+    free, fixed = (
+        [_law_deviation(given, degree, through_cube=through) for degree in curves.values()]
+        for through in (False, True)
+    )
+    texts = [
+        f'{name} {one:.3f}, or {two:.3f} if it gives a cube its 1/3'
+        for name, one, two in zip(curves, free, fixed, strict=True)
+    ]
+    yield (
+        'For comparison, curves of the log odds over the logarithm of the thickness, which are '
+        f'fitted to the seven others, deviate from the cuboid that is left out by: '
+        f'{"; ".join(texts)}. The counts of neighbouring cuboids differ by more than a smooth '
+        'law and sampling allow.'
+    )
+    yield ''
+
+
+def _law_deviation(given: SurfaceCounts, degree: int, *, through_cube: bool) -> float:
+    """Return the mean absolute deviation of the shares of cuboids that are left out."""
+    sizes = np.array([np.ptp(part.part.hull_vertices, axis=0) for part in given.parts])
+    x = np.log(sizes[:, 2] / sizes[:, 0])
+    counts = np.array([part.counts for part in given.parts], dtype=np.float64)
+    features = np.stack([x**k for k in range(through_cube, degree + 1)], axis=1)
+    # The logits of one of two classes against the other.
+    level = -np.log(2) if through_cube else 0.0
+    deviations = []
+    for k in range(len(x)):
+        rest = np.arange(len(x)) != k
+        found = minimize(_loss, np.zeros(features.shape[1]), (features[rest], counts[rest], level))
+        share = expit(level + features[k] @ found.x)
+        deviations.append(abs(share - counts[k, 0] / counts[k].sum()))
+    return float(np.mean(deviations))
+
+
+def _loss(
+    weights: npt.NDArray[np.float64],
+    features: npt.NDArray[np.float64],
+    counts: npt.NDArray[np.float64],
+    level: float,
+) -> float:
+    """Return the negative log likelihood of counts (m, 2) with a logistic curve."""
+    logit = level + features @ weights
+    return float((counts.sum(axis=1) * np.logaddexp(0, logit) - counts[:, 0] * logit).sum())
 
 
 def _plates(dropper: Dropper) -> Iterator[str]:
