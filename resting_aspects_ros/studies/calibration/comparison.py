@@ -27,9 +27,9 @@ class SurfaceComparison:
     same_parts : bool
         Whether both files have the same parts, with the same groups and release. Then the
         simulation deviates from both in the same way, so that only sampling is taken into account.
-    same_parts_p : float
+    same_parts_p : float or None
         P value of a two-sample G test of the parts that both files have (chi-squared
-        distribution); NaN without such a part. It needs no simulation.
+        distribution); None without such a part. It needs no simulation.
     """
 
     one: str
@@ -37,7 +37,7 @@ class SurfaceComparison:
     overlap: float
     log_ratio: float
     same_parts: bool
-    same_parts_p: float
+    same_parts_p: float | None
 
 
 def compare_surfaces(one: Fit, other: Fit) -> SurfaceComparison:
@@ -91,7 +91,7 @@ def _same_parts(one: Fit, other: Fit) -> Iterator[tuple[CountedPart, CountedPart
             yield part, match
 
 
-def _p_value(pairs: list[tuple[CountedPart, CountedPart]]) -> float:
+def _p_value(pairs: list[tuple[CountedPart, CountedPart]]) -> float | None:
     statistic = sum(float(g_statistic(a.counts, b.counts)) for a, b in pairs)
     freedom = sum(int((a.counts + b.counts > 0).sum()) - 1 for a, b in pairs)
-    return float(chi2.sf(statistic, freedom)) if freedom else float('nan')
+    return float(chi2.sf(statistic, freedom)) if freedom else None

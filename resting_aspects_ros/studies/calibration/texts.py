@@ -63,7 +63,7 @@ def comparison_text(found: 'SurfaceComparison') -> str:
     """Describe the comparison of two surfaces."""
     names = f'{found.one} and {found.other}'
     sentences = []
-    if not math.isnan(found.same_parts_p):
+    if found.same_parts_p is not None:
         differ = 'differ' if found.same_parts_p < 0.01 else 'do not differ significantly'
         p = f'{found.same_parts_p:.2g}'
         sentences.append(f'{names}: the counts of the same parts {differ} (G test, p = {p})')
@@ -95,6 +95,12 @@ def _on_agreement(result: 'CalibrationResult') -> Iterator[str]:
     if not result.fit.discrepancy:
         return
     mean, low, high = discrepancy(result.fit)
+    if len(result.fit.given.parts) == 1:
+        yield (
+            f'A deviation of the simulation by {50 * mean:.1f} points at a share of 50 % '
+            '(standard deviation) is assumed: the counts of one part cannot tell it.'
+        )
+        return
     yield (
         f'Beyond sampling, a share of 50 % deviates from the simulation by {50 * mean:.1f} points '
         f'(standard deviation; 90 % interval {50 * low:.1f} to {50 * high:.1f}).'

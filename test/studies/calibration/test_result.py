@@ -1,5 +1,6 @@
 """What a calibration says and writes."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.simulation.surfaces import Surfaces
 from resting_aspects_ros.studies.calibration.calibrate import summarise
+from resting_aspects_ros.studies.calibration.comparison import compare_surfaces
 from resting_aspects_ros.studies.calibration.summary import shortest_interval
 from resting_aspects_ros.studies.calibration.texts import comparison_text, statements
 
@@ -114,9 +116,29 @@ def test_equal_surfaces_are_one_and_others_are_two(invented):
 
 
 def test_surfaces_with_other_ranges_are_not_compared(result, invented):
-    import dataclasses
-
     given = dataclasses.replace(result.fit.given, factors=result.fit.given.factors[:1])
     other = dataclasses.replace(result, fit=dataclasses.replace(result.fit, given=given))
     with pytest.raises(InvalidValueError, match='expected the same ranges'):
         result.compare(other)
+
+
+def test_surfaces_with_other_parts_are_compared_by_their_conditions(result):
+    given = result.fit.given
+    fewer = dataclasses.replace(given, parts=given.parts[:1])
+    posterior = dataclasses.replace(
+        result.fit.posterior, log_likelihood=result.fit.posterior.log_likelihood[1:2]
+    )
+    parts = dataclasses.replace(given, parts=given.parts[1:2])
+    one = dataclasses.replace(
+        result.fit,
+        given=fewer,
+        posterior=dataclasses.replace(
+            posterior, log_likelihood=result.fit.posterior.log_likelihood[:1]
+        ),
+    )
+    other = dataclasses.replace(result.fit, given=parts, posterior=posterior)
+    found = compare_surfaces(one, other)
+    assert not found.same_parts
+    assert found.same_parts_p is None
+    assert found.log_ratio < 0  # both are of the same surface
+    assert 'G test' not in comparison_text(found)
