@@ -48,7 +48,7 @@ def optimise_and_show(
         find_aspects(part, landscape),
         _numbers('--wanted', arguments.wanted),
         _numbers('--wanted-classes', arguments.wanted_classes),
-        least_entropy=arguments.least_entropy,
+        minimise_entropy=arguments.minimise_entropy,
     )
     failure: EngineError | None = None
     with DropProgress(part.name, amounts.total) as progress:

@@ -26,8 +26,8 @@ class Objective:
     wanted : tuple of int
         Ids of the wanted aspects, ascending; empty for the entropy.
     groups : tuple of tuple of int
-        Ids of the aspects of each outcome that is told apart: the wanted aspects, or the members
-        of each symmetry class. All other ends of a drop are one more outcome, the last.
+        Ids of the aspects of each outcome that is distinguished: the wanted aspects, or the
+        members of each symmetry class. All other ends of a drop are one more outcome, the last.
     """
 
     wanted: tuple[int, ...]
@@ -114,16 +114,16 @@ def make_objective(
     wanted: Sequence[int] | None = None,
     wanted_classes: Sequence[int] | None = None,
     *,
-    least_entropy: bool = False,
+    minimise_entropy: bool = False,
 ) -> Objective:
     """Return an objective; raises InvalidValueError unless exactly one is given and known."""
-    given = [wanted is not None, wanted_classes is not None, least_entropy]
+    given = [wanted is not None, wanted_classes is not None, minimise_entropy]
     if sum(given) != 1:
         raise InvalidValueError(
             'invalid objective: expected one of wanted aspects, wanted classes and least entropy'
         )
     members = tuple(tuple(a.id for a in each) for each in aspects.classes())
-    if least_entropy:
+    if minimise_entropy:
         if len(members) < 2:
             raise InvalidValueError(
                 f'invalid objective least entropy: expected a part with several symmetry classes '

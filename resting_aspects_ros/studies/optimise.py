@@ -43,7 +43,7 @@ def optimise(
     *,
     wanted: Sequence[int] | None = None,
     wanted_classes: Sequence[int] | None = None,
-    least_entropy: bool = False,
+    minimise_entropy: bool = False,
     surface: str | DropConditions = DEFAULT_SURFACE,
     surroundings: str | Path | Surroundings | None = None,
     action: str | Action | NamedAction | None = None,
@@ -72,7 +72,7 @@ def optimise(
         as '20mm:200mm' or '20mm:200mm:7' (7 levels), or the two ends in SI units.
     wanted, wanted_classes : sequence of int, optional
         Wanted aspects or symmetry classes, whose share is maximised.
-    least_entropy : bool
+    minimise_entropy : bool
         Minimise the entropy of the distribution over the symmetry classes instead.
     surface : str or DropConditions
         Named conditions, or conditions, of everything that does not vary.
@@ -119,7 +119,7 @@ def optimise(
     factors = [read_factor(name, _range(given), base) for name, given in vary.items()]
     landscape = Landscape(loaded)
     objective = make_objective(
-        find_aspects(loaded, landscape), wanted, wanted_classes, least_entropy=least_entropy
+        find_aspects(loaded, landscape), wanted, wanted_classes, minimise_entropy=minimise_entropy
     )
     amounts = Amounts(points, drops, BUDGET * points * drops if budget is None else budget)
     with (

@@ -23,7 +23,7 @@ class Advantage:
     """By how much the best conditions are better than others, and how certain that is.
 
     gain : Estimated
-        Positive if the best conditions are better, also if less is better.
+        Positive if the best conditions are better, even if less is better.
     certainty : float
         Posterior probability that they are better at all.
     """

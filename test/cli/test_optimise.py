@@ -73,7 +73,7 @@ def test_interrupted_search_shows_what_is_known(run, monkeypatch):
         (('--wanted', '1', '--vary', 'height=9mm:3mm'), 'expected a lower and a higher value'),
         (('--wanted', 'all'), 'expected numbers separated by commas'),
         ((), 'expected one of wanted aspects, wanted classes and least entropy'),
-        (('--wanted', '9', '--least-entropy'), 'expected one of wanted aspects'),
+        (('--wanted', '9', '--minimise-entropy'), 'expected one of wanted aspects'),
         (('--wanted', '9'), 'invalid wanted aspect 9: expected 1 to 4'),
         (('--wanted', '1', '--vary', 'height=1mm:3mm'), 'expected height only once'),
         (('--wanted', '1', '--actions', 'mine.yaml'), 'expected only with --action'),

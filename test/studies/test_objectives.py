@@ -88,11 +88,11 @@ def test_classes_are_resolved_to_their_aspects():
     ('given', 'message'),
     [
         ({}, 'expected one of wanted aspects'),
-        ({'wanted': [1], 'least_entropy': True}, 'expected one of wanted aspects'),
+        ({'wanted': [1], 'minimise_entropy': True}, 'expected one of wanted aspects'),
         ({'wanted': []}, 'expected at least one'),
         ({'wanted': [5]}, 'invalid wanted aspect 5: expected 1 to 4'),
         ({'wanted_classes': [2]}, 'invalid wanted symmetry class 2: expected 1 to 1'),
-        ({'least_entropy': True}, 'several symmetry classes'),
+        ({'minimise_entropy': True}, 'several symmetry classes'),
     ],
 )
 def test_invalid_objectives_are_named(given, message):

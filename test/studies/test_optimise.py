@@ -162,10 +162,10 @@ def test_gentler_taps_keep_more_parts_in_their_aspect():
 
 
 @pytest.mark.slow
-def test_least_entropy_is_where_all_parts_stay_as_released():
+def test_minimise_entropy_is_where_all_parts_stay_as_released():
     part = ra.load_part('box_10x20x30')
     found = ra.optimise(
-        part, {'height': '1mm:100mm'}, least_entropy=True, surroundings=upright(part), spin=2.0,
+        part, {'height': '1mm:100mm'}, minimise_entropy=True, surroundings=upright(part), spin=2.0,
         workers=Here(), points=8, drops=40, budget=600,
     )  # fmt: skip
     assert found.best.values['height'] < 0.03

@@ -25,7 +25,7 @@ EXAMPLES = """examples:
   resting_aspects optimise l_bracket --vary height=20mm:200mm --wanted 1
   resting_aspects optimise hex_nut --vary friction=0.1:0.5 --wanted-classes 1
   resting_aspects optimise part.stl --vary height=5mm:0.2 --wanted 1 --out best
-  resting_aspects optimise l_bracket --vary height=20mm:0.2 --least-entropy
+  resting_aspects optimise l_bracket --vary height=20mm:0.2 --minimise-entropy
 """
 
 
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--wanted-classes', metavar='NUMBERS', help='the same for symmetry classes'
     )
     parser.add_argument(
-        '--least-entropy',
+        '--minimise-entropy',
         action='store_true',
         help='instead find the least entropy over the symmetry classes',
     )
