@@ -61,6 +61,14 @@ def test_conditions_of_your_own(run):
     assert 'restitution=0.6' in printed
 
 
+@pytest.mark.slow
+def test_calibration_to_counts(run):
+    (text,) = code('docs/how_to/calibrate.md', 'python')
+    printed = run(text, 'calibrate.md')
+    assert 'oak_table: 1 part, 200 counted drops' in printed
+    assert 'oak_table:\n  height: 0.06\n' in printed
+
+
 @pytest.mark.parametrize('module', [ra, client], ids=lambda module: module.__name__)
 def test_every_public_name_is_listed(module):
     listed = first_cells(section(REFERENCE, f'## {module.__name__}'))
