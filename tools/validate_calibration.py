@@ -145,7 +145,7 @@ def _coverage(fit: Fit) -> Iterator[str]:
     rolls = [part.drops for part in fit.given.parts]
     drawn = []
     for truth in track(rng.random((REPETITIONS, len(fit.given.factors))), 'coverage'):
-        shares = [surrogate.shares(truth[None])[0] for surrogate in fit.surrogates]
+        shares = [surrogate.draws(truth[None], rng, 1)[0, 0] for surrogate in fit.surrogates]
         counts = [rng.multinomial(n, row) for n, row in zip(rolls, shares, strict=True)]
         posterior = with_counts(exact.posterior, counts)
         drawn.append(level_at(posterior, fit.surrogates, counts, truth))
@@ -155,8 +155,9 @@ def _coverage(fit: Fit) -> Iterator[str]:
         f'How often the 90 % region of {", ".join(f.label for f in fit.given.factors)} contains '
         'the conditions that the counts were made with, without discrepancy in counts and fit. '
         '*Drawn*: as many rolls of each cuboid as were counted, from the shares of the surrogate '
-        'at random conditions. *Simulated*: the drops at a point of the design are taken for '
-        'counts, with surrogates that were fitted without this point. Aim: 85 to 95 of 100.'
+        'within its uncertainty, at random conditions. *Simulated*: the drops at a point of the '
+        'design are taken for counts, with surrogates that were fitted without this point; the '
+        'outermost points are then outside of the other points. Aim: 85 to 95 of 100.'
     )
     yield ''
     yield '| counts | repetitions | inside | share | standard error |'

@@ -5,6 +5,8 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from resting_aspects_ros.studies.calibration.summary import Estimate, correlation, discrepancy
 
 if TYPE_CHECKING:
@@ -14,6 +16,8 @@ if TYPE_CHECKING:
 
 # Factors are said to trade off if their correlation is at least this.
 TRADE_OFF = 0.5
+# An interval is cut off if it ends within this share of its range.
+NEAR_END = 0.02
 WIDTH = 80
 
 
@@ -36,6 +40,7 @@ def statements(result: 'CalibrationResult') -> list[str]:
     return [
         *_on_agreement(result),
         *(_on_estimate(each) for each in result.estimates),
+        *_on_ends(result.estimates),
         *_on_trade_offs(result),
         *_on_left_out(result),
         *_on_error(result),
@@ -124,6 +129,18 @@ def _on_estimate(each: Estimate) -> str:
     )
 
 
+def _on_ends(found: Sequence[Estimate]) -> Iterator[str]:
+    """Name determined conditions whose interval ends where their range does."""
+    for each in found:
+        factor = each.factor
+        low, high = factor.shares(np.array([each.low, each.high])).tolist()
+        if each.determined and (low < NEAR_END or high > 1 - NEAR_END):
+            yield (
+                f'The interval of the {factor.label} ends where its range does: if a wider range '
+                f'of {factor.name} is possible, state it below conditions.'
+            )
+
+
 def _on_trade_offs(result: 'CalibrationResult') -> Iterator[str]:
     found = result.estimates
     for k, one in enumerate(found):
@@ -155,7 +172,7 @@ def _on_error(result: 'CalibrationResult') -> Iterator[str]:
     if worst > MAX_ERROR:
         yield (
             f'The model of the shares has an error of {worst:.2f} of that of the counts, which '
-            'widens the intervals: more drops at each point (--drops) would narrow them.'
+            'widens the intervals and weakens the G test: more drops (--drops) would help.'
         )
 
 

@@ -50,6 +50,13 @@ def test_what_the_counts_do_not_determine_is_said(result, invented):
     assert 'not determine' not in said
 
 
+def test_an_interval_that_its_range_cuts_off_is_said(invented):
+    # The corner of the ranges, and more of the square faces than there.
+    counts = [(99_500, 100_000), (97_000, 100_000), (80_000, 100_000)]
+    said = ' '.join(statements(summarise(invented.fit(counts, discrepancy=False), 1)))
+    assert 'The interval of the restitution ends where its range does' in said
+
+
 def test_counts_that_no_conditions_explain_are_said(result, wrong):
     assert 'can explain these counts' in str(result)
     assert not result.contradicted
