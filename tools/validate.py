@@ -59,7 +59,8 @@ def _written(workers: int) -> str:
 def _sections() -> dict[str, str]:
     """Return the text of each section of the file, by name."""
     _, *found = MARK.split(RESULT.read_text(encoding='utf-8')) if RESULT.exists() else ['']
-    return dict(zip(found[::2], found[1::2], strict=True))
+    texts = [text.rstrip() + '\n' for text in found[1::2]]
+    return dict(zip(found[::2], texts, strict=True))
 
 
 def _write(sections: dict[str, str]) -> None:
