@@ -135,7 +135,7 @@ def run(arguments: argparse.Namespace) -> int:
                 workers=workers,
                 folder=folders[name],
                 progress=True,
-                told=lambda line: print(line, file=sys.stderr),
+                note=lambda line: print(line, file=sys.stderr),
             )
             results.append(result)
             _write(result, folders[name], quiet=arguments.json)

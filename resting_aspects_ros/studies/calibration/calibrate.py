@@ -43,7 +43,7 @@ def calibrate(
     workers: int | Workers | None = None,
     folder: str | Path | None = None,
     progress: bool = False,
-    told: Callable[[str], None] = lambda _: None,
+    note: Callable[[str], None] = lambda _: None,
 ) -> CalibrationResult:
     """Find the restitution and the friction of a surface from parts that were counted on it.
 
@@ -74,7 +74,7 @@ def calibrate(
         Counts of the drops are saved in the file drops.json there, and not repeated.
     progress : bool
         Show progress on standard error.
-    told : callable
+    note : callable
         Called with a line about each round of drops.
 
     Returns
@@ -120,7 +120,7 @@ def calibrate(
             seed=seed,
             discrepancy=discrepancy,
             rounds=rounds,
-            told=told,
+            note=note,
         )
         bar.end(simulated.made)
     return summarise(fit, seed)
@@ -155,7 +155,7 @@ def drops_file(folder: str | Path | None) -> Path | None:
 
 
 def default_points(factors: int) -> int:
-    """Return the number of points of the first design for so many fitted conditions."""
+    """Return the number of points of the first design for this number of fitted conditions."""
     return DEFAULT_POINTS + POINTS_PER_FACTOR * max(0, factors - 2)
 
 

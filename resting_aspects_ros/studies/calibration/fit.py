@@ -64,7 +64,7 @@ def fit_surface(
     seed: int,
     discrepancy: bool = True,
     rounds: int = MAX_ROUNDS,
-    told: Callable[[str], None] = lambda _: None,
+    note: Callable[[str], None] = lambda _: None,
 ) -> Fit:
     """Return the fit of counts.
 
@@ -76,7 +76,7 @@ def fit_surface(
         False if the counts are known to be of the simulation itself.
     rounds : int
         Maximum number of times that drops are added.
-    told : callable
+    note : callable
         Called with a line about each round.
     """
     design = sobol(len(given.factors), points, seed)
@@ -87,7 +87,7 @@ def fit_surface(
     for number in range(1, rounds + 1):
         if found.errors.max() <= MAX_ERROR:
             break
-        told(
+        note(
             f'round {number}: the error of the model of the shares is '
             f'{found.errors.max():.2f} of that of the counts: {NEW_POINTS} more points'
         )

@@ -1,4 +1,4 @@
-"""Simulated drops are kept, also if the work is broken off."""
+"""Simulated drops are kept, even if the work is broken off."""
 
 import json
 
