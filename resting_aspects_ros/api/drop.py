@@ -15,6 +15,7 @@ from resting_aspects_ros.api.load_part import given_part, mesh_file
 from resting_aspects_ros.api.plan_drops import plan_drops
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.api.surroundings import with_surroundings
+from resting_aspects_ros.api.surroundings_hints import warn_of_surroundings
 from resting_aspects_ros.core.errors import InvalidValueError, LogError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
@@ -151,6 +152,7 @@ def drop(
         confidence=confidence,
         starts=starts,
     )
+    warn_of_surroundings(given, loaded.hull_radius)
     chunks: list[RestingPoses] = []
     consumers: list[Consumer] = [*planned.consumers]
     if keep_poses:

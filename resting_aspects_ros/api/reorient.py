@@ -22,6 +22,7 @@ from resting_aspects_ros.api.plan_drops import plan_drops
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.api.reorient_result import ReorientResult
 from resting_aspects_ros.api.surroundings import with_surroundings
+from resting_aspects_ros.api.surroundings_hints import warn_of_surroundings
 from resting_aspects_ros.api.transition_counter import check_in_finer_steps
 from resting_aspects_ros.core.aspects.landscape import Landscape
 from resting_aspects_ros.core.geometry.decomposition import convex_pieces
@@ -184,6 +185,7 @@ def drop_for_start(
     Also returns the poses, from which actions in surroundings start.
     """
     planned = plan_drops(part, conditions, drops=drops, seed=seed)
+    warn_of_surroundings(conditions, part.hull_radius)
     chunks: list[RestingPoses] = []
     consumers: list[Consumer] = [*planned.consumers, lambda poses, _: chunks.append(poses)]
     counter = DropCounter(planned.empty, planned.run, consumers=consumers)

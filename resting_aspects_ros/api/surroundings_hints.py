@@ -1,4 +1,4 @@
-"""Explanations of outcomes in surroundings: why parts slide, are lost, or lie in no aspect."""
+"""Explanations of surroundings: where parts wedge, and why they slide, are lost, or lean."""
 
 import math
 from collections.abc import Iterator
@@ -6,8 +6,10 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.optimize import nnls
 
+from resting_aspects_ros.core.errors import warn
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.surroundings.kinds import VGroove
 from resting_aspects_ros.simulation.surroundings.library import surroundings_from
 from resting_aspects_ros.simulation.surroundings.mesh_surface import UnknownMeshError
 from resting_aspects_ros.simulation.surroundings.scene import Scene
@@ -51,6 +53,39 @@ def outcome_hints(
             f'{_count(distribution.unclassified, distribution)} came to rest but do not lie in '
             f'an aspect on the {name}: they lean. The contacts show how.'
         )
+
+
+def warn_of_surroundings(conditions: DropConditions, radius: float) -> None:
+    """Warn, before the drops, of surroundings in which the drops can take long.
+
+    Parameters
+    ----------
+    radius : float
+        Hull radius of the part, m.
+    """
+    if not conditions.surroundings:
+        return
+    surroundings = surroundings_from(conditions.surroundings)
+    if isinstance(surroundings.shape, VGroove) and (
+        reason := wedge_reason(surroundings.scene(conditions, radius), surroundings.shape.opening)
+    ):
+        warn(reason)
+
+
+def wedge_reason(scene: Scene, opening: float) -> str:
+    """Return why parts can wedge between the two planes of a groove; empty if they cannot.
+
+    Two opposite contacts hold a part without any load if the line between them is in both cones
+    of friction, which is possible if the opening, rad, is at most the sum of the friction angles.
+    """
+    holds = sum(math.atan(plane.contact.friction) for plane in scene.half_spaces)
+    if opening > holds:
+        return ''
+    return (
+        f'parts can wedge in the groove: its opening of {_degrees(opening)} does not exceed the '
+        f'sum of the friction angles of its planes, {_degrees(holds)}; the simulation of '
+        'wedged parts can take minutes'
+    )
 
 
 def _count(number: int, distribution: Distribution) -> str:

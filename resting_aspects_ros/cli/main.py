@@ -57,13 +57,18 @@ EPILOG = """exit codes:
 class _Parser(argparse.ArgumentParser):
     """Parser that prints one line for wrong input, and accepts no abbreviated flags."""
 
+    # The command whose help lists the flags: unknown flags are reported by the main parser.
+    helpful = ''
+
     def __init__(self, **options: Any) -> None:
         super().__init__(**options, allow_abbrev=False)
 
     def error(self, message: str) -> NoReturn:
         if re.fullmatch(r'unrecognized arguments:[ \d,]+', message):
             message += '; several numbers are separated by commas without spaces, such as 1,3'
-        self.exit(WRONG_INPUT, f'error: {_line(message)} (see {self.prog} --help)\n')
+        self.exit(
+            WRONG_INPUT, f'error: {_line(message)} (see {self.helpful or self.prog} --help)\n'
+        )
 
 
 def make_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
@@ -89,6 +94,7 @@ def make_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
             )
             module.add_arguments(subparser)
             subparser.set_defaults(run=module.run)
+            parser.helpful = subparser.prog
         else:
             subparsers.add_parser(command, help=text)
     return parser

@@ -1,11 +1,16 @@
 """What surroundings are for results: whether the floor is level, and the shapes that are used."""
 
 import dataclasses
+import math
+import warnings
 
 import pytest
 
+import resting_aspects_ros as ra
 from resting_aspects_ros.api.simulated_shapes import simulated_shapes
 from resting_aspects_ros.api.surroundings import has_level_floor, with_surroundings
+from resting_aspects_ros.api.surroundings_hints import warn_of_surroundings
+from resting_aspects_ros.core.errors import RestingAspectsWarning
 
 LEVEL = {'plane', 'tray', 'wall'}
 
@@ -35,3 +40,41 @@ def test_shapes_are_not_known_without_the_mesh(part, surfaces):
     conditions = dataclasses.replace(surfaces.get('rubber_mat'), surroundings=key)
     assert simulated_shapes(part('tetrahedron'), conditions) is None
     assert not has_level_floor(conditions)
+
+
+# The opening below which friction holds a part between the planes: the sum of both angles of it.
+WEDGING = [
+    ({}, 2 * math.atan(0.25)),
+    ({'left': {'friction': 0.5}}, math.atan(0.25) + math.atan(0.5)),
+]
+
+
+@pytest.mark.parametrize(('bodies', 'limit'), WEDGING)
+def test_a_groove_in_which_parts_wedge_is_named_before_the_drops(surfaces, bodies, limit):
+    def in_groove(opening):
+        groove = ra.surroundings('v_groove', opening=opening, **bodies)
+        return with_surroundings(surfaces.get('rubber_mat'), groove)
+
+    with pytest.warns(RestingAspectsWarning, match='parts can wedge in the groove') as caught:
+        warn_of_surroundings(in_groove(limit - 0.01), 0.02)
+    assert f'{math.degrees(limit):.3g} degrees' in str(caught[0].message)
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        warn_of_surroundings(in_groove(limit + 0.01), 0.02)
+        warn_of_surroundings(surfaces.get('rubber_mat'), 0.02)
+
+
+@pytest.mark.parametrize(
+    'start',
+    [
+        lambda groove: ra.drop('tetrahedron', drops=1, surroundings=groove, workers=1),
+        lambda groove: ra.reorient('tetrahedron', 'tap', 1, surroundings=groove, workers=1),
+    ],
+    ids=['drop', 'reorient'],
+)
+def test_wedging_is_named_by_drop_and_reorient(start):
+    # The warning is an exception here, so that the drops, which take minutes, do not begin.
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        with pytest.raises(RestingAspectsWarning, match='parts can wedge in the groove'):
+            start(ra.surroundings('v_groove', opening='28deg'))

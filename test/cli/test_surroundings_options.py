@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from resting_aspects_ros.api import surroundings_hints
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.simulation.surroundings.library import surroundings_names
 
 
@@ -71,6 +73,16 @@ def test_a_part_in_a_steep_groove_lies_on_both_of_its_planes(run):
     assert document['contacts']
     for row in document['contacts']:
         assert None not in row['contacts'].values()
+
+
+def test_wedging_is_named_before_the_drops(refused, monkeypatch):
+    # The warning ends the command here, so that the drops, which take minutes, do not begin.
+    def end(text):
+        raise InvalidValueError(text)
+
+    monkeypatch.setattr(surroundings_hints, 'warn', end)
+    groove = ['--surroundings', 'v_groove', '--set', 'opening=28deg']
+    assert 'parts can wedge in the groove' in refused('drop', 'tetrahedron', *groove)
 
 
 @pytest.mark.slow

@@ -42,6 +42,11 @@ def test_invalid_value_is_refused(refused, words, says):
         assert word in line
 
 
+def test_an_unknown_flag_names_the_help_of_its_command(refused):
+    line = refused('reorient', 'tetrahedron', '--export', 'map.json')
+    assert line.endswith('(see resting_aspects reorient --help)')
+
+
 @pytest.mark.parametrize('words', [[], ['fall'], ['drop'], ['--nope']], ids=' '.join)
 def test_no_such_command(refused, words):
     assert '--help' in refused(*words)
