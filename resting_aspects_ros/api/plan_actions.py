@@ -191,7 +191,8 @@ def _warn_if_missed(action: NamedAction, job: DropJob, aspects: int) -> None:
     met = (states.velocity != 0).any(axis=1).reshape(JETS, aspects).any(axis=0)
     if not met.all():
         ids = ', '.join(str(k + 1) for k in np.flatnonzero(~met).tolist())
-        warn(f'the jet of {action.name} misses the part in aspect {ids}, where it has no effect')
+        where = 'every aspect: it' if not met.any() else f'aspect {ids}, where it'
+        warn(f'the jet of {action.name} misses the part in {where} has no effect')
 
 
 def named_action(action: str | Action | NamedAction) -> NamedAction:

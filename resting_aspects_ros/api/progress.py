@@ -76,7 +76,7 @@ class DropProgress(ShownProgress):
         self._updated = True
         now = time.monotonic()
         seconds = max(now - self._started, 1e-9)
-        rate = f'{done / seconds:.0f} {self._unit}/s' if done else ''
+        rate = f'{_rate_text(done / seconds)} {self._unit}/s' if done else ''
         if self._bar is not None:
             if 0 < done < self._total:
                 rate += f', {seconds * (self._total - done) / done:.0f} s left'
@@ -93,3 +93,8 @@ class DropProgress(ShownProgress):
         if self._updated:
             self._total = done
             self.update(done)
+
+
+def _rate_text(rate: float) -> str:
+    """Return a rate with two digits, so that a slow one is not 0."""
+    return f'{rate:.0f}' if rate >= 10 else f'{rate:.1f}' if rate >= 1 else f'{rate:.2g}'

@@ -1,5 +1,7 @@
 """Contacts with floor and walls: rows of the JSON document, and a table for the terminal."""
 
+from collections import Counter
+
 from rich.table import Table
 
 from resting_aspects_ros.core.statistics.contact_counts import Placements
@@ -42,11 +44,33 @@ def contact_table(contacts: Placements, distribution: Distribution) -> Table:
         'count',
     )
     rows = contacts.sorted_rows(distribution.interval, distribution.confidence)
-    for placement, interval in rows[:MAX_ROWS]:
-        named = contacts.named(placement)
-        cells = ['-' if named[name] is None else str(named[name]) for name in names]
+    named = [contacts.named(placement) for placement, _ in rows]
+    texts = [['-' if one[name] is None else str(one[name]) for name in names] for one in named]
+    _letter_repeated(texts)
+    for (placement, interval), cells in zip(rows[:MAX_ROWS], texts, strict=False):
         table.add_row(*cells, *shares(interval, placement.count, distribution.drops))
     if len(rows) > MAX_ROWS:
         rest = sum(placement.count for placement, _ in rows[MAX_ROWS:])
         table.add_row(f'{len(rows) - MAX_ROWS} more', *[''] * (len(names) + 1), str(rest))
     return table
+
+
+def _letter_repeated(rows: list[list[str]]) -> None:
+    """Add letters to rows with the same cells, which differ in the orientation of the part.
+
+    The letter follows the last cell that is not an aspect: 'edge a', 'edge b'.
+    """
+    total = Counter(map(tuple, rows))
+    seen: Counter[tuple[str, ...]] = Counter()
+    for row in rows:
+        key = tuple(row)
+        if total[key] > 1:
+            column = max((k for k, cell in enumerate(row) if cell[0].isalpha()), default=-1)
+            row[column] += f' {_letters(seen[key])}'
+            seen[key] += 1
+
+
+def _letters(number: int) -> str:
+    """Return a, b, ... z, aa, ab, ... for 0, 1, ..."""
+    first, last = divmod(number, 26)
+    return (_letters(first - 1) if first else '') + chr(ord('a') + last)

@@ -128,7 +128,8 @@ def long_run_text(rows: Rows, long_run: LongRun) -> str:
         ]
     unreachable = set(long_run.unreachable)
     if transient := [k for k in long_run.transient if k not in unreachable]:
-        lines.append(f'In the long run no part is in {_names(rows, transient)}.')
+        names = _names(rows, transient)
+        lines.append(f'Estimated as 0, because no simulated action led back there: {names}.')
     if unreachable:
         lines.append(
             f'No simulated drop and no action led to {_names(rows, sorted(unreachable))}.'

@@ -23,7 +23,7 @@ ENOUGH = 600.0  # s; it only finds hangs
 
 
 def some_done(line):
-    return re.match(r'\w+: [1-9]\d* of \d+ drops  \d+ drops/s$', line)
+    return re.match(r'\w+: [1-9]\d* of \d+ drops  [\d.]+ drops/s$', line)
 
 
 @pytest.fixture

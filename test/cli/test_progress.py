@@ -51,8 +51,8 @@ def _read(descriptor, shown):
 def test_a_pipe_gets_lines_with_the_rate(run):
     lines = run(*WORDS).stderr.splitlines()
     for line in lines:
-        assert re.fullmatch(r'l_bracket: \d+ of 375 drops(  \d+ drops/s)?', line)
-    assert re.fullmatch(r'l_bracket: 375 of 375 drops  \d+ drops/s', lines[-1])
+        assert re.fullmatch(r'l_bracket: \d+ of 375 drops(  [\d.]+ drops/s)?', line)
+    assert re.fullmatch(r'l_bracket: 375 of 375 drops  [\d.]+ drops/s', lines[-1])
     assert sum('375 of' in line for line in lines) == 1
 
 
@@ -67,9 +67,19 @@ def test_pipe_gets_no_line_twice(monkeypatch, capsys):
     assert lines == [f'part: {said} drops' for said in ('0 of 10', '3 of 10', '7 of 10', '7 of 7')]
 
 
+def test_slow_drops_have_a_rate(monkeypatch, capsys):
+    seconds = iter([0.0, 80.0, 81.0])
+    monkeypatch.setattr(progress.time, 'monotonic', lambda: next(seconds))
+    with progress.DropProgress('part', 100) as shown:
+        shown.update(10)
+        shown.update(100)
+    rates = [line.split('  ')[1] for line in capsys.readouterr().err.splitlines()]
+    assert rates == ['0.12 drops/s', '1.2 drops/s']
+
+
 def test_terminal_shows_a_bar_with_rate_on_stderr_only(in_terminal):
     printed, shown = in_terminal(*WORDS)
-    assert re.search(r'375/375 \x1b\[0m ?\d+ drops/s|375/375.*?\d+ drops/s', shown)
+    assert re.search(r'375/375 \x1b\[0m ?[\d.]+ drops/s|375/375.*?[\d.]+ drops/s', shown)
     assert '━' in shown
     assert ' of 375 drops' not in shown
     assert printed.splitlines()[1].strip() == '375 drops on rubber_mat, seed 1'

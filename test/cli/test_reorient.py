@@ -145,7 +145,7 @@ def test_jet_that_misses_the_part_is_said(run_in, tmp_path):
     words = (*WORDS, '--action', 'nozzle', '--impulse', '5mNs', '--height', '1')
     ended = run_in(tmp_path, *words)
     assert ended.returncode == 0
-    assert 'the jet of nozzle misses the part in aspect 1, 2, 3, 4' in ended.stderr
+    assert 'the jet of nozzle misses the part in every aspect: it has no effect' in ended.stderr
 
 
 def test_precision_that_is_not_reached_is_said(run_in, tmp_path):

@@ -12,7 +12,7 @@ OUTPUTS = ('--json', '--poses', 'p.csv', '--out', 'o')
 
 
 def some_done(line):
-    return re.match(r'tetrahedron: [1-9]\d* of \d+ drops  \d+ drops/s$', line)
+    return re.match(r'tetrahedron: [1-9]\d* of \d+ drops  [\d.]+ drops/s$', line)
 
 
 @pytest.fixture(scope='module')

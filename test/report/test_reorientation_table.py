@@ -67,7 +67,7 @@ def test_closed_classes_and_unreached_aspects_are_marked(rows):
     assert text[2:] == [
         '  1: aspects 1 and 2, in which 25.0 % of parts end',
         '  2: aspect 3, in which 75.0 % of parts end',
-        'In the long run no part is in aspect 4.',
+        'Estimated as 0, because no simulated action led back there: aspect 4.',
         'No simulated drop and no action led to aspect 5.',
     ]
 

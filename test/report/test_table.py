@@ -106,6 +106,14 @@ def test_unseen_aspects_are_named_as_in_the_table(part, each):
     assert f'{words} {share:.2g} % of all' in never_seen_text(none, each=each)
 
 
+def test_basins_of_a_level_floor_are_not_stated_for_a_slope(aspects):
+    slope = dataclasses.replace(aspects, floor_normal=np.array([0.6, 0.0, 0.8]))
+    counts = np.array([1, 2, 3, 4, 0])
+    assert 'rolls into it' in never_seen_text(Distribution(aspects, counts, 0, 0, 0))
+    text = never_seen_text(Distribution(slope, counts, 0, 0, 0))
+    assert re.fullmatch(r'Never seen: aspect 5 \(at most \d+ %\)\.', text)
+
+
 def test_total_is_shown_and_absent_outcomes_are_not(aspects):
     text = '\n'.join(lines(Distribution(aspects, np.array([1, 2, 3, 4, 5]), 0, 0, 0)))
     assert re.search(r'drops in total +15\b', text)

@@ -1,5 +1,7 @@
 """Where parts are released in surroundings: at a height of fall above what they meet first."""
 
+from itertools import combinations
+
 import numpy as np
 import numpy.typing as npt
 
@@ -103,8 +105,16 @@ def _heights(scene: Scene, base: Array, orientation: Array, corners: Array) -> A
 def check_release(scene: Scene, radius: float) -> None:
     """Raise InvalidValueError if the place of release is so near a wall that a part can touch it.
 
-    A wall is a half-space that a part does not reach by falling.
+    A wall is a half-space that a part does not reach by falling. Also refuses opposite walls
+    between which the part cannot be released anywhere.
     """
+    for one, other in combinations(scene.half_spaces, 2):
+        gap = -one.offset - other.offset
+        if float(one.normal @ other.normal) < -1 + 1e-9 and gap < 2 * radius * (1 - 1e-9):
+            raise InvalidValueError(
+                f'invalid distance {1000 * gap:.4g} mm between two sides of the {one.name}: '
+                f'expected at least twice the hull radius of the part, {2000 * radius:.4g} mm'
+            )
     (x, y) = scene.region
     places = scene.in_scene(np.array([[a, b, 0.0] for a in x for b in y]))
     for plane in scene.half_spaces:
