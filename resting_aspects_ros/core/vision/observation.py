@@ -18,6 +18,8 @@ MAX_DISTANCE = 100.0
 MAX_POINTS, MAX_HOLES = 100_000, 1000
 # Maximum share of the area that the repair of a self-crossing polygon may change.
 MAX_REPAIR = 0.01
+# Reasons of GEOS for which a polygon with holes is not repaired.
+MISPLACED_HOLES = ('hole lies outside shell', 'holes are nested')
 # A contour with at least OPEN_POINTS points that was not closed explicitly is open if its last
 # edge is longer than any other by OPEN_FACTOR.
 OPEN_POINTS, OPEN_FACTOR = 20, 5.0
@@ -158,6 +160,8 @@ def _repaired(polygon: shapely.Polygon, ring: Array, holes: list[Array]) -> shap
     reason = shapely.is_valid_reason(polygon).partition('[')[0].lower()
     pieces = shapely.get_parts(shapely.make_valid(polygon))
     pieces = [each for each in pieces if isinstance(each, shapely.Polygon)]
+    if reason in MISPLACED_HOLES:  # which a repair would remove, if they are small
+        pieces = []
     enclosed = _enclosed(ring) - sum(map(_enclosed, holes))
     if pieces:
         largest = max(pieces, key=lambda each: each.area)

@@ -69,6 +69,11 @@ def test_small_crossing_is_repaired():
         (None, r'\[x, y\]'),
         ({'points': SQUARE}, 'expected outer'),
         ({'outer': SQUARE, 'holes': [SQUARE + 1]}, 'holes inside'),
+        ({'outer': SQUARE, 'holes': [np.divide(HOLE, 100) + 1]}, 'holes inside'),
+        (
+            {'outer': SQUARE, 'holes': [HOLE, np.mean(HOLE, axis=0) + np.divide(HOLE, 100)]},
+            'holes inside',
+        ),
         (shapely.MultiPolygon(), 'one Polygon'),
         (shapely.Polygon(), 'at least 3'),
     ],
