@@ -32,7 +32,7 @@ from resting_aspects_ros.simulation.conditions import QUANTITIES
         (['--friktion', '1'], ['--friktion']),
         (['--drop', '5'], ['--drop']),
         (['--seed'], ['--seed']),
-        (['two\nlines'], ['two lines']),
+        (['--two\nlines'], ['two lines']),
     ],
     ids=' '.join,
 )
