@@ -18,7 +18,7 @@ from resting_aspects_ros.api.inputs.counts import (
     counts_of_run,
     grouped,
 )
-from resting_aspects_ros.core.errors import InvalidValueError, warn
+from resting_aspects_ros.core.errors import InvalidValueError, shown, warn
 from resting_aspects_ros.core.statistics import comparison as statistics
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, check_confidence
 from resting_aspects_ros.report.comparison_report import ComparedResults, comparison_document
@@ -126,6 +126,10 @@ def compare(
 def counted_drops(given: DropResult | str | Path) -> CountedDrops:
     """Return the counts of a result or of a file; raises InvalidValueError."""
     if not isinstance(given, DropResult):
+        if not isinstance(given, str | Path):
+            raise InvalidValueError(
+                f'invalid result {shown(given)}: expected a result of drop, or a file'
+            )
         return read_counts(Path(given))
     counted = counts_of_run(
         f'run {given.run.run_id}', given.distribution, given.run, complete=given.complete

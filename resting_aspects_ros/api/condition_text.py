@@ -1,11 +1,12 @@
 """Named conditions and actions; conditions and times as text."""
 
+import dataclasses
 import functools
 from collections.abc import Iterator, Mapping
 from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.core.errors import one_line
+from resting_aspects_ros.core.errors import InvalidValueError, did_you_mean, one_line, shown
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.simulation.config_files import actions_file, surfaces_file
 from resting_aspects_ros.simulation.surfaces import Surfaces
@@ -27,6 +28,13 @@ def given_conditions(surface: str | DropConditions, changes: Mapping[str, Any]) 
     conditions = (
         surface if isinstance(surface, DropConditions) else shipped_surfaces().get(surface)
     )
+    known = [field.name for field in dataclasses.fields(DropConditions)]
+    for name in changes:
+        if name not in known:
+            raise InvalidValueError(
+                f'invalid condition {shown(name)}: expected one of {", ".join(known)}'
+                f'{did_you_mean(name, known)}'
+            )
     return conditions.changed(**changes) if changes else conditions
 
 

@@ -19,7 +19,7 @@ from resting_aspects_ros.api.inputs.counts import (
 )
 from resting_aspects_ros.api.inputs.counts_csv import read_observed
 from resting_aspects_ros.api.inputs.observed_counts import ObservedCounts, counts_from_array
-from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.statistics.drift import find_drift
 from resting_aspects_ros.core.statistics.drift_power import POWER, SHIFT
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE
@@ -131,4 +131,8 @@ def _simulated(expected: DropResult | str | Path) -> CountedDrops:
         )
         check_counts(given)
         return counted_by_class(given)
+    if not isinstance(expected, str | Path):
+        raise InvalidValueError(
+            f'invalid expected {shown(expected)}: expected a result of drop, or a file'
+        )
     return counted_by_class(read_counts(Path(expected)))

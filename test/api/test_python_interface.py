@@ -209,3 +209,12 @@ def test_what_is_odd_about_a_part_is_a_warning(workers, tmp_path):
     mesh.export(tmp_path / 'box.stl')
     with pytest.warns(ra.RestingAspectsWarning, match='in metres it would be 10 x 20 x 30 mm'):
         ra.drop(tmp_path / 'box.stl', drops=2, workers=workers, height=0.001)
+
+
+@pytest.mark.parametrize(
+    'read',
+    [lambda part: ra.watch_drift(part, [[1, 2, 3, 4, 5]]), lambda part: ra.compare(part, part)],
+)
+def test_a_part_in_place_of_a_result_is_named(part, read):
+    with pytest.raises(ra.InvalidValueError, match='expected a result of drop, or a file'):
+        read(part('l_bracket'))
