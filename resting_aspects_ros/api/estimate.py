@@ -1,4 +1,4 @@
-"""Predict the distribution of a part from its shape, by the analytic methods of the literature."""
+"""Predict the distribution of a part without drops, by analytic methods and the learned one."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.surroundings import surroundings_text
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import warn
+from resting_aspects_ros.core.estimators.aspect_features import mean_depth
 from resting_aspects_ros.core.estimators.estimate import (
     METHODS,
     Estimate,
@@ -19,6 +20,7 @@ from resting_aspects_ros.core.estimators.estimate import (
     estimate_each,
 )
 from resting_aspects_ros.core.estimators.recommendation import Recommendation, recommend
+from resting_aspects_ros.core.estimators.release import Release
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.comparison import (
@@ -28,7 +30,7 @@ from resting_aspects_ros.core.statistics.comparison import (
 )
 from resting_aspects_ros.report.document import to_json
 from resting_aspects_ros.report.estimate_report import against_fields, estimate_document
-from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.simulation.conditions import DropConditions, HeightOf
 
 if TYPE_CHECKING:  # imported when there is something to compare with
     from resting_aspects_ros.api.drop_result import DropResult
@@ -43,7 +45,7 @@ THROWN_SHARE = 0.25
 
 @dataclass(frozen=True, eq=False)
 class EstimateResult:
-    """Predictions of the analytic methods for a part.
+    """Predictions of the methods for a part.
 
     Attributes
     ----------
@@ -113,7 +115,9 @@ def estimate(
     against: 'DropResult | str | Path | None' = None,
     **conditions: Any,
 ) -> EstimateResult:
-    """Predict the distribution of a part from its shape, without drops.
+    """Predict the distribution of a part without drops.
+
+    The analytic methods use only its shape; 'learned' uses the conditions, too.
 
     Parameters
     ----------
@@ -122,8 +126,7 @@ def estimate(
     methods : iterable of str, optional
         Names of methods, such as 'csa' or 'rolling'; by default all.
     surface : str or DropConditions, optional
-        The conditions for which a method is recommended; by default those of ``against``, else
-        those of rubber_mat.
+        The conditions of the drops; by default those of ``against``, else those of rubber_mat.
     against : DropResult, str or Path, optional
         Drops of the part to compare with: a result, or a file as for `compare`.
     **conditions : float
@@ -145,8 +148,8 @@ def estimate(
     >>> import resting_aspects_ros as ra
     >>> result = ra.estimate('tetrahedron')
     >>> result.recommended.method
-    'csa'
-    >>> result.estimates['csa'].probabilities.round(3).tolist()
+    'learned'
+    >>> result.estimates['learned'].probabilities.round(3).tolist()
     [0.25, 0.25, 0.25, 0.25]
     """
     names = list(METHODS) if methods is None else list(methods)
@@ -165,7 +168,7 @@ def estimate(
         check_against(counted, loaded.name, loaded.part_sha256, shape.aspects)
     given = _conditions(surface, counted)
     given = given.changed(**conditions) if conditions else given
-    found, reasons = estimate_each(shape, names)
+    found, reasons = estimate_each(shape, names, release_numbers(shape, given))
     if not found:
         raise NotDefinedError('; '.join(reasons.values()))
     recommended = recommended_method(shape, given)
@@ -186,8 +189,30 @@ def recommended_method(shape: RestingShape, conditions: DropConditions) -> Recom
     kinetic = (speeds + turning) / (2 * conditions.gravity)  # as a height, m
     return recommend(
         shape.aspects,
-        conditions.height / part.hull_radius,
+        release_numbers(shape, conditions),
         thrown=kinetic > THROWN_SHARE * conditions.height,
+    )
+
+
+def release_numbers(shape: RestingShape, conditions: DropConditions) -> Release:
+    """Return the conditions without dimension, for a level plane.
+
+    Surroundings, friction against spin about the vertical, and the difference of each part from
+    the mean height of its lowest point are left out.
+    """
+    radius = shape.part.hull_radius
+    unit = float(np.sqrt(radius / conditions.gravity))
+    height = conditions.height / radius
+    if conditions.height_of is HeightOf.CENTRE_OF_MASS:
+        height = max(height - mean_depth(shape), 0.0)
+    return Release(
+        height=height,
+        restitution=conditions.restitution,
+        friction=conditions.friction,
+        rolling_friction=conditions.rolling_friction,
+        speed=conditions.speed_horizontal * unit / radius,
+        speed_vertical=conditions.speed_vertical * unit / radius,
+        spin=conditions.spin * unit,
     )
 
 

@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.estimate import recommended_method
+from resting_aspects_ros.api.estimate import recommended_method, release_numbers
 from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.core.estimators.estimate import estimate_each
+from resting_aspects_ros.core.estimators.estimate import Estimate, estimate_each
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array
@@ -28,6 +28,7 @@ from resting_aspects_ros.core.vision.observation import Polygonal, observed_poly
 from resting_aspects_ros.core.vision.outline import find_outlines
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
 from resting_aspects_ros.report.document import to_json as json_text
+from resting_aspects_ros.simulation.conditions import DropConditions
 
 # Method of the prior if none is recommended for the part: the shares of the basins.
 FALLBACK = 'rolling'
@@ -196,11 +197,17 @@ def identification_json(found: Identification) -> str:
     return json_text(identification_document(found))
 
 
-def predicted_shares(shape: RestingShape) -> Array:
-    """Return the shares (k,) that the recommended method predicts."""
-    method = recommended_method(shape, shipped_surfaces().get('')).method or FALLBACK
-    found, _ = estimate_each(shape, [method, FALLBACK])
-    return found.get(method, found[FALLBACK]).probabilities
+def predicted_shares(shape: RestingShape, conditions: DropConditions | None = None) -> Array:
+    """Return the shares (k,) that the recommended method predicts; by default on rubber_mat."""
+    return prediction(shape, conditions).probabilities
+
+
+def prediction(shape: RestingShape, conditions: DropConditions | None = None) -> Estimate:
+    """Return the prediction of the recommended method; by default on rubber_mat."""
+    given = shipped_surfaces().get('') if conditions is None else conditions
+    method = recommended_method(shape, given).method or FALLBACK
+    found, _ = estimate_each(shape, [method, FALLBACK], release_numbers(shape, given))
+    return found.get(method, found[FALLBACK])
 
 
 def _given(shares: Shares, aspects: AspectSet) -> Array:

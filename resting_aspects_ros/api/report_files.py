@@ -8,7 +8,7 @@ import numpy as np
 from resting_aspects_ros.api.condition_text import condition_facts, surface_text, when_text
 from resting_aspects_ros.api.contact_pages import contact_page_rows
 from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.estimate import recommended_method
+from resting_aspects_ros.api.estimate import recommended_method, release_numbers
 from resting_aspects_ros.api.inputs.counts import CountedDrops, counted_by_class_of
 from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
 from resting_aspects_ros.api.simulated_shapes import simulated_shapes
@@ -77,7 +77,8 @@ def _report(result: DropResult, against: CountedDrops | None) -> Report:
     if part is not None and len(distribution.aspects) and level:
         shape = RestingShape(part, distribution.aspects)
         recommended = recommended_method(shape, result.run.conditions).reason
-        found, reasons = estimate_each(shape, METHODS)
+        release = release_numbers(shape, result.run.conditions)
+        found, reasons = estimate_each(shape, METHODS, release)
         estimates = {name: each.probabilities for name, each in found.items()}
     return Report(
         title=result.run.part,

@@ -1,5 +1,6 @@
 """A terminal table and a JSON document with the predictions of the analytic methods."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 from rich.table import Table
@@ -98,7 +99,8 @@ def estimate_document(
     """Return each method with its source and the probabilities of aspects and classes, by id.
 
     If a method is not defined for the part, its ``aspects`` are empty and ``not_defined`` is the
-    reason, otherwise null. ``recommended`` is null if no method is recommended or the conditions
+    reason, otherwise null. ``weight`` is the number of drops that are as certain, or null if it is
+    not known. ``recommended`` is null if no method is recommended or the conditions
     are not known; ``reason`` explains the recommendation.
     """
     return {
@@ -112,6 +114,7 @@ def estimate_document(
             name: {
                 'source': METHODS[name].source,
                 'not_defined': reasons.get(name),
+                'weight': _known(estimates[name].weight) if name in estimates else None,
                 'aspects': _rows(estimates[name].probabilities) if name in estimates else [],
                 'classes': _rows(estimates[name].class_probabilities())
                 if name in estimates
@@ -150,6 +153,10 @@ def against_fields(
             for name, each in deviations.items()
         },
     }
+
+
+def _known(weight: float) -> float | None:
+    return None if math.isnan(weight) else weight
 
 
 def _rows(probabilities: Array) -> list[dict[str, object]]:

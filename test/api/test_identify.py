@@ -72,10 +72,9 @@ def test_default_prior_is_the_recommended_estimate(bracket):
     np.testing.assert_allclose(bracket.shares, expected)
 
 
-def test_without_recommendation_the_basins_are_the_prior():
+def test_recommended_estimate_is_the_prior():
     predicted = ra.estimate('cylinder_d20_h20')
-    assert predicted.recommended.method == ''
-    expected = predicted.estimates['rolling'].class_probabilities()
+    expected = predicted.estimates[predicted.recommended.method].class_probabilities()
     np.testing.assert_allclose(known_part('cylinder_d20_h20').shares, expected)
 
 

@@ -218,8 +218,8 @@ def test_model_is_kept_if_the_same_part_is_offered_again(part):
     truth._use = lambda model, _: setattr(truth, 'current', model)
     found = []
     for data in offered:
-        truth._digest = data
-        asyncio.run(truth._read(data, data))
+        truth._data = data
+        asyncio.run(truth._read())
         if truth._building:
             asyncio.run(truth._build_all())
         found.append((truth.is_ready(None), len(models)))

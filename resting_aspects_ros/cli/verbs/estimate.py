@@ -1,24 +1,27 @@
-"""`resting_aspects estimate`: the distribution that analytic methods predict from the shape."""
+"""`resting_aspects estimate`: the distribution of a part without drops, by several methods."""
 
 import argparse
+import math
 import sys
 
 from resting_aspects_ros.api.estimate import EstimateResult, estimate
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.options import (
+    add_conditions,
     add_output,
     add_part,
+    changed_conditions,
 )
-from resting_aspects_ros.cli.values import parse_quantity
 from resting_aspects_ros.core.errors import InvalidValueError
-from resting_aspects_ros.core.estimators.estimate import METHODS
+from resting_aspects_ros.core.estimators.estimate import LEARNED, METHODS
 from resting_aspects_ros.report.estimate_report import estimate_table, legend
 
 ALL = 'all'
-DESCRIPTION = """Show how probable each aspect of a part is by the analytic methods of the
-literature. They take milliseconds, depend only on the shape, and assume an
-infinite level plane. The surface and the height of release determine which
+DESCRIPTION = """Show how probable each aspect of a part is, without drops. The methods take
+milliseconds and assume an infinite level plane. The analytic methods of the
+literature depend only on the shape; learned was fitted to drops of random
+solids and depends on the conditions, too. The conditions also determine which
 method is recommended. The error of each method is in
 docs/explanation/estimators.md. With --against the methods
 are compared with drops: a log, a JSON document of drop or request, or a CSV of
@@ -26,7 +29,7 @@ counts, as in compare."""
 EXAMPLES = """examples:
   resting_aspects estimate l_bracket
   resting_aspects estimate my_part.stl --method rolling,csa --json
-  resting_aspects estimate my_part.stl --height 300mm
+  resting_aspects estimate my_part.stl --method learned --height 300mm --friction 0.4
   resting_aspects estimate hex_nut --against out/hex_nut/distribution.json
 """
 
@@ -41,18 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f'{", ".join(METHODS)}, some of them separated by commas, or all (all)',
     )
     parser.add_argument('--against', metavar='LOG', help='drops of the same part to compare with')
-    parser.add_argument(
-        '--surface',
-        metavar='NAME',
-        default='',
-        help='recommend a method for this surface (that of --against, else rubber_mat)',
-    )
-    parser.add_argument(
-        '--height',
-        metavar='M',
-        help='recommend a method for this height of release, such as 300mm',
-    )
     add_output(parser)
+    add_conditions(parser, 'that of --against, else rubber_mat')
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -61,9 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     Raises RestingAspectsError for wrong input, NotDefinedError if no requested method is defined.
     """
     names = _methods(arguments.method)
-    changed = {}
-    if arguments.height is not None:
-        changed['height'] = parse_quantity('--height', arguments.height, 'm')
+    changed = changed_conditions(arguments)
     part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
     result = estimate(part, names, surface=arguments.surface, against=arguments.against, **changed)
     show_estimates(result, each=arguments.each, as_json=arguments.json)
@@ -104,6 +95,8 @@ def show_estimates(result: EstimateResult, *, each: bool, as_json: bool) -> None
     )
     show_table(console, table)
     lines = legend([name for name in methods if name in result.estimates], best)
+    if (found := result.estimates.get(LEARNED)) is not None and not math.isnan(found.weight):
+        lines.append(f'The prediction of {LEARNED} is as certain as {found.weight:.0f} drops.')
     lines += [f'{reason}.' for reason in result.not_defined.values()]
     lines += ['All methods assume an infinite level plane.']
     for line in [*lines, *([] if result.recommended is None else [result.recommended.reason])]:

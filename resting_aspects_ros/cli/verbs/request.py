@@ -18,7 +18,8 @@ from resting_aspects_ros.cli.options import (
     requested_number,
 )
 from resting_aspects_ros.core.errors import InvalidValueError, shown, warn
-from resting_aspects_ros.simulation.conditions import QUANTITIES
+from resting_aspects_ros.core.estimators.estimate import LEARNED
+from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, MAX_DROPS
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--method',
         metavar='NAME',
         default='drops',
-        help='drops, or an analytic method of `estimate`, which ignores conditions (drops)',
+        help='drops, or a method of `estimate`, of which only learned uses conditions (drops)',
     )
     parser.add_argument(
         '--only-known',
@@ -66,11 +67,11 @@ def run(arguments: argparse.Namespace) -> int:
     with Interruption() as stop:
         if arguments.method != 'drops':
             _check_no_drop_flags(arguments)
+        # Wrong values are refused before the client looks for a suite.
+        requested_conditions(arguments, shipped_surfaces())
         check_output('--picture', arguments.picture)
         if arguments.method != 'drops':
             return _estimate(arguments, stop)
-        # Wrong values are refused before the client looks for a suite.
-        conditions = requested_conditions(arguments, shipped_surfaces())
         drops, precision = requested_number(arguments)
         # These imports take a second, and --help does not need them.
         from resting_aspects_ros.api.progress import DropProgress
@@ -82,20 +83,14 @@ def run(arguments: argparse.Namespace) -> int:
         with RestingAspectsClient(
             ros_args=arguments.ros_args, warn=warn, check=stop.check
         ) as client:
-            changes = changed_conditions(arguments)
-            given = changes or arguments.surroundings
-            if given and not arguments.surface:
-                conditions = dataclasses.replace(
-                    client.default_conditions().changed(**changes),
-                    surroundings=conditions.surroundings,
-                )
+            conditions = _conditions(arguments, client)
             try:
                 with progress:
                     message = client.get_distribution(
                         arguments.part,
                         drops=arguments.drops,
                         precision=precision,
-                        conditions=conditions if given or arguments.surface else None,
+                        conditions=conditions,
                         seed=arguments.seed,
                         only_known=arguments.only_known,
                         progress=progress.update,
@@ -111,22 +106,20 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _check_no_drop_flags(arguments: argparse.Namespace) -> None:
-    """Raise InvalidValueError for a flag that an analytic method ignores."""
-    of_drops = (
-        'drops',
-        'precision',
-        'seed',
-        'surface',
-        *QUANTITIES,
-        'height_of',
-        'surroundings',
-        'picture',
-    )
+    """Raise InvalidValueError for a flag that a method of `estimate` ignores."""
+    of_drops = ['drops', 'precision', 'seed', 'surroundings', 'picture']
+    if arguments.method != LEARNED:
+        of_drops += ['surface', *QUANTITIES, 'height_of']
     for name in of_drops:
         if (given := getattr(arguments, name)) not in (None, ''):
             flag = f'--{name.replace("_", "-")}'
             raise InvalidValueError(
                 f'invalid {flag} {shown(str(given))}: expected only with --method drops'
+                + (
+                    f' or {LEARNED}'
+                    if name in QUANTITIES or name in ('surface', 'height_of')
+                    else ''
+                )
             )
 
 
@@ -153,15 +146,35 @@ def _interrupted(progress: 'DropProgress') -> str:
     )
 
 
+def _conditions(
+    arguments: argparse.Namespace, client: 'RestingAspectsClient'
+) -> DropConditions | None:
+    """Return the requested conditions; None if no flag gives any."""
+    conditions = requested_conditions(arguments, shipped_surfaces())
+    changes = changed_conditions(arguments)
+    if arguments.surface:
+        return conditions
+    if not (changes or arguments.surroundings):
+        return None
+    return dataclasses.replace(
+        client.default_conditions().changed(**changes), surroundings=conditions.surroundings
+    )
+
+
 def _estimate(arguments: argparse.Namespace, stop: Interruption) -> int:
-    """Request and show the prediction of an analytic method; returns the exit code."""
+    """Request and show the prediction of a method of `estimate`; returns the exit code."""
     from resting_aspects_ros.api.estimate import EstimateResult
     from resting_aspects_ros.cli.verbs.estimate import show_estimates
     from resting_aspects_ros.client.client import RestingAspectsClient
     from resting_aspects_ros.ros.distribution_conversions import estimate_from
 
     with RestingAspectsClient(ros_args=arguments.ros_args, check=stop.check) as client:
-        found = estimate_from(client.get_distribution(arguments.part, method=arguments.method))
+        message = client.get_distribution(
+            arguments.part,
+            method=arguments.method,
+            conditions=_conditions(arguments, client),
+        )
+        found = estimate_from(message)
         part = client.get_part(arguments.part)
     result = EstimateResult(part, found.aspects, {found.method: found}, {})
     show_estimates(result, each=arguments.each, as_json=arguments.json)

@@ -1,19 +1,30 @@
-"""The analytic methods by name, and the distribution that each predicts.
+"""The methods by name, and the distribution that each predicts."""
 
-Notation: the face of aspect i has the area A_i and, seen from the centre of mass, the solid angle
-Omega_i and the distance h_i; r_ij is the distance of the centre of mass from edge j of the face.
-"""
-
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import betaincinv
 
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError
+from resting_aspects_ros.core.estimators.analytic_weights import (
+    crsa,
+    csa,
+    energy_barrier,
+    quasi_static,
+    rolling,
+    solid_angle,
+    stability,
+)
+from resting_aspects_ros.core.estimators.learned import learned
+from resting_aspects_ros.core.estimators.release import TYPICAL, Release
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
-from resting_aspects_ros.core.geometry.solid_angle import polygon_angle
 from resting_aspects_ros.core.rotations import Array
+from resting_aspects_ros.core.statistics.intervals import CONFIDENCE, Interval
+
+LEARNED = 'learned'
 
 
 @dataclass(frozen=True)
@@ -22,7 +33,8 @@ class Method:
 
     weights : function
         Returns the weights (k,) of the aspects of a RestingShape by id, to which the probabilities
-        are proportional, or raises NotDefinedError.
+        are proportional, or raises NotDefinedError. That of LEARNED has the conditions of the
+        drops as its second argument.
     label : str
         Display name.
     meaning : str
@@ -33,75 +45,16 @@ class Method:
         Its name as the heading of a column, in one or two short lines.
     """
 
-    weights: Callable[[RestingShape], Array]
+    weights: Callable[..., Array]
     label: str
     meaning: str
     source: str
     heading: str
 
 
-def solid_angle(shape: RestingShape) -> Array:
-    """Return Omega_i."""
-    return shape.face_angles
-
-
-def csa(shape: RestingShape) -> Array:
-    """Return Omega_i / h_i: the centroid solid angle."""
-    return np.asarray(shape.face_angles / _heights(shape))
-
-
-def crsa(shape: RestingShape) -> Array:
-    """Return (Omega_i - mean over j of Omega_crit,ij) / h_i: the critical solid angle.
-
-    Omega_crit,ij is the solid angle of the face seen from the height r_ij, to which the centre of
-    mass rises when the part tips over edge j. All edges have the same weight, also short ones: a
-    corner that is rounded in many steps has more weight than a sharp one.
-    """
-    critical = [_critical(polygon, height) for polygon, height in shape.polygons()]
-    return np.asarray(np.maximum(shape.face_angles - critical, 0.0) / _heights(shape))
-
-
-def stability(shape: RestingShape) -> Array:
-    """Return A_i / h_i."""
-    return np.array([_area(polygon) / height for polygon, height in shape.polygons()])
-
-
-def energy_barrier(shape: RestingShape) -> Array:
-    """Return the minimum energy that moves the part out of each aspect, with m g = 1."""
-    return np.array([aspect.min_barrier for aspect in shape.aspects.aspects])
-
-
-def quasi_static(shape: RestingShape) -> Array:
-    """Return the sum of Omega over all facets of the hull that lead to each aspect.
-
-    From an unstable facet the part tips over the edge, or the corner, beyond which its centre of
-    mass is, from facet to facet, until it reaches a stable one.
-    """
-    count = len(shape.aspects)
-    angles = np.bincount(shape.aspect_of_facets, weights=shape.facet_angles, minlength=count)
-    return np.asarray(angles, dtype=np.float64)
-
-
-def rolling(shape: RestingShape) -> Array:
-    """Return the exact share of directions from which the part rolls into each aspect."""
-    return np.array([aspect.basin_share for aspect in shape.aspects.aspects])
-
-
-def _heights(shape: RestingShape) -> Array:
-    return np.array([aspect.com_height for aspect in shape.aspects.aspects])
-
-
-def _critical(polygon: Array, height: float) -> float:
-    """Return the mean critical solid angle over the edges, sr."""
-    along = np.roll(polygon, -1, axis=0) - polygon
-    across = polygon[:, 0] * along[:, 1] - polygon[:, 1] * along[:, 0]
-    over_edges = np.hypot(height, across / np.linalg.norm(along, axis=1))
-    return float(np.mean([polygon_angle(polygon, float(r)) for r in over_edges]))
-
-
-def _area(polygon: Array) -> float:
-    x, y = polygon.T
-    return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum() / 2)
+def learned_shares(shape: RestingShape, release: Release = TYPICAL) -> Array:
+    """Return exp(score_i): a score of features of the landscape and the conditions."""
+    return learned(shape, release)[0]
 
 
 METHODS = {
@@ -110,7 +63,7 @@ METHODS = {
         'solid angle',
         'solid angle of its side, seen from the centre of mass',
         "Simpson's rule",
-        'solid\nangle',
+        'sol.\nang.',
     ),
     'csa': Method(
         csa,
@@ -131,45 +84,57 @@ METHODS = {
         'stability',
         'area of the support / height of the centre of mass',
         'Chua, Tay 1998',
-        'stab-\nility',
+        'sta-\nbil.',
     ),
     'energy_barrier': Method(
         energy_barrier,
         'energy barrier',
         'minimum energy that moves the part out of it',
         'Boothroyd, Ho 1977',
-        'energy\nbarr.',
+        'bar-\nrier',
     ),
     'quasi_static': Method(
         quasi_static,
         'quasi-static',
         'solid angle of all sides that lead to the aspect',
         'Goldberg, Mirtich, Zhuang, Craig et al. 1999',
-        'quasi\nstatic',
+        'quasi\nstat.',
     ),
     'rolling': Method(
         rolling,
         'rolling',
         'directions from which the part rolls into the aspect',
         'Baktash, Sharp, Zhou, Crane, Jacobson 2025',
-        'roll-\ning',
+        'rol-\nling',
+    ),
+    LEARNED: Method(
+        learned_shares,
+        'learned',
+        'fitted to drops of random solids, for the conditions',
+        'this suite, `make learned`',
+        'lear-\nned',
     ),
 }
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """The distribution that a method predicts; it has no drops and no intervals.
+    """The distribution that a method predicts; it has no drops.
 
     method : str
         One of METHODS.
     probabilities : (k,) float
         Probability of each aspect, by id from 1; their sum is 1.
+    weight : float
+        Number of drops whose counts have the same uncertainty as the prediction; NaN if it is not
+        known, which only LEARNED states. As a prior of counts it is Dirichlet, with weight times
+        the probabilities as its parameters.
     """
 
     aspects: AspectSet
     method: str
     probabilities: Array
+    weight: float = math.nan
 
     @property
     def source(self) -> str:
@@ -181,6 +146,23 @@ class Estimate:
         numbers = [aspect.symmetry_class for aspect in self.aspects.aspects]
         return np.asarray(np.bincount(numbers, weights=self.probabilities)[1:])
 
+    def interval(self, aspects: Sequence[int], confidence: float = CONFIDENCE) -> Interval:
+        """Return the probability of any of the aspects, by id; its bounds are NaN if not known."""
+        shares = self.probabilities[[k - 1 for k in aspects]]
+        return share_interval(float(shares.sum()), self.weight, confidence)
+
+
+def share_interval(share: float, weight: float, confidence: float = CONFIDENCE) -> Interval:
+    """Return a predicted probability with its bounds, which are NaN if the weight is NaN."""
+    share = min(float(share), 1.0)
+    if math.isnan(weight):
+        return Interval(share, math.nan, math.nan)
+    a, b = weight * share, weight * (1 - share)
+    if a <= 0 or b <= 0:
+        return Interval(share, share, share)
+    tail = (1 - confidence) / 2
+    return Interval(share, float(betaincinv(a, b, tail)), float(betaincinv(a, b, 1 - tail)))
+
 
 def check_method(method: str) -> None:
     """Raise InvalidValueError if there is no such method."""
@@ -188,11 +170,12 @@ def check_method(method: str) -> None:
         raise InvalidValueError(f'invalid method {method!r}: expected one of {", ".join(METHODS)}')
 
 
-def estimate(shape: RestingShape, method: str) -> Estimate:
+def estimate(shape: RestingShape, method: str, release: Release = TYPICAL) -> Estimate:
     """Return the distribution that a method predicts for a part.
 
     Aspects of one symmetry class are equally probable. If a part has only one aspect, its
-    probability is 1 for every method.
+    probability is 1 for every method. The conditions of the drops, ``release``, only matter for
+    LEARNED.
 
     Raises
     ------
@@ -205,25 +188,29 @@ def estimate(shape: RestingShape, method: str) -> Estimate:
     aspects = shape.aspects
     if len(aspects) == 1:
         return Estimate(aspects, method, np.ones(1))
+    certainty = math.nan
     try:
-        weights = METHODS[method].weights(shape)
+        if method == LEARNED:
+            weights, certainty = learned(shape, release)
+        else:
+            weights = METHODS[method].weights(shape)
     except NotDefinedError as error:
         raise NotDefinedError(f'{method} is not defined for {shape.part.name}: {error}') from error
     for members in aspects.classes():
         indices = [aspect.id - 1 for aspect in members]
         weights[indices] = weights[indices].mean()
-    return Estimate(aspects, method, weights / weights.sum())
+    return Estimate(aspects, method, weights / weights.sum(), certainty)
 
 
 def estimate_each(
-    shape: RestingShape, names: Iterable[str]
+    shape: RestingShape, names: Iterable[str], release: Release = TYPICAL
 ) -> tuple[dict[str, Estimate], dict[str, str]]:
     """Return the estimates by method, and the reasons for methods that are not defined."""
     estimates: dict[str, Estimate] = {}
     reasons: dict[str, str] = {}
     for name in names:
         try:
-            estimates[name] = estimate(shape, name)
+            estimates[name] = estimate(shape, name, release)
         except NotDefinedError as error:
             reasons[name] = str(error)
     return estimates, reasons

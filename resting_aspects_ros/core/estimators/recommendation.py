@@ -1,4 +1,4 @@
-"""Recommendation of an analytic method for a part and a release height.
+"""Recommendation of a method for a part and the conditions of its drops.
 
 It is based on the measurements in docs/explanation/estimators.md.
 """
@@ -6,6 +6,8 @@ It is based on the measurements in docs/explanation/estimators.md.
 from dataclasses import dataclass
 
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.estimators.learned import shipped_model
+from resting_aspects_ros.core.estimators.release import Release
 
 # Release heights, hull radii, between which csa deviates least from drops. The limits are halfway,
 # on a logarithmic scale, between heights at which this was measured and heights at which not.
@@ -13,6 +15,10 @@ _LOW, _HIGH = 0.2, 20.0
 # Share of directions that lead to a curved side, such as the rim of a washer, up to which csa is
 # valid.
 _MAX_CURVED_SHARE = 0.15
+
+# Root mean square deviation of learned from drops of kinds of solids that were not fitted,
+# percentage points, for parts without and with a curved side.
+FLAT_DEVIATION, CURVED_DEVIATION = 3.0, 7.0
 
 
 @dataclass(frozen=True)
@@ -27,21 +33,46 @@ class Recommendation:
     reason: str
 
 
-def recommend(aspects: AspectSet, height: float, *, thrown: bool) -> Recommendation:
+def recommend(aspects: AspectSet, release: Release, *, thrown: bool) -> Recommendation:
     """Return the recommended method for a part.
 
     Parameters
     ----------
     aspects : AspectSet
         Aspects of the part.
-    height : float
-        Release height, hull radii.
+    release : Release
+        The conditions of its drops.
     thrown : bool
         Whether the part is released with a significant speed or spin.
     """
     if len(aspects) == 1:
         return Recommendation('', 'The part has one aspect: its probability is 100 %.')
     curved = sum(a.basin_share for a in aspects.aspects if a.sweep.curved)
+    outside = shipped_model().bounds.outside(release)
+    if not outside:
+        return _learned(curved)
+    found = _analytic(curved, release.height, thrown=thrown)
+    limit = f'The {outside} is beyond the conditions to which learned is fitted. '
+    return Recommendation(found.method, limit + found.reason)
+
+
+def _learned(curved: float) -> Recommendation:
+    if curved > _MAX_CURVED_SHARE:
+        return Recommendation(
+            'learned',
+            f'The recommended method is learned, but from {100 * curved:.0f} % of all directions '
+            f'the part rolls onto a curved side, and for such parts it deviates from drops by '
+            f'about {CURVED_DEVIATION:g} points (root mean square): simulate drops.',
+        )
+    return Recommendation(
+        'learned',
+        'The recommended method is learned: it knows the conditions, and deviates from drops by '
+        f'about {FLAT_DEVIATION:g} points (root mean square) for kinds of parts that were not '
+        'fitted.',
+    )
+
+
+def _analytic(curved: float, height: float, *, thrown: bool) -> Recommendation:
     if curved > _MAX_CURVED_SHARE:
         return Recommendation(
             '',

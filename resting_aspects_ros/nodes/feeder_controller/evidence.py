@@ -61,7 +61,7 @@ class PartEvidence:
         """
         self._ids = ids_of_classes(fed.known, self._settings)
         self.fed, self._used = fed, None
-        self.current = Evidence(fed.known.shares)
+        self.current = Evidence(fed.known.shares, weight=fed.weight)
         self._use_drops()
         self._use_flips()
 

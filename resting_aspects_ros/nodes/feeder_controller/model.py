@@ -1,6 +1,6 @@
 """The model of a controller's decisions, from parameters, a part, its drops and its flips.
 
-It starts with the analytic estimate of the part, and is replaced as drops and flips arrive.
+It starts with the estimate of the part, and is replaced as drops and flips arrive.
 """
 
 import math
@@ -14,9 +14,11 @@ from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixM
 
 from resting_aspects_ros.api.forecast_setup import footprints_of, pickable_aspects
 from resting_aspects_ros.api.grasps import check_grasps
-from resting_aspects_ros.api.identify import known_part
+from resting_aspects_ros.api.identify import known_part, prediction
 from resting_aspects_ros.core.aspects.aspect import ASPECT_NUMBERING
 from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.estimators.estimate import share_interval
+from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 from resting_aspects_ros.core.feeding.controller_model import (
     ControllerModel,
     controller_model,
@@ -37,18 +39,33 @@ from resting_aspects_ros.ros.transition_conversions import (
     check_transitions,
     transition_matrix_from,
 )
+from resting_aspects_ros.simulation.conditions import DropConditions
 
-# If there are fewer drops, or flips of a class, the estimate counts as the missing ones.
-MIN_DROPS, MIN_FLIPS = 100, 20
+# If there are fewer drops, or flips of a class, the estimate counts as the missing ones. An
+# estimate that states its weight counts as that many drops, up to the maximum.
+MIN_DROPS, MIN_FLIPS, MAX_WEIGHT = 100, 20, 1000
 
 
 @dataclass(frozen=True, eq=False)
 class FedPart:
-    """The part in a feeder, with the footprints of its classes, and the grasps of the robot."""
+    """The part in a feeder, with the footprints of its classes, and the grasps of the robot.
+
+    weight : float
+        That of the estimate in ``known.shares``, drops; NaN if it is not known.
+    conditions : DropConditions or None
+        Those of the estimate; None: the default ones.
+    """
 
     known: KnownPart
     footprints: tuple[Footprint, ...]
     grasps: tuple[Grasp, ...] = ()
+    weight: float = math.nan
+    conditions: DropConditions | None = None
+
+    @property
+    def version(self) -> str:
+        """Hash of the part."""
+        return self.known.part.part_sha256
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,15 +73,23 @@ class Evidence:
     """What is known of the classes of a part.
 
     shares : (k,) float
-        The analytic estimate.
+        The estimate.
     drops : Distribution or None
         Over the aspects of the part.
     flips : TransitionMatrix or None
+    weight : float
+        That of the estimate, drops; NaN if it is not known.
     """
 
     shares: Array
     drops: Distribution | None = None
     flips: TransitionMatrix | None = None
+    weight: float = math.nan
+
+    @property
+    def min_drops(self) -> int:
+        """Number of drops below which the estimate counts as the missing ones."""
+        return MIN_DROPS if math.isnan(self.weight) else round(min(self.weight, MAX_WEIGHT))
 
     @property
     def drop_count(self) -> int:
@@ -77,14 +102,25 @@ class Evidence:
         return int(self.flips.counts.sum()) if self.flips is not None else 0
 
 
-def read_fed_part(data: bytes, name: str, grasps: tuple[Grasp, ...] = ()) -> FedPart:
-    """Return the part in a serialized description on parts/<name>; runs in a FileWorker."""
+def read_fed_part(
+    data: bytes,
+    name: str,
+    grasps: tuple[Grasp, ...] = (),
+    conditions: DropConditions | None = None,
+) -> FedPart:
+    """Return the part in a serialized description on parts/<name>; runs in a FileWorker.
+
+    The estimate is that for ``conditions``, by default those of rubber_mat.
+    """
     message = deserialize_message(data, PartDescription)
     check_description(message, name)
-    known = known_part(part_from(message))
+    part = part_from(message)
+    found = prediction(RestingShape(part), conditions)
+    known = known_part(part, found.probabilities)
     check_grasps(grasps, known.placements, ())
     classes = known.aspects.classes()
-    return FedPart(known, footprints_of(known.part, known.aspects, classes, grasps), grasps)
+    footprints = footprints_of(known.part, known.aspects, classes, grasps)
+    return FedPart(known, footprints, grasps, found.weight, conditions)
 
 
 def build_model(
@@ -99,7 +135,7 @@ def build_model(
     common = pickable, footprints, settings.tray, settings.times, settings.max_picks
     feeder = feeder_of_shares(evidence.shares, *common)
     if evidence.drop_count or evidence.flip_count:
-        drop = _filled(_drops_by_class(evidence.drops, count), evidence.shares, MIN_DROPS)
+        drop = _filled(_drops_by_class(evidence.drops, count), evidence.shares, evidence.min_drops)
         flips = np.zeros((count, count), dtype=np.int64)
         if evidence.flips is not None:
             flips = evidence.flips.by_class().counts
@@ -125,8 +161,7 @@ def pickable_share(
     """
     if evidence.drops is not None:
         return evidence.drops.combined_interval(aspects)
-    share = sum(evidence.shares[k - 1] for k in pickable)
-    return Interval(float(share), math.nan, math.nan)
+    return share_interval(sum(evidence.shares[k - 1] for k in pickable), evidence.weight)
 
 
 def ids_of_classes(part: KnownPart, settings: Settings) -> tuple[int, ...]:

@@ -1,12 +1,12 @@
 """Follows the part of a controller, its distribution and its transitions, and builds the model."""
 
 from collections.abc import Awaitable, Callable
-from hashlib import sha256
 from typing import Any
 
 import numpy as np
 from rclpy.node import Node
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription
+from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
 from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
 
 from resting_aspects_ros.core.errors import RestingAspectsError
@@ -20,8 +20,16 @@ from resting_aspects_ros.nodes.feeder_controller.model import (
 )
 from resting_aspects_ros.nodes.feeder_controller.settings import Settings
 from resting_aspects_ros.ros.callbacks import guarded_task, subscribe
+from resting_aspects_ros.ros.conversions import conditions_from
 from resting_aspects_ros.ros.file_worker import FileWorker
-from resting_aspects_ros.ros.interface import ASPECT_DISTRIBUTIONS, LATCHED, PARTS, TRANSITIONS
+from resting_aspects_ros.ros.interface import (
+    ASPECT_DISTRIBUTIONS,
+    DEFAULT_CONDITIONS,
+    LATCHED,
+    PARTS,
+    TRANSITIONS,
+)
+from resting_aspects_ros.simulation.conditions import DropConditions
 
 # A part with very many triangles and aspects needs more time than a file, s.
 MAX_SECONDS = 120.0
@@ -47,7 +55,8 @@ class ModelUpdates:
         self._settings = settings
         self._changed = changed
         self._files = FileWorker(node, MAX_SECONDS)
-        self._digest = b''  # of the newest description
+        self._data = b''  # the newest description
+        self._conditions: DropConditions | None = None  # the default ones of the simulator
         self._known = PartEvidence(node, settings)
         self._evidence: Evidence | None = None  # of the model
         self._building = self._again = False
@@ -57,6 +66,7 @@ class ModelUpdates:
         name = settings.part
         self._topic = node.resolve_topic_name(f'{PARTS}/{name}')
         subscribe(node, PartDescription, self._topic, self._on_part, LATCHED, raw=True)
+        subscribe(node, DropConditionsMsg, DEFAULT_CONDITIONS, self._on_conditions, LATCHED)
         drops, flips = f'{ASPECT_DISTRIBUTIONS}/{name}', f'{TRANSITIONS}/{name}'
         subscribe(node, AspectDistribution, drops, self._on_drops, LATCHED)
         subscribe(node, TransitionMatrixMsg, flips, self._on_flips, LATCHED)
@@ -76,7 +86,7 @@ class ModelUpdates:
         """Why there is no model."""
         if self.error:
             return self.error
-        if self._digest:
+        if self._data:
             return f'{self._settings.part} is being read'
         if self._node.count_publishers(self._topic):
             return f'{self._topic} has not arrived yet'
@@ -146,33 +156,41 @@ class ModelUpdates:
         return found
 
     def _on_part(self, data: bytes) -> None:
-        digest = sha256(data).digest()
-        if digest == self._digest:
-            return
-        self._digest = digest
-        self._execute(self._read, bytes(data), digest)
+        if data != self._data:
+            self._data = bytes(data)
+            self._execute(self._read)
 
-    async def _read(self, data: bytes, digest: bytes) -> None:
-        """Read a description of the part, unless a newer one has arrived."""
-        had_part = self._known.fed is not None
+    def _on_conditions(self, message: DropConditionsMsg) -> None:
+        """Estimate again for new default conditions."""
+        conditions = conditions_from(message)
+        if conditions != self._conditions:
+            self._conditions = conditions
+            if self._data:
+                self._execute(self._read)
+
+    async def _read(self) -> None:
+        """Read the newest description of the part, unless a newer one arrives."""
+        newest = self._data, self._conditions
+        given = self._data, self._settings.part, self._settings.grasps, self._conditions
         try:
-            fed = await self._files.run(
-                read_fed_part, data, self._settings.part, self._settings.grasps
-            )
-            if digest != self._digest or _is_same(fed, self._known.fed):
+            fed = await self._files.run(read_fed_part, *given)
+            if newest != (self._data, self._conditions):
+                return
+            known = self._known.fed
+            if known and (fed.version, fed.conditions) == (known.version, known.conditions):
                 return
             self._known.set_part(fed)
         except RestingAspectsError as error:
-            if digest == self._digest:
+            if newest == (self._data, self._conditions):
                 self._known.forget_part()
                 self._fail(error)
             return
-        if had_part:
+        if known is not None and known.version != fed.version:
             self.current = None  # until there is a model of the new version
             self.version += 1
             self._changed()
             self._node.get_logger().warning(
-                f'{self._settings.part} has changed (part_sha256 {fed.known.part.part_sha256}): '
+                f'{self._settings.part} has changed (part_sha256 {fed.version}): '
                 'its classes may have changed'
             )
         self._build()
@@ -228,8 +246,3 @@ class ModelUpdates:
         executor = self._node.executor
         assert executor is not None  # it calls the callbacks
         executor.create_task(guarded_task(self._node, 'no model was built', task), *arguments)
-
-
-def _is_same(new: FedPart, known: FedPart | None) -> bool:
-    """Return whether a part is the known version, described in other words."""
-    return known is not None and new.known.part.part_sha256 == known.known.part.part_sha256
