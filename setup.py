@@ -41,6 +41,7 @@ setup(
         'step': ['cascadio'],
         'bodies': ['manifold3d'],
         'pieces': ['coacd'],
+        'curved': ['fast-simplification'],
         'parquet': ['pyarrow'],
     },
     zip_safe=True,

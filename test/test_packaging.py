@@ -27,6 +27,7 @@ DEPENDENCIES = {
     'builtin_interfaces': (MESSAGES, 'builtin_interfaces'),
     'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg'),
     'coacd': ('coacd', None),  # rosdep has no key for it
+    'fast_simplification': ('fast-simplification', None),  # rosdep has no key for it
     'cv2': ('opencv-python-headless', 'python3-opencv'),
     'diagnostic_msgs': (MESSAGES, 'diagnostic_msgs'),
     'domain_coordinator': ('ros-domain-coordinator', 'domain_coordinator'),
@@ -69,7 +70,12 @@ DEPENDENCIES = {
 # thing.
 OPTIONAL = {'dask': {'distributed'}, 'step': {'cascadio'}}
 # What make setup installs and rosdep cannot, so that it is an extra too.
-NO_ROSDEP_KEY = {'bodies': {'manifold3d'}, 'pieces': {'coacd'}, 'parquet': {'pyarrow'}}
+NO_ROSDEP_KEY = {
+    'bodies': {'manifold3d'},
+    'pieces': {'coacd'},
+    'parquet': {'pyarrow'},
+    'curved': {'fast-simplification'},
+}
 # Used without an import: the time limit of tests in pyproject.toml.
 NEVER_IMPORTED = {'python3-pytest-timeout'}
 

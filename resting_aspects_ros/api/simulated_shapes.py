@@ -24,7 +24,7 @@ class SimulatedShapes:
     pieces : ConvexPieces
         Of the part.
     mesh : MeshBody or None
-        The mesh of the surroundings, with its flat sides as prisms.
+        The mesh of the surroundings, with its flat sides as prisms and its other sides simplified.
     """
 
     pieces: ConvexPieces
@@ -39,6 +39,7 @@ class SimulatedShapes:
                 'flat_sides': self.mesh.sides,
                 'prisms': len(self.mesh.prisms),
                 'remaining_triangles': _remaining(self.mesh),
+                'distance': self.mesh.distance,
             }
         return fields
 
@@ -86,15 +87,22 @@ def _millimetres(length: float) -> str:
 
 
 def _mesh_text(mesh: MeshBody) -> str:
-    remaining = _remaining(mesh)
-    if not mesh.prisms:
-        return f'The part meets the {remaining:,} triangles of the mesh.'
-    sides = _number(mesh.sides, 'flat side')
-    prisms = _number(len(mesh.prisms), 'convex prism')
-    rest = f', and its other {_number(remaining, "triangle")}' if remaining else ''
+    remaining = _number(_remaining(mesh), 'triangle')
+    if not mesh.prisms and not mesh.distance:
+        return f'The part meets the {remaining} of the mesh.'
+    simulated = []
+    if mesh.prisms:
+        sides = _number(mesh.sides, 'flat side')
+        prisms = _number(len(mesh.prisms), 'convex prism')
+        simulated.append(f'{prisms}, into which the triangles of {sides} are merged')
+    if mesh.distance:
+        away = _millimetres(mesh.distance)
+        simulated.append(f'{remaining}, which are at most {away} mm away from its curved sides')
+    elif _remaining(mesh):
+        simulated.append(f'its other {remaining}')
     return (
-        f'The mesh of {len(mesh.triangles):,} triangles is simulated as {prisms}, into which the '
-        f'triangles of {sides} are merged{rest}.'
+        f'The mesh of {len(mesh.triangles):,} triangles is simulated as '
+        f'{", and ".join(simulated)}.'
     )
 
 

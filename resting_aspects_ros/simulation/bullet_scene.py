@@ -152,9 +152,9 @@ class SceneWorld(_World):
         if body.prisms:
             text = _obj_text(tuple(corners / radius for corners in body.prisms))
             yield _compound(text, self._client)
-        remaining = body.triangles if body.remaining is None else body.remaining
+        remaining = body.vertices[body.triangles] if body.remaining is None else body.remaining
         if len(remaining):
-            vertices, indices = _lists((body.vertices / radius).tobytes(), remaining.tobytes())
+            vertices, indices = _lists((remaining / radius).tobytes())
             yield pybullet.createCollisionShape(
                 pybullet.GEOM_MESH,
                 vertices=vertices,
@@ -236,9 +236,7 @@ def _apart(scene: Scene, radius: float) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _lists(vertices: bytes, triangles: bytes) -> tuple[list[list[float]], list[int]]:
+def _lists(corners: bytes) -> tuple[list[list[float]], list[int]]:
     """Return a mesh for PyBullet; the same objects for every chunk, see bullet_engine._corners."""
-    return (
-        np.frombuffer(vertices).reshape(-1, 3).tolist(),
-        np.frombuffer(triangles, dtype=np.int64).tolist(),
-    )
+    points, rows = np.unique(np.frombuffer(corners).reshape(-1, 3), axis=0, return_inverse=True)
+    return points.tolist(), rows.ravel().tolist()

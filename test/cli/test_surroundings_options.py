@@ -108,6 +108,7 @@ def test_shapes_on_a_mesh_are_stated(run):
         'flat_sides': 11,
         'prisms': 14,
         'remaining_triangles': 0,
+        'distance': 0.0,
     }
 
 

@@ -3,7 +3,8 @@
 Bullet finds a contact of a part with each triangle by itself. That takes time for every triangle
 near a part, and a corner that slides over the edge between two triangles of a flat side can be
 kicked. Therefore the triangles of a wide flat side are merged into convex polygons, each of which
-is the top of a prism inside the solid. All other triangles remain. Lengths are in hull radii R.
+is the top of a prism inside the solid. All other triangles, and the facets of curved sides,
+remain. Lengths are in hull radii R.
 """
 
 from collections.abc import Iterator
@@ -21,6 +22,7 @@ from resting_aspects_ros.simulation.surroundings.convex_polygons import (
     edge_planes,
     polygon_from,
 )
+from resting_aspects_ros.simulation.surroundings.curved_sides import TOLERANCE, Bends, simplified
 
 Indices = npt.NDArray[np.int64]
 
@@ -49,19 +51,25 @@ class MergedMesh:
 
     prisms : tuple of (k, 3) float64
         Corners of the prisms, in the frame and unit of the mesh.
-    triangles : (m, 3) int
-        Triangles that were not merged.
+    vertices, triangles : (n, 3) float and (m, 3) int
+        Triangles that were not merged, or the fewer that replace them.
     sides : int
         Number of flat sides that were merged into the prisms.
+    distance : float
+        Maximum distance of these triangles from the real ones, in the unit of the mesh.
     """
 
     prisms: tuple[Array, ...]
+    vertices: Array
     triangles: Indices
     sides: int
+    distance: float
 
 
 def merged_mesh(vertices: Array, triangles: Indices, radius: float) -> MergedMesh:
     """Return the flat sides of a mesh that are wide for a part of a hull radius as prisms.
+
+    The other triangles are simplified.
 
     Parameters
     ----------
@@ -75,12 +83,17 @@ def merged_mesh(vertices: Array, triangles: Indices, radius: float) -> MergedMes
     left = np.ones(len(triangles), dtype=bool)
     prisms: list[Array] = []
     sides = 0
+    bends = Bends(corners)
     for seed, which in _coplanar(corners):
-        for covered, found in _Side(corners, seed, which).merged():
+        for covered, found in _Side(corners, seed, which, bends).merged():
             left[covered] = False
             prisms += [prism * radius + origin for prism in found]
             sides += 1
-    return MergedMesh(tuple(prisms), triangles[left], sides)
+    curved = simplified((vertices - origin) / radius, triangles[left])
+    if not curved.distance:
+        return MergedMesh(tuple(prisms), vertices, triangles[left], sides, 0.0)
+    moved = curved.vertices * radius + origin
+    return MergedMesh(tuple(prisms), moved, curved.triangles, sides, curved.distance * radius)
 
 
 def _coplanar(corners: Array) -> Iterator[tuple[int, Indices]]:
@@ -108,8 +121,8 @@ def _coplanar(corners: Array) -> Iterator[tuple[int, Indices]]:
 class _Side:
     """The triangles of a mesh in one plane, with the axes u, v and the normal of the plane."""
 
-    def __init__(self, corners: Array, seed: int, which: Indices) -> None:
-        self._all, self._which = corners, which
+    def __init__(self, corners: Array, seed: int, which: Indices, bends: Bends) -> None:
+        self._all, self._which, self._bends = corners, which, bends
         a, b, c = corners[seed]
         u = (b - a) / np.linalg.norm(b - a)
         normal = np.cross(b - a, c - a)
@@ -124,10 +137,13 @@ class _Side:
         for part in shapely.get_parts(region):
             if part.geom_type != 'Polygon' or part.buffer(-MIN_WIDTH / 2).is_empty:
                 continue
+            covered = self._which[shapely.intersects(part.buffer(GRID), middles)]
+            width = 2 * shapely.maximum_inscribed_circle(part).length
+            if self._bends.sagitta(covered, width) < TOLERANCE:
+                continue
             outline = shapely.simplify(part, 10 * GRID)
             polygons = convex_polygons(outline, MAX_POLYGONS)
             if polygons:
-                covered = self._which[shapely.intersects(part.buffer(GRID), middles)]
                 yield covered, [self._prism(each, outline.boundary) for each in polygons]
 
     def _in_plane(self, points: Array) -> Array:

@@ -210,10 +210,14 @@ class MeshSurface:
         return (MeshBody('surface', contacts['surface'], X, self.vertices, self.triangles),)
 
     def merged(self, body: MeshBody, radius: float) -> MeshBody:
-        """Return the body with its flat sides as prisms, for a part of a hull radius, m."""
+        """Return the body in the shapes that are simulated, for a part of a hull radius, m."""
         found = _merged(self, radius)
         return dataclasses.replace(
-            body, prisms=found.prisms, remaining=found.triangles, sides=found.sides
+            body,
+            prisms=found.prisms,
+            remaining=found.vertices[found.triangles],
+            sides=found.sides,
+            distance=found.distance,
         )
 
     def lost(self, radius: float) -> tuple[HalfSpace, ...]:

@@ -76,17 +76,20 @@ class MeshBody(SceneBody):
         The triangles point outward.
     prisms : tuple of (k, 3) float
         Corners of convex prisms that represent its wide flat sides; see flat_sides.py.
-    remaining : (l, 3) int or None
-        Triangles that are in no prism; None: all.
+    remaining : (l, 3, 3) float or None
+        Corners of the triangles that represent the other sides; None: all triangles.
     sides : int
         Number of flat sides that the prisms represent.
+    distance : float
+        Maximum distance between the other sides and ``remaining``, m.
     """
 
     vertices: Array
     triangles: npt.NDArray[np.int64]
     prisms: tuple[Array, ...] = ()
-    remaining: npt.NDArray[np.int64] | None = None
+    remaining: Array | None = None
     sides: int = 0
+    distance: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

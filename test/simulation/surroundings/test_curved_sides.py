@@ -1,0 +1,159 @@
+"""Curved sides of a mesh surface: fewer triangles within the tolerance, and the same ends."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.stats import chi2_contingency
+
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.poses import RestingPoses, RestStatus
+from resting_aspects_ros.simulation.bullet_engine import drop_chunk
+from resting_aspects_ros.simulation.initial_state import CHUNK
+from resting_aspects_ros.simulation.plan import make_job
+from resting_aspects_ros.simulation.surroundings.curved_sides import TOLERANCE, simplified
+from resting_aspects_ros.simulation.surroundings.description import Surroundings
+from resting_aspects_ros.simulation.surroundings.flat_sides import merged_mesh
+from resting_aspects_ros.simulation.surroundings.mesh_surface import MeshSurface
+from resting_aspects_ros.simulation.surroundings.scene import MeshBody
+
+# A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
+LEVEL = 1e-3
+# Half the side of a square bowl, and the height of its corners above its middle.
+HALF, RISE = 5.0, 0.7
+
+
+def bowl(squares):
+    """Vertices and triangles of z = RISE (x^2 + y^2) / (2 HALF^2)."""
+    ticks = np.linspace(-HALF, HALF, squares + 1)
+    x, y = (values.ravel() for values in np.meshgrid(ticks, ticks, indexing='ij'))
+    n = squares + 1
+    first = (np.arange(squares)[:, None] * n + np.arange(squares)).ravel()
+    corners = np.stack([first, first + n, first + n + 1, first + 1], axis=1)
+    triangles = np.vstack([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
+    return np.stack([x, y, height(x, y)], axis=1), triangles
+
+
+def height(x, y):
+    return RISE * (x**2 + y**2) / (2 * HALF**2)
+
+
+def test_a_bowl_has_fewer_triangles_within_the_tolerance():
+    vertices, triangles = bowl(40)
+    found = simplified(vertices, triangles)
+    assert len(found.triangles) < len(triangles) / 4
+    assert 0 < found.distance <= TOLERANCE
+    # From the formula: the paraboloid is at most the sagitta of a square above its triangles.
+    corners = found.vertices[found.triangles]
+    weights = np.random.default_rng(1).dirichlet(np.ones(3), 200)
+    x, y, z = (weights @ corners).reshape(-1, 3).T
+    sagitta = height(HALF / 40, HALF / 40)
+    # The slope is small: a vertical distance is longer than that to the surface by this factor.
+    steepest = np.hypot(1.0, np.sqrt(2) * RISE / HALF)
+    assert np.abs(z - height(x, y)).max() < TOLERANCE * steepest + sagitta
+    # All triangles together cover the bowl once, from the same side.
+    a, b, c = np.moveaxis(corners[:, :, :2], 1, 0)
+    areas = np.cross(np.pad(b - a, ((0, 0), (0, 1))), np.pad(c - a, ((0, 0), (0, 1))))[:, 2] / 2
+    assert (areas > 0).all()
+    assert areas.sum() == pytest.approx(4 * HALF**2, rel=1e-9)
+
+
+def test_the_border_is_kept():
+    vertices, triangles = bowl(20)
+    found = simplified(vertices, triangles)
+    border = vertices[np.abs(vertices[:, :2]).max(axis=1) == HALF]
+    kept = {tuple(each) for each in found.vertices.tolist()}
+    assert {tuple(each) for each in border.tolist()} <= kept
+
+
+def test_triangles_that_all_matter_are_kept():
+    """A ball whose facets are further from each other than the tolerance."""
+    ball = trimesh.creation.icosphere(2, 1.0)
+    found = simplified(np.array(ball.vertices), np.array(ball.faces))
+    assert found.distance == 0
+    assert len(found.triangles) == len(ball.faces)
+
+
+@pytest.mark.parametrize('squares', [12, 30])
+def test_facets_of_a_curved_side_are_not_flat_sides(squares):
+    """They are wider than the narrowest flat side, but bend by less than the tolerance."""
+    vertices, triangles = bowl(squares)
+    found = merged_mesh(1000 * vertices, triangles, 1000.0)
+    inner = len(triangles) - 8 * squares
+    assert len(found.prisms) <= 4  # at corners, two of the four edges are free
+    assert len(found.triangles) < inner
+    assert 0 < found.distance <= 1000 * TOLERANCE
+
+
+def test_a_flat_side_between_fillets_stays_flat():
+    """Its neighbours bend gently, but it is too wide to be a facet of an arc."""
+    angles = np.radians(np.arange(0, 91, 5))
+    arc = np.stack([1 + np.sin(angles), 1 - np.cos(angles)], axis=1)
+    profile = np.vstack([arc[::-1] * [-1, 1], arc])
+    x = np.array([-5.0, 5.0])
+    points = np.array([(a, y, z) for a in x for y, z in profile])
+    k, low = len(profile), np.arange(len(profile) - 1)
+    triangles = np.vstack(
+        [
+            np.stack([low, low + k, low + k + 1], axis=1),
+            np.stack([low, low + k + 1, low + 1], axis=1),
+        ]
+    )
+    assert merged_mesh(points, triangles, 1.0).sides == 1
+
+
+# -- Drops ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope='module')
+def in_bowl(tmp_path_factory, surfaces):
+    """Make the job of a part in a bowl of squares."""
+
+    def make(part, squares):
+        vertices, triangles = bowl(squares)
+        path = tmp_path_factory.mktemp('mesh') / 'bowl.stl'
+        mesh = trimesh.Trimesh(1000 * part.hull_radius * vertices, triangles, process=False)
+        path.write_bytes(mesh.export(file_type='stl'))
+        key = Surroundings(MeshSurface(mesh=str(path))).key
+        rubber = surfaces.get('rubber_mat')
+        return make_job(part, dataclasses.replace(rubber, surroundings=key), 1)
+
+    return make
+
+
+def unsimplified(job):
+    """The same job on all triangles of its mesh."""
+    (body,) = job.scene.bodies
+    assert isinstance(body, MeshBody)
+    whole = dataclasses.replace(body, prisms=(), remaining=None, sides=0, distance=0.0)
+    return dataclasses.replace(job, scene=dataclasses.replace(job.scene, bodies=(whole,)))
+
+
+@pytest.mark.slow
+def test_drops_in_a_bowl_depend_on_their_index_only(part, in_bowl, assert_same_poses):
+    shape = part('l_bracket')
+    job = in_bowl(shape, 40)
+    (body,) = job.scene.bodies
+    assert len(body.remaining) < len(body.triangles) / 2
+    many = drop_chunk(job, 0, 20)
+    # As in another process, which simplifies the mesh by itself.
+    assert_same_poses(drop_chunk(in_bowl(shape, 40), 3, 9), many.between(3, 9))
+
+
+@pytest.mark.slow
+def test_a_simplified_bowl_gives_the_shares_of_all_its_triangles(part, in_bowl):
+    shape, n = part('l_bracket'), 4 * CHUNK
+    aspects = find_aspects(shape)
+    job = in_bowl(shape, 24)
+    counts = []
+    for each in (job, unsimplified(job)):
+        chunks = [drop_chunk(each, k * CHUNK, (k + 1) * CHUNK) for k in range(n // CHUNK)]
+        poses = RestingPoses.join(chunks)
+        settled = poses.status == RestStatus.SETTLED
+        ids = np.where(settled, aspects.classify(poses.orientation), 0)
+        counts.append([*np.bincount(ids, minlength=len(aspects) + 1), (~settled).sum()])
+        counts[-1][0] -= counts[-1][-1]  # drops that settled in no aspect
+        print(len(each.scene.bodies[0].triangles), counts[-1])
+    table = np.array(counts)
+    assert chi2_contingency(table[:, table.sum(axis=0) > 0]).pvalue > LEVEL
