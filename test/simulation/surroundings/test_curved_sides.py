@@ -160,5 +160,4 @@ def test_a_simplified_bowl_gives_the_shares_of_all_its_triangles(part, in_bowl):
         ids = np.where(poses.status == RestStatus.SETTLED, ids, 0)
         counts.append(np.bincount(ids, minlength=len(aspects) + 1))
     table = np.array(counts)
-    print('counts', len(body.remaining), table.tolist(), 'moving', table[:, 0])
     assert chi2_contingency(table[:, table.sum(axis=0) > 0]).pvalue > LEVEL
