@@ -219,6 +219,7 @@ def _page(
         'page.html',
         report=report,
         drops=report.distribution.drops,
+        has_history=report.history is not None,
         confidence=f'{100 * report.distribution.confidence:g}',
         interval=report.distribution.interval.capitalize(),
         rows=texts,

@@ -1,6 +1,7 @@
 """What a page says is what is known; read back from the file by other readers."""
 
 import base64
+import dataclasses
 import html.parser
 import io
 import json
@@ -239,6 +240,14 @@ def test_chance_text_has_no_exponent(p_value, said):
 )
 def test_difference_has_the_digits_of_its_bounds(numbers, said):
     assert points_text(*numbers) == said
+
+
+def test_few_drops_are_not_called_a_missing_history(part, make_report, written):
+    report = make_report(part('tetrahedron'))
+    drops, counts = report.history
+    folder = written(dataclasses.replace(report, history=(drops[-1:], counts[-1:])))
+    text = (folder / 'report.html').read_text(encoding='utf-8')
+    assert 'no history' not in text
 
 
 def test_sections_without_data_are_omitted(part, make_report, written):
