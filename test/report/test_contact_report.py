@@ -1,4 +1,4 @@
-"""The table of contacts: which rows it has, and how rows with the same contacts are distinguished."""
+"""The table of contacts: which rows it has, and how rows with the same contacts differ."""
 
 import numpy as np
 
