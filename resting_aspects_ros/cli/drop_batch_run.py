@@ -21,7 +21,15 @@ DEFAULT_FOLDER = Path('out') / 'batch'
 # Flags of `drop` that are for a single part.
 SINGLE = (
     *('body', 'parts', 'from_log', 'initial_states', 'replicates', 'log', 'poses'),
-    *('check_convergence', 'json', 'each', 'noise_orientation', 'noise_velocity', 'noise_spin'),
+    *(
+        'check_convergence',
+        'propagate',
+        'json',
+        'each',
+        'noise_orientation',
+        'noise_velocity',
+        'noise_spin',
+    ),
 )
 
 

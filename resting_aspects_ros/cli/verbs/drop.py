@@ -34,6 +34,7 @@ EXAMPLES = """examples:
   resting_aspects drop hex_nut --surroundings slope --set angle=12deg
   resting_aspects drop die --initial-states tosses.csv --replicates 24
   resting_aspects drop --from-log out/logs/hex_nut_20250131T120000Z_4f1c2d3e4f50
+  resting_aspects drop l_bracket --propagate out/steel/calibration.json
   resting_aspects drop hex_nut --height 100mm --friction 0.4 --json > nut.json
 """
 
@@ -109,6 +110,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='repeat the drops with half the time step, and show how much the result changes',
     )
+    parser.add_argument(
+        '--propagate',
+        metavar='CALIBRATION.json',
+        type=Path,
+        help='use the surface of a calibration with its uncertainty, and show how much that '
+        'matters beside the sampling',
+    )
     add_output(parser)
     add_conditions(parser)
     add_surroundings(parser)
@@ -137,6 +145,10 @@ def run(arguments: argparse.Namespace) -> int:
 
             return drop_batch_and_show(arguments, workers, confidence, stop)
         arguments.part = arguments.part[0] if arguments.part else None
+        if arguments.propagate is not None:
+            from resting_aspects_ros.cli.drop_propagated_run import drop_propagated_and_show
+
+            return drop_propagated_and_show(arguments, workers, confidence, stop)
         # These imports are slow because of NumPy.
         from resting_aspects_ros.cli.drop_request import requested_drops
         from resting_aspects_ros.cli.drop_run import drop_and_show

@@ -1,0 +1,100 @@
+"""Drop a part on a calibrated surface with its uncertainty, and show both intervals."""
+
+import argparse
+import sys
+
+from resting_aspects_ros.api.load_part import load_part
+from resting_aspects_ros.api.output_files import check_output, make_folder
+from resting_aspects_ros.api.progress import DropProgress
+from resting_aspects_ros.cli.drop_request import DropRequest
+from resting_aspects_ros.cli.options import changed_conditions, flag_of, requested_conditions
+from resting_aspects_ros.core.errors import EngineError, InvalidValueError, warn
+from resting_aspects_ros.simulation.chunks import Workers
+from resting_aspects_ros.simulation.interruption import Interruption
+from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_drops, check_seed
+from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.studies.propagation import (
+    DROPS,
+    SAMPLES,
+    UncertainSurface,
+    propagate,
+    uncertain_surface,
+)
+
+INTERRUPTED = 130
+DOCUMENT = 'propagated.json'
+# Flags of `drop` that have no meaning for several conditions, or are not offered for them.
+REFUSED = (
+    *('surface', 'from_log', 'initial_states', 'replicates', 'log', 'poses', 'report', 'each'),
+    *('check_convergence', 'precision', 'noise_orientation', 'noise_velocity', 'noise_spin'),
+)
+
+
+def drop_propagated_and_show(
+    arguments: argparse.Namespace, workers: Workers, confidence: float, stop: Interruption
+) -> int:
+    """Drop and show; returns the exit code. Raises RestingAspectsError for wrong input."""
+    _check_flags(arguments)
+    drops = DROPS if arguments.drops is None else arguments.drops
+    seed = DEFAULT_SEED if arguments.seed is None else arguments.seed
+    check_drops(drops)
+    check_seed(seed)
+    surface = _surface(arguments)
+    part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
+    if not arguments.force:
+        DropRequest(part, surface.conditions, seed, drops, 0.0).check_height()
+    if arguments.out is not None:
+        make_folder('--out', arguments.out)
+        check_output('--out', arguments.out / DOCUMENT)
+    for warning in part.warnings:
+        warn(warning)
+    samples = min(SAMPLES, len(surface.draws))
+    with DropProgress(part.name, drops // samples * samples) as progress:
+        result = propagate(
+            part,
+            surface,
+            drops,
+            samples=samples,
+            seed=seed,
+            confidence=confidence,
+            workers=workers,
+            progress=progress.update,
+            stopped=lambda: stop.asked,
+        )
+        progress.end(result.drops)
+    if len(result.counts) < 2:
+        raise EngineError('interrupted before two samples were complete: there is no result')
+    if arguments.out is not None:
+        result.save_json(arguments.out / DOCUMENT)
+    print(result.to_json() if arguments.json else result)
+    if not result.complete:
+        print(f'interrupted; the result has {len(result.counts)} samples', file=sys.stderr)
+        return INTERRUPTED
+    return 0
+
+
+def _check_flags(arguments: argparse.Namespace) -> None:
+    """Raise InvalidValueError for flags that cannot be combined with --propagate."""
+    if arguments.part is None:
+        raise InvalidValueError('missing part: expected a name or a mesh file')
+    for name in REFUSED:
+        if getattr(arguments, name, None) not in (None, False, ''):
+            raise InvalidValueError(f'invalid {flag_of(name)}: expected only without --propagate')
+    if arguments.interval != 'wilson':
+        raise InvalidValueError(
+            f'invalid --interval {arguments.interval}: expected wilson with --propagate'
+        )
+
+
+def _surface(arguments: argparse.Namespace) -> UncertainSurface:
+    """Return the calibrated surface with the conditions that the flags change."""
+    given = uncertain_surface(arguments.propagate)
+    fitted = {name for draw in given.draws for name in draw}
+    for name in sorted(fitted & set(changed_conditions(arguments))):
+        raise InvalidValueError(
+            f'invalid {flag_of(name)}: expected only a condition that the calibration did not fit'
+        )
+    # An empty --surface selects the calibrated one.
+    known = Surfaces({given.conditions.surface: given.conditions})
+    arguments.surface = given.conditions.surface
+    return UncertainSurface(requested_conditions(arguments, known), given.draws)

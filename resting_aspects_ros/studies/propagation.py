@@ -1,0 +1,190 @@
+"""Carry the uncertainty of a calibrated surface through to the distribution of a part."""
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from resting_aspects_ros.api.chunk_loop import given_workers
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
+from resting_aspects_ros.core.aspects.landscape import Landscape
+from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.core.part import Part
+from resting_aspects_ros.core.statistics.intervals import CONFIDENCE
+from resting_aspects_ros.simulation.chunks import Workers
+from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
+from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, MAX_SEED
+from resting_aspects_ros.studies.calibration.result import CalibrationResult
+from resting_aspects_ros.studies.point_runs import drop_points
+from resting_aspects_ros.studies.propagated_result import PropagatedResult
+
+Array = npt.NDArray[np.float64]
+Counts = npt.NDArray[np.int64]
+
+SAMPLES = 32
+DROPS = 10_000
+MIN_SAMPLES = 8
+
+
+@dataclass(frozen=True)
+class UncertainSurface:
+    """Conditions, and equally probable values of those that are not known.
+
+    draws : tuple of dict of str to float
+        Values of the fitted conditions, drawn from the posterior of a calibration.
+    """
+
+    conditions: DropConditions
+    draws: tuple[Mapping[str, float], ...]
+
+    def samples(self, count: int, seed: int) -> list[DropConditions]:
+        """Return conditions under ``count`` of the draws, chosen at random."""
+        order = np.random.default_rng((seed, 7)).permutation(len(self.draws))[:count]
+        return [self.conditions.changed(**self.draws[k]) for k in order.tolist()]
+
+
+def uncertain_surface(
+    calibration: CalibrationResult | Mapping[str, Any] | str | Path,
+) -> UncertainSurface:
+    """Return the surface of a calibration, of its document, or of its file calibration.json.
+
+    Raises InvalidValueError if it has no draws of the posterior.
+    """
+    if isinstance(calibration, CalibrationResult):
+        calibration = calibration.document()
+    label = 'calibration'
+    document: Any = calibration
+    if isinstance(calibration, (str, Path)):
+        label = f'calibration {shown(str(calibration))}'
+        try:
+            document = json.loads(Path(calibration).read_text(encoding='utf-8'))
+        except (OSError, ValueError):
+            document = None
+    try:
+        values = dict(document['conditions'])
+        values['height_of'] = HeightOf.__members__[values['height_of']]
+        base = DropConditions(surface=str(document['surface']), **values)
+        draws = tuple(dict(each) for each in document['draws'])
+        if len(draws) < MIN_SAMPLES or any(set(each) - set(QUANTITIES) for each in draws):
+            raise ValueError('draws')
+        for each in draws:
+            base.changed(**each)
+    except (KeyError, TypeError, ValueError, InvalidValueError):
+        raise InvalidValueError(
+            f'invalid {label}: expected the file calibration.json of `resting_aspects calibrate '
+            f'COUNTS.yaml --out DIR`, with at least {MIN_SAMPLES} draws; a surface without them '
+            'has no known uncertainty'
+        ) from None
+    return UncertainSurface(base, draws)
+
+
+def propagate(
+    part: Part,
+    surface: UncertainSurface | CalibrationResult | Mapping[str, Any] | str | Path,
+    drops: int = DROPS,
+    *,
+    samples: int = SAMPLES,
+    seed: int = DEFAULT_SEED,
+    confidence: float = CONFIDENCE,
+    workers: int | Workers | None = None,
+    progress: Callable[[int], None] = lambda _: None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> PropagatedResult:
+    """Drop a part under conditions that are drawn from what a calibration leaves possible.
+
+    Parameters
+    ----------
+    surface : UncertainSurface, CalibrationResult, mapping, str or Path
+        A calibration, its document, or its file calibration.json.
+    drops : int
+        Number of drops at all samples together, rounded down to a multiple of ``samples``.
+    samples : int
+        Number of draws of the posterior, at least 8.
+
+    Raises
+    ------
+    InvalidValueError
+        The surface has no uncertainty, or a value is out of bounds.
+    """
+    if not isinstance(surface, UncertainSurface):
+        surface = uncertain_surface(surface)
+    if type(samples) is not int or not MIN_SAMPLES <= samples <= len(surface.draws):
+        raise InvalidValueError(
+            f'invalid samples {shown(samples)}: expected an integer from {MIN_SAMPLES} to '
+            f'{len(surface.draws)}, the number of draws'
+        )
+    if type(drops) is not int or drops < 2 * samples:
+        raise InvalidValueError(
+            f'invalid drops {shown(drops)}: expected at least {2 * samples}, 2 for each sample'
+        )
+    points = surface.samples(samples, seed)
+    each = drops // samples
+    landscape = Landscape(part)
+    aspects = find_aspects(part, landscape)
+    counts = np.zeros((samples, len(aspects)), dtype=np.int64)
+    made = np.zeros(samples, dtype=np.int64)
+    with given_workers(workers) as pool:
+        # The drops of a point follow from its conditions: equal draws need different seeds.
+        for repetition, rows in enumerate(_repetitions(points)):
+            before = int(made.sum())
+            found = drop_points(
+                part,
+                [points[k] for k in rows],
+                each,
+                (seed + repetition) % (MAX_SEED + 1),
+                workers=pool,
+                progress=lambda done, before=before: progress(before + done),  # type: ignore[misc]
+                stopped=stopped,
+                landscape=landscape,
+            )
+            if found.skipped:
+                raise InvalidValueError(next(iter(found.skipped.values())))
+            counts[rows], made[rows] = found.counts, found.drops
+    complete = made == each
+    return _result(part, aspects, surface, points, counts, complete, each, seed, confidence)
+
+
+def _repetitions(points: list[DropConditions]) -> list[list[int]]:
+    """Return the indices of the points, so that no list contains equal points."""
+    found: list[list[int]] = []
+    seen: dict[DropConditions, int] = {}
+    for k, point in enumerate(points):
+        number = seen.get(point, 0)
+        seen[point] = number + 1
+        if number == len(found):
+            found.append([])
+        found[number].append(k)
+    return found
+
+
+def _result(
+    part: Part,
+    aspects: AspectSet,
+    surface: UncertainSurface,
+    points: list[DropConditions],
+    counts: Counts,
+    complete: npt.NDArray[np.bool_],
+    each: int,
+    seed: int,
+    confidence: float,
+) -> PropagatedResult:
+    """Return the result of the samples that have all of their drops."""
+    kept = np.flatnonzero(complete).tolist()
+    names = sorted({name for draw in surface.draws for name in draw})
+    return PropagatedResult(
+        part,
+        aspects,
+        dataclasses.replace(surface.conditions),
+        tuple({name: getattr(points[k], name) for name in names} for k in kept),
+        counts[kept],
+        each,
+        seed,
+        confidence,
+        len(kept) == len(points),
+    )

@@ -1,0 +1,92 @@
+"""The uncertainty of a surface, carried through to the distribution of a part."""
+
+import dataclasses
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+
+import resting_aspects_ros as ra
+from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.studies.propagated_result import PropagatedResult
+from resting_aspects_ros.studies.propagation import UncertainSurface, uncertain_surface
+
+
+@pytest.fixture(scope='module')
+def part():
+    return ra.load_part('l_bracket')
+
+
+@cache
+def aspects_of(part):
+    return find_aspects(part)
+
+
+def made_result(part, probabilities, m, rng):
+    """Return a result with counts that are drawn from probabilities (s,) of the first aspect."""
+    aspects = aspects_of(part)
+    counts = np.zeros((len(probabilities), len(aspects)), dtype=np.int64)
+    counts[:, 0] = rng.binomial(m, probabilities)
+    counts[:, 1] = m - counts[:, 0]
+    conditions = shipped_surfaces().get()
+    samples = ({'friction': 0.3},) * len(counts)
+    return PropagatedResult(part, aspects, conditions, samples, counts, m, 1, 0.95, True)
+
+
+def test_variance_between_samples_is_unbiased(part):
+    """Law of total variance: what is left without the sampling is the spread of the surface."""
+    rng, s, m, spread, runs = np.random.default_rng(5), 32, 200, 0.05, 400
+    found = []
+    for _ in range(runs):
+        result = made_result(part, 0.4 + spread * rng.standard_normal(s), m, rng)
+        found.append(result.between[0])
+    sampling = 0.24 / m
+    # Standard deviation of a variance of s values, and of the mean of the runs.
+    error = (spread**2 + sampling) * np.sqrt(2 / (s - 1) / runs)
+    assert abs(np.mean(found) - spread**2) < 4 * error
+
+
+def test_interval_covers_the_true_surface(part):
+    """The truth is one more draw of the surface: about 95 % of intervals contain it."""
+    rng, s, m, spread, runs = np.random.default_rng(6), 32, 300, 0.05, 500
+    inside = alone = 0
+    for _ in range(runs):
+        result = made_result(part, 0.4 + spread * rng.standard_normal(s), m, rng)
+        truth = 0.4 + spread * rng.standard_normal()
+        inside += result.total()[0].lower <= truth <= result.total()[0].upper
+        alone += result.sampling()[0].lower <= truth <= result.sampling()[0].upper
+    # 4 standard deviations of a share of the runs, and 2 points: s samples make a t distribution.
+    assert abs(inside / runs - 0.95) < 4 * np.sqrt(0.95 * 0.05 / runs) + 0.02
+    assert alone / runs < 0.6
+
+
+def test_equal_shares_have_the_sampling_interval(part):
+    result = made_result(part, np.full(16, 0.4), 100, np.random.default_rng(7))
+    counts = np.zeros_like(result.counts)
+    counts[:, 0], counts[:, 1] = 40, 60
+    result = dataclasses.replace(result, counts=counts)
+    for one, both in zip(result.sampling(), result.total(), strict=True):
+        assert dataclasses.astuple(both) == pytest.approx(dataclasses.astuple(one), abs=1e-12)
+    assert result.sentence().startswith('No effect')
+
+
+def test_point_mass_has_independent_drops(part, here):
+    """Equal draws are dropped with different seeds, so that only sampling is left."""
+    surface = UncertainSurface(shipped_surfaces().get(), ({'friction': 0.3},) * 8)
+    result = ra.propagate(part, surface, 320, samples=8, workers=here(), seed=3)
+    assert result.complete
+    assert result.drops == 320
+    assert len(np.unique(result.counts, axis=0)) > 1
+    # Less than what 4 standard deviations of the variance of 8 shares can feign.
+    limit = 4 * np.sqrt(2 / 7) * 0.25 / result.drops_per_sample
+    assert (result.between < limit).all()
+
+
+def test_surface_without_draws_is_refused(tmp_path):
+    file = tmp_path / 'calibration.json'
+    file.write_text(json.dumps({'surface': 'steel', 'conditions': {}}))
+    for given in (file, tmp_path / 'absent.json', {}):
+        with pytest.raises(ra.InvalidValueError, match='resting_aspects calibrate'):
+            uncertain_surface(given)
