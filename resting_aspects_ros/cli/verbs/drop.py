@@ -140,7 +140,8 @@ def run(arguments: argparse.Namespace) -> int:
         confidence = parse_share('--confidence', arguments.confidence)
         # The workers are stopped last, so that the result is written even if stopping them fails.
         workers = start_workers(arguments, stack)
-        if len(arguments.part) > 1 or _is_folder(arguments.part):
+        # With --parts, one part is a name in that folder, even if there is a folder of this name.
+        if len(arguments.part) > 1 or (arguments.parts is None and _is_folder(arguments.part)):
             from resting_aspects_ros.cli.drop_batch_run import drop_batch_and_show
 
             return drop_batch_and_show(arguments, workers, confidence, stop)
