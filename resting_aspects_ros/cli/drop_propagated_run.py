@@ -66,7 +66,7 @@ def drop_propagated_and_show(
         raise EngineError('interrupted before two samples were complete: there is no result')
     if arguments.out is not None:
         result.save_json(arguments.out / DOCUMENT)
-    print(result.to_json() if arguments.json else result)
+    print(result.to_json(), end='') if arguments.json else print(result)
     if not result.complete:
         print(f'interrupted; the result has {len(result.counts)} samples', file=sys.stderr)
         return INTERRUPTED

@@ -13,6 +13,7 @@ from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.intervals import Interval, intervals
 from resting_aspects_ros.simulation.conditions import DropConditions
+from resting_aspects_ros.studies.point_plans import OTHER
 
 Array = npt.NDArray[np.float64]
 SCHEMA_VERSION = 1
@@ -28,6 +29,9 @@ class PropagatedResult:
         The fitted conditions of each sample.
     counts : (s, k) int
         Drops at rest in each aspect, of each sample.
+    other : (s, 5) int
+        Drops of each sample that ended otherwise; columns as in OTHER. They are part of the drops
+        of which the probabilities are shares.
     drops_per_sample : int
     complete : bool
         Whether no sample is missing; a sample without all of its drops is not counted.
@@ -38,6 +42,7 @@ class PropagatedResult:
     conditions: DropConditions
     samples: tuple[dict[str, float], ...]
     counts: npt.NDArray[np.int64]
+    other: npt.NDArray[np.int64]
     drops_per_sample: int
     seed: int
     confidence: float
@@ -68,10 +73,12 @@ class PropagatedResult:
 
     @property
     def detectable(self) -> Array:
-        """(k,) deviation between the samples that sampling alone exceeds in 5 % of runs."""
+        """(k,) deviation between samples that sampling exceeds in 5 % of runs, in any aspect."""
         s, m = max(len(self.counts), 2), self.drops_per_sample
         p = self.counts.sum(axis=0) / max(self.drops, 1)
-        return np.asarray(np.sqrt(ndtri(0.95) * np.sqrt(2 / (s - 1)) * p * (1 - p) / m))
+        return np.asarray(
+            np.sqrt(ndtri(1 - 0.05 / p.size) * np.sqrt(2 / (s - 1)) * p * (1 - p) / m)
+        )
 
     def total(self) -> list[Interval]:
         """Return the intervals that also contain what is not known of the surface.
@@ -96,21 +103,24 @@ class PropagatedResult:
     def sentence(self) -> str:
         """Say which uncertainty matters."""
         z = float(ndtri((1 + self.confidence) / 2))
-        between = z * np.sqrt(self.between)
-        k = int(between.argmax())
+        between, limits = z * np.sqrt(self.between), z * self.detectable
+        k = int((between - limits).argmax())
         share = self.counts[:, k].sum() / self.drops
         sampling = z * float(np.sqrt(share * (1 - share) / self.drops))
-        limit = z * float(self.detectable[k])
-        if between[k] <= limit:
+        if between[k] <= limits[k]:
             return (
-                f'No effect of the unknown surface is visible: less than about '
-                f'{100 * z * float(self.detectable.max()):.1f} points cannot be told with '
-                f'{self.drops_per_sample} drops at each of {len(self.counts)} samples.'
+                'No effect of the unknown surface is visible: with '
+                f'{self.drops_per_sample} drops at each of {len(self.counts)} samples, effects '
+                f'of less than about {100 * limits.max():.1f} points cannot be seen.'
             )
         return (
             f'Not knowing the surface moves aspect {k + 1} by up to {100 * between[k]:.1f} points '
             f'({100 * self.confidence:g} %); sampling by {100 * sampling:.1f}.'
         )
+
+    def other_ends(self) -> dict[str, int]:
+        """Return how many drops ended in no aspect, by how they ended."""
+        return dict(zip(OTHER, self.other.sum(axis=0).tolist(), strict=True))
 
     def document(self) -> dict[str, Any]:
         """Return everything as plain values; see docs/reference/files.md."""
@@ -136,9 +146,10 @@ class PropagatedResult:
                 }
                 for k, (sampling, total, between) in enumerate(rows)
             ],
+            'other': self.other_ends(),
             'samples': [
-                {'conditions': sample, 'counts': row.tolist()}
-                for sample, row in zip(self.samples, self.counts, strict=True)
+                {'conditions': sample, 'counts': row.tolist(), 'other': other.tolist()}
+                for sample, row, other in zip(self.samples, self.counts, self.other, strict=True)
             ],
             'summary': self.sentence(),
         }
@@ -167,4 +178,9 @@ class PropagatedResult:
                 f'{k + 1:>6}  {one.probability:>11.4f}  {one.lower:>8.4f} {one.upper:>8.4f}  '
                 f'{all_.lower:>7.4f} {all_.upper:>8.4f}'
             )
+        lines += [
+            f'{name:>12}: {count} of {self.drops} drops'
+            for name, count in self.other_ends().items()
+            if count
+        ]
         return '\n'.join([*lines, '', self.sentence()])

@@ -21,6 +21,7 @@ from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, MAX_SEED
 from resting_aspects_ros.studies.calibration.result import CalibrationResult
+from resting_aspects_ros.studies.point_plans import OTHER
 from resting_aspects_ros.studies.point_runs import drop_points
 from resting_aspects_ros.studies.propagated_result import PropagatedResult
 
@@ -128,6 +129,7 @@ def propagate(
     landscape = Landscape(part)
     aspects = find_aspects(part, landscape)
     counts = np.zeros((samples, len(aspects)), dtype=np.int64)
+    other = np.zeros((samples, len(OTHER)), dtype=np.int64)
     made = np.zeros(samples, dtype=np.int64)
     with given_workers(workers) as pool:
         # The drops of a point follow from its conditions: equal draws need different seeds.
@@ -145,9 +147,9 @@ def propagate(
             )
             if found.skipped:
                 raise InvalidValueError(next(iter(found.skipped.values())))
-            counts[rows], made[rows] = found.counts, found.drops
+            counts[rows], other[rows], made[rows] = found.counts, found.other, found.drops
     complete = made == each
-    return _result(part, aspects, surface, points, counts, complete, each, seed, confidence)
+    return _result(part, aspects, surface, points, counts, other, complete, each, seed, confidence)
 
 
 def _repetitions(points: list[DropConditions]) -> list[list[int]]:
@@ -169,6 +171,7 @@ def _result(
     surface: UncertainSurface,
     points: list[DropConditions],
     counts: Counts,
+    other: Counts,
     complete: npt.NDArray[np.bool_],
     each: int,
     seed: int,
@@ -183,6 +186,7 @@ def _result(
         dataclasses.replace(surface.conditions),
         tuple({name: getattr(points[k], name) for name in names} for k in kept),
         counts[kept],
+        other[kept],
         each,
         seed,
         confidence,

@@ -59,7 +59,7 @@ def test_drop_writes_a_report(dropped):
         f'bullet {document["engine_version"]}',
         '12 rotations map it onto itself',
         'quasi-static',
-        'The recommended method is the centroid solid angle (csa)',
+        'The recommended method is learned',
     ):
         assert said in page
 

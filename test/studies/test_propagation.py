@@ -10,6 +10,7 @@ import pytest
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.studies.point_plans import OTHER
 from resting_aspects_ros.studies.propagated_result import PropagatedResult
 from resting_aspects_ros.studies.propagation import UncertainSurface, uncertain_surface
 
@@ -32,7 +33,8 @@ def made_result(part, probabilities, m, rng):
     counts[:, 1] = m - counts[:, 0]
     conditions = shipped_surfaces().get()
     samples = ({'friction': 0.3},) * len(counts)
-    return PropagatedResult(part, aspects, conditions, samples, counts, m, 1, 0.95, True)
+    other = np.zeros((len(counts), len(OTHER)), dtype=np.int64)
+    return PropagatedResult(part, aspects, conditions, samples, counts, other, m, 1, 0.95, True)
 
 
 def test_variance_between_samples_is_unbiased(part):
@@ -78,10 +80,39 @@ def test_point_mass_has_independent_drops(part, here):
     result = ra.propagate(part, surface, 320, samples=8, workers=here(), seed=3)
     assert result.complete
     assert result.drops == 320
+    assert result.counts.sum() + sum(result.other_ends().values()) == 320
     assert len(np.unique(result.counts, axis=0)) > 1
     # Less than what 4 standard deviations of the variance of 8 shares can feign.
     limit = 4 * np.sqrt(2 / 7) * 0.25 / result.drops_per_sample
     assert (result.between < limit).all()
+
+
+@pytest.mark.slow
+def test_spread_of_two_heights_is_found(part, here):
+    """Half of the samples are dropped from 1 mm, the others from 0.3 m."""
+    draws = ({'height': 0.001},) * 4 + ({'height': 0.3},) * 4
+    surface = UncertainSurface(shipped_surfaces().get(), draws)
+    result = ra.propagate(part, surface, 8000, samples=8, workers=here(), seed=4)
+    low = np.array([sample['height'] < 0.01 for sample in result.samples])
+    shares = result.counts / result.drops_per_sample
+    gap = shares[low].mean(axis=0) - shares[~low].mean(axis=0)
+    sampling = 0.25 / result.drops_per_sample
+    assert np.abs(gap).max() > 4 * np.sqrt(sampling / 2)  # each mean has 4 samples
+    # Two groups of 4 values: their variance is gap^2 / 4 * 8 / 7, and the scatter within them.
+    scatter = 4 * np.sqrt(2 / 6) * sampling
+    assert np.abs(result.between - gap**2 / 4 * 8 / 7).max() < scatter
+    assert result.sentence().startswith('Not knowing the surface')
+
+
+def test_results_state_drops_in_no_aspect(part):
+    result = made_result(part, np.full(8, 0.4), 100, np.random.default_rng(7))
+    counts, other = (
+        result.counts - [1, 0, 0, 0, 0],
+        result.other + np.eye(len(OTHER), dtype=np.int64)[0],
+    )
+    result = dataclasses.replace(result, counts=counts, other=other)
+    assert result.document()['other']['unclassified'] == 8
+    assert 'unclassified: 8 of 800 drops' in str(result)
 
 
 def test_surface_without_draws_is_refused(tmp_path):

@@ -29,7 +29,7 @@ counts, as in compare."""
 EXAMPLES = """examples:
   resting_aspects estimate l_bracket
   resting_aspects estimate my_part.stl --method rolling,csa --json
-  resting_aspects estimate my_part.stl --method learned --height 300mm --friction 0.4
+  resting_aspects estimate my_part.stl --height 300mm --friction 0.4
   resting_aspects estimate hex_nut --against out/hex_nut/distribution.json
 """
 
