@@ -31,6 +31,35 @@ class Workers(Protocol):
         """Return how many workers died if the error reports it, otherwise 0."""
 
 
+class DeathCount:
+    """Deaths of workers in a row: what died is repeated, until there are too many of them."""
+
+    def __init__(self) -> None:
+        self._count = 0
+
+    def reset(self) -> None:
+        """A chunk was returned."""
+        self._count = 0
+
+    def repeat(self, workers: Workers, error: Exception, where: str) -> str:
+        """Return a warning if the error means that a worker died, so that a chunk is repeated.
+
+        Raises EngineError if the error has another reason, or if MAX_DEATHS workers died in a
+        row. ``where`` completes the messages, such as 'near drop 250 of l_bracket'.
+        """
+        if isinstance(error, CancelledError):
+            raise EngineError(f'the workers became unavailable {where}') from None
+        died = workers.deaths(error)
+        self._count += died
+        if died == 0:
+            if isinstance(error, EngineError):
+                raise error
+            raise EngineError(f'a worker failed {where}: {error!r}') from error
+        if self._count >= MAX_DEATHS:
+            raise EngineError(f'{self._count} worker processes died in a row {where}') from None
+        return f'a worker died {where}: its drops are repeated'
+
+
 def submit_drops(
     job: DropJob, first_drop: int, drops: int, workers: Workers
 ) -> Generator['Future[Any]', None, None]:
@@ -69,29 +98,18 @@ def drop_chunks(
         If a worker fails, or if MAX_DEATHS workers die in a row, which indicates a problem with
         the drops or the machine. The chunks yielded before remain valid.
     """
-    first, deaths = run.first_drop, 0
+    first, deaths = run.first_drop, DeathCount()
     while first < run.end:
         futures = submit_drops(job, first, run.end - first, workers)
         try:
             for future in futures:
                 yield future
                 chunk = workers.result(future)
-                first, deaths = chunk.end, 0
+                first = chunk.end
+                deaths.reset()
                 yield chunk
-        except CancelledError:
-            raise EngineError(f'the workers became unavailable {_near(first, run)}') from None
-        except Exception as error:
-            died = workers.deaths(error)
-            if died == 0:
-                if isinstance(error, EngineError):
-                    raise
-                raise EngineError(f'a worker failed {_near(first, run)}: {error!r}') from error
-            deaths += died
-            if deaths >= MAX_DEATHS:
-                raise EngineError(
-                    f'{deaths} worker processes died in a row {_near(first, run)}'
-                ) from None
-            warn(f'a worker died {_near(first, run)}: its drops are repeated')
+        except Exception as error:  # noqa: BLE001 - raised again unless a worker died
+            warn(deaths.repeat(workers, error, _near(first, run)))
         finally:
             futures.close()
 

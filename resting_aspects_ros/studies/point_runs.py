@@ -1,7 +1,7 @@
 """Run the drops of many points on all workers at once, each point reproducible by itself."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,10 +12,10 @@ from resting_aspects_ros.api.chunk_loop import PROGRESS_PERIOD, given_workers
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects.landscape import Landscape
-from resting_aspects_ros.core.errors import EngineError, InvalidValueError, warn
+from resting_aspects_ros.core.errors import InvalidValueError, warn
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.poses import RestingPoses
-from resting_aspects_ros.simulation.chunks import MAX_DEATHS, Workers
+from resting_aspects_ros.simulation.chunks import DeathCount, Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.run_description import check_drops, check_seed
@@ -170,7 +170,7 @@ class _Pipeline:
     def __init__(self, workers: Workers, chunks: Iterator[_Chunk]) -> None:
         self._workers, self._chunks = workers, chunks
         self._pending: dict[Future[Any], _Chunk] = {}
-        self._deaths = 0
+        self._deaths = DeathCount()
 
     def fill(self) -> bool:
         """Submit chunks, as many as should be pending; returns whether any is."""
@@ -187,12 +187,12 @@ class _Pipeline:
             chunk = self._pending.pop(future)
             try:
                 poses = self._workers.result(future)
-            except CancelledError:
-                raise EngineError('the workers became unavailable') from None
-            except Exception as error:  # noqa: BLE001 - of a worker, reported below
-                self._repeat(chunk, error)
+            except Exception as error:  # noqa: BLE001 - raised again unless a worker died
+                where = f'near drop {chunk.first} of a point'
+                warn(self._deaths.repeat(self._workers, error, where))
+                self._submit(chunk)
                 continue
-            self._deaths = 0
+            self._deaths.reset()
             yield chunk, poses
 
     def cancel(self) -> None:
@@ -202,19 +202,6 @@ class _Pipeline:
 
     def _submit(self, chunk: _Chunk) -> None:
         self._pending[self._workers.submit(chunk.plan.job, chunk.first, chunk.end)] = chunk
-
-    def _repeat(self, chunk: _Chunk, error: Exception) -> None:
-        """Submit a chunk again if its worker died; raises EngineError otherwise."""
-        died = self._workers.deaths(error)
-        self._deaths += died
-        if died == 0:
-            if isinstance(error, EngineError):
-                raise error
-            raise EngineError(f'a worker failed: {error!r}') from error
-        if self._deaths >= MAX_DEATHS:
-            raise EngineError(f'{self._deaths} worker processes died in a row') from None
-        warn('a worker died: its drops are repeated')
-        self._submit(chunk)
 
 
 def _chunks(

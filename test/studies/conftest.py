@@ -10,11 +10,12 @@ from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 class Here:
     """Workers that simulate in this process; the listed submissions die or fail."""
 
-    def __init__(self, dying=(), failing=()):
+    def __init__(self, dying=(), failing=(), lookahead=3):
         self.dying, self.failing, self.submitted = dying, failing, []
+        self._lookahead = lookahead
 
     def lookahead(self):
-        return 3
+        return self._lookahead
 
     def submit(self, job, first, end):
         future = Future()

@@ -2,13 +2,11 @@
 
 import json
 import math
-from concurrent.futures import Future
 
 import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
 from resting_aspects_ros.simulation.surroundings.kinds import Plane
 
@@ -16,30 +14,9 @@ RANGES = {'height': '10mm:30mm', 'friction': (0.1, 0.4)}
 FEW = {'points': 4, 'drops': 20, 'budget': 200}
 
 
-class Here:
-    """Workers that simulate in this process, a number of chunks at a time."""
-
-    def __init__(self, lookahead=1):
-        self._lookahead = lookahead
-
-    def lookahead(self):
-        return self._lookahead
-
-    def submit(self, job, first, end):
-        future = Future()
-        future.set_result(drop_chunk(job, first, end))
-        return future
-
-    def result(self, future):
-        return future.result()
-
-    def deaths(self, error):
-        return 0
-
-
 @pytest.fixture(scope='module')
-def found():
-    return ra.optimise('tetrahedron', RANGES, wanted=[1, 2], workers=Here(), **FEW)
+def found(here):
+    return ra.optimise('tetrahedron', RANGES, wanted=[1, 2], workers=here(lookahead=1), **FEW)
 
 
 def test_document_has_the_counts_of_all_drops(found, tmp_path):
@@ -62,8 +39,8 @@ def test_points_are_saved_as_csv(found, tmp_path):
     assert len(rows) == len(found.points)
 
 
-def test_result_does_not_depend_on_the_workers(found):
-    again = ra.optimise('tetrahedron', RANGES, wanted=[1, 2], workers=Here(5), **FEW)
+def test_result_does_not_depend_on_the_workers(found, here):
+    again = ra.optimise('tetrahedron', RANGES, wanted=[1, 2], workers=here(lookahead=5), **FEW)
     assert again.to_json() == found.to_json()
 
 
@@ -78,10 +55,10 @@ def test_notes_name_materials_and_fresh_drops(found):
 
 
 @pytest.mark.slow
-def test_impossible_start_is_not_compared():
+def test_impossible_start_is_not_compared(here):
     found = ra.optimise(
         'tetrahedron', {'height': (0.02, 0.04)}, wanted=[1], height=0.01,
-        height_of=1, workers=Here(), **FEW,
+        height_of=1, workers=here(lookahead=1), **FEW,
     )  # fmt: skip
     assert found.start is None
     assert found.complete
@@ -101,17 +78,17 @@ def test_impossible_start_is_not_compared():
         ({'height': '1mm:2mm'}, {'wanted': [1], 'seed': -1}, 'invalid seed'),
     ],
 )
-def test_invalid_input_is_named(vary, given, message):
+def test_invalid_input_is_named(vary, given, message, here):
     with pytest.raises(ra.InvalidValueError, match=message):
-        ra.optimise('tetrahedron', vary, workers=Here(), **given)
+        ra.optimise('tetrahedron', vary, workers=here(lookahead=1), **given)
 
 
 @pytest.mark.slow
-def test_parts_stay_on_a_slope_below_the_friction_angle():
+def test_parts_stay_on_a_slope_below_the_friction_angle(here):
     friction = 0.4
     found = ra.optimise(
         'box_10x20x30', {'surroundings.angle': '5deg:40deg'}, wanted_classes=[1, 2, 3],
-        surroundings='slope', friction=friction, height=0.005, workers=Here(),
+        surroundings='slope', friction=friction, height=0.005, workers=here(lookahead=1),
         points=8, drops=20, budget=300,
     )  # fmt: skip
     assert found.best.values['surroundings.angle'] < math.atan(friction)
@@ -134,11 +111,11 @@ def upright(part):
 
 
 @pytest.mark.slow
-def test_parts_that_are_released_upright_stay_upright_from_the_least_height():
+def test_parts_that_are_released_upright_stay_upright_from_the_least_height(here):
     part = ra.load_part('box_10x20x30')
     found = ra.optimise(
         part, {'height': '1mm:100mm'}, wanted_classes=[3], surroundings=upright(part), spin=20.0,
-        workers=Here(), points=8, drops=60, budget=1200,
+        workers=here(lookahead=1), points=8, drops=60, budget=1200,
     )  # fmt: skip
     assert found.facts[0].matters
     assert found.best.values['height'] < 0.02
@@ -150,11 +127,11 @@ def test_parts_that_are_released_upright_stay_upright_from_the_least_height():
 
 
 @pytest.mark.slow
-def test_gentler_taps_keep_more_parts_in_their_aspect():
+def test_gentler_taps_keep_more_parts_in_their_aspect(here):
     part = ra.load_part('box_10x20x30')
     found = ra.optimise(
         part, {'action.speed': '0.05:1'}, wanted_classes=[3], surroundings=upright(part),
-        height=0.001, action='tap', workers=Here(), points=8, drops=40, budget=600,
+        height=0.001, action='tap', workers=here(lookahead=1), points=8, drops=40, budget=600,
     )  # fmt: skip
     assert found.best.values['action.speed'] < 0.3
     assert found.facts[0].matters
@@ -162,11 +139,11 @@ def test_gentler_taps_keep_more_parts_in_their_aspect():
 
 
 @pytest.mark.slow
-def test_minimise_entropy_is_where_all_parts_stay_as_released():
+def test_minimise_entropy_is_where_all_parts_stay_as_released(here):
     part = ra.load_part('box_10x20x30')
     found = ra.optimise(
         part, {'height': '1mm:100mm'}, minimise_entropy=True, surroundings=upright(part), spin=2.0,
-        workers=Here(), points=8, drops=40, budget=600,
+        workers=here(lookahead=1), points=8, drops=40, budget=600,
     )  # fmt: skip
     assert found.best.values['height'] < 0.03
     assert found.best.estimate.value < found.start.estimate.value

@@ -74,7 +74,7 @@ def test_wrong_actions_in_surroundings_are_refused_before_the_drops(
     wall, action, per_aspect, says
 ):
     class NoWorkers:
-        """Workers of which none may be used."""
+        """Workers that fail as soon as they are used."""
 
     with pytest.raises(ra.InvalidValueError, match=says):
         ra.reorient(
