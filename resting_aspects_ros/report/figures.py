@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MAX_LINES = 10  # more lines would hide each other
-# A marker shape for each method, in the order of METHODS.
-MARKERS = 'osD^vPX'
+# A marker shape for each method.
+MARKERS = dict(zip(METHODS, 'osD^vPX*', strict=True))
 
 
 def bands(distribution: Distribution, drops: Counts, counts: Counts) -> list[list[Interval]]:
@@ -122,11 +122,10 @@ def estimates_figure(
         ends = [y - tall / 2, y + tall / 2]
         axes.plot([row.interval.probability] * 2, ends, color=TEXT, linewidth=1.4)
     for name, shares in estimates.items():
-        marker = MARKERS[list(METHODS).index(name) % len(MARKERS)]
         axes.plot(
             shares,
             row_axes.places,
-            marker,
+            MARKERS[name],
             label=METHODS[name].label,
             markersize=5,
             markerfacecolor=PAPER,

@@ -8,6 +8,7 @@ import pytest
 from resting_aspects_ros.core.estimators.estimate import METHODS
 from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.report.figures import (
+    MARKERS,
     comparison_figure,
     convergence_figure,
     estimates_figure,
@@ -95,3 +96,8 @@ def test_labels_that_are_too_close_move_apart_by_little():
     np.testing.assert_allclose(moved, [0.0, 2.0, 26.4, 28.4])
     far = np.array([1.0, 5.0, 9.0])
     np.testing.assert_array_equal(labels_apart(far, 2.0), far)
+
+
+def test_each_method_has_a_marker_of_its_own():
+    assert set(MARKERS) == set(METHODS)
+    assert len(set(MARKERS.values())) == len(METHODS)
