@@ -53,7 +53,7 @@ class Change:
     low, high : float
         The share at both.
     change, lower, upper : float
-        Its size, with the interval.
+        Its size, with the interval, which does not contain negative sizes.
     average : float
         The largest change of a share averaged over the other factors.
     """
@@ -205,7 +205,7 @@ def _change(
         low,
         high,
         change,
-        float(min(lower, change)),
+        float(np.clip(lower, 0.0, change)),
         float(max(upper, change)),
         average,
     )
