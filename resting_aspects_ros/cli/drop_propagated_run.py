@@ -2,21 +2,24 @@
 
 import argparse
 import sys
+from pathlib import Path
 
 from resting_aspects_ros.api.load_part import load_part
-from resting_aspects_ros.api.output_files import check_output, make_folder
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.cli.drop_request import DropRequest
 from resting_aspects_ros.cli.options import changed_conditions, flag_of, requested_conditions
+from resting_aspects_ros.cli.result_folder import make_result_folder
 from resting_aspects_ros.core.errors import EngineError, InvalidValueError, warn
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, check_drops, check_seed
 from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.studies.propagated_result import PAGE
 from resting_aspects_ros.studies.propagation import (
     DROPS,
     SAMPLES,
     UncertainSurface,
+    named_surface,
     propagate,
     uncertain_surface,
 )
@@ -25,7 +28,7 @@ INTERRUPTED = 130
 DOCUMENT = 'propagated.json'
 # Flags of `drop` that have no meaning for several conditions, or are not offered for them.
 REFUSED = (
-    *('surface', 'from_log', 'initial_states', 'replicates', 'log', 'poses', 'report', 'each'),
+    *('from_log', 'initial_states', 'replicates', 'log', 'poses', 'each'),
     *('check_convergence', 'precision', 'noise_orientation', 'noise_velocity', 'noise_spin'),
 )
 
@@ -43,9 +46,7 @@ def drop_propagated_and_show(
     part = load_part(arguments.part, arguments.unit, arguments.parts, arguments.body)
     if not arguments.force:
         DropRequest(part, surface.conditions, seed, drops, 0.0).check_height()
-    if arguments.out is not None:
-        make_folder('--out', arguments.out)
-        check_output('--out', arguments.out / DOCUMENT)
+    out = make_result_folder(arguments, part.name, (DOCUMENT, PAGE), lambda *_: None)
     for warning in part.warnings:
         warn(warning)
     samples = min(SAMPLES, len(surface.draws))
@@ -64,9 +65,13 @@ def drop_propagated_and_show(
         progress.end(result.drops)
     if len(result.counts) < 2:
         raise EngineError('interrupted before two samples were complete: there is no result')
-    if arguments.out is not None:
-        result.save_json(arguments.out / DOCUMENT)
+    if out is not None:
+        result.save_json(out / DOCUMENT)
     print(result.to_json(), end='') if arguments.json else print(result)
+    if out is not None:
+        page = result.report(out)
+        if not arguments.json:
+            print(f'Written: {out / DOCUMENT}, {page}')
     if not result.complete:
         print(f'interrupted; the result has {len(result.counts)} samples', file=sys.stderr)
         return INTERRUPTED
@@ -87,14 +92,24 @@ def _check_flags(arguments: argparse.Namespace) -> None:
 
 
 def _surface(arguments: argparse.Namespace) -> UncertainSurface:
-    """Return the calibrated surface with the conditions that the flags change."""
-    given = uncertain_surface(arguments.propagate)
+    """Return the uncertain surface with the conditions that the flags change.
+
+    It is that of a calibration; without a file, the named one.
+    """
+    if not arguments.propagate:
+        given = named_surface(arguments.surface)
+    elif arguments.surface:
+        raise InvalidValueError(
+            f'invalid --surface {arguments.surface}: expected only with --propagate without a '
+            'file, whose surface it replaces'
+        )
+    else:
+        given = uncertain_surface(Path(arguments.propagate))
     fitted = {name for draw in given.draws for name in draw}
     for name in sorted(fitted & set(changed_conditions(arguments))):
         raise InvalidValueError(
             f'invalid {flag_of(name)}: expected only a condition that the calibration did not fit'
         )
-    # An empty --surface selects the calibrated one.
     known = Surfaces({given.conditions.surface: given.conditions})
     arguments.surface = given.conditions.surface
     return UncertainSurface(requested_conditions(arguments, known), given.draws)

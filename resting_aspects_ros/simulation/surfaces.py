@@ -12,13 +12,22 @@ from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
 DEFAULT_SURFACE = 'rubber_mat'
 # Conditions that differ from every surface in more values than this are described as custom.
 MAX_CHANGES = 4
+# Number of samples of an uncertain surface.
+MIN_SAMPLES, MAX_SAMPLES = 8, 1000
+UNCERTAINTY = 'uncertainty'
+
+# Equally probable values of the conditions of a surface that are not known.
+Samples = tuple[Mapping[str, float], ...]
 
 
 class Surfaces:
-    """The named sets of conditions."""
+    """The named sets of conditions, and the samples of those that are not known exactly."""
 
-    def __init__(self, sets: Mapping[str, DropConditions]) -> None:
+    def __init__(
+        self, sets: Mapping[str, DropConditions], samples: Mapping[str, Samples] | None = None
+    ) -> None:
         self._sets = dict(sets)
+        self._samples = dict(samples or {})
 
     def names(self) -> list[str]:
         """Return all names, sorted."""
@@ -32,6 +41,10 @@ class Surfaces:
                 f'invalid surface {shown(name)}: expected one of {", ".join(self.names())}'
             )
         return self._sets[name]
+
+    def samples(self, name: str = '') -> Samples:
+        """Return the samples of a surface, such as `calibrate` writes; empty if it has none."""
+        return self._samples.get(name or DEFAULT_SURFACE, ())
 
     def named(self, conditions: DropConditions) -> DropConditions:
         """Return the conditions, without the surface's name if the surface has other values."""
@@ -65,11 +78,16 @@ class Surfaces:
         if not isinstance(document, dict) or not document:
             raise InvalidValueError(f'invalid {label}: expected a mapping of names to conditions')
         sets = {name: _conditions(label, name, entry) for name, entry in document.items()}
+        samples = {
+            name: _samples(label, name, sets[name], entry[UNCERTAINTY])
+            for name, entry in document.items()
+            if UNCERTAINTY in entry
+        }
         if DEFAULT_SURFACE not in sets:
             raise InvalidValueError(
                 f'invalid {label}: expected the default surface, {DEFAULT_SURFACE}, among others'
             )
-        return cls(sets)
+        return cls(sets, samples)
 
 
 def _changes(known: DropConditions, conditions: DropConditions) -> list[str]:
@@ -89,11 +107,11 @@ def _conditions(label: str, name: object, entry: object) -> DropConditions:
     needed = {*QUANTITIES, 'height_of'}
     if not isinstance(name, str):
         raise InvalidValueError(f'{where}: invalid name of a surface: expected text')
-    if not isinstance(entry, dict) or set(entry) - {'source'} != needed:
+    if not isinstance(entry, dict) or set(entry) - {'source', UNCERTAINTY} != needed:
         raise InvalidValueError(
             f'{where}: invalid keys: expected exactly {", ".join(sorted(needed))}'
         )
-    values = {key: value for key, value in entry.items() if key != 'source'}
+    values = {key: entry[key] for key in needed}
     try:
         values['height_of'] = HeightOf.__members__[values['height_of']]
         return DropConditions(surface=name, **values)
@@ -104,3 +122,27 @@ def _conditions(label: str, name: object, entry: object) -> DropConditions:
         ) from None
     except InvalidValueError as error:
         raise InvalidValueError(f'{where}: {error}') from None
+
+
+def _samples(label: str, name: str, conditions: DropConditions, given: object) -> Samples:
+    """Return the samples of an entry: a list of values for each condition, of equal length."""
+    where = f'{label}, {name}: invalid {UNCERTAINTY}'
+    lists = list(given.values()) if isinstance(given, dict) else []
+    if (
+        not isinstance(given, dict)
+        or not lists
+        or not set(given) <= set(QUANTITIES)
+        or not all(isinstance(each, list) and len(each) == len(lists[0]) for each in lists)
+        or not MIN_SAMPLES <= len(lists[0]) <= MAX_SAMPLES
+    ):
+        raise InvalidValueError(
+            f'{where} {shown(given)}: expected a mapping of conditions to lists of equal length, '
+            f'with {MIN_SAMPLES} to {MAX_SAMPLES} values each'
+        )
+    found = tuple(dict(zip(given, row, strict=True)) for row in zip(*lists, strict=True))
+    try:
+        for each in found:
+            conditions.changed(**each)
+    except InvalidValueError as error:
+        raise InvalidValueError(f'{where}: {error}') from None
+    return found

@@ -1,22 +1,27 @@
 """A distribution with two uncertainties: that of the sampling, and that of the surface."""
 
 import json
+import textwrap
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtri
 
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.statistics.intervals import Interval, intervals
+from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.studies.point_plans import OTHER
+from resting_aspects_ros.studies.point_runs import counts_by_class
+from resting_aspects_ros.studies.sampled_shares import SIGNIFICANCE, SampledShares
+from resting_aspects_ros.studies.study_cases import StudyCase
 
-Array = npt.NDArray[np.float64]
 SCHEMA_VERSION = 1
+PAGE = 'report.html'
+WIDTH = 80  # of the text
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,69 +58,49 @@ class PropagatedResult:
         """Number of drops of all samples."""
         return len(self.counts) * self.drops_per_sample
 
-    def sampling(self) -> list[Interval]:
-        """Return the mean share of each aspect, with Wilson's interval for all drops."""
-        return intervals(self.counts.sum(axis=0), self.drops, confidence=self.confidence)
+    @cached_property
+    def by_aspect(self) -> SampledShares:
+        """Counts by aspect, with both uncertainties."""
+        return SampledShares(self.counts, self.drops_per_sample, self.confidence)
 
-    @property
-    def between(self) -> Array:
-        """(k,) variance of the probability between the samples, beyond that of the sampling.
+    @cached_property
+    def by_class(self) -> SampledShares:
+        """Counts by symmetry class, with both uncertainties."""
+        counts = counts_by_class(self.aspects, self.counts)
+        return SampledShares(counts, self.drops_per_sample, self.confidence)
 
-        The variance of the shares is that of the probabilities and the mean variance of the
-        sampling, p (1 - p) / m; negative differences are 0. NaN for less than two samples.
-        """
-        if len(self.counts) < 2:
-            return np.full(self.counts.shape[1], np.nan)
-        m = self.drops_per_sample
-        shares = self.counts / m
-        within = (shares * (1 - shares)).mean(axis=0) / (m - 1)
-        return np.asarray(np.maximum(shares.var(axis=0, ddof=1) - within, 0))
-
-    @property
-    def detectable(self) -> Array:
-        """(k,) deviation between samples that sampling exceeds in 5 % of runs, in any aspect."""
-        s, m = max(len(self.counts), 2), self.drops_per_sample
-        p = self.counts.sum(axis=0) / max(self.drops, 1)
-        return np.asarray(
-            np.sqrt(ndtri(1 - 0.05 / p.size) * np.sqrt(2 / (s - 1)) * p * (1 - p) / m)
-        )
-
-    def total(self) -> list[Interval]:
-        """Return the intervals that also contain what is not known of the surface.
-
-        Wilson's interval for as many drops as have the variance of sampling and surface together.
-        It is the sampling interval if the surface has no effect.
-        """
-        n = float(max(self.drops, 1))
-        p = self.counts.sum(axis=0) / n
-        sampling = p * (1 - p) / n
-        variance = sampling + np.where(sampling > 0, self.between, 0)
-        known = variance > 0
-        size = np.where(known, p * (1 - p) / np.where(known, variance, 1), n)
-        z2 = ndtri((1 + self.confidence) / 2) ** 2
-        middle = (p + z2 / (2 * size)) / (1 + z2 / size)
-        half = np.sqrt(z2 * (p * (1 - p) / size + z2 / (4 * size**2))) / (1 + z2 / size)
-        low = np.where(p == 0, 0, np.maximum(middle - half, 0))
-        high = np.where(p == 1, 1, np.minimum(middle + half, 1))
-        rows = zip(p.tolist(), low.tolist(), high.tolist(), strict=True)
-        return [Interval(*row) for row in rows]
+    @cached_property
+    def case(self) -> StudyCase:
+        """The counts by symmetry class, with one point for each sample."""
+        return StudyCase(self.part, self.aspects, self.by_class.counts, self.other)
 
     def sentence(self) -> str:
-        """Say which uncertainty matters."""
-        z = float(ndtri((1 + self.confidence) / 2))
-        between, limits = z * np.sqrt(self.between), z * self.detectable
-        k = int((between - limits).argmax())
-        share = self.counts[:, k].sum() / self.drops
-        sampling = z * float(np.sqrt(share * (1 - share) / self.drops))
-        if between[k] <= limits[k]:
+        """Say whether the unknown surface has an effect, and what shortens the intervals.
+
+        An effect is shown by the chi-square test that all samples have the same shares. It is then
+        the larger part of the variance, because the mean of s samples has a s-th of the sampling
+        variance of one sample, and smaller effects are not significant.
+        """
+        found = self.by_class
+        if found.p_value >= SIGNIFICANCE:
+            limit = 100 * float(np.sqrt(found.between_limit.max()))
             return (
-                'No effect of the unknown surface is visible: with '
-                f'{self.drops_per_sample} drops at each of {len(self.counts)} samples, effects '
-                f'of less than about {100 * limits.max():.1f} points cannot be seen.'
+                'No effect of the unknown surface is shown (chi-square test of the samples, '
+                f'{_p_text(found.p_value)}): the standard deviation that it causes is at most '
+                f'{limit:.1f} points for every share, with 95 % confidence. More drops lower this '
+                'limit.'
             )
+        k = int(found.between.argmax())
+        sampling, total = (
+            50 * (each.upper - each.lower) for each in (found.sampling()[k], found.total()[k])
+        )
+        part = float(found.part_of_surface[k])
         return (
-            f'Not knowing the surface moves aspect {k + 1} by up to {100 * between[k]:.1f} points '
-            f'({100 * self.confidence:g} %); sampling by {100 * sampling:.1f}.'
+            f'Not knowing the surface matters (chi-square test of the samples, '
+            f'{_p_text(found.p_value)}), most for {self.case.class_names[k]}: the interval is '
+            f'±{sampling:.1f} points by sampling and ±{total:.1f} points with the surface, which '
+            f'causes {100 * part:.0f} % of the variance. More counts by hand on the surface '
+            'shorten this interval; more drops hardly do.'
         )
 
     def other_ends(self) -> dict[str, int]:
@@ -124,7 +109,7 @@ class PropagatedResult:
 
     def document(self) -> dict[str, Any]:
         """Return everything as plain values; see docs/reference/files.md."""
-        rows = zip(self.sampling(), self.total(), self.between, strict=True)
+        members = [[a.id for a in alike] for alike in self.aspects.classes()]
         return {
             'schema_version': SCHEMA_VERSION,
             'part': self.part.name,
@@ -135,17 +120,12 @@ class PropagatedResult:
             'seed': self.seed,
             'confidence': self.confidence,
             'complete': self.complete,
-            'aspects': [
-                {
-                    'id': k + 1,
-                    'count': int(self.counts[:, k].sum()),
-                    'probability': sampling.probability,
-                    'sampling': [sampling.lower, sampling.upper],
-                    'with_surface': [total.lower, total.upper],
-                    'surface_deviation': float(np.sqrt(between)),
-                }
-                for k, (sampling, total, between) in enumerate(rows)
+            'aspects': [{'id': k, **row} for k, row in enumerate(_rows(self.by_aspect), 1)],
+            'classes': [
+                {'aspects': ids, **row}
+                for ids, row in zip(members, _rows(self.by_class), strict=True)
             ],
+            'p_value': self.by_class.p_value,
             'other': self.other_ends(),
             'samples': [
                 {'conditions': sample, 'counts': row.tolist(), 'other': other.tolist()}
@@ -165,22 +145,67 @@ class PropagatedResult:
         with whole_file(Path(path)) as file:
             file.write_text(self.to_json(), encoding='utf-8')
 
+    def report(self, folder: str | Path) -> Path:
+        """Write a page with both intervals of each class; returns its path. OutputError."""
+        # These imports take about a second.
+        from resting_aspects_ros.api.output_files import whole_file
+        from resting_aspects_ros.studies.propagated_page import propagated_page
+
+        with whole_file(Path(folder) / PAGE) as file:
+            file.write_text(propagated_page(self), encoding='utf-8')
+        return Path(folder) / PAGE
+
     def __str__(self) -> str:
-        each, surface = self.drops_per_sample, self.conditions.surface
+        found, names = self.by_class, self.case.class_names
+        width = max(len('class'), *map(len, names))
         lines = [
-            f'{self.part.name}: {self.drops} drops on {surface}',
-            f'{each} at each of {len(self.counts)} samples of its conditions',
+            f'{self.part.name}: {self.drops} drops on {self.conditions.surface or "the surface"}',
+            f'{self.drops_per_sample} at each of {len(self.counts)} samples of its conditions',
             '',
-            'aspect  probability  sampling interval  with the surface',
+            f'{"":<{width}}  probability   by sampling alone   with the surface',
         ]
-        for k, (one, all_) in enumerate(zip(self.sampling(), self.total(), strict=True)):
+        for name, one, both in zip(names, found.sampling(), found.total(), strict=True):
             lines.append(
-                f'{k + 1:>6}  {one.probability:>11.4f}  {one.lower:>8.4f} {one.upper:>8.4f}  '
-                f'{all_.lower:>7.4f} {all_.upper:>8.4f}'
+                f'{name:<{width}}  {100 * one.probability:>9.2f} %   {interval_text(one):>17}   '
+                f'{interval_text(both):>16}'
             )
         lines += [
-            f'{name:>12}: {count} of {self.drops} drops'
+            f'{name:<{width}}  {100 * count / self.drops:>9.2f} %   ({count} drops)'
             for name, count in self.other_ends().items()
             if count
         ]
-        return '\n'.join([*lines, '', self.sentence()])
+        return '\n'.join([*lines, '', *textwrap.wrap(self.sentence(), WIDTH)])
+
+
+def interval_text(found: Interval) -> str:
+    """Return an interval of a share, such as '12.3 to 14.5 %'."""
+    return f'{100 * found.lower:.1f} to {100 * found.upper:.1f} %'
+
+
+def _rows(found: SampledShares) -> list[dict[str, Any]]:
+    """Return the numbers of each outcome as plain values."""
+    rows = zip(
+        found.counts.sum(axis=0).tolist(),
+        found.sampling(),
+        found.total(),
+        np.sqrt(found.between).tolist(),
+        np.sqrt(found.between_limit).tolist(),
+        found.part_of_surface.tolist(),
+        strict=True,
+    )
+    return [
+        {
+            'count': count,
+            'probability': sampling.probability,
+            'sampling': [sampling.lower, sampling.upper],
+            'with_surface': [total.lower, total.upper],
+            'surface_deviation': deviation,
+            'surface_deviation_limit': limit,
+            'surface_part': part,
+        }
+        for count, sampling, total, deviation, limit, part in rows
+    ]
+
+
+def _p_text(p: float) -> str:
+    return 'p < 0.001' if p < 0.001 else f'p = {p:.2g}'

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.api.chunk_loop import given_workers
+from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects.landscape import Landscape
@@ -20,6 +21,7 @@ from resting_aspects_ros.core.statistics.intervals import CONFIDENCE
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, MAX_SEED
+from resting_aspects_ros.simulation.surfaces import MIN_SAMPLES
 from resting_aspects_ros.studies.calibration.result import CalibrationResult
 from resting_aspects_ros.studies.point_plans import OTHER
 from resting_aspects_ros.studies.point_runs import drop_points
@@ -30,7 +32,6 @@ Counts = npt.NDArray[np.int64]
 
 SAMPLES = 32
 DROPS = 10_000
-MIN_SAMPLES = 8
 
 
 @dataclass(frozen=True)
@@ -51,20 +52,22 @@ class UncertainSurface:
 
 
 def uncertain_surface(
-    calibration: CalibrationResult | Mapping[str, Any] | str | Path,
+    given: CalibrationResult | Mapping[str, Any] | str | Path,
 ) -> UncertainSurface:
-    """Return the surface of a calibration, of its document, or of its file calibration.json.
+    """Return an uncertain surface: a named one, a calibration, its document or its file.
 
-    Raises InvalidValueError if it has no draws of the posterior.
+    Raises InvalidValueError if it has no samples of its conditions.
     """
-    if isinstance(calibration, CalibrationResult):
-        calibration = calibration.document()
+    if isinstance(given, str) and given in shipped_surfaces().names():
+        return named_surface(given)
+    document: Any = given
     label = 'calibration'
-    document: Any = calibration
-    if isinstance(calibration, (str, Path)):
-        label = f'calibration {shown(str(calibration))}'
+    if isinstance(given, CalibrationResult):
+        document = given.document()
+    elif isinstance(given, (str, Path)):
+        label = f'calibration {shown(str(given))}'
         try:
-            document = json.loads(Path(calibration).read_text(encoding='utf-8'))
+            document = json.loads(Path(given).read_text(encoding='utf-8'))
         except (OSError, ValueError):
             document = None
     try:
@@ -79,10 +82,21 @@ def uncertain_surface(
     except (KeyError, TypeError, ValueError, InvalidValueError):
         raise InvalidValueError(
             f'invalid {label}: expected the file calibration.json of `resting_aspects calibrate '
-            f'COUNTS.yaml --out DIR`, with at least {MIN_SAMPLES} draws; a surface without them '
-            'has no known uncertainty'
+            f'COUNTS.yaml --out DIR`, with at least {MIN_SAMPLES} draws, or the name of a surface '
+            'with an uncertainty'
         ) from None
     return UncertainSurface(base, draws)
+
+
+def named_surface(name: str) -> UncertainSurface:
+    """Return a surface of config/surfaces.yaml with its samples; raises InvalidValueError."""
+    conditions, draws = shipped_surfaces().get(name), shipped_surfaces().samples(name)
+    if not draws:
+        raise InvalidValueError(
+            f'invalid surface {conditions.surface}: expected one with an uncertainty; '
+            '`resting_aspects calibrate` writes such an entry of a surfaces file'
+        )
+    return UncertainSurface(conditions, draws)
 
 
 def propagate(
@@ -102,7 +116,8 @@ def propagate(
     Parameters
     ----------
     surface : UncertainSurface, CalibrationResult, mapping, str or Path
-        A calibration, its document, or its file calibration.json.
+        Name of a surface with an uncertainty in config/surfaces.yaml; or a calibration, its
+        document, or its file calibration.json.
     drops : int
         Number of drops at all samples together, rounded down to a multiple of ``samples``.
     samples : int

@@ -7,6 +7,8 @@ import yaml
 
 from resting_aspects_ros.cli.main import DONE, WRONG_INPUT
 from resting_aspects_ros.simulation.conditions import QUANTITIES
+from resting_aspects_ros.simulation.config_files import surfaces_file
+from resting_aspects_ros.simulation.surfaces import Surfaces
 
 COUNTS = """
 surface: {surface}
@@ -35,6 +37,17 @@ def test_files_are_written_and_read_again(run, counts, tmp_path):
     assert {name: entry[name] for name in QUANTITIES} == {
         name: document['conditions'][name] for name in QUANTITIES
     }
+    samples = entry['uncertainty']
+    assert {name: len(values) for name, values in samples.items()} == {
+        each['name']: 64 for each in document['estimates']
+    }
+    # The entry is that of a surfaces file, whose reader checks all values.
+    both = surfaces_file().read_text('utf-8') + (out / 'surface.yaml').read_text('utf-8')
+    (tmp_path / 'surfaces.yaml').write_text(both, encoding='utf-8')
+    read = Surfaces.read(tmp_path / 'surfaces.yaml').samples('oak_table')
+    assert [dict(each) for each in read] == [
+        dict(zip(samples, row, strict=True)) for row in zip(*samples.values(), strict=True)
+    ]
     assert (out / 'calibration.png').read_bytes().startswith(b'\x89PNG')
     simulated = json.loads((out / 'drops.json').read_text(encoding='utf-8'))['counts']
     assert all(sum(row) <= 10 for row in simulated.values())

@@ -113,9 +113,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--propagate',
         metavar='CALIBRATION.json',
-        type=Path,
-        help='use the surface of a calibration with its uncertainty, and show how much that '
-        'matters beside the sampling',
+        nargs='?',
+        const='',
+        help='use the surface of a calibration with its uncertainty, or without a file that of '
+        '--surface, and show how much the uncertainty matters beside the sampling',
     )
     add_output(parser)
     add_conditions(parser)

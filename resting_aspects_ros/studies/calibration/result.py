@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions
+from resting_aspects_ros.simulation.surfaces import UNCERTAINTY
 from resting_aspects_ros.studies.calibration.checks import GTest, Prediction
 from resting_aspects_ros.studies.calibration.comparison import SurfaceComparison, compare_surfaces
 from resting_aspects_ros.studies.calibration.fit import Fit
 from resting_aspects_ros.studies.calibration.summary import Estimate, discrepancy
 
 SCHEMA_VERSION = 1
-DRAWS = 200  # of the posterior, in the document
+DRAWS, SAMPLES = 200, 64  # of the posterior, in the document and in a surfaces file
 # Below this probability, the counts are said to contradict the simulation.
 CONTRADICTED = 0.01
 # A mean discrepancy above this, 5 points at a share of one half, is too large for a surface.
@@ -130,7 +131,7 @@ class CalibrationResult:
         return json.dumps(self.document(), indent=2) + '\n'
 
     def surface_entry(self) -> str:
-        """Return an entry for a surfaces file, with its source."""
+        """Return an entry for a surfaces file, with its source and its uncertainty."""
         from resting_aspects_ros.studies.calibration.texts import source_text, wrapped
 
         lines = [f'{self.surface}:']
@@ -140,6 +141,15 @@ class CalibrationResult:
                 lines.append(f'  height_of: {self.conditions.height_of.name}')
         lines.append('  source: >-')
         lines += [f'    {line}' for line in wrapped(source_text(self), 94)]
+        samples = self.draws(SAMPLES)
+        lines.append(f'  {UNCERTAINTY}:  # equally probable sets: a column of these rows is one')
+        for name in samples[0]:
+            values = ', '.join(f'{each[name]:.3g}' for each in samples)
+            lines += [
+                f'    {name}: [',
+                *(f'      {line}' for line in wrapped(values, 92)),
+                '    ]',
+            ]
         return '\n'.join(lines) + '\n'
 
     def save_picture(self, path: str | Path) -> None:

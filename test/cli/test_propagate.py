@@ -1,0 +1,75 @@
+"""`resting_aspects drop --propagate`: the whole command with few drops, and what it refuses."""
+
+import dataclasses
+import json
+
+import pytest
+
+from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.cli.main import DONE, WRONG_INPUT
+from resting_aspects_ros.simulation.conditions import QUANTITIES
+from resting_aspects_ros.simulation.surfaces import Surfaces
+from resting_aspects_ros.studies import propagation
+
+DRAWS = [{'friction': 0.1 + 0.05 * k, 'restitution': 0.6 - 0.05 * k} for k in range(8)]
+FEW = ['--drops', '16', '--workers', '1']
+
+
+@pytest.fixture
+def calibration(tmp_path):
+    """Return the file calibration.json of a surface with 8 draws."""
+    base = shipped_surfaces().get()
+    conditions = {name: getattr(base, name) for name in QUANTITIES}
+    document = {
+        'surface': 'oak_table',
+        'conditions': {**conditions, 'height_of': base.height_of.name},
+        'draws': DRAWS,
+    }
+    path = tmp_path / 'calibration.json'
+    path.write_text(json.dumps(document), encoding='utf-8')
+    return path
+
+
+def test_json_page_and_table_show_both_intervals(run, calibration, tmp_path):
+    out = tmp_path / 'out'
+    ended = run('drop', 'tetrahedron', '--propagate', calibration, *FEW, '--out', out)
+    assert ended.returncode == DONE, ended.stderr
+    assert 'tetrahedron: 16 drops on oak_table\n2 at each of 8 samples' in ended.stdout
+    assert 'by sampling alone   with the surface' in ended.stdout
+    document = json.loads((out / 'propagated.json').read_text(encoding='utf-8'))
+    (one,) = document['classes']
+    assert one['count'] + sum(document['other'].values()) == 16
+    assert one['sampling'][0] >= one['with_surface'][0]
+    used = [each['conditions'] for each in document['samples']]
+    assert sorted(used, key=lambda each: each['friction']) == DRAWS
+    page = (out / 'report.html').read_text(encoding='utf-8')
+    assert 'samples from 0.1 to 0.45' in page
+
+
+def test_named_surface_has_its_own_uncertainty(run, calibration, monkeypatch):
+    base = dataclasses.replace(shipped_surfaces().get(), surface='oak_table')
+    known = Surfaces({'oak_table': base}, {'oak_table': tuple(DRAWS)})
+    monkeypatch.setattr(propagation, 'shipped_surfaces', lambda: known)
+    words = ['drop', 'tetrahedron', *FEW, '--json', '--propagate']
+    named, given = run(*words, '--surface', 'oak_table'), run(*words, calibration)
+    assert named.returncode == given.returncode == DONE, named.stderr
+    assert named.stdout == given.stdout
+
+
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [
+        (['--propagate'], 'invalid surface rubber_mat: expected one with an uncertainty'),
+        (['--propagate', 'absent.json'], "invalid calibration 'absent.json'"),
+        (['--propagate', 'FILE', '--friction', '0.3'], 'invalid --friction'),
+        (['--propagate', 'FILE', '--surface', 'steel'], 'invalid --surface steel'),
+        (['--propagate', 'FILE', '--log', 'logs'], 'invalid --log: expected only without'),
+        (['--propagate', 'FILE', '--drops', '15'], 'invalid drops 15: expected at least 16'),
+    ],
+)
+def test_wrong_input_is_one_line(run, calibration, words, message):
+    given = [calibration if word == 'FILE' else word for word in words]
+    ended = run('drop', 'tetrahedron', *given, '--workers', '1')
+    assert ended.returncode == WRONG_INPUT
+    (line,) = ended.stderr.splitlines()
+    assert message in line
