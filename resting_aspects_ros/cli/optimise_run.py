@@ -4,14 +4,11 @@ import argparse
 import sys
 from pathlib import Path
 
-import numpy as np
-from rich.table import Table
-
 from resting_aspects_ros.api.condition_text import shipped_actions, shipped_surfaces
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.output_files import check_output, make_folder
 from resting_aspects_ros.api.progress import DropProgress
-from resting_aspects_ros.api.surroundings import conditions_text, requested_surroundings
+from resting_aspects_ros.api.surroundings import requested_surroundings
 from resting_aspects_ros.cli.console import make_console, show_table
 from resting_aspects_ros.cli.forecast_options import parse_numbers
 from resting_aspects_ros.cli.options import changed_conditions
@@ -21,11 +18,12 @@ from resting_aspects_ros.core.errors import EngineError, InvalidValueError, warn
 from resting_aspects_ros.simulation.actions import Actions, NamedAction
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.interruption import Interruption
-from resting_aspects_ros.studies.factors import Factor, parse_factor
+from resting_aspects_ros.studies.factors import parse_factor
 from resting_aspects_ros.studies.objectives import make_objective
 from resting_aspects_ros.studies.optimisation import Optimisation
-from resting_aspects_ros.studies.optimise_result import Candidate, OptimiseResult
-from resting_aspects_ros.studies.optimise_text import value_text
+from resting_aspects_ros.studies.optimise import contacts_wanted
+from resting_aspects_ros.studies.optimise_result import PAGE, OptimiseResult
+from resting_aspects_ros.studies.optimise_tables import candidate_table, factor_table
 from resting_aspects_ros.studies.optimum_problem import BUDGET, Amounts
 from resting_aspects_ros.studies.setting import Setting
 
@@ -44,11 +42,13 @@ def optimise_and_show(
     for warning in part.warnings:
         warn(warning)
     landscape = Landscape(part)
+    aspects = find_aspects(part, landscape)
     objective = make_objective(
-        find_aspects(part, landscape),
+        aspects,
         _numbers('--wanted', arguments.wanted),
         _numbers('--wanted-classes', arguments.wanted_classes),
         minimise_entropy=arguments.minimise_entropy,
+        contacts=contacts_wanted(arguments.wanted_contacts, part, base, aspects),
     )
     failure: EngineError | None = None
     with DropProgress(part.name, amounts.total) as progress:
@@ -102,7 +102,7 @@ def _folder(arguments: argparse.Namespace) -> Path | None:
     out: Path | None = arguments.out
     if out is not None:
         make_folder('--out', out)
-        for name in (DOCUMENT, POINTS):
+        for name in (DOCUMENT, POINTS, PAGE):
             check_output('--out', out / name)
     return out
 
@@ -135,6 +135,8 @@ def _show(result: OptimiseResult, arguments: argparse.Namespace, out: Path | Non
         result.save_csv(out / POINTS)
     if arguments.json:
         sys.stdout.write(result.to_json())
+        if out is not None:
+            result.report(out)
         return
     console = make_console()
     show_table(console, candidate_table(result))
@@ -142,62 +144,4 @@ def _show(result: OptimiseResult, arguments: argparse.Namespace, out: Path | Non
     for note in result.notes:
         console.print(note, markup=False, highlight=False)
     if out is not None:
-        print(f'Written: {out / DOCUMENT}, {out / POINTS}')
-
-
-def candidate_table(result: OptimiseResult) -> Table:
-    """Return the table of the conditions that are compared."""
-    base = conditions_text(result.best.setting.drop_conditions)
-    if result.start is not None:
-        base = conditions_text(result.start.setting.drop_conditions)
-    table = Table(title=f'{result.part.name}: {result.aim}\nyour conditions: {base}')
-    table.add_column('conditions')
-    for factor in result.factors:
-        table.add_column(factor.label or factor.name, justify='right')
-    table.add_column('entropy' if result.objective.is_entropy else 'share', justify='right')
-    table.add_column(f'{100 * result.confidence:g} % interval', justify='right')
-    table.add_column('fresh drops', justify='right')
-    for name, candidate in (
-        ('best', result.best),
-        ('second', result.second),
-        ('yours', result.start),
-    ):
-        if candidate is not None:
-            table.add_row(name, *_cells(candidate, result))
-    return table
-
-
-def factor_table(result: OptimiseResult) -> Table:
-    """Return the table of the factors: range, flat range and effect."""
-    table = Table(title='what the factors do')
-    table.add_column('factor')
-    table.add_column('searched', justify='right')
-    within = result.objective.difference(result.objective.tolerance)
-    table.add_column(f'within {within.replace("1.0 points", "1 point")}', justify='right')
-    table.add_column('effect, at most', justify='right')
-    for factor, facts in zip(result.factors, result.facts, strict=True):
-        table.add_row(
-            factor.label or factor.name,
-            _span(factor, factor.low, factor.high),
-            _span(factor, *factor.values(np.array(facts.flat)).tolist()),
-            result.objective.difference(facts.effect_upper),
-        )
-    return table
-
-
-def _cells(candidate: Candidate, result: OptimiseResult) -> list[str]:
-    number, value = result.objective.number, candidate.estimate
-    values = [candidate.values[factor.name] for factor in result.factors]
-    return [
-        *(
-            '' if v is None else value_text(factor, v)
-            for v, factor in zip(values, result.factors, strict=True)
-        ),
-        number(value.value),
-        f'{number(value.lower).split()[0]} to {number(value.upper)}',
-        str(candidate.drops),
-    ]
-
-
-def _span(factor: Factor, low: float, high: float) -> str:
-    return f'{value_text(factor, low)} to {value_text(factor, high)}'
+        print(f'Written: {out / DOCUMENT}, {out / POINTS}, {result.report(out)}')

@@ -27,7 +27,7 @@ from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.run_description import DEFAULT_DROPS, DEFAULT_SEED
 from resting_aspects_ros.simulation.surfaces import DEFAULT_SURFACE
 from resting_aspects_ros.simulation.surroundings.description import Surroundings
-from resting_aspects_ros.studies.part_files import part_sources
+from resting_aspects_ros.studies.part_files import missing_parts, part_sources, source_text
 from resting_aspects_ros.studies.study_cases import StudyCase
 from resting_aspects_ros.studies.study_comparison import CaseComparison, compare_cases
 
@@ -156,13 +156,14 @@ def drop_batch(
         make_folder('--out', folder)
     count = (0 if precision else DEFAULT_DROPS) if drops is None else drops
     entries: list[BatchEntry] = []
+    missing = missing_parts(sources, unit)
     with given_workers(workers) as pool:
-        for source in sources:
+        for k, source in enumerate(sources):
             if stopped():
                 break
-            entry = BatchEntry(source.name if isinstance(source, Part) else str(source))
+            entry = BatchEntry(source_text(source))
             try:
-                part = _loaded(source, unit)
+                part = _loaded(source, unit, missing.get(k))
                 check(part)
                 plan = plan_drops(
                     part,
@@ -215,7 +216,12 @@ def _sources(parts: Sequence[Part | str | Path]) -> list[Part | str | Path]:
     return found
 
 
-def _loaded(source: Part | str | Path, unit: str | None) -> Part:
+def _loaded(
+    source: Part | str | Path, unit: str | None, error: RestingAspectsError | None
+) -> Part:
+    """Return a part; raises the error that is already known, if any."""
+    if error is not None:
+        raise error
     if isinstance(source, Part):
         return source
     part = load_part(source, unit if mesh_file(source) is not None else None)

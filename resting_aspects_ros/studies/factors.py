@@ -1,5 +1,6 @@
 """Factors of a study: what varies between its points, and from where to where."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -89,8 +90,13 @@ class Factor:
         return np.asarray((v - self.low) / (self.high - self.low))
 
     def text(self, value: float) -> str:
-        """Return a value with its unit, such as '0.05 m'."""
-        return f'{value:.4g} {self.unit}'.rstrip()
+        """Return a value with its unit, such as '50 mm'; lengths in mm and angles in degrees."""
+        unit, scale = {'m': ('mm', 1000.0), 'rad': ('deg', 180 / math.pi)}.get(
+            self.unit, (self.unit, 1.0)
+        )
+        number = scale * value
+        text = f'{number:.0f}' if abs(number) >= 1000 else f'{number:.3g}'
+        return f'{text} {unit}'.rstrip()
 
     @property
     def document(self) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """The findings of a study in words: whether it is worth while to measure a factor."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,8 @@ from resting_aspects_ros.studies.study_cases import StudyCase
 
 # Smaller irregular changes are not mentioned.
 IRREGULAR = 0.005
+# Largest number of times that is stated; more are not practical.
+MAX_TIMES = 100
 WORTH, NOT_WORTH, OPEN = 'worth while', 'not worth while', 'not decided'
 
 
@@ -91,8 +94,8 @@ def _sentence(
         end = f'not more than the tolerance of {limit} points: measuring it is not worth while.'
     elif effects.reliable(tolerance):
         end = (
-            f'which contains the tolerance of {limit} points: more points or drops would decide '
-            'whether measuring it is worth while.'
+            f'which contains the tolerance of {limit} points: {_times(change, tolerance)} '
+            'times as many points would decide whether measuring it is worth while.'
         )
     else:
         end = (
@@ -123,12 +126,29 @@ def _where(effects: Effects, change: Change, factors: Sequence[Factor], k: int) 
             f' On average over the other factors, shares move by at most '
             f'{points_text(change.average)} points.'
         )
-    if effects.cross_validated_error > IRREGULAR:
-        text += (
-            f' Irregular changes of {points_text(effects.cross_validated_error)} points (root '
-            'mean square), which no smooth curve describes, come on top.'
-        )
     return text
+
+
+def _times(change: Change, tolerance: float) -> str:
+    """Return how many times as many points an interval needs that excludes the tolerance.
+
+    Its width falls with the square root of their number.
+    """
+    half = (change.upper - change.lower) / 2
+    gap = max(abs(change.change - tolerance), 1e-9)
+    times = max(2, math.ceil((half / gap) ** 2))
+    return f'about {times}' if times <= MAX_TIMES else f'more than {MAX_TIMES}'
+
+
+def irregular_text(effects: Effects) -> str:
+    """Return a sentence on changes that the findings do not contain; empty if they are small."""
+    error = effects.cross_validated_error
+    if error <= IRREGULAR:
+        return ''
+    return (
+        f'Irregular changes of {points_text(error)} points (root mean square), which no smooth '
+        'curve describes, come on top of these changes.'
+    )
 
 
 def _nothing(case: StudyCase, factor: Factor) -> str:

@@ -9,6 +9,7 @@ from scipy.special import entr
 
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError, shown
+from resting_aspects_ros.studies.wanted_contacts import WantedContacts
 
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.int64]
@@ -28,15 +29,18 @@ class Objective:
     groups : tuple of tuple of int
         Ids of the aspects of each outcome that is distinguished: the wanted aspects, or the
         members of each symmetry class. All other ends of a drop are one more outcome, the last.
+    contacts : tuple of WantedContacts
+        Wanted instead of aspects: the counts then have two columns, and ``groups`` is the first.
     """
 
     wanted: tuple[int, ...]
     groups: tuple[tuple[int, ...], ...]
+    contacts: tuple[WantedContacts, ...] = ()
 
     @property
     def is_entropy(self) -> bool:
         """Whether the entropy is minimised."""
-        return not self.wanted
+        return not self.wanted and not self.contacts
 
     @property
     def tolerance(self) -> float:
@@ -53,6 +57,8 @@ class Objective:
         """What is sought, such as 'largest share of aspects 1 and 3'."""
         if self.is_entropy:
             return 'least entropy over the symmetry classes'
+        if self.contacts:
+            return f'largest share of {" or ".join(f"({c.text})" for c in self.contacts)}'
         noun = 'aspect' if len(self.wanted) == 1 else 'aspects'
         return f'largest share of {noun} {listed(map(str, self.wanted))}'
 
@@ -115,13 +121,17 @@ def make_objective(
     wanted_classes: Sequence[int] | None = None,
     *,
     minimise_entropy: bool = False,
+    contacts: Sequence[WantedContacts] = (),
 ) -> Objective:
     """Return an objective; raises InvalidValueError unless exactly one is given and known."""
-    given = [wanted is not None, wanted_classes is not None, minimise_entropy]
+    given = [wanted is not None, wanted_classes is not None, bool(contacts), minimise_entropy]
     if sum(given) != 1:
         raise InvalidValueError(
-            'invalid objective: expected one of wanted aspects, wanted classes and least entropy'
+            'invalid objective: expected one of wanted aspects, wanted classes, wanted contacts '
+            'and least entropy'
         )
+    if contacts:
+        return Objective((), ((1,),), tuple(contacts))
     members = tuple(tuple(a.id for a in each) for each in aspects.classes())
     if minimise_entropy:
         if len(members) < 2:

@@ -21,6 +21,7 @@ from resting_aspects_ros.studies.optimise_result import (
 from resting_aspects_ros.studies.optimum_comparison import advantage, estimated, posterior_values
 from resting_aspects_ros.studies.optimum_facts import factor_facts
 from resting_aspects_ros.studies.optimum_problem import Amounts
+from resting_aspects_ros.studies.optimum_profile import profile_of
 from resting_aspects_ros.studies.optimum_search import DRAWS, OptimumSearch
 from resting_aspects_ros.studies.part_problem import PartProblem, setting_value
 from resting_aspects_ros.studies.setting import Setting
@@ -153,6 +154,7 @@ class Optimisation:
             seed=search.seed,
             surrogate=search.surrogate.form.text,
             surrogate_error=search.surrogate.cross_validated_error,
+            profile=profile_of(search, best_point, objective.sign, self._confidence),
         )
 
     def _candidate(self, name: str) -> Candidate | None:

@@ -10,7 +10,9 @@ from resting_aspects_ros.api.load_part import given_part
 from resting_aspects_ros.api.plan_actions import named_action
 from resting_aspects_ros.api.progress import DropProgress
 from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.aspects.landscape import Landscape
+from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.intervals import CONFIDENCE
 from resting_aspects_ros.simulation.actions import Action, NamedAction
@@ -35,6 +37,11 @@ from resting_aspects_ros.studies.optimum_problem import (
     Amounts,
 )
 from resting_aspects_ros.studies.setting import Setting
+from resting_aspects_ros.studies.wanted_contacts import (
+    WantedContacts,
+    finder_in,
+    read_contacts,
+)
 
 
 def optimise(
@@ -43,6 +50,7 @@ def optimise(
     *,
     wanted: Sequence[int] | None = None,
     wanted_classes: Sequence[int] | None = None,
+    wanted_contacts: Sequence[str | Mapping[str, Any]] = (),
     minimise_entropy: bool = False,
     surface: str | DropConditions = DEFAULT_SURFACE,
     surroundings: str | Path | Surroundings | None = None,
@@ -72,6 +80,9 @@ def optimise(
         as '20mm:200mm' or '20mm:200mm:7' (7 levels), or the two ends in SI units.
     wanted, wanted_classes : sequence of int, optional
         Wanted aspects or symmetry classes, whose share is maximised.
+    wanted_contacts : sequence of str or mapping, optional
+        In surroundings with walls: contacts such as ``{'belt': 1, 'wall': 'edge'}``; a part
+        must have those of one entry. With planes that are not named, any contact is accepted.
     minimise_entropy : bool
         Minimise the entropy of the distribution over the symmetry classes instead.
     surface : str or DropConditions
@@ -118,8 +129,13 @@ def optimise(
     )
     factors = [read_factor(name, _range(given), base) for name, given in vary.items()]
     landscape = Landscape(loaded)
+    aspects = find_aspects(loaded, landscape)
     objective = make_objective(
-        find_aspects(loaded, landscape), wanted, wanted_classes, minimise_entropy=minimise_entropy
+        aspects,
+        wanted,
+        wanted_classes,
+        minimise_entropy=minimise_entropy,
+        contacts=contacts_wanted(wanted_contacts, loaded, base, aspects),
     )
     amounts = Amounts(points, drops, BUDGET * points * drops if budget is None else budget)
     with (
@@ -143,6 +159,18 @@ def optimise(
     result = optimisation.result()
     assert result is not None  # nothing ends a search early here
     return result
+
+
+def contacts_wanted(
+    given: Sequence[str | Mapping[str, Any]], part: Part, base: Setting, aspects: AspectSet
+) -> list[WantedContacts]:
+    """Return wanted contacts with the planes of a setting; raises InvalidValueError."""
+    if not given:
+        return []
+    if base.action is not None:
+        raise InvalidValueError('invalid wanted contacts: expected only without an action')
+    planes = [plane.name for plane in finder_in(part, base.drop_conditions, aspects).planes]
+    return [read_contacts(each, planes, aspects) for each in given]
 
 
 def _surroundings(given: str | Path | Surroundings) -> Surroundings:

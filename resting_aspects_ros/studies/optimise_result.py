@@ -21,7 +21,10 @@ from resting_aspects_ros.studies.optimise_text import optimise_notes
 from resting_aspects_ros.studies.optimum_comparison import Advantage, Estimated
 from resting_aspects_ros.studies.optimum_facts import FactorFacts
 from resting_aspects_ros.studies.optimum_problem import Amounts
+from resting_aspects_ros.studies.optimum_profile import Profile
 from resting_aspects_ros.studies.setting import Setting
+
+PAGE = 'report.html'
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +101,8 @@ class OptimiseResult:
     surrogate : str
     surrogate_error : float
         Cross-validated error of the shares.
+    profile : Profile
+        The objective along each factor, by the surrogate.
     """
 
     part: Part
@@ -120,6 +125,7 @@ class OptimiseResult:
     seed: int
     surrogate: str
     surrogate_error: float
+    profile: Profile
 
     @property
     def aim(self) -> str:
@@ -137,13 +143,15 @@ class OptimiseResult:
     @property
     def document(self) -> dict[str, Any]:
         """The result as plain JSON types, in SI units."""
+        groups = [list(ids) for ids in self.objective.groups]
         return {
             'schema_version': SCHEMA_VERSION,
             'part': self.part.name,
             'part_sha256': self.part.part_sha256,
             'aim': self.aim,
             'wanted': list(self.objective.wanted),
-            'outcomes': [list(ids) for ids in self.objective.groups],
+            'wanted_contacts': [dict(each.named) for each in self.objective.contacts],
+            'outcomes': ['wanted'] if self.objective.contacts else groups,
             'unit': 'nat' if self.objective.is_entropy else '',
             'factors': [
                 {'name': factor.name, **factor.document, 'unit': factor.unit, **_facts(factor, f)}
@@ -181,9 +189,20 @@ class OptimiseResult:
         with whole_file(Path(path)) as file:
             file.write_text(self.to_json(), encoding='utf-8')
 
+    def report(self, folder: str | Path) -> Path:
+        """Write a page with the objective over each factor; returns its path. OutputError."""
+        # This import takes about a second.
+        from resting_aspects_ros.studies.optimise_page import optimise_page
+
+        with whole_file(Path(folder) / PAGE) as file:
+            file.write_text(optimise_page(self), encoding='utf-8')
+        return Path(folder) / PAGE
+
     def save_csv(self, path: str | Path) -> None:
         """Write the points of the design and of the search as CSV, in SI units."""
         outcomes = ['+'.join(map(str, ids)) for ids in self.objective.groups]
+        if self.objective.contacts:
+            outcomes = ['wanted']
         header = [*(f.name for f in self.factors), 'round', *outcomes, 'other']
         with (
             whole_file(Path(path)) as file,

@@ -1,6 +1,5 @@
 """What the result of `optimise` says in sentences."""
 
-import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -27,15 +26,6 @@ def optimise_notes(result: 'OptimiseResult') -> list[str]:
         *_materials(result),
         *_limits(result),
     ]
-
-
-def value_text(factor: Factor, value: float) -> str:
-    """Return a value of a factor with its unit; lengths in mm and angles in degrees."""
-    if factor.unit == 'rad':
-        return f'{math.degrees(value):.4g} deg'
-    if factor.unit == 'm':
-        return f'{1000 * value:.4g} mm'
-    return factor.text(value)
 
 
 def certainty_text(certainty: float) -> str:
@@ -89,12 +79,12 @@ def _bounds(result: 'OptimiseResult') -> Iterator[str]:
         if value == (quantity.low if facts.bound < 0 else quantity.high):
             yield (
                 f'The best {factor.name} is at the {end} bound that is possible at all, '
-                f'{value_text(factor, value)}.'
+                f'{factor.text(value)}.'
             )
         else:
             yield (
                 f'The best {factor.name} is at the {end} bound of its range, '
-                f'{value_text(factor, value)}: widen the range, it may be better beyond.'
+                f'{factor.text(value)}: widen the range, it may be better beyond.'
             )
 
 
@@ -117,7 +107,7 @@ def _at_most(
 ) -> str:
     names = listed([name for name, _ in found])
     most = result.objective.difference(max(facts.effect_upper for _, facts in found))
-    return f'{names} {statement} within the given ranges: {most} at most.'
+    return f'{_at_start(names)} {statement} within the given ranges: {most} at most.'
 
 
 def _materials(result: 'OptimiseResult') -> Iterator[str]:
@@ -125,9 +115,14 @@ def _materials(result: 'OptimiseResult') -> Iterator[str]:
     if names:
         verb, them = ('is a property', 'it') if len(names) == 1 else ('are properties', 'them')
         yield (
-            f'{listed(names)} {verb} of the materials of part and surface: another surface is '
-            f'needed to change {them}.'
+            f'{_at_start(listed(names))} {verb} of the materials of part and surface: another '
+            f'surface is needed to change {them}.'
         )
+
+
+def _at_start(names: str) -> str:
+    """Return names of factors as they begin a sentence; those with a dot are kept as they are."""
+    return names if '.' in names else names[0].upper() + names[1:]
 
 
 def is_material(factor: Factor) -> bool:

@@ -1,5 +1,6 @@
 """Parts of a study: where they come from, and copies of them with which it can be repeated."""
 
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ import yaml
 
 from resting_aspects_ros.api.load_part import load_part, mesh_file
 from resting_aspects_ros.api.output_files import whole_file
-from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, shown
+from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError, shown, warn
 from resting_aspects_ros.core.geometry.mesh_file import FORMATS
 from resting_aspects_ros.core.geometry.step_file import STEP_FORMATS
 from resting_aspects_ros.core.part import Part
@@ -49,6 +50,32 @@ def part_folder(given: str | Path) -> Path | None:
 
 def _is_name(given: str | Path) -> bool:
     return mesh_file(given) is None and str(given) in PartLibrary(parts_folder()).names()
+
+
+def source_text(source: Part | str | Path) -> str:
+    """Return the name or the file of a part as text."""
+    return source.name if isinstance(source, Part) else str(source)
+
+
+def missing_parts(
+    sources: Sequence[Part | str | Path], unit: str | None
+) -> dict[int, RestingAspectsError]:
+    """Return the errors of unknown names and of files that cannot be opened, and warn of them.
+
+    They are known before the first part is simulated. The meshes of files are not read.
+    """
+    found: dict[int, RestingAspectsError] = {}
+    for k, source in enumerate(sources):
+        path = None if isinstance(source, Part) else mesh_file(source)
+        readable = path is not None and path.is_file() and os.access(path, os.R_OK)
+        if isinstance(source, Part) or readable:
+            continue
+        try:
+            load_part(source, unit if path is not None else None)
+        except RestingAspectsError as error:
+            warn(f'{source_text(source)}: {error}')
+            found[k] = error
+    return found
 
 
 def load_parts(given: Sequence[Part | str | Path], base: Path | None = None) -> list[Part]:

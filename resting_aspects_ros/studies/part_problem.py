@@ -93,6 +93,7 @@ class PartProblem:
                 progress=progress,
                 stopped=self._stopped,
                 landscape=self._landscape,
+                contacts=self._objective.contacts,
             )
         else:
             found = act_at_points(

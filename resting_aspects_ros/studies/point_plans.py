@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +18,12 @@ from resting_aspects_ros.core.statistics.distribution import aspect_ids
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.plan import make_job
 from resting_aspects_ros.studies.setting import Setting
+from resting_aspects_ros.studies.wanted_contacts import WantedContacts, finder_in
 
 Counts = npt.NDArray[np.int64]
+Wanted = Callable[[RestingPoses], npt.NDArray[np.bool_]]
+# Parts at rest as wanted, and other parts at rest.
+WANTED_OUTCOMES = 2
 
 # How drops end that are in no aspect; the last columns of the counts.
 OTHER = ('unclassified', 'unsettled', 'failed', 'lost', 'sliding')
@@ -35,17 +39,25 @@ class PointPlan:
     starts : int
         Number of rows of its counts: 1 for drops; for actions, one for each aspect, and drop i
         starts in row i mod ``starts``.
+    wanted : callable, optional
+        Returns which drops (n,) are at rest as wanted. The outcomes are then these, and other
+        parts at rest, instead of the aspects.
     """
 
     job: DropJob
     aspects: AspectSet
     starts: int = 1
+    wanted: Wanted | None = None
 
     def count(self, poses: RestingPoses) -> Counts:
         """Return counts (starts, k + 5): by aspect, then by OTHER."""
-        k = len(self.aspects)
-        ends = aspect_ids(self.aspects, poses) - 1
-        ends[ends < 0] = k
+        if self.wanted is None:
+            k = len(self.aspects)
+            ends = aspect_ids(self.aspects, poses) - 1
+            ends[ends < 0] = k
+        else:
+            k = WANTED_OUTCOMES
+            ends = np.where(self.wanted(poses), 0, 1).astype(np.int64)
         for column, status in enumerate(_STATUS.values(), k + 1):
             ends[poses.status == status] = column
         counts = np.zeros((self.starts, k + len(OTHER)), dtype=np.int64)
@@ -61,6 +73,7 @@ def plan_point(
     landscape: Landscape,
     aspects: AspectSet,
     rests: Callable[[Setting], RestingPoses] | None = None,
+    contacts: Sequence[WantedContacts] = (),
 ) -> PointPlan:
     """Return how a point is simulated; raises InvalidValueError if it is impossible.
 
@@ -72,11 +85,21 @@ def plan_point(
         Of the part on a level plane.
     rests : callable, optional
         Returns resting poses in surroundings, from which actions start there.
+    contacts : sequence of WantedContacts
+        Count drops that are at rest with one of these, instead of aspects; not with actions.
     """
     conditions, action = setting.drop_conditions, setting.action
     counted = aspects_in(scene_of(part, conditions), aspects)
     if action is None:
-        return PointPlan(make_job(part, conditions, seed, landscape=landscape), counted)
+        wanted = None
+        if contacts:
+            finder = finder_in(part, conditions, counted)
+
+            def wanted(poses: RestingPoses) -> npt.NDArray[np.bool_]:
+                return np.any([each.found(finder, poses) for each in contacts], axis=0)
+
+        job = make_job(part, conditions, seed, landscape=landscape)
+        return PointPlan(job, counted, wanted=wanted)
     planned = plan_actions(
         part,
         action,

@@ -19,8 +19,15 @@ from resting_aspects_ros.simulation.chunks import DeathCount, Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.initial_state import CHUNK
 from resting_aspects_ros.simulation.run_description import check_drops, check_seed
-from resting_aspects_ros.studies.point_plans import OTHER, PointPlan, plan_point, point_seed
+from resting_aspects_ros.studies.point_plans import (
+    OTHER,
+    WANTED_OUTCOMES,
+    PointPlan,
+    plan_point,
+    point_seed,
+)
 from resting_aspects_ros.studies.setting import Setting
+from resting_aspects_ros.studies.wanted_contacts import WantedContacts
 
 Counts = npt.NDArray[np.int64]
 
@@ -80,6 +87,7 @@ def drop_points(
     progress: Callable[[int], None] = lambda _: None,
     stopped: Callable[[], bool] = lambda: False,
     landscape: Landscape | None = None,
+    contacts: Sequence[WantedContacts] = (),
 ) -> PointCounts:
     """Drop a part at each point, and count the aspects; impossible points are skipped.
 
@@ -96,10 +104,14 @@ def drop_points(
         Ends early if it returns True: unfinished points then have fewer drops.
     landscape : Landscape, optional
         Of the part, if it was already computed.
+    contacts : sequence of WantedContacts
+        Count drops that are at rest with one of these, and other drops at rest, in the two columns
+        of ``counts``.
     """
     landscape = Landscape(part) if landscape is None else landscape
     aspects = find_aspects(part, landscape)
-    columns = len(aspects) + len(OTHER)
+    outcomes = WANTED_OUTCOMES if contacts else len(aspects)
+    columns = outcomes + len(OTHER)
     counts = np.zeros((len(points), columns), dtype=np.int64)
     skipped: dict[int, str] = {}
     check_drops(drops)
@@ -114,7 +126,9 @@ def drop_points(
 
     def task(index: int, setting: Setting) -> PointTask:
         own = point_seed(seed, part, setting)
-        plan = lambda: plan_point(part, setting, drops, own, landscape, aspects)  # noqa: E731
+        plan = lambda: plan_point(  # noqa: E731
+            part, setting, drops, own, landscape, aspects, contacts=contacts
+        )
         return PointTask(index, 0, drops, plan)
 
     settings = [p if isinstance(p, Setting) else Setting(p) for p in points]
@@ -129,7 +143,7 @@ def drop_points(
             lambda: progress(done),
             stopped,
         )
-    return PointCounts(aspects, counts[:, : len(aspects)], counts[:, len(aspects) :], skipped)
+    return PointCounts(aspects, counts[:, :outcomes], counts[:, outcomes:], skipped)
 
 
 def run_points(

@@ -159,4 +159,4 @@ def _facts(result: StudyResult) -> dict[str, list[tuple[str, str]]]:
 def _range(factor: Any) -> str:
     levels = f', {factor.levels} levels' if factor.levels else ''
     scale = ', logarithmic' if factor.logarithmic else ''
-    return f'{factor.low:g} to {factor.text(factor.high)}{levels}{scale}'
+    return f'{factor.text(factor.low)} to {factor.text(factor.high)}{levels}{scale}'

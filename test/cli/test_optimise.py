@@ -1,5 +1,6 @@
 """The command `optimise`."""
 
+import html
 import json
 
 import pytest
@@ -10,6 +11,7 @@ from resting_aspects_ros.studies import optimisation
 from resting_aspects_ros.studies.optimum_problem import DEFAULT_DROPS, DEFAULT_POINTS
 
 FEW = ('--points', 4, '--drops', 10, '--budget', 100, '--workers', 2)
+CHUTE = ('--surroundings', 'l_chute')
 WORDS = ('optimise', 'tetrahedron', '--vary', 'height=10mm:20mm', *FEW)
 
 
@@ -21,6 +23,10 @@ def test_table_and_files_show_the_three_conditions(run, tmp_path):
     assert max(map(len, ended.stdout.splitlines())) <= 80
     document = json.loads((tmp_path / 'o' / 'optimum.json').read_text())
     assert document['best']['drops'] == 10
+    page = (tmp_path / 'o' / 'report.html').read_text()
+    for each in (*document['notes'], 'aspect 1', 'aspect 2'):
+        assert each in html.unescape(page)
+    assert page.count('data:image/png') == 2
     rows = (tmp_path / 'o' / 'points.csv').read_text().splitlines()
     assert len(rows) == 1 + len(document['points'])
 
@@ -72,7 +78,14 @@ def test_interrupted_search_shows_what_is_known(run, monkeypatch):
         (('--wanted', '1', '--vary', 'colour=1:2'), "invalid factor 'colour'"),
         (('--wanted', '1', '--vary', 'height=9mm:3mm'), 'expected a lower and a higher value'),
         (('--wanted', 'all'), 'expected numbers separated by commas'),
-        ((), 'expected one of wanted aspects, wanted classes and least entropy'),
+        ((), 'expected one of wanted aspects, wanted classes, wanted contacts and least entropy'),
+        (('--wanted-contacts', 'belt=1'), 'expected surroundings with walls'),
+        ((*CHUTE, '--wanted-contacts', 'belt'), 'expected PLANE=CONTACT'),
+        ((*CHUTE, '--wanted-contacts', 'bel=1'), "did you mean 'belt'?"),
+        ((*CHUTE, '--wanted-contacts', 'belt=9'), "invalid wanted contact '9'"),
+        ((*CHUTE, '--wanted-contacts', 'belt=1,belt=2'), 'expected belt only once'),
+        ((*CHUTE, '--wanted-contacts', 'belt=1', '--wanted', '1'), 'expected one of wanted'),
+        ((*CHUTE, '--action', 'tap', '--wanted-contacts', 'belt=1'), 'only without an action'),
         (('--wanted', '9', '--minimise-entropy'), 'expected one of wanted aspects'),
         (('--wanted', '9'), 'invalid wanted aspect 9: expected 1 to 4'),
         (('--wanted', '1', '--vary', 'height=1mm:3mm'), 'expected height only once'),

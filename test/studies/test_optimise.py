@@ -46,11 +46,11 @@ def test_result_does_not_depend_on_the_workers(found, here):
 
 def test_notes_name_materials_and_fresh_drops(found):
     text = ' '.join(found.notes)
-    assert 'friction is a property of the materials' in text
-    assert 'height is a property' not in text
+    assert 'Friction is a property of the materials' in text
+    assert 'eight is a property' not in text
     assert '20 fresh drops' in text
     # All aspects of a tetrahedron are the same, so that no difference can be shown.
-    assert 'height and friction have no effect that can be shown' in text
+    assert 'Height and friction have no effect that can be shown' in text
     assert 'No difference is shown between the best conditions and your conditions' in text
 
 

@@ -1,5 +1,7 @@
 """Sobol indices of known functions, and findings of shares that are known."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -112,7 +114,21 @@ def test_change_near_the_tolerance_is_not_decided(cylinder):
     case, points = case_of(cylinder, lambda u: 0.4 + 0.2 * u[:, 0], drops=200)
     _, found = verdicts(case, points, 0.2)
     assert found['restitution'].verdict == OPEN
-    assert 'more points or drops would decide' in found['restitution'].text
+    # The change is nearly the tolerance, so that no practical number of points would decide.
+    text = found['restitution'].text
+    assert re.search(r'(about \d+|more than 100) times as many points would decide', text)
+
+
+def test_stated_number_of_points_decides(cylinder):
+    """Intervals are shorter by the square root of the stated number, and then decide."""
+    case, points = case_of(cylinder, lambda u: 0.4 + 0.2 * u[:, 0], drops=50)
+    _, found = verdicts(case, points, 0.16)
+    assert found['restitution'].verdict == OPEN
+    times = int(re.search(r'about (\d+) times', found['restitution'].text)[1])
+    # Twice as many as stated, because the change itself is known with an error only.
+    case, points = case_of(cylinder, lambda u: 0.4 + 0.2 * u[:, 0], drops=100 * times)
+    _, found = verdicts(case, points, 0.16)
+    assert found['restitution'].verdict == WORTH
 
 
 def test_surrogate_that_explains_little_decides_nothing(cylinder):

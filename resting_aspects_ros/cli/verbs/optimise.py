@@ -49,6 +49,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--wanted-classes', metavar='NUMBERS', help='the same for symmetry classes'
     )
     parser.add_argument(
+        '--wanted-contacts',
+        metavar='PLANE=CONTACT,...',
+        action='append',
+        default=[],
+        help='in surroundings with walls, find the largest share of parts that touch the planes '
+        'so, such as belt=1,wall=edge: an aspect, side, edge, corner or none; can be repeated for '
+        'alternatives',
+    )
+    parser.add_argument(
         '--minimise-entropy',
         action='store_true',
         help='instead find the least entropy over the symmetry classes',
@@ -96,7 +105,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--out',
         metavar='DIR',
         type=Path,
-        help='write optimum.json and points.csv into this folder',
+        help='write optimum.json, points.csv and the page report.html into this folder',
     )
     add_output(parser, each=False)
     add_conditions(parser)

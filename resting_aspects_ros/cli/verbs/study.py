@@ -1,6 +1,7 @@
 """`resting_aspects study`: drops over ranges of conditions, and what the shares depend on."""
 
 import argparse
+import textwrap
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from resting_aspects_ros.studies.study_spec import StudySpec
 
 INTERRUPTED = 130
+WIDTH = 80  # of the text
 DESCRIPTION = """Drop parts at many points of some conditions, and show how much the
 probability of each aspect depends on each condition, and whether it is worth
 while to measure it. A study that was interrupted, or that is given more points
@@ -179,12 +181,29 @@ def _show(result: 'StudyResult', folder: Path) -> int:
         print('No point has drops.')
     else:
         result.save_tables(folder)
-        for finding in result.findings:
-            prefix = f'{finding.case}: ' if len(result.cases) > 1 else ''
-            print(f'{prefix}{finding.text}')
+        _show_findings(result)
         print(f'Report: {result.report(folder)}')
     if not result.complete:
         drops = sum(int(case.drops.sum()) for case in result.cases)
         print(f'interrupted after {drops} drops; the same command continues the study')
         return INTERRUPTED
     return 0
+
+
+def _show_findings(result: 'StudyResult') -> None:
+    """Print the findings of each case, each as a sentence with details below it."""
+    from resting_aspects_ros.studies.findings import irregular_text
+
+    for case, effects in zip(result.cases, result.effects, strict=True):
+        print(f'{case.name}: {len(result.points)} points, {int(case.drops.sum())} drops')
+        for finding in result.findings:
+            if finding.case == case.name:
+                print(
+                    textwrap.fill(
+                        finding.sentence, WIDTH, initial_indent='* ', subsequent_indent='  '
+                    )
+                )
+                if finding.details:
+                    print(textwrap.indent(textwrap.fill(finding.details, WIDTH - 2), '  '))
+        if effects is not None and (text := irregular_text(effects)):
+            print(textwrap.fill(text, WIDTH))
