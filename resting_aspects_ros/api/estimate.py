@@ -182,7 +182,7 @@ def recommended_method(shape: RestingShape, conditions: DropConditions) -> Recom
         return Recommendation(
             '',
             'No method is recommended: all of them assume an infinite level plane, and the drops '
-            f'were made in {surroundings_text(conditions.surroundings)}.',
+            f'were made {surroundings_text(conditions.surroundings)}.',
         )
     speeds = 2 * conditions.speed_horizontal**2 + conditions.speed_vertical**2
     turning = conditions.spin**2 * float(np.trace(part.inertia)) / part.mass

@@ -77,7 +77,7 @@ def _cell_facts(result: ForecastResult) -> Iterator[tuple[str, str]]:
     times, tray = model.times, model.tray
     yield 'action', f'{action.name}: {action.text}'
     yield 'robot, from pick to pick', f'{times.robot:g} s'
-    yield 'vibration', f'{times.vibrate:g} s'
+    yield 'motion of the feeder', f'{times.vibrate:g} s'
     yield 'until the parts are at rest', f'{times.settle:g} s'
     yield 'image', f'{times.image:g} s'
     yield 'supply of a part', f'{times.supply:g} s'

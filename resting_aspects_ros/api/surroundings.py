@@ -37,6 +37,13 @@ from resting_aspects_ros.simulation.surroundings.mesh_surface import (
 )
 from resting_aspects_ros.simulation.surroundings.scene import Block, HalfSpace, Scene
 
+# Where a part is, by the kind of the surroundings.
+PLACES = {
+    **dict.fromkeys(('plane', 'slope', 'bowl_track', 'mesh'), 'on a'),
+    'wall': 'at a',
+    **dict.fromkeys(('v_groove', 'chute', 'corner', 'tray'), 'in a'),
+}
+
 
 def surroundings(name: str | Path, **changes: Any) -> Surroundings:
     """Return named surroundings, a kind of surroundings, or those in a YAML file.
@@ -161,17 +168,18 @@ def _shipped_names() -> dict[str, str]:
 
 
 def surroundings_text(key: str) -> str:
-    """Return the surroundings with a key in words; their kind if their mesh is not known."""
+    """Return where parts are, such as 'on a slope (angle 10 deg)'; without a mesh, its kind."""
     try:
-        return surroundings_from(key).text
+        text = surroundings_from(key).text
     except UnknownMeshError:
-        return MeshSurface.kind
+        text = MeshSurface.kind
+    return f'{PLACES[json.loads(key)["kind"]]} {text}'
 
 
 def conditions_text(conditions: DropConditions) -> str:
     """Return the surface and the surroundings in words; see surface_text."""
     surface, key = surface_text(conditions), conditions.surroundings
-    return f'{surface}, in {surroundings_text(key)}' if key else surface
+    return f'{surface}, {surroundings_text(key)}' if key else surface
 
 
 def conditions_document(conditions: DropConditions) -> dict[str, Any]:

@@ -66,7 +66,7 @@ def cell_text(named: NamedForecast) -> str:
     times, tray = named.model.times, named.model.tray
     names = {
         'robot': times.robot,
-        'vibration': times.vibrate,
+        'feeder motion': times.vibrate,
         'settling': times.settle,
         'image': times.image,
     }

@@ -36,7 +36,7 @@ def long_run_table(
 ) -> Table:
     """Return a table of the shares that repeated actions lead to, beside the shares of a drop.
 
-    Aspects that are in no closed class, or in one of several, are marked; see long_run_text.
+    Aspects in no closed class, or in one of several, are marked as groups; see long_run_text.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def long_run_table(
         f'{100 * confidence:g} % interval',
         *([] if after is None else ['after one\naction']),
         'in a\ndrop',
-        *(['closed\nclass'] if any(marks) else []),
+        *(['group'] if any(marks) else []),
     )
     values = zip(long_run.shares.tolist(), lower.tolist(), upper.tolist(), strict=True)
     once = [[]] * len(rows) if after is None else [[f'{share_text(x)} %'] for x in after.tolist()]
@@ -117,8 +117,8 @@ def long_run_text(rows: Rows, long_run: LongRun) -> str:
     lines = []
     if len(long_run.closed) > 1:
         lines.append(
-            'No simulated action led out of any of these closed classes of aspects, so the\n'
-            'long run depends on the start. Rare ways out show with more actions:'
+            'No simulated action led out of any of these groups of aspects, so the long run\n'
+            'depends on the start. Rare ways out show with more actions:'
         )
         lines += [
             f'  {number}: {_names(rows, members)}, in which {share_text(weight)} % of parts end'

@@ -8,9 +8,16 @@ import pytest
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.simulated_shapes import simulated_shapes
-from resting_aspects_ros.api.surroundings import has_level_floor, with_surroundings
+from resting_aspects_ros.api.surroundings import (
+    PLACES,
+    has_level_floor,
+    surroundings,
+    surroundings_text,
+    with_surroundings,
+)
 from resting_aspects_ros.api.surroundings_hints import warn_of_surroundings
 from resting_aspects_ros.core.errors import RestingAspectsWarning
+from resting_aspects_ros.simulation.surroundings.description import KINDS
 
 LEVEL = {'plane', 'tray', 'wall'}
 
@@ -78,3 +85,9 @@ def test_wedging_is_named_by_drop_and_reorient(start):
         warnings.simplefilter('error')
         with pytest.raises(RestingAspectsWarning, match='parts can wedge in the groove'):
             start(ra.surroundings('v_groove', opening='28deg'))
+
+
+def test_every_kind_of_surroundings_has_its_place_in_words():
+    assert set(PLACES) == set(KINDS)
+    slope = surroundings('slope', angle='10deg')
+    assert surroundings_text(slope.key).startswith('on a slope (angle 10 deg')

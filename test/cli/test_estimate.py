@@ -122,7 +122,7 @@ def test_no_method_is_recommended_for_drops_in_surroundings(run, part, surfaces)
     slope = dataclasses.replace(surfaces.get(), surroundings=named_surroundings('slope').key)
     found = recommended_method(RestingShape(part('tetrahedron')), slope)
     assert found.method == ''
-    assert found.reason.endswith('the drops were made in slope (angle 10 deg).')
+    assert found.reason.endswith('the drops were made on a slope (angle 10 deg).')
 
 
 def test_recommendation_uses_conditions_of_drops_by_default(run, document, tmp_path):

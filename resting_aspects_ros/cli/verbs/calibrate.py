@@ -196,7 +196,7 @@ def _write(result: 'CalibrationResult', folder: Path | None, *, quiet: bool) -> 
     """Save and print a result."""
     if not quiet:
         print(result)
-        print(f'\n{result.surface_entry()}', end='')
+        print(f'\n{result.surface_entry(uncertainty=False)}', end='')
     if folder is None:
         return
     from resting_aspects_ros.api.output_files import whole_file

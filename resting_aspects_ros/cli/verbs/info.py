@@ -85,7 +85,7 @@ def _lines(found: LoggedRun) -> Iterator[tuple[str, str]]:
     yield 'conditions', surface_text(run.conditions)
     if run.conditions.surroundings:
         found.check_surroundings()
-        yield '', f'in {surroundings_text(run.conditions.surroundings)}'
+        yield '', f'{surroundings_text(run.conditions.surroundings)}'
     yield from (('', f'{name} {value}') for name, value in condition_facts(run.conditions))
     yield 'seed', str(run.seed)
     if (action := _action(found)) is not None:

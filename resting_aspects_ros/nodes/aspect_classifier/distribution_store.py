@@ -191,7 +191,7 @@ def _key(run: RunDescription) -> tuple[object, ...]:
 def _conditions_text(conditions: DropConditions) -> str:
     surface = conditions.surface or 'own conditions'
     key = conditions.surroundings
-    return f'{surface} in {surroundings_text(key)}' if key else surface
+    return f'{surface}, {surroundings_text(key)}' if key else surface
 
 
 def _start_order(known: Known) -> tuple[int, str]:

@@ -130,8 +130,8 @@ class CalibrationResult:
         """Return the document as JSON."""
         return json.dumps(self.document(), indent=2) + '\n'
 
-    def surface_entry(self) -> str:
-        """Return an entry for a surfaces file, with its source and its uncertainty."""
+    def surface_entry(self, *, uncertainty: bool = True) -> str:
+        """Return an entry for a surfaces file, with its source and perhaps its uncertainty."""
         from resting_aspects_ros.studies.calibration.texts import source_text, wrapped
 
         lines = [f'{self.surface}:']
@@ -141,8 +141,10 @@ class CalibrationResult:
                 lines.append(f'  height_of: {self.conditions.height_of.name}')
         lines.append('  source: >-')
         lines += [f'    {line}' for line in wrapped(source_text(self), 94)]
-        samples = self.draws(SAMPLES)
-        lines.append(f'  {UNCERTAINTY}:  # equally probable sets: a column of these rows is one')
+        samples = self.draws(SAMPLES) if uncertainty else []
+        if not samples:
+            return '\n'.join(lines) + '\n'
+        lines.append(f'  {UNCERTAINTY}:  # equally probable; the k-th values belong together')
         for name in samples[0]:
             values = ', '.join(f'{each[name]:.3g}' for each in samples)
             lines += [

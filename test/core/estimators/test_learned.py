@@ -7,7 +7,7 @@ import pytest
 
 from resting_aspects_ros.core.estimators.aspect_features import aspect_features
 from resting_aspects_ros.core.estimators.estimate import estimate, share_interval
-from resting_aspects_ros.core.estimators.learned import learned, shipped_model
+from resting_aspects_ros.core.estimators.learned import OUTSIDE_WEIGHT, learned, shipped_model
 from resting_aspects_ros.core.estimators.release import RELEASE_FEATURES, TYPICAL, Release
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
 
@@ -33,6 +33,19 @@ def test_conditions_change_the_prediction_and_are_limited(bracket):
     limit = dataclasses.replace(TYPICAL, height=bounds.height[1])
     assert (bounds.outside(far), bounds.outside(limit)) == ('height', '')
     np.testing.assert_array_equal(learned(bracket, far)[0], learned(bracket, limit)[0])
+
+
+def test_prediction_beyond_the_bounds_is_less_certain(bracket):
+    """The spin of `thrown`, 50 rad/s, is beyond the bounds for parts with R above 63 mm."""
+    inside, outside = (dataclasses.replace(TYPICAL, speed=0.8, spin=s) for s in (3.9, 4.1))
+    assert shipped_model().bounds.outside(inside) == ''
+    assert shipped_model().bounds.outside(outside) == 'spin'
+    assert learned(bracket, inside)[1] > OUTSIDE_WEIGHT
+    assert learned(bracket, outside)[1] == OUTSIDE_WEIGHT
+    known, beyond = (estimate(bracket, 'learned', each) for each in (inside, outside))
+    for k in range(1, len(known.probabilities) + 1):
+        one, other = known.interval([k]), beyond.interval([k])
+        assert other.upper - other.lower > one.upper - one.lower
 
 
 def test_weight_gives_the_intervals_of_as_many_drops(bracket):

@@ -88,7 +88,7 @@ def test_a_reorientation_in_surroundings_has_the_contacts_of_its_drops(wall):
     made = ra.reorient('box_10x20x30', none, 1, surroundings=wall, drops=125, seed=3, workers=1)
     document = made.document()
     assert document['conditions']['surroundings']['kind'] == 'wall'
-    assert ', in wall, wall (friction 0.15), ' in made.title
+    assert ', at a wall, wall (friction 0.15), ' in made.title
     assert {'lost', 'sliding'} <= document['drop'].keys()
     poses = roadmap_document(made.part, made.drop, None, {})['poses']
     assert sum(pose['contact_counts']['floor'] for pose in poses) == made.drop.counts.sum()
