@@ -65,10 +65,10 @@ def drop_propagated_and_show(
         progress.end(result.drops)
     if len(result.counts) < 2:
         raise EngineError('interrupted before two samples were complete: there is no result')
-    if out is not None:
-        result.save_json(out / DOCUMENT)
+    # The result is printed first, so that it is not lost if the disk is full.
     print(result.to_json(), end='') if arguments.json else print(result)
     if out is not None:
+        result.save_json(out / DOCUMENT)
         page = result.report(out)
         if not arguments.json:
             print(f'Written: {out / DOCUMENT}, {page}')

@@ -130,18 +130,19 @@ def _numbers(flag: str, text: str | None) -> tuple[int, ...] | None:
 
 
 def _show(result: OptimiseResult, arguments: argparse.Namespace, out: Path | None) -> None:
-    if out is not None:
-        result.save_json(out / DOCUMENT)
-        result.save_csv(out / POINTS)
+    """Print the result, and then save it: it is not lost if the disk is full."""
     if arguments.json:
         sys.stdout.write(result.to_json())
-        if out is not None:
-            result.report(out)
+    else:
+        console = make_console()
+        show_table(console, candidate_table(result))
+        show_table(console, factor_table(result))
+        for note in result.notes:
+            console.print(note, markup=False, highlight=False)
+    if out is None:
         return
-    console = make_console()
-    show_table(console, candidate_table(result))
-    show_table(console, factor_table(result))
-    for note in result.notes:
-        console.print(note, markup=False, highlight=False)
-    if out is not None:
-        print(f'Written: {out / DOCUMENT}, {out / POINTS}, {result.report(out)}')
+    result.save_json(out / DOCUMENT)
+    result.save_csv(out / POINTS)
+    page = result.report(out)
+    if not arguments.json:
+        print(f'Written: {out / DOCUMENT}, {out / POINTS}, {page}')

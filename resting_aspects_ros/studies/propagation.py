@@ -22,10 +22,12 @@ from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, HeightOf
 from resting_aspects_ros.simulation.run_description import DEFAULT_SEED, MAX_SEED
 from resting_aspects_ros.simulation.surfaces import MIN_SAMPLES
+from resting_aspects_ros.studies.action_points import check_action_point
 from resting_aspects_ros.studies.calibration.result import CalibrationResult
 from resting_aspects_ros.studies.point_plans import OTHER
 from resting_aspects_ros.studies.point_runs import drop_points
 from resting_aspects_ros.studies.propagated_result import PropagatedResult
+from resting_aspects_ros.studies.setting import Setting
 
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.int64]
@@ -126,7 +128,8 @@ def propagate(
     Raises
     ------
     InvalidValueError
-        The surface has no uncertainty, or a value is out of bounds.
+        The surface has no uncertainty, a value is out of bounds, or the part cannot be dropped
+        under one of the samples.
     """
     if not isinstance(surface, UncertainSurface):
         surface = uncertain_surface(surface)
@@ -143,6 +146,8 @@ def propagate(
     each = drops // samples
     landscape = Landscape(part)
     aspects = find_aspects(part, landscape)
+    for point in points:
+        check_action_point(part, Setting(point), landscape, aspects)
     counts = np.zeros((samples, len(aspects)), dtype=np.int64)
     other = np.zeros((samples, len(OTHER)), dtype=np.int64)
     made = np.zeros(samples, dtype=np.int64)
@@ -160,8 +165,6 @@ def propagate(
                 stopped=stopped,
                 landscape=landscape,
             )
-            if found.skipped:
-                raise InvalidValueError(next(iter(found.skipped.values())))
             counts[rows], other[rows], made[rows] = found.counts, found.other, found.drops
     complete = made == each
     return _result(part, aspects, surface, points, counts, other, complete, each, seed, confidence)

@@ -6,8 +6,9 @@ import json
 import pytest
 
 import resting_aspects_ros as ra
+from resting_aspects_ros.api.output_files import OutputError
 from resting_aspects_ros.core.errors import EngineError
-from resting_aspects_ros.studies import optimisation
+from resting_aspects_ros.studies import optimisation, optimise_result
 from resting_aspects_ros.studies.optimum_problem import DEFAULT_DROPS, DEFAULT_POINTS
 
 FEW = ('--points', 4, '--drops', 10, '--budget', 100, '--workers', 2)
@@ -56,6 +57,17 @@ def test_failure_of_the_workers_keeps_the_result(run, monkeypatch):
     assert ended.returncode == 1
     assert 'is that of the surrogate' in ' '.join(ended.stdout.split())
     assert 'died in a row; the result has 70 of 100 drops' in ended.stderr
+
+
+def test_full_disk_does_not_lose_the_result(run, monkeypatch):
+    def full(*_):
+        raise OutputError('optimum.json cannot be written: No space left on device')
+
+    monkeypatch.setattr(optimise_result.OptimiseResult, 'save_json', full)
+    ended = run(*WORDS, '--wanted', '1', '--out', 'o', '--json')
+    assert ended.returncode == 1
+    assert 'No space left on device' in ended.stderr
+    assert json.loads(ended.stdout)['complete']
 
 
 def test_interrupted_search_shows_what_is_known(run, monkeypatch):

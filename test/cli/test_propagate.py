@@ -6,10 +6,11 @@ import json
 import pytest
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
-from resting_aspects_ros.cli.main import DONE, WRONG_INPUT
+from resting_aspects_ros.api.output_files import OutputError
+from resting_aspects_ros.cli.main import DONE, FAILED, WRONG_INPUT
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.simulation.surfaces import Surfaces
-from resting_aspects_ros.studies import propagation
+from resting_aspects_ros.studies import propagated_result, propagation
 
 DRAWS = [{'friction': 0.1 + 0.05 * k, 'restitution': 0.6 - 0.05 * k} for k in range(8)]
 FEW = ['--drops', '16', '--workers', '1']
@@ -54,6 +55,17 @@ def test_named_surface_has_its_own_uncertainty(run, calibration, monkeypatch):
     named, given = run(*words, '--surface', 'oak_table'), run(*words, calibration)
     assert named.returncode == given.returncode == DONE, named.stderr
     assert named.stdout == given.stdout
+
+
+def test_full_disk_does_not_lose_the_result(run, calibration, monkeypatch):
+    def full(*_):
+        raise OutputError('propagated.json cannot be written: No space left on device')
+
+    monkeypatch.setattr(propagated_result.PropagatedResult, 'save_json', full)
+    ended = run('drop', 'tetrahedron', '--propagate', calibration, *FEW, '--out', 'o', '--json')
+    assert ended.returncode == FAILED
+    assert 'No space left on device' in ended.stderr
+    assert json.loads(ended.stdout)['drops'] == 16
 
 
 @pytest.mark.parametrize(

@@ -162,6 +162,15 @@ def test_spread_of_two_heights_is_found(part, here):
     assert result.sentence().startswith('Not knowing the surface')
 
 
+def test_impossible_sample_is_refused_before_the_first_drop(part, here):
+    base = shipped_surfaces().get().changed(height_of=1)  # centre of mass
+    workers = here()
+    draws = ({'height': 0.001},) + ({'height': 0.3},) * 7
+    with pytest.raises(ra.InvalidValueError, match='height'):
+        ra.propagate(part, UncertainSurface(base, draws), 80, samples=8, workers=workers)
+    assert workers.submitted == []
+
+
 def test_results_state_drops_in_no_aspect(part):
     result = made_result(part, np.full(8, 0.4), 100, np.random.default_rng(7))
     counts, other = (

@@ -128,6 +128,45 @@ def test_full_disk_loses_no_finished_point(tmp_path, monkeypatch):
         assert (store.done('a'), store.done('b')) == (2, 0)
 
 
+def test_study_continues_after_a_full_disk(tmp_path, here, whole, monkeypatch):
+    written, fsync = [], point_store.os.fsync
+
+    def full(file):
+        if len(written) == 3:
+            raise OSError(errno.ENOSPC, 'No space left on device')
+        written.append(file)
+        fsync(file)
+
+    monkeypatch.setattr(point_store.os, 'fsync', full)
+    with pytest.raises(OutputError, match='the same command continues the study'):
+        run_study(spec(), tmp_path, workers=here())
+    monkeypatch.undo()
+    assert len((tmp_path / STORE).read_text().splitlines()) == 3  # versions and two points
+    workers = here()
+    assert table(run_study(spec(), tmp_path, workers=workers)) == whole
+    assert len(workers.submitted) == 4  # two chunks for each of the two other points
+
+
+def test_worker_of_another_version_costs_no_finished_point(tmp_path, here, whole):
+    """`chunks` refuses the drops of such a worker with an EngineError; see test_dask_workers."""
+    workers = here()
+    result, answers = workers.result, []
+
+    def refusing(future):
+        if len(answers) == 4:
+            raise EngineError('a worker has numpy 1.0, expected 2.0')
+        answers.append(future)
+        return result(future)
+
+    workers.result = refusing
+    with pytest.raises(EngineError, match=r'expected 2\.0'):
+        run_study(spec(), tmp_path, workers=workers)
+    assert len((tmp_path / STORE).read_text().splitlines()) > 1
+    rest = here()
+    assert table(run_study(spec(), tmp_path, workers=rest)) == whole
+    assert len(rest.submitted) < 8
+
+
 def test_file_that_is_no_store_is_refused(tmp_path):
     (tmp_path / STORE).write_text('{"x": 1}\n')
     with pytest.raises(InvalidValueError, match='expected points of a study'):

@@ -13,7 +13,7 @@ from resting_aspects_ros.api.output_files import whole_file
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.plan import ENGINE, ENGINE_VERSION
+from resting_aspects_ros.simulation.dask_workers import worker_versions
 from resting_aspects_ros.studies.point_plans import point_key
 from resting_aspects_ros.studies.point_runs import drop_points
 from resting_aspects_ros.studies.setting import Setting
@@ -50,7 +50,8 @@ class SimulatedDrops:
         self._progress = progress
         self._file = file
         self._known: dict[str, list[int]] = {}
-        self._label = f'{ENGINE} {ENGINE_VERSION}, seed {seed}'
+        versions = ', '.join(f'{name} {each}' for name, each in worker_versions().items())
+        self._label = f'{versions}, seed {seed}'
         self.made = 0
         if file is not None:
             self._known = _read(file, self._label)
@@ -86,7 +87,7 @@ class SimulatedDrops:
 
 
 def _read(file: Path, label: str) -> dict[str, list[int]]:
-    """Return the counts in a file; none if it cannot be read or is of another engine or seed."""
+    """Return the counts in a file; none if it cannot be read or is of other versions or seeds."""
     found: dict[str, Any] = {}
     with suppress(OSError, ValueError, AttributeError):
         document = json.loads(file.read_text(encoding='utf-8'))

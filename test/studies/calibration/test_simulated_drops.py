@@ -1,10 +1,13 @@
 """Simulated drops are kept, even if the work is broken off."""
 
+import errno
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from resting_aspects_ros.api.output_files import OutputError
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.studies.calibration import simulated_drops
 from resting_aspects_ros.studies.calibration.simulated_drops import BATCH, SimulatedDrops
@@ -63,6 +66,36 @@ def test_drops_of_another_seed_or_number_are_not_taken(simulated, part, surfaces
     SimulatedDrops(None, 1, file=file).counts(part('tetrahedron'), points, DROPS + 1)
     SimulatedDrops(None, 2, file=file).counts(part('tetrahedron'), points, DROPS)
     assert len(simulated.points) == 3
+
+
+def test_drops_of_other_versions_are_not_taken(simulated, part, surfaces, tmp_path, monkeypatch):
+    file, points = tmp_path / 'drops.json', [surfaces.get()]
+    SimulatedDrops(None, 1, file=file).counts(part('tetrahedron'), points, DROPS)
+    monkeypatch.setattr(simulated_drops, 'worker_versions', lambda: {'numpy': '1.0'})
+    SimulatedDrops(None, 1, file=file).counts(part('tetrahedron'), points, DROPS)
+    assert len(simulated.points) == 2
+
+
+def test_full_disk_keeps_the_drops_that_are_saved(
+    simulated, part, surfaces, tmp_path, monkeypatch
+):
+    file = tmp_path / 'drops.json'
+    points = [surfaces.get().changed(friction=(k + 1) / 100) for k in range(2 * BATCH)]
+    write, texts = Path.write_text, []
+
+    def full(path, text, **options):
+        if texts:
+            write(path, text[:20], **options)
+            raise OSError(errno.ENOSPC, 'No space left on device')
+        texts.append(text)
+        write(path, text, **options)
+
+    monkeypatch.setattr(Path, 'write_text', full)
+    with pytest.raises(OutputError, match='No space left on device'):
+        SimulatedDrops(None, 1, file=file).counts(part('tetrahedron'), points, DROPS)
+    monkeypatch.undo()
+    assert file.read_text(encoding='utf-8') == texts[0]
+    assert len(json.loads(texts[0])['counts']) == BATCH
 
 
 @pytest.mark.parametrize('text', ['', '{', '[]', '{"counts": {}}', 'null'])
