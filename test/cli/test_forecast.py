@@ -28,8 +28,8 @@ def test_sentence_comes_first_and_the_table_fits(saved):
     assert 'parts per minute (' in lines[0]
     assert lines[0].endswith('; the robot limits')
     assert lines[1:3] == [
-        'For robot 1.2 s, feeder motion 0.6 s, settling 0.6 s, image 0.2 s, tray 200 x 200 ',
-        'mm, clearance 5 mm.',
+        'For robot 1.2 s, feeder motion 0.6 s, settling 0.6 s, image 0.2 s, tray 200 x ',
+        '200 mm, clearance 5 mm.',
     ]
     assert max(len(line) for line in lines if 'Written' not in line) <= 80
 

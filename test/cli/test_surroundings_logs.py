@@ -122,7 +122,7 @@ def test_other_commands_name_the_surroundings_of_a_log(chute_log, block_log, cap
     assert code == 0, errors
     words = ' '.join(text.split())
     assert 'in a chute (roll 45 deg, pitch 0 deg)' in words
-    assert 'in mesh (block.obj' in words
+    assert 'on a mesh (block.obj' in words
     code, text = run_main(capsys, 'estimate', 'l_bracket', '--against', chute_log[0])
     assert code == 0
     assert 'No method is recommended: all of them assume an infinite level plane' in ' '.join(
