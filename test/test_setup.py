@@ -108,6 +108,9 @@ STEPS = {
 class Folder:
     """A folder with the Makefile of this project and the files that its steps depend on."""
 
+    # Nothing of the make that runs the tests, whose variables would replace those given here.
+    environment = {'PATH': os.environ['PATH'], 'PYTHON': './python'}
+
     def __init__(self, path):
         self.path = path
         (path / 'tools').mkdir(parents=True)
@@ -131,7 +134,7 @@ class Folder:
         ended = subprocess.run(
             ['make', target, *given],
             cwd=self.path,
-            env={'PATH': os.environ['PATH'], 'PYTHON': './python'} | variables,
+            env=self.environment | variables,
             capture_output=True,
             text=True,
             check=False,
@@ -253,10 +256,14 @@ def test_busy_processes_end_with_the_tests(folder, end):
 
     put_program(folder.path / '.venv' / 'bin' / 'python', 'echo run >> runs; read end; exit $end')
     make = subprocess.Popen(
-        ['make', 'test-under-load'], cwd=folder.path, stdin=subprocess.PIPE, start_new_session=True
+        ['make', 'test-under-load'],
+        cwd=folder.path,
+        env=folder.environment,
+        stdin=subprocess.PIPE,
+        start_new_session=True,
     )
     runs = folder.path / 'runs'
-    wait_for(lambda: runs.exists() and runs.read_text())
+    wait_for(lambda: make.poll() is not None or (runs.exists() and runs.read_text()))
     assert busy() == 6 + 1  # and their parent
     if end == 'Ctrl-C':
         os.killpg(make.pid, signal.SIGINT)

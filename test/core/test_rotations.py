@@ -1,5 +1,7 @@
 """Rotations held to scipy's, to explicit matrices, and to what Haar uniformity means."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import example, given
@@ -160,7 +162,8 @@ def test_random_orientations_depend_only_on_the_generator():
 def test_shortest_rotation_between_two_directions(monkeypatch, broken, one, other):
     """Broken: SciPy before 1.13 does not turn a vector into its opposite."""
     if broken:
-        monkeypatch.setattr(Rotation, 'align_vectors', lambda *_: (Rotation.identity(), 0.0))
+        unchanged = SimpleNamespace(align_vectors=lambda *_: (Rotation.identity(), 0.0))
+        monkeypatch.setattr('scipy.spatial.transform.Rotation', unchanged)
     one, other = np.array(one, dtype=float), np.array(other, dtype=float)
     turn = Rotation.from_quat(rotation_between(one, other))
     np.testing.assert_allclose(turn.apply(one), other, atol=1e-12)
