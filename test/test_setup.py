@@ -108,11 +108,10 @@ STEPS = {
 class Folder:
     """A folder with the Makefile of this project and the files that its steps depend on."""
 
-    # Nothing of the make that runs the tests, whose variables would replace those given here.
-    environment = {'PATH': os.environ['PATH'], 'PYTHON': './python'}
-
     def __init__(self, path):
         self.path = path
+        # Nothing of the make that runs the tests, whose variables would replace those given here.
+        self.environment = {'PATH': os.environ['PATH'], 'PYTHON': './python'}
         (path / 'tools').mkdir(parents=True)
         for name in ('Makefile', 'tools/make_venv', 'tools/find_python'):
             shutil.copy(ROOT / name, path / name)
