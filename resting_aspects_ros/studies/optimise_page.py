@@ -22,7 +22,12 @@ from resting_aspects_ros.report.posed_part import draw_parts, pose_parts
 from resting_aspects_ros.studies.optimise_result import OptimiseResult
 from resting_aspects_ros.studies.optimise_tables import candidate_table, factor_table
 from resting_aspects_ros.studies.page_parts import PIXELS
-from resting_aspects_ros.studies.study_figures import MAX_COLUMNS, PANEL_HEIGHT, PANEL_WIDTH
+from resting_aspects_ros.studies.study_figures import (
+    MAX_COLUMNS,
+    PANEL_HEIGHT,
+    PANEL_WIDTH,
+    factor_axis,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -111,11 +116,9 @@ def curves_figure(result: OptimiseResult) -> 'Figure':
         best = float(factor.values(result.profile.best[k : k + 1])[0])
         axes.axvline(best, color=TEXT, linewidth=1, linestyle='--')
         plain_axes(axes, 'y')
-        if factor.logarithmic:
-            axes.set_xscale('log')
+        factor_axis(axes, factor)
         axes.set_ylim(max(0.0, low - 0.05 * (top - low)), top + 0.05 * (top - low))
         _objective_axis(axes, result, k % columns == 0)
-        axes.set_xlabel(factor.title, size=8.5, color=TEXT, labelpad=4)
     figure.tight_layout()
     return figure
 
@@ -134,12 +137,8 @@ def map_figure(result: OptimiseResult) -> 'Figure':
         float(result.factors[k].values(result.profile.best[k : k + 1])[0]) for k in found.factors
     ]
     axes.plot(best[1], best[0], 'o', color='white', markeredgecolor=TEXT, ms=9, clip_on=False)
-    if columns.logarithmic:
-        axes.set_xscale('log')
-    if rows.logarithmic:
-        axes.set_yscale('log')
-    axes.set_xlabel(columns.title, size=8.5, color=TEXT)
-    axes.set_ylabel(rows.title, size=8.5, color=TEXT)
+    factor_axis(axes, columns, 'x')
+    factor_axis(axes, rows, 'y')
     bar = figure.colorbar(filled)
     for each in (axes, bar.ax):
         each.tick_params(length=0, labelsize=8, labelcolor=FAINT)

@@ -1,7 +1,7 @@
 """Figures of a study: shares and entropy over each factor, and Sobol indices."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -70,10 +70,11 @@ def effects_figure(
         upper.set_ylim(0, top)
         lower.set_ylim(*bit_range)
         for axes in (upper, lower):
-            _factor_axis(axes, factor)
+            plain_axes(axes, 'y')
+            factor_axis(axes, factor)
         percent_axis(upper, 'y', top)
         upper.tick_params(labelbottom=False)
-        lower.set_xlabel(factor.title, size=8.5, color=TEXT, labelpad=4)
+        upper.set_xlabel('')
         if column == 0:
             upper.set_ylabel('probability', size=8.5, color=TEXT)
             lower.set_ylabel('entropy (bit)', size=8.5, color=TEXT)
@@ -117,16 +118,20 @@ def indices_figure(case: StudyCase, effects: Effects, factors: Sequence[Factor])
     return figure
 
 
-def _factor_axis(axes: 'Axes', factor: Factor) -> None:
+def factor_axis(axes: 'Axes', factor: Factor, name: Literal['x', 'y'] = 'x') -> None:
+    """Set the label, the scale, the limits and the ticks of an axis, 'x' or 'y', of a factor."""
     from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
-    plain_axes(axes, 'y')
+    axis = getattr(axes, f'{name}axis')
     if factor.logarithmic:
-        axes.set_xscale('log')
-        if factor.high / factor.low >= 8:
-            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.xaxis.set_minor_formatter(NullFormatter())
+        getattr(axes, f'set_{name}scale')('log')
+        # Over less than three octaves, decades have too few ticks.
+        steps = (1.0, 2.0, 5.0) if factor.high / factor.low >= 8 else (1.0, 2.0, 3.0, 5.0, 7.0)
+        axis.set_major_locator(LogLocator(subs=steps))
+        axis.set_minor_formatter(NullFormatter())
+        axis.set_tick_params(which='minor', length=0)
     else:
-        axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
-    axes.xaxis.set_major_formatter(lambda value, _: f'{value:g}')
-    axes.set_xlim(factor.low, factor.high)
+        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
+    axis.set_major_formatter(lambda value, _: f'{value:g}')
+    getattr(axes, f'set_{name}lim')(factor.low, factor.high)
+    getattr(axes, f'set_{name}label')(factor.title, size=8.5, color=TEXT, labelpad=4)

@@ -132,7 +132,8 @@ class _Run:
         tasks = {(j, task.index): task for j, p in enumerate(self.parts) for task in p.tasks()}
         owners = {id(task): key for key, task in tasks.items()}
         total = sum(task.end - task.first for task in tasks.values())
-        label = f'{len(tasks)} of {sum(len(p.settings) for p in self.parts)} points'
+        all_points = len(tasks) == sum(len(p.settings) for p in self.parts)
+        label = f'{len(tasks)} {"" if all_points else "missing "}points'
         with DropProgress(label, total, shown=progress and total > 0) as bar:
             try:
                 run_points(
