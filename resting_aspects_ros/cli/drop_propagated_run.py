@@ -81,7 +81,7 @@ def drop_propagated_and_show(
 def _check_flags(arguments: argparse.Namespace) -> None:
     """Raise InvalidValueError for flags that cannot be combined with --propagate."""
     if arguments.part is None:
-        raise InvalidValueError('missing part: expected a name or a mesh file')
+        raise InvalidValueError('missing part: expected a name or a mesh file before --propagate')
     for name in REFUSED:
         if getattr(arguments, name, None) not in (None, False, ''):
             raise InvalidValueError(f'invalid {flag_of(name)}: expected only without --propagate')

@@ -85,3 +85,7 @@ def test_wrong_input_is_one_line(run, calibration, words, message):
     assert ended.returncode == WRONG_INPUT
     (line,) = ended.stderr.splitlines()
     assert message in line
+
+
+def test_part_stands_before_the_flag(refused):
+    assert refused('drop', '--propagate', 'l_bracket').endswith('before --propagate')
