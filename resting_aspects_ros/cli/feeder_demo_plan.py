@@ -24,6 +24,9 @@ from resting_aspects_ros.core.vision.tray_image import TrayCamera
 # Of the camera.
 PX_PER_MM = 5.0
 MAX_MINUTES = 10_000
+# Of the picks: feeder_controller, drop_recorder and the command. The run begins when all of them
+# are connected, so that each of them receives all picks, however busy the machine is.
+SUBSCRIBERS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +98,7 @@ class PlannedDemo:
             'px_per_mm': PX_PER_MM,
             'seed': self.seed,
             'evidence': True,
+            'subscribers': SUBSCRIBERS,
             'speed': 1.0 if self.real_time else 0.0,
         }
         simulated = ['-p', 'use_sim_time:=true', '-r', f'/clock:={clock}']

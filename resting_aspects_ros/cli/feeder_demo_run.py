@@ -29,7 +29,7 @@ from resting_aspects_ros.report.tray_picture import DrawnPart, save_tray_picture
 if TYPE_CHECKING:
     from resting_aspects_ros.client.feeder_watch import FeederWatch, Moment
 
-# Maximum time for the drops and for the flips, s; on a busy machine the nodes start slowly.
+# Maximum time for the drops and for the flips, s.
 TIMEOUT = 3600.0
 # For messages of the last cycle that are still on their way, s.
 REST = 0.3
@@ -73,6 +73,7 @@ class FeederDemo:
                 self._check()
                 processes.check()
 
+            processes.wait_until_ready(check)
             self._forecast = self._ask(namespace, check)
             _say(f'Forecast {controlled_text(self._forecast)}.')
             self._follow(namespace, check)

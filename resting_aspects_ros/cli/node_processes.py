@@ -5,13 +5,15 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
 from resting_aspects_ros.core.errors import RestingAspectsError
 
+# Time for a node to start, s: they import for 10 s and more on a busy machine.
+START_TIMEOUT, START_PERIOD = 600.0, 0.1
 STOP_TIMEOUT = 10.0  # s, for a node to end in order
 
 
@@ -40,6 +42,22 @@ class NodeProcesses:
                 # Ctrl-C reaches only this process, which then stops the nodes in order.
                 start_new_session=True,
             )
+
+    def wait_until_ready(self, check: Callable[[], None]) -> None:
+        """Wait until each node has logged that it is ready; raises RestingAspectsError.
+
+        check : called often; an exception that it raises ends the wait
+        """
+        end = time.monotonic() + START_TIMEOUT
+        for node in self._running:
+            log = log_of(self._folder, node)
+            while b': ready' not in log.read_bytes():
+                check()
+                if time.monotonic() > end:
+                    raise RestingAspectsError(
+                        f'{node} is not ready after {START_TIMEOUT:g} s: see {str(log)!r}'
+                    )
+                time.sleep(START_PERIOD)
 
     def check(self) -> None:
         """Raise RestingAspectsError if a node has ended."""

@@ -81,10 +81,11 @@ class FeederWatch:
         self._clock, self._clock_changed = 0, time.monotonic()
         # An intermediate result would be lost with a queue that is too short.
         node.create_subscription(DetectionArray, DETECTIONS, self._on_detections, MANY)
-        node.create_subscription(PickResult, PICK_RESULT, self._on_result, MANY)
         node.create_subscription(FeederAdvice, self._topic, self._on_advice, ALL_LATCHED)
         node.create_subscription(Image, IMAGE, self._on_image, MANY)
         node.create_subscription(Clock, 'clock', self._on_clock, QoSProfile(depth=1))
+        # camera_simulator can wait for this subscription, so it is the last one.
+        node.create_subscription(PickResult, PICK_RESULT, self._on_result, MANY)
 
     @property
     def minutes(self) -> float:
@@ -132,7 +133,9 @@ class FeederWatch:
             self._clock, self._clock_changed = now, time.monotonic()
 
     def _on_image(self, message: Image) -> None:
-        self._images[nanoseconds(message.header.stamp)] = message
+        stamp = nanoseconds(message.header.stamp)
+        self._begin = min(self._begin or stamp, stamp)
+        self._images[stamp] = message
         while len(self._images) > 3:
             del self._images[next(iter(self._images))]
 

@@ -13,9 +13,10 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image as ImageMsg
 from std_msgs.msg import Header
 
-from resting_aspects_ros.cli import feeder_display
+from resting_aspects_ros.cli import feeder_display, node_processes
 from resting_aspects_ros.cli.feeder_display import check_silence
 from resting_aspects_ros.cli.main import main
+from resting_aspects_ros.cli.node_processes import NodeProcesses, log_of
 from resting_aspects_ros.client.feeder_watch import FeederWatch
 from resting_aspects_ros.core.errors import RestingAspectsError
 
@@ -107,6 +108,40 @@ def test_only_actions_that_happened_are_counted():
     assert (fields['supplied'], fields['picks'], fields['missed']) == (9, 2, 1)
 
 
+def test_time_begins_with_the_first_image_of_the_camera():
+    cell = Watched()
+    cell.image(10)
+    cell.result(20, PickResult.PICKED, 1)  # the detections of the first image were lost
+    cell.seen(2, 30)
+    assert cell.watch.minutes == pytest.approx(20 / 60)
+    assert cell.watch.picks == 1
+
+
+def test_nodes_are_waited_for_until_they_are_ready(tmp_path):
+    nodes = NodeProcesses(tmp_path)
+    nodes._running = {'slow': None, 'other': None}
+    log_of(tmp_path, 'other').write_text('[INFO] [1.0] [other]: ready: 6 parts\n')
+    log_of(tmp_path, 'slow').touch()
+    checks = []
+
+    def check():
+        checks.append(len(checks))
+        if len(checks) == 2:
+            log_of(tmp_path, 'slow').write_text('[INFO] [1.0] [slow]: ready\n')
+
+    nodes.wait_until_ready(check)
+    assert len(checks) == 2
+
+
+def test_node_that_is_never_ready_is_an_error(tmp_path, monkeypatch):
+    monkeypatch.setattr(node_processes, 'START_TIMEOUT', 0.0)
+    nodes = NodeProcesses(tmp_path)
+    nodes._running = {'slow': None}
+    log_of(tmp_path, 'slow').write_text('[WARN] already here\n')
+    with pytest.raises(RestingAspectsError, match=r'slow is not ready after 0 s: see .*slow\.log'):
+        nodes.wait_until_ready(lambda: None)
+
+
 def test_demo_without_progress_names_the_silent_node(tmp_path, monkeypatch):
     cell = Watched()
     check_silence(cell.watch, tmp_path)
@@ -157,6 +192,12 @@ def test_demo_compares_a_run_with_its_forecast(begin, tmp_path):
     layout = (tmp_path / 'foxglove.json').read_text()
     assert f'/feeder_demo_{demo.pid}/feeder_advice/l_bracket' in layout
     assert not processes_of(demo.pid)
+    # The run depends on the seed only, not on how fast the processes start and work.
+    again, _ = begin('feeder_demo', '--minutes', '1.5', '--json', '--out', tmp_path).communicate()
+    found['run'].pop('real_seconds')
+    repeated = json.loads(again)
+    repeated['run'].pop('real_seconds')
+    assert repeated == found
 
 
 @pytest.mark.slow

@@ -21,7 +21,7 @@ from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.cli.feeder_demo_layout import foxglove_layout
 from resting_aspects_ros.core.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.core.vision.tray_image import TrayCamera
-from resting_aspects_ros.nodes.camera_simulator.messages import camera_info_msg
+from resting_aspects_ros.nodes.camera_simulator.messages import camera_info_msg, missing_text
 from resting_aspects_ros.nodes.camera_simulator.node import IMAGES
 from resting_aspects_ros.nodes.camera_simulator.truth import Truth
 from resting_aspects_ros.nodes.feeder_controller.model import FedPart, read_fed_part
@@ -198,6 +198,13 @@ def test_images_are_read_with_padding_of_their_rows(encoding):
     rows = np.pad(pixels.reshape(2, -1), ((0, 0), (0, 5)), constant_values=77)
     message = Image(height=2, width=3, step=rows.shape[1], encoding=encoding, data=rows.tobytes())
     assert grey_image(message).tolist() == [[0, 0, 0], [0, 0, 200]]
+
+
+def test_run_begins_when_all_subscribers_are_connected():
+    output = Mock(topic='/cell/pick_result', get_subscription_count=lambda: 2)
+    assert not missing_text(output, 0)
+    assert not missing_text(output, 2)
+    assert missing_text(output, 3) == 'waiting for 3 subscribers of /cell/pick_result: 2'
 
 
 def test_model_is_kept_if_the_same_part_is_offered_again(part):

@@ -14,7 +14,7 @@ from resting_aspects_ros.simulation.interruption import Interruption
 
 PART, DROPS, SEED = 'l_bracket', 1000, 1
 NODES = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
-# Maximum time for the drops, s; on a busy machine the nodes start slowly.
+# Maximum time for the drops, s.
 TIMEOUT = 600.0
 LOG_TIMEOUT = 20.0  # s
 LOG_PERIOD = 0.1  # s
@@ -69,6 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
             stop.check()
             processes.check()
 
+        processes.wait_until_ready(check)
         log = _ask(namespace, logs, check)
         print(f'Log:    {log}', flush=True)
         stop.check()

@@ -3,6 +3,7 @@
 import array
 
 import numpy as np
+from rclpy.publisher import Publisher
 from resting_aspects_interfaces.msg import Detection
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
@@ -45,6 +46,12 @@ def seen_centre(detection: Detection, outline: Outline) -> tuple[float, float]:
     cos, sin = np.cos(detection.yaw), np.sin(detection.yaw)
     x, y = outline.centroid
     return float(detection.x + cos * x - sin * y), float(detection.y + sin * x + cos * y)
+
+
+def missing_text(output: Publisher, least: int) -> str:
+    """Return what a publisher waits for until it has at least so many subscribers, or ''."""
+    found = output.get_subscription_count()
+    return '' if found >= least else f'waiting for {least} subscribers of {output.topic}: {found}'
 
 
 def feeder_values(feeder: VirtualFeeder) -> dict[str, object]:

@@ -12,6 +12,12 @@ PARAMETERS = (
     Parameter(
         'evidence', False, 'whether to begin only when complete runs of drops and flips are known'
     ),
+    Parameter(
+        'subscribers',
+        0,
+        'number of subscribers of pick_result for which it waits before it begins',
+        (0, 100),
+    ),
     Parameter('seed', 1, 'the same seed and advice give the same images', (0, 1_000_000)),
     FRAME_ID,
 )

@@ -54,6 +54,11 @@ class PartEvidence:
         newest = self._drops, self._flips
         return all(message is not None and message.complete for message in newest)
 
+    @property
+    def counts(self) -> tuple[int, int]:
+        """Numbers of drops and of flips in the evidence; 0 without a part."""
+        return (self.current.drop_count, self.current.flip_count) if self.current else (0, 0)
+
     def set_part(self, fed: FedPart) -> None:
         """Begin again with the estimate of a part, and what is known of it.
 
@@ -93,7 +98,7 @@ class PartEvidence:
     def use(self) -> Evidence:
         """Return the evidence for a model."""
         assert self.current is not None
-        self._used = self.current.drop_count, self.current.flip_count
+        self._used = self.counts
         return self.current
 
     def share(self, evidence: Evidence) -> Interval:
@@ -140,7 +145,7 @@ class PartEvidence:
     def _is_new(self, complete: bool) -> bool:
         """Return whether the evidence differs enough from that of the model."""
         assert self.current is not None
-        now = self.current.drop_count, self.current.flip_count
+        now = self.counts
         if self._used is None or complete:
             return now != self._used
         return any(b >= GROWTH * a and b > a for a, b in zip(self._used, now, strict=True))

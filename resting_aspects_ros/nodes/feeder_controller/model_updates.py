@@ -110,7 +110,7 @@ class ModelUpdates:
     @property
     def is_complete(self) -> bool:
         """Whether complete runs of drops and of flips are behind the model."""
-        return all(self.counts) and self._known.is_complete
+        return all(self.counts) and self._known.is_complete and self._known.counts == self.counts
 
     @property
     def sentence(self) -> str:
