@@ -49,7 +49,7 @@ def seen_centre(detection: Detection, outline: Outline) -> tuple[float, float]:
 
 
 def missing_text(output: Publisher, least: int) -> str:
-    """Return what a publisher waits for until it has at least so many subscribers, or ''."""
+    """Return which subscribers of a publisher are missing, or an empty text."""
     found = output.get_subscription_count()
     return '' if found >= least else f'waiting for {least} subscribers of {output.topic}: {found}'
 
