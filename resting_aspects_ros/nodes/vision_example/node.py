@@ -69,8 +69,13 @@ class VisionExample(Node):
     async def _on_image(self, message: Image) -> None:
         if self._busy:
             return  # the image of a camera that is faster than the identification
-        if self._camera is None:
-            raise InvalidValueError(f'invalid camera: expected its matrix on {CAMERA_INFO} before')
+        if self._camera is None:  # the first image can overtake its camera_info
+            self.get_logger().warning(
+                f'ignored images: {self.resolve_topic_name(CAMERA_INFO)} has not arrived',
+                throttle_duration_sec=TIMEOUT,
+                skip_first=True,
+            )
+            return
         if not self._identify.service_is_ready():  # a request would be lost
             raise RestingAspectsError(f'{IDENTIFY_PART} is not available: start the suite')
         self._busy, answers = True, []
