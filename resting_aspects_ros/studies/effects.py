@@ -134,7 +134,7 @@ def effects_of(case: StudyCase, points: Array, seed: int, confidence: float) -> 
     found = [_along(model, others, k, tails) for k in range(d)]
     return Effects(
         case.columns,
-        surrogate.form.text,
+        surrogate.text,
         surrogate.cross_validated_error,
         _explained(table, surrogate.cross_validated_error),
         [curve for curve, _ in found],

@@ -152,7 +152,7 @@ class Optimisation:
             complete='best' in counts,
             confidence=self._confidence,
             seed=search.seed,
-            surrogate=search.surrogate.form.text,
+            surrogate=search.surrogate.text,
             surrogate_error=search.surrogate.cross_validated_error,
             profile=profile_of(search, best_point, objective.sign, self._confidence),
         )

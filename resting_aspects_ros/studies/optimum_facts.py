@@ -9,8 +9,8 @@ from scipy.stats import chi2, f
 from resting_aspects_ros.studies.designs import sobol
 from resting_aspects_ros.studies.optimum_problem import Array, Counts
 from resting_aspects_ros.studies.optimum_search import OptimumSearch, Problem
-from resting_aspects_ros.studies.share_surrogate import Form
 from resting_aspects_ros.studies.softmax_fit import fit_softmax
+from resting_aspects_ros.studies.surrogate_form import Form
 
 # Steps along a factor for its flat range, and for its effect.
 FLAT_STEPS, EFFECT_STEPS = 101, 9

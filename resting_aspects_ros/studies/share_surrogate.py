@@ -1,30 +1,31 @@
 """A smooth model of the shares of the classes over conditions, fitted to drops at some points.
 
-The logits of the shares are a polynomial, or a polynomial and a Gaussian process. Which one is
-chosen by cross-validation. The drops at a point are multinomial, so that few drops at many points
-are as good as many drops at few points, and a class without drops at a point is no special case.
+The logits of the shares are a polynomial, or a linear function and a Gaussian process. Several
+forms are weighted by their evidence, so that the uncertainty of the form is part of that of the
+shares. The drops at a point are multinomial, so that few drops at many points are as good as many
+drops at few points, and a class without drops at a point is no special case.
 """
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
 
 import numpy as np
 import numpy.typing as npt
-from numpy.polynomial import legendre
-from scipy.special import log_softmax, softmax
+from scipy.special import softmax
 
 from resting_aspects_ros.core.errors import InvalidValueError, shown
-from resting_aspects_ros.studies.softmax_fit import Array, SoftmaxFit, fit_softmax
+from resting_aspects_ros.studies.softmax_fit import (
+    Array,
+    SoftmaxFit,
+    fit_softmax,
+    log_evidence,
+)
+from resting_aspects_ros.studies.surrogate_form import Form, possible_forms
 
 FOLDS = 8
-# Standard deviation of the prior of the mean logits, and of the weights of degree 1. Those of
-# degree d are smaller by d.
-PRIOR_MEAN, PRIOR_SLOPE = 10.0, 2.0
-# Number of corners of a Gaussian process; more would cost time and change little.
-MAX_CORNERS = 80
+# Forms of less than this weight are left out.
+MIN_WEIGHT = 0.02
 MAX_INFLATION = 100.0
 SIGNIFICANT = 1.0  # standard errors
 # Drops that are added to each class, divided among all points. Without any, the logit of a class
@@ -33,69 +34,44 @@ ADDED = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Form:
-    """A form of the logits over the unit cube.
+class WeightedFit:
+    """A form that was fitted to the drops, and its probability."""
 
-    degree : int
-        Total degree of the polynomial.
-    length : float
-        Correlation length of the Gaussian process; 0: only the polynomial.
-    size : float
-        Standard deviation of the Gaussian process.
-    corners : (c, d) float
-        Points at which the Gaussian process has its weights.
-    """
+    form: Form
+    fitted: SoftmaxFit
+    weight: float
 
-    degree: int
-    length: float = 0.0
-    size: float = 1.0
-    corners: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
+    def shares(self, points: Array) -> Array:
+        """Return the most probable shares (n, k) at points (n, d)."""
+        return np.asarray(softmax(self.fitted.logits(self.form.features(points)), axis=1))
 
-    @property
-    def text(self) -> str:
-        """Describe the form."""
-        text = f'polynomial of degree {self.degree}'
-        if not self.length:
-            return text
-        return f'{text} and a Gaussian process of length {self.length:g}, size {self.size:g}'
-
-    def features(self, points: Array) -> Array:
-        """Return the features (n, p) of points (n, d)."""
-        found = _polynomial(points, self.degree)
-        if not self.length:
-            return found
-        root = np.linalg.cholesky(
-            self._kernel(self.corners, self.corners) + 1e-6 * np.eye(len(self.corners))
-        )
-        process = np.linalg.solve(root, self._kernel(self.corners, points)).T
-        return np.hstack([found, process])
-
-    def precision(self, dimensions: int) -> Array:
-        """Return the precision (p,) of the prior of the weights."""
-        degrees = np.array([len(term) for term in _terms(dimensions, self.degree)], dtype=float)
-        found = np.where(degrees == 0, PRIOR_MEAN, PRIOR_SLOPE / np.maximum(degrees, 1)) ** -2.0
-        return np.concatenate([found, np.full(len(self.corners), self.size**-2.0)])
-
-    def _kernel(self, a: Array, b: Array) -> Array:
-        distance = ((a[:, None] - b[None]) ** 2).sum(axis=2)
-        return np.asarray(np.exp(-distance / (2 * self.length**2)))
+    def moments(self, points: Array) -> tuple[Array, Array]:
+        """Return the shares and their variances, each (n, k), to first order in the logits."""
+        features = self.form.features(points)
+        shares = np.asarray(softmax(self.fitted.logits(features), axis=1))
+        # The contrasts of the classes are orthonormal: the gradient of the share of a class has
+        # the length shares |e - shares|, where e is 1 for the class.
+        squares = (shares**2).sum(axis=1, keepdims=True) + 1 - 2 * shares
+        residual = self.form.residual(points)[:, None] * shares**2 * squares
+        return shares, np.asarray(self.fitted.share_variances(features) + residual)
 
 
 @dataclass(frozen=True, eq=False)
 class ShareSurrogate:
     """Shares of k classes over the unit cube, with their uncertainty.
 
+    fits : tuple of WeightedFit
+        In descending order of weight; the weights add up to 1.
     cross_validated_error : float
         Root mean square, over points and classes, of the difference between the share predicted
         without a point and the true share there: the variance of the drops of the point is
         subtracted. It is 0 if the drops alone explain the differences.
     inflation : float
         Factor of the variance of the draws. It is more than 1 if the cross-validated error is
-        larger than the uncertainty of the fit, because the form does not fit.
+        larger than the uncertainty that was stated for the points that were left out.
     """
 
-    form: Form
-    fitted: SoftmaxFit
+    fits: tuple[WeightedFit, ...]
     cross_validated_error: float
     inflation: float
 
@@ -103,7 +79,7 @@ class ShareSurrogate:
     def fit(
         cls, points: Array, counts: npt.ArrayLike, rng: np.random.Generator
     ) -> 'ShareSurrogate':
-        """Fit the shares to counts; the form is chosen by cross-validation.
+        """Fit the shares to counts.
 
         Parameters
         ----------
@@ -121,35 +97,43 @@ class ShareSurrogate:
         """
         points, table = _checked(points, counts)
         folds = rng.permutation(len(points)) % min(FOLDS, len(points))
-        best: tuple[float, Form, Array] | None = None
-        for form in _forms(points):
-            loss, predicted = _cross_validate(form, points, table, folds)
-            if best is None or loss < best[0]:
-                best = loss, form, predicted
-        assert best is not None
-        _, form, predicted = best
-        found = fit_softmax(form.features(points), _added(table), form.precision(points.shape[1]))
+        fits = _weighted(possible_forms(points, table.shape[1]), points, table)
+        predicted, variances = _cross_validate([each.form for each in fits], points, table, folds)
         error, noise = _net_variance(predicted, table)
-        plain = cls(form, found, math.sqrt(max(error, 0.0)), 1.0)
-        spread = float(plain.variances(points).mean())
         # Only what the noise of the drops does not explain.
         excess = error - SIGNIFICANT * noise
-        inflation = min(max(excess / max(spread, 1e-12), 1.0), MAX_INFLATION)
-        return dataclasses.replace(plain, inflation=inflation)
+        inflation = min(max(excess / max(float(variances.mean()), 1e-12), 1.0), MAX_INFLATION)
+        return cls(tuple(fits), math.sqrt(max(error, 0.0)), inflation)
+
+    @property
+    def text(self) -> str:
+        """Describe the form of the largest weight, and how many others have weight."""
+        others = len(self.fits) - 1
+        text = self.fits[0].form.text
+        return f'{text}; weighted with {others} other forms' if others else text
 
     def shares(self, points: Array) -> Array:
-        """Return the most probable shares (n, k) at points (n, d)."""
-        return np.asarray(softmax(self.fitted.logits(self.form.features(points)), axis=1))
+        """Return the mean shares (n, k) of the forms at points (n, d)."""
+        return np.asarray(sum(each.weight * each.shares(points) for each in self.fits))
 
     def variances(self, points: Array) -> Array:
         """Return the variances (n, k) of the shares at points (n, d)."""
-        return self.inflation * self.fitted.share_variances(self.form.features(points))
+        return self.inflation * _mixture(self.fits, points)[1]
 
     def draws(self, points: Array, rng: np.random.Generator, size: int) -> Array:
-        """Return shares (size, n, k) at points (n, d) of ``size`` functions that fit the drops."""
-        normal = rng.standard_normal((size, self.fitted.weights.size)) * math.sqrt(self.inflation)
-        logits = self.fitted.drawn_logits(self.form.features(points), normal)
-        return np.asarray(softmax(logits, axis=2))
+        """Return shares (size, n, k) at points (n, d) of ``size`` functions that fit the drops.
+
+        They are smooth: the residual of the form, far from all drops, is not among their
+        variances.
+        """
+        scale = math.sqrt(self.inflation)
+        numbers = rng.multinomial(size, [each.weight for each in self.fits])
+        found = []
+        for each, number in zip(self.fits, numbers, strict=True):
+            normal = scale * rng.standard_normal((number, each.fitted.weights.size))
+            logits = each.fitted.drawn_logits(each.form.features(points), normal)
+            found.append(softmax(logits, axis=2))
+        return np.concatenate(found)
 
 
 def _checked(points: Array, counts: npt.ArrayLike) -> tuple[Array, Array]:
@@ -169,33 +153,42 @@ def _checked(points: Array, counts: npt.ArrayLike) -> tuple[Array, Array]:
     return points[some], table[some]
 
 
-def _forms(points: Array) -> list[Form]:
-    """Return the forms that can be fitted to this number of points, the simplest first."""
-    count, dimensions = points.shape
-    degrees = [d for d in (1, 2, 3, 4) if len(_terms(dimensions, d)) <= count] or [1]
-    found = [Form(degree) for degree in degrees]
-    if count >= 4 * dimensions:
-        corners = np.unique(points, axis=0)
-        corners = corners[:: math.ceil(len(corners) / MAX_CORNERS)]
-        mean = min(2, degrees[-1])
-        scale = math.sqrt(dimensions)
-        found += [Form(mean, scale * length, 0.5, corners) for length in (0.25, 0.5)]
-    return found
+def _weighted(forms: Sequence[Form], points: Array, counts: Array) -> list[WeightedFit]:
+    """Return the forms that have weight, fitted to counts (m, k), in descending order of it."""
+    table = _added(counts)
+    found, evidence = [], []
+    for form in forms:
+        features, precision = form.features(points), form.precision(points.shape[1])
+        fitted = fit_softmax(features, table, precision)
+        found.append(fitted)
+        evidence.append(log_evidence(fitted, features, table, precision))
+    weights = softmax(evidence)
+    kept = [k for k in np.argsort(-weights) if weights[k] >= MIN_WEIGHT]
+    total = float(weights[kept].sum())
+    return [WeightedFit(forms[k], found[k], float(weights[k]) / total) for k in kept]
+
+
+def _mixture(fits: Sequence[WeightedFit], points: Array) -> tuple[Array, Array]:
+    """Return the mean shares of weighted forms and their variances, each (n, k)."""
+    weights = np.array([each.weight for each in fits])
+    shares, variances = (
+        np.stack(each) for each in zip(*(fit.moments(points) for fit in fits), strict=True)
+    )
+    mean = np.tensordot(weights, shares, 1)
+    return mean, np.tensordot(weights, variances + (shares - mean) ** 2, 1)
 
 
 def _cross_validate(
-    form: Form, points: Array, counts: Array, folds: npt.NDArray[np.int64]
-) -> tuple[float, Array]:
-    """Return the cross-validated loss, -log likelihood per drop, and the predicted shares."""
-    features, precision = form.features(points), form.precision(points.shape[1])
-    fitted = _added(counts)
-    start = fit_softmax(features, fitted, precision).weights
-    logs = np.empty_like(counts)
+    forms: Sequence[Form], points: Array, counts: Array, folds: npt.NDArray[np.int64]
+) -> tuple[Array, Array]:
+    """Return the shares (m, k) that are predicted without each fold, and their variances."""
+    predicted, variances = np.empty_like(counts), np.empty_like(counts)
     for fold in range(int(folds.max()) + 1):
         out = folds == fold
-        found = fit_softmax(features[~out], fitted[~out], precision, start)
-        logs[out] = log_softmax(found.logits(features[out]), axis=1)
-    return float(-(counts * logs).sum() / counts.sum()), np.exp(logs)
+        own = [form.without(points[out]) for form in forms]
+        fits = _weighted(own, points[~out], counts[~out])
+        predicted[out], variances[out] = _mixture(fits, points[out])
+    return predicted, variances
 
 
 def _added(counts: Array) -> Array:
@@ -217,27 +210,3 @@ def _net_variance(predicted: Array, counts: Array) -> tuple[float, float]:
     # are not independent.
     noise = math.sqrt(float((weights**2 * 2 * sampling.mean(axis=1) ** 2).sum()))
     return float(weights @ each), noise
-
-
-def _terms(dimensions: int, degree: int) -> list[tuple[int, ...]]:
-    """Return the monomials of a polynomial, each as the coordinates that are multiplied."""
-    return [
-        term
-        for total in range(degree + 1)
-        for term in combinations_with_replacement(range(dimensions), total)
-    ]
-
-
-def _polynomial(points: Array, degree: int) -> Array:
-    """Return products of Legendre polynomials (n, p), of unit mean square over the cube."""
-    scale = np.sqrt(2 * np.arange(degree + 1) + 1)
-    single: Array = np.asarray(legendre.legvander(2 * points - 1, degree) * scale, np.float64)
-    return np.stack([_product(single, term) for term in _terms(points.shape[1], degree)], axis=1)
-
-
-def _product(single: Array, term: Sequence[int]) -> Array:
-    """Return the product (n,) of polynomials (n, d, degree + 1) for one term."""
-    found = np.ones(len(single))
-    for axis in set(term):
-        found = found * single[:, axis, term.count(axis)]
-    return found

@@ -99,6 +99,16 @@ def fit_softmax(
     return SoftmaxFit(weights, np.triu(root))
 
 
+def log_evidence(found: SoftmaxFit, features: Array, counts: Array, precision: Array) -> float:
+    """Return the logarithm of the probability of the counts for all weights of the prior.
+
+    Laplace's approximation, up to a constant of the counts; the arguments are those of the fit.
+    """
+    value = _objective(found.weights, features, counts, precision, found.contrasts)
+    prior = found.weights.shape[1] * float(np.log(precision).sum()) / 2
+    return prior - value - float(np.log(np.abs(np.diag(found.precision_root))).sum())
+
+
 def _objective(
     weights: Array, features: Array, counts: Array, precision: Array, basis: Array
 ) -> float:

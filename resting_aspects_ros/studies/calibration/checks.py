@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.special import xlogy
 
 from resting_aspects_ros.studies.calibration.fit import Fit
-from resting_aspects_ros.studies.calibration.posterior import surrogate_rho
+from resting_aspects_ros.studies.calibration.posterior import Posterior, surrogate_rho
 
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.int64]
@@ -128,13 +128,22 @@ def _predictions(fit: Fit, weights: Sequence[Array], rng: np.random.Generator) -
         drawn = rng.choice(own.size, DRAWS, p=own.ravel() / own.sum())
         row, point = np.unravel_index(drawn, own.shape)
         model = _beta_like(shares[point], surrogate_rho(shares[point], variances[point]), rng)
-        observed = _beta_like(model, posterior.discrepancies[row] ** 2, rng)
+        observed = _beta_like(model, _own_discrepancies(posterior, row, rng) ** 2, rng)
         observed = rng.multinomial(part.drops, observed) / part.drops
         tail = (1 - CONFIDENCE) / 2
         low, high = np.quantile(model, [tail, 1 - tail], axis=0)
         wide_low, wide_high = np.quantile(observed, [tail, 1 - tail], axis=0)
         found.append(Prediction(part.shares, mean, low, high, wide_low, wide_high))
     return found
+
+
+def _own_discrepancies(
+    posterior: Posterior, row: npt.NDArray[np.int64], rng: np.random.Generator
+) -> Array:
+    """Return discrepancies (m,) of a part, drawn for rows (m,) of the common one."""
+    below = posterior.own.cumsum(axis=1)[row]
+    column = (rng.random((len(row), 1)) > below).sum(axis=1)
+    return posterior.discrepancies[np.minimum(column, len(posterior.discrepancies) - 1)]
 
 
 def _beta_like(shares: Array, rho: Array, rng: np.random.Generator) -> Array:

@@ -158,7 +158,7 @@ def _error(posterior: Posterior, k: int, part: CountedPart) -> float:
     weights = posterior.weights()
     shares, variances = posterior.shares[k], posterior.variances[k]
     of_points = weights.sum(axis=0)
-    rho = float(weights.sum(axis=1) @ posterior.discrepancies**2)
+    rho = float(weights.sum(axis=1) @ posterior.own @ posterior.discrepancies**2)
     of_counts = (shares * (1 - shares)).sum(axis=1) * (1 / part.drops + rho)
     ratio = float((of_points @ variances.sum(axis=1)) / (of_points @ of_counts))
     return float(np.sqrt(ratio))

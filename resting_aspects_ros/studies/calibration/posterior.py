@@ -3,7 +3,9 @@
 The counts of a part have a Dirichlet-multinomial distribution about the shares of the surrogate.
 Its excess variance has two sources: the discrepancy, because a real part is no rigid body and a
 hand is no release at random, and the uncertainty of the surrogate. With the discrepancy d, the
-standard deviation of a share p about its model is d sqrt(p (1 - p)), the same for all parts.
+standard deviation of a share p about its model is d sqrt(p (1 - p)). Each part has its own d,
+which varies about a common one like the scale of Student's t distribution. So a single part that
+deviates by far more than the others has little effect on the result.
 """
 
 import dataclasses
@@ -13,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaln, logsumexp, xlogy
+from scipy.stats import chi2
 
 from resting_aspects_ros.studies.designs import sobol
 from resting_aspects_ros.studies.share_surrogate import ShareSurrogate
@@ -45,6 +48,8 @@ DISCREPANCIES = np.array(
         0.3,
     ]
 )
+# Degrees of freedom of the distribution of the discrepancies of parts about the common one.
+FREEDOM = 4
 # Points over the ranges; more if too few of them fit the counts.
 GRID_SIDE = 180
 POINTS = 1 << 14
@@ -65,10 +70,12 @@ class Posterior:
     variances : tuple of (n, g) float
         Their variances, from the surrogate's uncertainty.
     log_likelihood : (p, r, n) float
-        Of each part, for each discrepancy.
+        Of each part, for each common discrepancy.
     discrepancies : (r,) float
     log_prior : (r,) float
-        Of the discrepancies.
+        Of the common discrepancy.
+    own : (r, r) float
+        Probability of the discrepancy of a part, for each common one.
     """
 
     points: Array
@@ -77,6 +84,7 @@ class Posterior:
     log_likelihood: Array
     discrepancies: Array
     log_prior: Array
+    own: Array
 
     def weights(self, without: int | None = None) -> Array:
         """Return the posterior (r, n) of discrepancy and point; ``without`` leaves out a part."""
@@ -121,7 +129,11 @@ def with_counts(posterior: Posterior, counts: Sequence[Counts]) -> Posterior:
     """Return the posterior of other counts of the same parts."""
     rows = [
         _log_likelihoods(
-            each, posterior.shares[k], posterior.variances[k], posterior.discrepancies
+            each,
+            posterior.shares[k],
+            posterior.variances[k],
+            posterior.discrepancies,
+            posterior.own,
         )
         for k, each in enumerate(counts)
     ]
@@ -165,20 +177,39 @@ def _posterior(
     shares = tuple(np.concatenate([s.shares(block) for block in blocks]) for s in surrogates)
     spread = tuple(np.concatenate([s.variances(block) for block in blocks]) for s in surrogates)
     values, log_prior = _discrepancies(discrepancy)
+    own = own_discrepancies(values)
     rows = [
-        _log_likelihoods(each, p, v, values)
+        _log_likelihoods(each, p, v, values, own)
         for each, p, v in zip(counts, shares, spread, strict=True)
     ]
-    return Posterior(points, shares, spread, np.stack(rows), values, log_prior)
+    return Posterior(points, shares, spread, np.stack(rows), values, log_prior, own)
 
 
-def _log_likelihoods(counts: Counts, shares: Array, variances: Array, values: Array) -> Array:
+def own_discrepancies(values: Array) -> Array:
+    """Return the probability (r, r) of each discrepancy of a part, for each common one.
+
+    The part has d sqrt(f / x), where x has a chi-squared distribution with f degrees of freedom;
+    what is beyond the values is in the first and the last of them.
+    """
+    if len(values) == 1:
+        return np.ones((1, 1))
+    edges = np.sqrt(values[1:] * values[:-1])
+    below = chi2.sf(FREEDOM * (values[:, None] / edges) ** 2, FREEDOM)
+    return np.diff(below, axis=1, prepend=0.0, append=1.0)
+
+
+def _log_likelihoods(
+    counts: Counts, shares: Array, variances: Array, values: Array, own: Array
+) -> Array:
     """Return the log likelihood (r, n) of one part."""
     of_surrogate = surrogate_rho(shares, variances)
     if len(values) == 1 and values[0] == 0 and of_surrogate.max() < 1e-6:
         return np.asarray(xlogy(counts, shares).sum(axis=1))[None]
-    found = [log_density(counts, shares, 1 - (1 - d**2) * (1 - of_surrogate)) for d in values]
-    return np.stack(found)
+    found = np.stack(
+        [log_density(counts, shares, 1 - (1 - d**2) * (1 - of_surrogate)) for d in values]
+    )
+    highest = found.max(axis=0)
+    return np.asarray(np.log(own @ np.exp(found - highest)) + highest)
 
 
 def surrogate_rho(shares: Array, variances: Array) -> Array:

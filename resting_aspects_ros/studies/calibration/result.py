@@ -121,7 +121,7 @@ class CalibrationResult:
             'points': len(fit.points),
             'rounds': fit.rounds,
             'error_of_shares': fit.errors.tolist(),
-            'forms': [each.form.text for each in fit.surrogates],
+            'forms': [each.text for each in fit.surrogates],
             'seed': self.seed,
             'draws': self.draws(),
         }
