@@ -231,7 +231,7 @@ def test_invalid_polygon_is_rejected_with_the_reason(suite, vision, points, reas
 def test_invalid_noise_is_rejected(vision, seen, noise):
     found = vision.identify(seen, PART, noise=noise)
     assert found.status.code == Status.INVALID
-    assert 'invalid sd of the noise' in found.status.message
+    assert 'invalid standard deviation of the noise' in found.status.message
 
 
 def test_unknown_part_is_rejected(vision, seen):

@@ -46,7 +46,8 @@ class OutlineNoise:
     correlation: float = 1e-3
 
     def __post_init__(self) -> None:
-        for name, value in (('sd', self.sd), ('correlation', self.correlation)):
+        values = {'standard deviation': self.sd, 'correlation length': self.correlation}
+        for name, value in values.items():
             if not 1e-7 <= value <= 0.1:
                 raise InvalidValueError(
                     f'invalid {name} of the noise {shown(value)} m: expected 1e-7 to 0.1 m'

@@ -27,14 +27,18 @@ MAX_ROWS = 60
 
 
 def calibration_figure(result: 'CalibrationResult') -> 'Figure':
-    """Return the picture of a result: the regions of the conditions above the shares."""
+    """Return the picture of a result: the regions of the conditions above the shares.
+
+    A single region is beside the shares.
+    """
     pairs = _pairs(len(result.estimates))
     rows = min(sum(_shown(part) for part in result.fit.given.parts), MAX_ROWS)
-    columns = max(2, min(3, len(pairs)))
+    beside = len(pairs) == 1
+    columns = 2 if beside else min(3, len(pairs))
     bands = -(-len(pairs) // columns)
     width, top, panel = 9.0, 0.75, 2.9
     shares = 0.75 + ROW * rows
-    height = top + bands * panel + shares
+    height = top + (max(panel, shares) if beside else bands * panel + shares)
     figure = new_figure(width, height)
     figure.text(
         0.03,
@@ -59,8 +63,13 @@ def calibration_figure(result: 'CalibrationResult') -> 'Figure':
         size = ((width - 0.3) / columns - 0.75) / width, (panel - 0.65) / height
         axes = figure.add_axes((left, bottom, *size))
         _draw_region(axes, result, i, j)
-    axes = figure.add_axes((2.6 / width, 0.45 / height, 1 - 3.0 / width, (shares - 0.85) / height))
-    _draw_shares(axes, result)
+    first, bottom, size = 2.6, 0.45, shares - 0.85
+    if beside:
+        first, bottom, size = 5.6, 0.55, height - top - 0.65
+    axes = figure.add_axes(
+        (first / width, bottom / height, 1 - (first + 0.4) / width, size / height)
+    )
+    _draw_shares(axes, result, beside=beside)
     return figure
 
 
@@ -125,8 +134,8 @@ def _level(mass: Array, region: float) -> float:
     return float(ordered[min(place, len(ordered) - 1)])
 
 
-def _draw_shares(axes: 'Axes', result: 'CalibrationResult') -> None:
-    """Draw the counted shares over those of the simulation."""
+def _draw_shares(axes: 'Axes', result: 'CalibrationResult', *, beside: bool) -> None:
+    """Draw the counted shares over those of the simulation; beside a region it is narrow."""
     names = []
     y = 0
     for k, part in enumerate(result.fit.given.parts):
@@ -154,14 +163,14 @@ def _draw_shares(axes: 'Axes', result: 'CalibrationResult') -> None:
             names.append(f'{part.name}: {part.names[g]}')
             y += 1
     plain_axes(axes, 'x')
-    axes.set_yticks(range(len(names)), [name[:34] for name in names])
+    axes.set_yticks(range(len(names)), [name[: 20 if beside else 34] for name in names])
     axes.set_ylim(y - 0.4, -0.6)
     axes.set_xlim(left=0)
     axes.xaxis.set_major_formatter(lambda share, _: f'{share:g} %')
     axes.legend(
         fontsize=7,
         frameon=False,
-        ncols=4,
+        ncols=2 if beside else 4,
         loc='lower left',
         bbox_to_anchor=(0, 1),
         labelcolor=TEXT,
