@@ -12,6 +12,7 @@ from scipy.special import expit
 
 from resting_aspects_ros.studies.calibration.calibrate import calibrate
 from resting_aspects_ros.studies.calibration.counts_file import SurfaceCounts
+from resting_aspects_ros.studies.calibration.dependence import find_dependence
 from resting_aspects_ros.studies.calibration.fit import Fit, fit_counts, fit_shares
 from resting_aspects_ros.studies.calibration.posterior import level_at, with_counts
 from resting_aspects_ros.studies.calibration.result import CalibrationResult
@@ -140,7 +141,14 @@ def _said(result: CalibrationResult) -> Iterator[str]:
 
 def _coverage(fit: Fit) -> Iterator[str]:
     """Count how often the 90 % region contains the conditions that the counts were made with."""
-    exact = fit_counts(fit.given, fit.points, fit.simulated, fit.surrogates, discrepancy=False)
+    exact = fit_counts(
+        fit.given,
+        fit.points,
+        fit.simulated,
+        fit.surrogates,
+        discrepancy=False,
+        dependence=fit.posterior.dependence,
+    )
     rng = np.random.default_rng(SEED)
     rolls = [part.drops for part in fit.given.parts]
     drawn = []
@@ -178,7 +186,12 @@ def _left_out_points(fit: Fit) -> list[float]:
         rest = [each[~out] for each in fit.simulated]
         surrogates = fit_shares(fit.points[~out], rest, SEED)
         posterior = fit_counts(
-            fit.given, fit.points[~out], rest, surrogates, discrepancy=False
+            fit.given,
+            fit.points[~out],
+            rest,
+            surrogates,
+            discrepancy=False,
+            dependence=find_dependence(surrogates, fit.points[~out], rest, SEED),
         ).posterior
         for k in np.flatnonzero(out):
             counts = [each[k] for each in fit.simulated]

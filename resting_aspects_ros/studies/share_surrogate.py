@@ -6,6 +6,7 @@ shares. The drops at a point are multinomial, so that few drops at many points a
 drops at few points, and a class without drops at a point is no special case.
 """
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -77,7 +78,11 @@ class ShareSurrogate:
 
     @classmethod
     def fit(
-        cls, points: Array, counts: npt.ArrayLike, rng: np.random.Generator
+        cls,
+        points: Array,
+        counts: npt.ArrayLike,
+        rng: np.random.Generator,
+        scales: Array | None = None,
     ) -> 'ShareSurrogate':
         """Fit the shares to counts.
 
@@ -89,6 +94,8 @@ class ShareSurrogate:
             Drops at each point by class, k >= 2. Points without drops have no effect.
         rng : Generator
             Chooses the folds of the cross-validation.
+        scales : (d,) float, optional
+            Factors of the correlation length along each coordinate.
 
         Raises
         ------
@@ -97,7 +104,7 @@ class ShareSurrogate:
         """
         points, table = _checked(points, counts)
         folds = rng.permutation(len(points)) % min(FOLDS, len(points))
-        fits = _weighted(possible_forms(points, table.shape[1]), points, table)
+        fits = _weighted(possible_forms(points, table.shape[1], scales), points, table)
         predicted, variances = _cross_validate([each.form for each in fits], points, table, folds)
         error, noise = _net_variance(predicted, table)
         # Only what the noise of the drops does not explain.
@@ -115,6 +122,14 @@ class ShareSurrogate:
     def shares(self, points: Array) -> Array:
         """Return the mean shares (n, k) of the forms at points (n, d)."""
         return np.asarray(sum(each.weight * each.shares(points) for each in self.fits))
+
+    def without(
+        self, points: Array, counts: npt.ArrayLike, out: npt.NDArray[np.bool_]
+    ) -> 'ShareSurrogate':
+        """Return the surrogate of the same forms without some of its points; ``out`` is (m,)."""
+        table = np.asarray(counts, dtype=np.float64)
+        forms = [each.form.without(points[out]) for each in self.fits]
+        return dataclasses.replace(self, fits=tuple(_weighted(forms, points[~out], table[~out])))
 
     def variances(self, points: Array) -> Array:
         """Return the variances (n, k) of the shares at points (n, d)."""
@@ -155,7 +170,7 @@ def _checked(points: Array, counts: npt.ArrayLike) -> tuple[Array, Array]:
 
 def _weighted(forms: Sequence[Form], points: Array, counts: Array) -> list[WeightedFit]:
     """Return the forms that have weight, fitted to counts (m, k), in descending order of it."""
-    table = _added(counts)
+    table = added_counts(counts)
     found, evidence = [], []
     for form in forms:
         features, precision = form.features(points), form.precision(points.shape[1])
@@ -191,7 +206,9 @@ def _cross_validate(
     return predicted, variances
 
 
-def _added(counts: Array) -> Array:
+def added_counts(counts: npt.ArrayLike) -> Array:
+    """Return counts (m, k) with a drop more of each class, divided among all points."""
+    counts = np.asarray(counts, dtype=np.float64)
     return counts + ADDED / len(counts)
 
 

@@ -9,7 +9,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.polynomial import legendre
 
-from resting_aspects_ros.studies.softmax_fit import Array
+from resting_aspects_ros.studies.softmax_fit import Array, fit_softmax, log_evidence
 
 # Standard deviation of the prior of the mean logits, and of the weights of degree 1. Those of
 # degree d are smaller by d.
@@ -20,6 +20,8 @@ MAX_DEGREE = 4
 MAX_CORNERS, MAX_WEIGHTS = 80, 200
 # Correlation lengths and sizes of the Gaussian processes that are tried.
 LENGTHS, SIZES = (0.25, 0.5, 1.0, 2.0), (0.1, 0.3, 1.0)
+# Standard deviation of the prior of the logarithm of a scale.
+SCALE_PRIOR = 1.0
 # Points of each dimension that are needed for a Gaussian process.
 PROCESS_POINTS = 4
 
@@ -32,15 +34,15 @@ class Form:
         Total degree of the polynomial.
     size : float
         Standard deviation of the Gaussian process; 0: only the polynomial.
-    length : float
-        Its correlation length.
+    lengths : (d,) float
+        Its correlation length along each coordinate.
     corners : (c, d) float
         Points at which it has its weights.
     """
 
     degree: int
     size: float = 0.0
-    length: float = 1.0
+    lengths: Array = dataclasses.field(default_factory=lambda: np.ones(0))
     corners: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
@@ -49,7 +51,8 @@ class Form:
         text = f'polynomial of degree {self.degree}'
         if not self.size:
             return text
-        return f'{text} and a Gaussian process of length {self.length:g}, size {self.size:g}'
+        lengths = ', '.join(dict.fromkeys(f'{each:.2g}' for each in self.lengths))
+        return f'{text} and a Gaussian process of length {lengths}, size {self.size:g}'
 
     def features(self, points: Array) -> Array:
         """Return the features (n, p) of points (n, d)."""
@@ -87,21 +90,64 @@ class Form:
         return np.asarray(np.linalg.solve(root, self._kernel(self.corners, points)).T)
 
     def _kernel(self, a: Array, b: Array) -> Array:
+        a, b = a / self.lengths, b / self.lengths
         distance = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2 * a @ b.T
-        return np.asarray(np.exp(-np.maximum(distance, 0) / (2 * self.length**2)))
+        return np.asarray(np.exp(-np.maximum(distance, 0) / 2))
 
 
-def possible_forms(points: Array, classes: int) -> list[Form]:
-    """Return the forms that can be fitted to points (m, d), the simplest first."""
+def possible_forms(points: Array, classes: int, scales: Array | None = None) -> list[Form]:
+    """Return the forms that can be fitted to points (m, d), the simplest first.
+
+    ``scales`` (d,) are factors of the correlation length along each coordinate; 1 by default.
+    """
     count, dimensions = points.shape
     degrees = range(1, MAX_DEGREE + 1)
     found = [Form(d) for d in degrees if d == 1 or len(_terms(dimensions, d)) <= count]
     if count >= PROCESS_POINTS * dimensions:
-        corners = np.unique(points, axis=0)
-        most = max(MAX_CORNERS, MAX_WEIGHTS // (classes - 1))
-        corners = corners[:: math.ceil(len(corners) / most)]
-        found += [Form(1, size, length, corners) for size in SIZES for length in LENGTHS]
+        corners = _corners(points, classes)
+        scales = np.ones(dimensions) if scales is None else scales
+        found += [Form(1, size, scales * length, corners) for size in SIZES for length in LENGTHS]
     return found
+
+
+def likely_scales(points: Array, tables: Sequence[Array]) -> Array:
+    """Return the scales (d,) that suit several tables of counts (m, k) at the same points.
+
+    They have the highest evidence of all tables together that a search by coordinates finds, and
+    a geometric mean of 1. A condition that hardly matters has a large scale.
+    """
+    dimensions = points.shape[1]
+    if dimensions == 1 or len(points) < PROCESS_POINTS * dimensions:
+        return np.ones(dimensions)
+
+    def value(logs: Array) -> float:
+        lengths, size = np.exp(logs[:-1]), math.exp(logs[-1])
+        total = -float(logs[:-1] @ logs[:-1]) / (2 * SCALE_PRIOR**2)
+        for table in tables:
+            form = Form(1, size, lengths, _corners(points, table.shape[1]))
+            features, precision = form.features(points), form.precision(dimensions)
+            found = fit_softmax(features, table, precision)
+            total += log_evidence(found, features, table, precision)
+        return total
+
+    logs = np.zeros(dimensions + 1)
+    logs[-1] = math.log(SIZES[1])
+    best = value(logs)
+    for factor in (2.0, 2.0, 1.5):
+        for axis in range(dimensions + 1):
+            for step in (math.log(factor), -math.log(factor)):
+                moved = logs.copy()
+                moved[axis] += step
+                if (found := value(moved)) > best:
+                    best, logs = found, moved
+                    break
+    return np.asarray(np.exp(logs[:-1] - logs[:-1].mean()))
+
+
+def _corners(points: Array, classes: int) -> Array:
+    corners = np.unique(points, axis=0)
+    most = max(MAX_CORNERS, MAX_WEIGHTS // (classes - 1))
+    return np.asarray(corners[:: math.ceil(len(corners) / most)])
 
 
 def _terms(dimensions: int, degree: int) -> list[tuple[int, ...]]:

@@ -9,7 +9,8 @@ import numpy.typing as npt
 from scipy.special import xlogy
 
 from resting_aspects_ros.studies.calibration.fit import Fit
-from resting_aspects_ros.studies.calibration.posterior import Posterior, surrogate_rho
+from resting_aspects_ros.studies.calibration.likelihood import surrogate_rho
+from resting_aspects_ros.studies.calibration.posterior import Posterior
 
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.int64]

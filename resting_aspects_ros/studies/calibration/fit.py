@@ -10,11 +10,13 @@ import numpy.typing as npt
 from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.studies.calibration.counted_part import CountedPart
 from resting_aspects_ros.studies.calibration.counts_file import SurfaceCounts
+from resting_aspects_ros.studies.calibration.dependence import find_dependence
 from resting_aspects_ros.studies.calibration.posterior import Posterior, find_posterior
 from resting_aspects_ros.studies.calibration.simulated_drops import SimulatedDrops
 from resting_aspects_ros.studies.designs import sobol
 from resting_aspects_ros.studies.factors import Factor, point_values
-from resting_aspects_ros.studies.share_surrogate import ShareSurrogate
+from resting_aspects_ros.studies.share_surrogate import ShareSurrogate, added_counts
+from resting_aspects_ros.studies.surrogate_form import likely_scales
 
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.int64]
@@ -81,9 +83,7 @@ def fit_surface(
     """
     design = sobol(len(given.factors), points, seed)
     simulated = [_simulate(part, given, design, drops, per_point) for part in given.parts]
-    found = fit_counts(
-        given, design, simulated, fit_shares(design, simulated, seed), discrepancy=discrepancy
-    )
+    found = _fit(given, design, simulated, seed, discrepancy)
     for number in range(1, rounds + 1):
         if found.errors.max() <= MAX_ERROR:
             break
@@ -102,11 +102,27 @@ def fit_surface(
             np.concatenate([old, _simulate(part, given, new, drops, per_point)])
             for part, old in zip(given.parts, simulated, strict=True)
         ]
-        found = fit_counts(
-            given, design, simulated, fit_shares(design, simulated, seed), discrepancy=discrepancy
-        )
+        found = _fit(given, design, simulated, seed, discrepancy)
         found = dataclasses.replace(found, rounds=number)
     return found
+
+
+def _fit(
+    given: SurfaceCounts,
+    points: Array,
+    simulated: Sequence[Counts],
+    seed: int,
+    discrepancy: bool,
+) -> Fit:
+    surrogates = fit_shares(points, simulated, seed)
+    return fit_counts(
+        given,
+        points,
+        simulated,
+        surrogates,
+        discrepancy=discrepancy,
+        dependence=find_dependence(surrogates, points, simulated, seed),
+    )
 
 
 def fit_shares(
@@ -114,7 +130,9 @@ def fit_shares(
 ) -> tuple[ShareSurrogate, ...]:
     """Return a surrogate of the shares of each part."""
     rng = np.random.default_rng(seed)
-    return tuple(ShareSurrogate.fit(points, each, rng) for each in simulated)
+    # The conditions act on all parts in similar ways, so that their scales are the same.
+    scales = likely_scales(points, [added_counts(each) for each in simulated])
+    return tuple(ShareSurrogate.fit(points, each, rng, scales) for each in simulated)
 
 
 def fit_counts(
@@ -124,6 +142,7 @@ def fit_counts(
     surrogates: Sequence[ShareSurrogate],
     *,
     discrepancy: bool = True,
+    dependence: float = 1.0,
 ) -> Fit:
     """Return the fit of counts with the simulated drops that there are."""
     posterior = find_posterior(
@@ -131,6 +150,7 @@ def fit_counts(
         surrogates,
         [part.counts for part in given.parts],
         discrepancy=discrepancy,
+        dependence=dependence,
     )
     errors = np.array([_error(posterior, k, part) for k, part in enumerate(given.parts)])
     return Fit(

@@ -30,12 +30,8 @@ from resting_aspects_ros.studies.calibration.calibrate import (
 )
 from resting_aspects_ros.studies.calibration.counts_file import SurfaceCounts, made_conditions
 from resting_aspects_ros.studies.calibration.fit import conditions_at, fit_surface
-from resting_aspects_ros.studies.calibration.posterior import (
-    DISCREPANCIES,
-    DISCREPANCY_SCALE,
-    log_density,
-    surrogate_rho,
-)
+from resting_aspects_ros.studies.calibration.likelihood import log_density, surrogate_rho
+from resting_aspects_ros.studies.calibration.posterior import DISCREPANCIES, DISCREPANCY_SCALE
 from resting_aspects_ros.studies.calibration.simulated_drops import SimulatedDrops
 from resting_aspects_ros.studies.designs import sobol
 from resting_aspects_ros.studies.factors import Factor

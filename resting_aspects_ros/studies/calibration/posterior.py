@@ -14,9 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import gammaln, logsumexp, xlogy
-from scipy.stats import chi2
+from scipy.special import logsumexp, xlogy
 
+from resting_aspects_ros.studies.calibration.likelihood import (
+    likelihood_powers,
+    log_density,
+    own_discrepancies,
+    surrogate_rho,
+)
 from resting_aspects_ros.studies.designs import sobol
 from resting_aspects_ros.studies.share_surrogate import ShareSurrogate
 
@@ -48,14 +53,11 @@ DISCREPANCIES = np.array(
         0.3,
     ]
 )
-# Degrees of freedom of the distribution of the discrepancies of parts about the common one.
-FREEDOM = 4
 # Points over the ranges; more if too few of them fit the counts.
 GRID_SIDE = 180
 POINTS = 1 << 14
 MAX_POINTS = 1 << 18
 MIN_EFFECTIVE = 300.0
-_MIN_RHO = 1e-7
 _BLOCK = 1 << 14
 SEED = 20
 
@@ -76,6 +78,10 @@ class Posterior:
         Of the common discrepancy.
     own : (r, r) float
         Probability of the discrepancy of a part, for each common one.
+    dependence : float
+        See dependence.py; 1 if the errors of the surrogates are independent.
+    powers : (p,) float
+        Of the likelihood of each part, which follow from the dependence.
     """
 
     points: Array
@@ -85,6 +91,8 @@ class Posterior:
     discrepancies: Array
     log_prior: Array
     own: Array
+    dependence: float
+    powers: Array
 
     def weights(self, without: int | None = None) -> Array:
         """Return the posterior (r, n) of discrepancy and point; ``without`` leaves out a part."""
@@ -113,13 +121,15 @@ def find_posterior(
     counts: Sequence[Counts],
     *,
     discrepancy: bool = True,
+    dependence: float = 1.0,
 ) -> Posterior:
     """Return the posterior, on a grid for one or two factors and on Sobol points for more."""
     if dimensions <= 2:
-        return _posterior(_grid(dimensions), surrogates, counts, discrepancy)
+        return _posterior(_grid(dimensions), surrogates, counts, discrepancy, dependence)
     count = POINTS
     while True:
-        found = _posterior(sobol(dimensions, count, SEED), surrogates, counts, discrepancy)
+        points = sobol(dimensions, count, SEED)
+        found = _posterior(points, surrogates, counts, discrepancy, dependence)
         if found.effective >= MIN_EFFECTIVE or count >= MAX_POINTS:
             return found
         count *= 4
@@ -137,7 +147,7 @@ def with_counts(posterior: Posterior, counts: Sequence[Counts]) -> Posterior:
         )
         for k, each in enumerate(counts)
     ]
-    return dataclasses.replace(posterior, log_likelihood=np.stack(rows))
+    return _with_powers(dataclasses.replace(posterior, log_likelihood=np.stack(rows)), counts)
 
 
 def level_at(
@@ -151,20 +161,10 @@ def level_at(
     It is uniform from 0 to 1 if the point is where the counts come from.
     """
     exact = len(posterior.discrepancies) == 1
-    here = _posterior(point[None], surrogates, counts, not exact)
+    here = _posterior(point[None], surrogates, counts, not exact, 1.0)
+    rows = posterior.powers[:, None, None] * here.log_likelihood
+    here = dataclasses.replace(here, log_likelihood=rows)
     return float(posterior.weights().sum(axis=0)[posterior.density > here.density[0]].sum())
-
-
-def log_density(counts: Counts, shares: Array, rho: Array) -> Array:
-    """Return the logarithm (...) of the probability of counts (..., g), up to a constant.
-
-    Dirichlet-multinomial with shares (..., g) and intraclass correlation rho (...): the variance
-    of a share is p (1 - p) (rho + (1 - rho) / n).
-    """
-    total = 1 / np.maximum(rho, _MIN_RHO) - 1
-    alpha = np.maximum(shares * total[..., None], 1e-12)
-    over = gammaln(alpha + counts) - gammaln(alpha)
-    return np.asarray(gammaln(total) - gammaln(total + counts.sum(axis=-1)) + over.sum(axis=-1))
 
 
 def _posterior(
@@ -172,6 +172,7 @@ def _posterior(
     surrogates: Sequence[ShareSurrogate],
     counts: Sequence[Counts],
     discrepancy: bool,
+    dependence: float,
 ) -> Posterior:
     blocks = np.array_split(points, max(1, len(points) // _BLOCK))
     shares = tuple(np.concatenate([s.shares(block) for block in blocks]) for s in surrogates)
@@ -182,20 +183,31 @@ def _posterior(
         _log_likelihoods(each, p, v, values, own)
         for each, p, v in zip(counts, shares, spread, strict=True)
     ]
-    return Posterior(points, shares, spread, np.stack(rows), values, log_prior, own)
+    one = np.ones(len(counts))
+    found = Posterior(
+        points, shares, spread, np.stack(rows), values, log_prior, own, dependence, one
+    )
+    return _with_powers(found, counts)
 
 
-def own_discrepancies(values: Array) -> Array:
-    """Return the probability (r, r) of each discrepancy of a part, for each common one.
+def _with_powers(posterior: Posterior, counts: Sequence[Counts]) -> Posterior:
+    """Return a posterior without powers with those that its dependence gives it.
 
-    The part has d sqrt(f / x), where x has a chi-squared distribution with f degrees of freedom;
-    what is beyond the values is in the first and the last of them.
+    What the surrogates add to the variance of the counts depends on the point. It is taken where
+    the posterior lies, which hardly depends on the powers: two passes are enough.
     """
-    if len(values) == 1:
-        return np.ones((1, 1))
-    edges = np.sqrt(values[1:] * values[:-1])
-    below = chi2.sf(FREEDOM * (values[:, None] / edges) ** 2, FREEDOM)
-    return np.diff(below, axis=1, prepend=0.0, append=1.0)
+    if posterior.dependence == 1:
+        return dataclasses.replace(posterior, powers=np.ones(len(counts)))
+    pairs = zip(posterior.shares, posterior.variances, strict=True)
+    rho = np.stack([surrogate_rho(p, v) for p, v in pairs])
+    drops = np.array([each.sum() for each in counts])
+    found, weights = posterior, np.full(len(posterior.points), 1 / len(posterior.points))
+    for _ in range(2):
+        powers = likelihood_powers(rho @ weights, drops, posterior.dependence)
+        rows = powers[:, None, None] * posterior.log_likelihood
+        found = dataclasses.replace(posterior, log_likelihood=rows, powers=powers)
+        weights = found.weights().sum(axis=0)
+    return found
 
 
 def _log_likelihoods(
@@ -210,12 +222,6 @@ def _log_likelihoods(
     )
     highest = found.max(axis=0)
     return np.asarray(np.log(own @ np.exp(found - highest)) + highest)
-
-
-def surrogate_rho(shares: Array, variances: Array) -> Array:
-    """Return the uncertainty of the surrogate (n,) as an intraclass correlation."""
-    ratio = variances.sum(axis=1) / np.maximum((shares * (1 - shares)).sum(axis=1), 1e-9)
-    return np.asarray(np.minimum(ratio, 0.5))
 
 
 def _discrepancies(discrepancy: bool) -> tuple[Array, Array]:

@@ -4,12 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom, dirichlet_multinomial
 
-from resting_aspects_ros.studies.calibration.posterior import (
-    level_at,
-    log_density,
-    surrogate_rho,
-    with_counts,
-)
+from resting_aspects_ros.studies.calibration.likelihood import log_density, surrogate_rho
+from resting_aspects_ros.studies.calibration.posterior import level_at, with_counts
 
 REPETITIONS = 200
 
