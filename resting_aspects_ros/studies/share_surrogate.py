@@ -133,7 +133,12 @@ class ShareSurrogate:
 
     def variances(self, points: Array) -> Array:
         """Return the variances (n, k) of the shares at points (n, d)."""
-        return self.inflation * _mixture(self.fits, points)[1]
+        return self.moments(points)[1]
+
+    def moments(self, points: Array) -> tuple[Array, Array]:
+        """Return the mean shares and their variances, each (n, k), at points (n, d)."""
+        mean, variances = _mixture(self.fits, points)
+        return mean, self.inflation * variances
 
     def draws(self, points: Array, rng: np.random.Generator, size: int) -> Array:
         """Return shares (size, n, k) at points (n, d) of ``size`` functions that fit the drops.
@@ -177,7 +182,7 @@ def _weighted(forms: Sequence[Form], points: Array, counts: Array) -> list[Weigh
         fitted = fit_softmax(features, table, precision)
         found.append(fitted)
         evidence.append(log_evidence(fitted, features, table, precision))
-    weights = softmax(evidence)
+    weights: Array = softmax(evidence)
     kept = [k for k in np.argsort(-weights) if weights[k] >= MIN_WEIGHT]
     total = float(weights[kept].sum())
     return [WeightedFit(forms[k], found[k], float(weights[k]) / total) for k in kept]

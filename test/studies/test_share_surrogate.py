@@ -7,7 +7,8 @@ from scipy.stats import qmc
 
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.studies.share_surrogate import ShareSurrogate
-from resting_aspects_ros.studies.softmax_fit import contrasts, fit_softmax
+from resting_aspects_ros.studies.softmax_fit import contrasts, fit_softmax, log_evidence
+from resting_aspects_ros.studies.surrogate_form import likely_scales
 
 DROPS = 400
 
@@ -128,3 +129,45 @@ def test_variances_are_those_of_the_draws(surrogates):
     # A variance of 4000 draws has a relative standard error of sqrt(2 / 4000) = 2 %; the rest is
     # the curvature of the shares.
     assert surrogates[0].variances(points) == pytest.approx(drawn, rel=0.25)
+
+
+def test_evidence_is_the_integral_over_the_weights():
+    # One binary logit: the integral over its weight is one-dimensional.
+    features, counts = np.ones((1, 1)), np.array([[30.0, 70.0]])
+    values = []
+    for precision in (0.1, 10.0):
+        found = fit_softmax(features, counts, np.array([precision]))
+        weight = np.linspace(-8, 8, 20_001)
+        logits = np.sqrt(2) * weight  # of the second class, by the contrasts
+        log = -counts[0, 0] * np.logaddexp(0, logits) - counts[0, 1] * np.logaddexp(0, -logits)
+        log += np.log(precision) / 2 - precision * weight**2 / 2
+        exact = np.log(np.exp(log - log.max()).sum() * (weight[1] - weight[0])) + log.max()
+        laplace = log_evidence(found, features, counts, np.array([precision]))
+        values.append(exact - laplace)
+    # Equal but for a constant and the error of Laplace's approximation, of the order 1 / 100.
+    assert values[0] == pytest.approx(values[1], abs=0.02)
+
+
+def test_condition_that_does_not_matter_has_a_large_scale():
+    rng = np.random.default_rng(3)
+    points = qmc.Sobol(3, seed=rng).random(64)
+    share = 0.5 + 0.3 * np.sin(6 * points[:, 0]) * np.cos(4 * points[:, 1])
+    tables = [
+        rng.multinomial(DROPS, np.stack([each, 1 - each], axis=1)).astype(float)
+        for each in (share, 1 - share)
+    ]
+    scales = likely_scales(points, tables)
+    assert np.prod(scales) == pytest.approx(1)
+    assert scales[2] > 2 * max(scales[:2])
+
+
+def test_surrogate_without_points_does_not_know_them():
+    rng = np.random.default_rng(3)
+    points = qmc.Sobol(2, seed=rng).random(32)
+    counts = rng.multinomial(DROPS, smooth(points))
+    changed = counts.copy()
+    out = np.arange(32) < 4
+    changed[out] = changed[out][:, ::-1]
+    found = ShareSurrogate.fit(points, counts, rng)
+    one, other = (found.without(points, table, out).shares(points) for table in (counts, changed))
+    assert one == pytest.approx(other, abs=1e-9)

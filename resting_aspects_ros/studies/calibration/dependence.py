@@ -4,7 +4,8 @@ The posterior multiplies the probabilities of the counts of all parts, as if the
 surrogates were independent. But a surrogate is too simple in the same way for similar parts, so
 that the product counts some information several times. Each point of the design shows how often:
 its drops are taken for counts, and the conditions that they were made with must be as probable as
-the posterior says. The dependence is the factor of the variance with which they are most probable.
+the posterior says. The dependence is the factor of the surrogates' variance with which they are
+most probable. It is also more than 1 if errors are larger in some places than their mean.
 """
 
 from collections.abc import Sequence
@@ -49,9 +50,9 @@ def find_dependence(
         ]
         chosen = np.flatnonzero(out & tested)
         everywhere = np.concatenate([points[chosen], places])
-        shares = [each.shares(everywhere) for each in own]
-        pairs = zip(own, shares, strict=True)
-        rho = [surrogate_rho(p, each.variances(everywhere)) for each, p in pairs]
+        moments = [each.moments(everywhere) for each in own]
+        shares = [mean for mean, _ in moments]
+        rho = [surrogate_rho(*each) for each in moments]
         for k, number in enumerate(chosen):
             kept = np.r_[k, len(chosen) : len(everywhere)]
             counts = [table[number] for table in simulated]

@@ -63,11 +63,11 @@ def calibration_figure(result: 'CalibrationResult') -> 'Figure':
         size = ((width - 0.3) / columns - 0.75) / width, (panel - 0.65) / height
         axes = figure.add_axes((left, bottom, *size))
         _draw_region(axes, result, i, j)
-    first, bottom, size = 2.6, 0.45, shares - 0.85
+    first, bottom, tall = 2.6, 0.45, shares - 0.85
     if beside:
-        first, bottom, size = 5.6, 0.55, height - top - 0.65
+        first, bottom, tall = 5.6, 0.55, height - top - 0.65
     axes = figure.add_axes(
-        (first / width, bottom / height, 1 - (first + 0.4) / width, size / height)
+        (first / width, bottom / height, 1 - (first + 0.4) / width, tall / height)
     )
     _draw_shares(axes, result, beside=beside)
     return figure

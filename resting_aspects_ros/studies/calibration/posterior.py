@@ -175,8 +175,9 @@ def _posterior(
     dependence: float,
 ) -> Posterior:
     blocks = np.array_split(points, max(1, len(points) // _BLOCK))
-    shares = tuple(np.concatenate([s.shares(block) for block in blocks]) for s in surrogates)
-    spread = tuple(np.concatenate([s.variances(block) for block in blocks]) for s in surrogates)
+    moments = [[each.moments(block) for block in blocks] for each in surrogates]
+    shares = tuple(np.concatenate([mean for mean, _ in each]) for each in moments)
+    spread = tuple(np.concatenate([variances for _, variances in each]) for each in moments)
     values, log_prior = _discrepancies(discrepancy)
     own = own_discrepancies(values)
     rows = [

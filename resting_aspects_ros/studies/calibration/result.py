@@ -121,6 +121,7 @@ class CalibrationResult:
             'points': len(fit.points),
             'rounds': fit.rounds,
             'error_of_shares': fit.errors.tolist(),
+            'dependence': fit.posterior.dependence,
             'forms': [each.text for each in fit.surrogates],
             'seed': self.seed,
             'draws': self.draws(),
