@@ -94,9 +94,10 @@ class CalibrationPlan:
         }
 
     def __str__(self) -> str:
-        names = ', '.join(factor.label for factor in self.factors)
+        *most, last = (factor.label for factor in self.factors)
+        names = f'{", ".join(most)} and {last}' if most else last
         lines = [
-            f'Expected information about {names}, bit, from this number of drops by hand'
+            f'Expected information about {names}, in bits, by number of drops by hand'
             + (f', beyond the {self.counted} that are counted:' if self.counted else ':'),
             '',
             f'{"part":<24}' + ''.join(f'{n:>8}' for n in self.numbers),
@@ -110,7 +111,7 @@ class CalibrationPlan:
         share = 100 * best.gains[enough] / max(best.gains[-1], 1e-9)
         advice = (
             f'Drop {best.name} {self.numbers[enough]} times: this gives {share:.0f} % of what '
-            f'{self.numbers[-1]} drops tell.\nOne bit halves the conditions that are left.'
+            f'{self.numbers[-1]} drops tell.\nOne bit halves the range of conditions that are possible.'
         )
         return '\n'.join([*lines, '', advice])
 
@@ -214,10 +215,12 @@ def _candidate(
     # The discrepancy is not known before; its prior's root mean square is used.
     typical = min(DISCREPANCY_SCALE, float(DISCREPANCIES[-1])) ** 2
     rho = 1 - (1 - typical) * (1 - surrogate_rho(shares, surrogate.variances(chosen)))
-    found = [information_gain(shares, rho, n, rng) for n in numbers]
+    # The same random numbers for all numbers of drops: chance then hardly changes their order.
+    seed = int(rng.integers(2**32))
+    found = [information_gain(shares, rho, n, np.random.default_rng(seed)) for n in numbers]
     return Candidate(
         name,
-        np.array([gain for gain, _ in found]),
+        np.array([max(gain, 0.0) for gain, _ in found]),
         np.array([error for _, error in found]),
         shares.std(axis=0),
     )
