@@ -111,7 +111,7 @@ class CalibrationPlan:
         share = 100 * best.gains[enough] / max(best.gains[-1], 1e-9)
         advice = (
             f'Drop {best.name} {self.numbers[enough]} times: this gives {share:.0f} % of what '
-            f'{self.numbers[-1]} drops tell.\nOne bit halves the range of conditions that are possible.'
+            f'{self.numbers[-1]} drops tell.\nOne bit halves the range of possible conditions.'
         )
         return '\n'.join([*lines, '', advice])
 
