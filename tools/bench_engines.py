@@ -13,7 +13,7 @@ from bench_case import Trial, drop_until_decided, drop_until_still, steps_in
 from scipy.spatial import ConvexHull
 
 from resting_aspects_ros.core.rotations import Array, rotate, wxyz_from_xyzw, xyzw_from_wxyz
-from resting_aspects_ros.simulation.bullet_engine import PENETRATION_TIME
+from resting_aspects_ros.simulation.bullet_world import PENETRATION_TIME
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import BodyStates
 from resting_aspects_ros.simulation.settling import (

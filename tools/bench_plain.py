@@ -19,7 +19,7 @@ from bench_case import (
 )
 
 from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.simulation import bullet_engine
+from resting_aspects_ros.simulation import bullet_world
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import CHUNK, BodyStates
 from resting_aspects_ros.simulation.settling import (
@@ -42,11 +42,11 @@ class PlainBody:
         pybullet.setPhysicsEngineParameter(
             fixedTimeStep=step,
             numSubSteps=0,
-            numSolverIterations=bullet_engine.MAX_SOLVER_ITERATIONS,
-            solverResidualThreshold=bullet_engine.SOLVER_RESIDUAL,
-            restitutionVelocityThreshold=bullet_engine.RESTITUTION_THRESHOLD,
-            erp=step / bullet_engine.PENETRATION_TIME,
-            contactERP=step / bullet_engine.PENETRATION_TIME,
+            numSolverIterations=bullet_world.MAX_SOLVER_ITERATIONS,
+            solverResidualThreshold=bullet_world.SOLVER_RESIDUAL,
+            restitutionVelocityThreshold=bullet_world.RESTITUTION_THRESHOLD,
+            erp=step / bullet_world.PENETRATION_TIME,
+            contactERP=step / bullet_world.PENETRATION_TIME,
             physicsClientId=client,
         )
         plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)

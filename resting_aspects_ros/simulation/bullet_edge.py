@@ -22,8 +22,8 @@ from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.rotations import Array, product, rotate
 from resting_aspects_ros.simulation.bullet_client import pybullet
-from resting_aspects_ros.simulation.bullet_engine import _PART_GROUP, _SURFACE_GROUP
 from resting_aspects_ros.simulation.bullet_wall import FAR, NO_TURN, WallWorld, WorldWithEdge
+from resting_aspects_ros.simulation.bullet_world import PART_GROUP, SURFACE_GROUP
 from resting_aspects_ros.simulation.drop_job import EDGE_CHECKS_PER_T, STEPS_PER_T, DropJob
 from resting_aspects_ros.simulation.initial_state import (
     REST_MARGIN,
@@ -151,7 +151,7 @@ class EdgeWorld(WorldWithEdge):
             self._place(self._belt, *self._boxes[self._belt])
             for body in (self._belt, self._roller):
                 # Setting the mask discards the contacts of a body, although it is the same mask.
-                self._collide(body, _SURFACE_GROUP, _PART_GROUP)
+                self._collide(body, SURFACE_GROUP, PART_GROUP)
             pybullet.stepSimulation(physicsClientId=self._client)
 
     def _beyond(self, at: BodyStates) -> npt.NDArray[np.bool_]:

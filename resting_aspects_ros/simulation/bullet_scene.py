@@ -16,12 +16,12 @@ import pybullet
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.rotations import Array, product, rotate
 from resting_aspects_ros.simulation.bullet_edge import _compound, _obj_text
-from resting_aspects_ros.simulation.bullet_engine import (
-    _PART_GROUP,
-    _SURFACE_GROUP,
+from resting_aspects_ros.simulation.bullet_world import (
+    PART_GROUP,
     SLOT_SPACING,
-    _slot_origins,
-    _World,
+    SURFACE_GROUP,
+    World,
+    slot_origins,
 )
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import CHUNK, InitialState
@@ -66,7 +66,7 @@ def drop_in_scene(job: DropJob, states: InitialState, first_drop: int, end: int)
     return RestingPoses.join(poses).between(first_drop, end)
 
 
-class SceneWorld(_World):
+class SceneWorld(World):
     """A world with the bodies of the surroundings.
 
     Its axes are those of the scene frame, and it moves with ``DropJob.frame_velocity``.
@@ -170,7 +170,7 @@ class SceneWorld(_World):
         body: int = pybullet.createMultiBody(
             0, shape, useMaximalCoordinates=1, physicsClientId=self._client
         )
-        self._collide(body, _SURFACE_GROUP, _PART_GROUP)
+        self._collide(body, SURFACE_GROUP, PART_GROUP)
         return body
 
     def drop_all(self, states: InitialState, slots: npt.NDArray[np.int64]) -> SceneSettling:
@@ -221,7 +221,7 @@ class SceneWorld(_World):
         if len(self._copies) > 1:
             return self._copies[slots]
         if self._scene.free == 2:
-            return _slot_origins(slots)
+            return slot_origins(slots)
         along = np.stack([slots, 0 * slots, 0 * slots], axis=1) * SLOT_SPACING
         return np.asarray(along * float(self._scene.free), dtype=np.float64)
 
@@ -232,11 +232,11 @@ def _apart(scene: Scene, radius: float) -> Array:
         np.ptp(body.vertices, axis=0) for body in scene.bodies if isinstance(body, MeshBody)
     ]
     spacing = float(np.max(extents)) / radius + CLEARANCE
-    return _slot_origins(np.arange(CHUNK)) * (spacing / SLOT_SPACING)
+    return slot_origins(np.arange(CHUNK)) * (spacing / SLOT_SPACING)
 
 
 @lru_cache(maxsize=16)
 def _lists(corners: bytes) -> tuple[list[list[float]], list[int]]:
-    """Return a mesh for PyBullet; the same objects for every chunk, see bullet_engine._corners."""
+    """Return a mesh for PyBullet; the same objects for every chunk, see bullet_world._corners."""
     points, rows = np.unique(np.frombuffer(corners).reshape(-1, 3), axis=0, return_inverse=True)
     return points.tolist(), rows.ravel().tolist()

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.simulation.bullet_client import pybullet
-from resting_aspects_ros.simulation.bullet_engine import SLOT_SPACING, _World
+from resting_aspects_ros.simulation.bullet_world import SLOT_SPACING, World
 from resting_aspects_ros.simulation.drop_job import STEPS_PER_T, DropJob
 from resting_aspects_ros.simulation.initial_state import CHUNK, InitialState
 from resting_aspects_ros.simulation.settling import CHECK_INTERVAL, Settling
@@ -21,7 +21,7 @@ FAR = 20.0
 NO_TURN = [0.0, 0.0, 0.0, 1.0]
 
 
-class WorldWithEdge(_World):
+class WorldWithEdge(World):
     """A world in which boxes can be added that belong to the upper belt."""
 
     def __init__(self, job: DropJob) -> None:

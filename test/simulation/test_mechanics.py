@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.simulation import bullet_engine, drop_job, initial_state
+from resting_aspects_ros.simulation import bullet_world, drop_job, initial_state
 from resting_aspects_ros.simulation.plan import make_job
 
 
@@ -16,7 +16,7 @@ class Flight:
     """One body in the engine's world from a given state, in R and T, looked at as it moves."""
 
     def __init__(self, job, position, orientation, velocity, spin):
-        world = bullet_engine._World(job)
+        world = bullet_world.World(job)
         self.job, self.client = job, world._client
         state = (position, orientation, velocity, spin)
         rows = [np.array([row], dtype=np.float64) for row in state]
@@ -50,13 +50,13 @@ class Flight:
 
 def on_the_surface(job, orientation, velocity=(0, 0, 0), spin=(0, 0, 0)):
     """The states, once each T, of a body that is put on the surface and moves."""
-    world = bullet_engine._World(job)
+    world = bullet_world.World(job)
     lowest = initial_state.depth_of(np.array([orientation]), job.hull)[0]
     start = initial_state.InitialState(
         *(np.array([v], float) for v in ((0, 0, lowest), orientation, velocity, spin)),
         elapsed=np.zeros(1),
     )
-    origins = bullet_engine._slot_origins(np.arange(1))
+    origins = bullet_world.slot_origins(np.arange(1))
     bodies = world._add(start, np.arange(1), origins)
     while True:
         for _ in range(job.steps_per_t):

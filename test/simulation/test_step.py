@@ -13,7 +13,7 @@ from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import rotate
-from resting_aspects_ros.simulation import bullet_engine, drop_job, initial_state
+from resting_aspects_ros.simulation import bullet_engine, bullet_world, drop_job, initial_state
 from resting_aspects_ros.simulation.actions import Actions, make_action
 from resting_aspects_ros.simulation.bullet_edge import MIN_RADIUS, EdgeWorld, _compound, _obj_text
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
@@ -34,7 +34,7 @@ LOW = Step(belt_speed=0.2, step_height=0.02, lower_speed=0.3)
 @pytest.fixture(autouse=True)
 def small_chunks(monkeypatch):
     """All parts of a chunk move over the edge, however few are asked for."""
-    for module in (bullet_engine, initial_state):
+    for module in (bullet_engine, bullet_world, initial_state):
         monkeypatch.setattr(module, 'CHUNK', CHUNK)
 
 
@@ -270,7 +270,7 @@ def test_compound_has_all_pieces(mat, part):
     # PyBullet ignores the shapes of a compound after the 16th, except in a file.
     cube = trimesh.creation.box((0.1, 0.1, 0.1)).vertices
     pieces = tuple(cube + np.array([k, 0, 0]) for k in range(40))
-    client = bullet_engine._World(make_job(part('box_10x20x30'), mat, 1))._client
+    client = bullet_world.World(make_job(part('box_10x20x30'), mat, 1))._client
     shape = _compound(_obj_text(pieces), client)
     body = pybullet.createMultiBody(0, shape, physicsClientId=client)
     low, high = pybullet.getAABB(body, physicsClientId=client)

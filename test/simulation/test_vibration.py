@@ -18,7 +18,7 @@ from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.reorientation.transition_matrix import no_actions
 from resting_aspects_ros.core.rotations import rotate
 from resting_aspects_ros.core.statistics.distribution import aspect_ids
-from resting_aspects_ros.simulation import bullet_engine, drop_job, initial_state, settling
+from resting_aspects_ros.simulation import bullet_world, drop_job, initial_state, settling
 from resting_aspects_ros.simulation.actions import Actions
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.config_files import actions_file
@@ -122,7 +122,7 @@ def test_acceleration_of_ramps_hardly_exceeds_that_of_the_sine():
 def riding(part, conditions, vibration, slots=1):
     """Positions of centres of mass and orientations on the plate, each eighth step, in m."""
     job = vibration_job(part, conditions, vibration, aspects=1)
-    world = bullet_engine._World(job)
+    world = bullet_world.World(job)
     which, origins = np.arange(slots), np.zeros((slots, 3))
     bodies = world._add(initial_state.initial_states(job, 0), which, origins)
     places, turns, made = [], [], 0
