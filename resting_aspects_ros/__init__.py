@@ -18,7 +18,7 @@ __version__ = '0.1.0'
 _MODULES = {
     'CalibrationPlan': 'studies.calibration.plan',
     'CalibrationResult': 'studies.calibration.result',
-    'BatchResult': 'studies.batch',
+    'BatchResult': 'studies.batch_result',
     'ClassificationResult': 'api.classify',
     'ComparisonResult': 'api.compare',
     'ControlledRuns': 'core.feeding.controlled_runs',

@@ -9,7 +9,7 @@ from resting_aspects_ros.core.statistics.intervals import Interval
 from resting_aspects_ros.report.page import PAGE
 from resting_aspects_ros.report.page_template import render_page
 from resting_aspects_ros.report.rows import class_rows
-from resting_aspects_ros.studies.batch import BatchEntry, BatchResult
+from resting_aspects_ros.studies.batch_result import BatchEntry, BatchResult
 from resting_aspects_ros.studies.effects import entropy
 from resting_aspects_ros.studies.page_parts import comparison_texts
 
