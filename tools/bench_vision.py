@@ -18,7 +18,7 @@ from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.vision.identification import identify
 from resting_aspects_ros.core.vision.known_part import KnownPart
-from resting_aspects_ros.core.vision.matching import look_alikes
+from resting_aspects_ros.core.vision.look_alikes import look_alikes
 from resting_aspects_ros.core.vision.observation import observed_polygon
 from resting_aspects_ros.core.vision.outline import Outline
 from resting_aspects_ros.simulation.part_library import PartLibrary

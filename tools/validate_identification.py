@@ -29,7 +29,7 @@ from resting_aspects_ros.core.vision.identification import Identification, ident
 from resting_aspects_ros.core.vision.known_part import KnownPart
 from resting_aspects_ros.core.vision.likelihood import OutlineNoise
 from resting_aspects_ros.core.vision.location import Pose, camera_pose
-from resting_aspects_ros.core.vision.matching import look_alikes
+from resting_aspects_ros.core.vision.look_alikes import look_alikes
 from resting_aspects_ros.core.vision.observation import observed_polygon
 from resting_aspects_ros.core.vision.outline import Outline, _yaw_symmetry, seen_outline
 from resting_aspects_ros.simulation.part_library import PartLibrary

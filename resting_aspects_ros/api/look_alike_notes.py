@@ -75,7 +75,7 @@ def counted_apart_texts(
 def _pairs(part: Part, aspects: AspectSet) -> 'Iterator[tuple[Outline, Outline, str]]':
     """Yield the pairs of classes with the same outline or its mirror image, and the verdict."""
     # The import of shapely is only needed here.
-    from resting_aspects_ros.core.vision.matching import look_alikes
+    from resting_aspects_ros.core.vision.look_alikes import look_alikes
     from resting_aspects_ros.core.vision.outline import find_outlines
 
     outlines = find_outlines(part, aspects)

@@ -10,7 +10,7 @@ from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.vision.matching import LookAlike, look_alikes
+from resting_aspects_ros.core.vision.look_alikes import LookAlike, look_alikes
 from resting_aspects_ros.core.vision.outline import Outline, find_outlines
 from resting_aspects_ros.report.document import to_json
 from resting_aspects_ros.report.outline_document import outlines_document

@@ -11,7 +11,7 @@ from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.core.aspects.support import resting_on
 from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array, composed
-from resting_aspects_ros.core.vision.matching import LookAlike
+from resting_aspects_ros.core.vision.look_alikes import LookAlike
 from resting_aspects_ros.core.vision.outline import Outline
 from resting_aspects_ros.report.aspect_pose import picture_part
 from resting_aspects_ros.report.colours import aspect_colour, rgb

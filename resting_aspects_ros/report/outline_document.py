@@ -6,7 +6,7 @@ import numpy as np
 from shapely import Polygon
 
 from resting_aspects_ros.core.part import Part
-from resting_aspects_ros.core.vision.matching import LookAlike
+from resting_aspects_ros.core.vision.look_alikes import LookAlike
 from resting_aspects_ros.core.vision.outline import Outline
 from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers
 

@@ -7,7 +7,7 @@ import numpy as np
 from rich.table import Table
 
 from resting_aspects_ros.core.aspects.aspect_set import Aspect, AspectSet
-from resting_aspects_ros.core.vision.matching import LookAlike
+from resting_aspects_ros.core.vision.look_alikes import LookAlike
 from resting_aspects_ros.core.vision.outline import Outline
 from resting_aspects_ros.report.outline_document import LookAlikes
 from resting_aspects_ros.report.rounding import millimetre_texts, number_text

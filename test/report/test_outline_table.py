@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from resting_aspects_ros.api.outlines import outlines
-from resting_aspects_ros.core.vision.matching import LookAlike
+from resting_aspects_ros.core.vision.look_alikes import LookAlike
 from resting_aspects_ros.report.counting_sheet import _pages, drawing_scale
 from resting_aspects_ros.report.outline_table import (
     MAX_PAIRS,

@@ -2,5 +2,5 @@
 
 Contains outlines, their alignment, identification, cameras and poses. May import `core`,
 `core.geometry`, `core.aspects` and `core.statistics`, and is the only room of `core` that imports
-shapely. Read `outline.py` first, then `matching.py`.
+shapely. Read `outline.py` first, then `look_alikes.py`.
 """

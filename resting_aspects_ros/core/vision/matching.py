@@ -1,9 +1,4 @@
-"""Which outlines are equal or look alike after some rotation and translation."""
-
-from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import combinations, product
-from typing import TYPE_CHECKING, Literal
+"""How well two outlines match after some rotation and translation."""
 
 import numpy as np
 import numpy.typing as npt
@@ -15,9 +10,6 @@ from resting_aspects_ros.core.vision.boundary import ROUGH, SAME, turn
 from resting_aspects_ros.core.vision.common_area import common_area
 from resting_aspects_ros.core.vision.fitting import Fit, Shape, candidate_yaws, fit, shape_of
 
-if TYPE_CHECKING:  # outline.py uses this module
-    from resting_aspects_ros.core.vision.outline import Outline
-
 Array = npt.NDArray[np.float64]
 # Yaw, rad, and shift (2,) of the centroid of a model relative to that of the seen outline, m.
 Pose = tuple[float, Array]
@@ -26,27 +18,6 @@ Pose = tuple[float, Array]
 # computed at YAWS yaws and maximized from the best TRIES of them, in steps of START (rad, and
 # radii). Of overlaps that are equal within EQUAL, the one with the closest boundaries counts.
 ALIKE, YAWS, TRIES, START, EQUAL = 0.9, 36, 4, 0.1, 2e-3
-
-
-@dataclass(frozen=True)
-class LookAlike:
-    """How well the outline of another symmetry class resembles an outline.
-
-    symmetry_class : int
-        The other class.
-    overlap : float
-        Maximum intersection over union over yaw and position.
-    verdict : 'same', 'mirrored' or 'distinct'
-        same: equal within SAME. mirrored: the mirror image is equal, but the outline is not.
-    resolution : float
-        Symmetric Hausdorff distance after the best alignment, m: a camera that does not resolve
-        it cannot distinguish the outlines.
-    """
-
-    symmetry_class: int
-    overlap: float
-    verdict: Literal['same', 'mirrored', 'distinct']
-    resolution: float
 
 
 def same_outline(model: shapely.Polygon, seen: shapely.Polygon, play: float = 0.0) -> bool:
@@ -62,41 +33,6 @@ def same_outline(model: shapely.Polygon, seen: shapely.Polygon, play: float = 0.
     if abs(one.area - other.area) > 1.1 * reach * max(one.perimeter, other.perimeter):
         return False
     return any(a.equals(b, *_pose(each, one, other), play) for each in fit(one, other))
-
-
-def look_alikes(outlines: Sequence['Outline']) -> dict[int, tuple[LookAlike, ...]]:
-    """Return, by symmetry class, how well each other class resembles it, best overlap first.
-
-    Of a class whose outline changes while the part rolls or rocks, the most similar one counts.
-    """
-    found: dict[int, list[LookAlike]] = {outline.symmetry_class: [] for outline in outlines}
-    for one, other in combinations(outlines, 2):
-        pairs = list(product((one.polygon, *one.family), (other.polygon, *other.family)))
-        overlap, distance = _most_alike(pairs)
-        verdict: Literal['same', 'mirrored', 'distinct'] = 'distinct'
-        if any(same_outline(a, b) for a, b in pairs):
-            verdict = 'same'
-        elif any(same_outline(mirrored(a), b) for a, b in pairs):
-            verdict = 'mirrored'
-        for a, b in ((one, other), (other, one)):
-            found[a.symmetry_class].append(LookAlike(b.symmetry_class, overlap, verdict, distance))
-    return {k: tuple(sorted(each, key=lambda a: -a.overlap)) for k, each in found.items()}
-
-
-def _most_alike(
-    pairs: Sequence[tuple[shapely.Polygon, shapely.Polygon]],
-) -> tuple[float, float]:
-    """Return the maximum overlap of all pairs of a model and a seen outline, and its distance."""
-
-    def bound(pair: tuple[shapely.Polygon, shapely.Polygon]) -> float:
-        areas = sorted(each.area for each in pair)
-        return float(areas[0] / areas[1])
-
-    best = (0.0, np.inf)
-    for model, seen in sorted(pairs, key=bound, reverse=True):
-        if bound((model, seen)) > best[0]:
-            best = max(best, best_overlap(model, seen), key=lambda found: found[0])
-    return best
 
 
 def best_overlap(model: shapely.Polygon, seen: shapely.Polygon) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.core.statistics.distribution import Distribution
 from resting_aspects_ros.core.vision.known_part import KnownPart
-from resting_aspects_ros.core.vision.matching import LookAlike, look_alikes
+from resting_aspects_ros.core.vision.look_alikes import LookAlike, look_alikes
 from resting_aspects_ros.core.vision.outline import Outline, find_outlines
 from resting_aspects_ros.nodes.aspect_classifier.part_registry import PartRegistry
 from resting_aspects_ros.ros.callbacks import advertise, guarded_task

@@ -17,7 +17,8 @@ from resting_aspects_ros.core.vision.fitting import Shape
 from resting_aspects_ros.core.vision.identification import identify
 from resting_aspects_ros.core.vision.known_part import KnownPart
 from resting_aspects_ros.core.vision.likelihood import OutlineNoise
-from resting_aspects_ros.core.vision.matching import look_alikes, mirrored
+from resting_aspects_ros.core.vision.look_alikes import look_alikes
+from resting_aspects_ros.core.vision.matching import mirrored
 from resting_aspects_ros.core.vision.observation import observed_polygon
 from resting_aspects_ros.core.vision.outline import find_outlines, seen_outline
 

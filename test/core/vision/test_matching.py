@@ -10,12 +10,8 @@ from shapely.affinity import rotate, scale, translate
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.vision.common_area import common_area
 from resting_aspects_ros.core.vision.fitting import MAX_YAWS, Shape, fit
-from resting_aspects_ros.core.vision.matching import (
-    best_overlap,
-    look_alikes,
-    mirrored,
-    same_outline,
-)
+from resting_aspects_ros.core.vision.look_alikes import look_alikes
+from resting_aspects_ros.core.vision.matching import best_overlap, mirrored, same_outline
 from resting_aspects_ros.core.vision.outline import find_outlines
 
 few = settings(max_examples=settings.default.max_examples // 5)
