@@ -137,7 +137,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _check_report(flag: str, out: Path) -> None:
     # This import is slow, and only needed for a report.
-    from resting_aspects_ros.api.forecast_files import check_forecast_report
+    from resting_aspects_ros.api.forecast_result import check_forecast_report
 
     check_forecast_report(flag, out)
 
@@ -156,7 +156,7 @@ def _write(
                 file.write_text(first.to_json(others), encoding='utf-8')
             written.append(out / DOCUMENT)
             if not arguments.report:
-                from resting_aspects_ros.api.forecast_files import save_forecast_picture
+                from resting_aspects_ros.api.forecast_result import save_forecast_picture
 
                 save_forecast_picture(results, out / PICTURE)
                 written.append(out / PICTURE)
@@ -170,7 +170,7 @@ def _write(
     if arguments.report and out is not None:
         # Everything else is saved, so Ctrl-C may end the report at once.
         catch(signal.default_int_handler)
-        from resting_aspects_ros.api.forecast_files import write_forecast_report
+        from resting_aspects_ros.api.forecast_result import write_forecast_report
 
         page = write_forecast_report(results, out)
         if not arguments.json:
