@@ -13,7 +13,7 @@ from measured import Case, cases
 from rich.console import Console
 from rich.progress import track
 
-from resting_aspects_ros.api.estimate import release_numbers
+from resting_aspects_ros.api.recommended_method import release_numbers
 from resting_aspects_ros.core.estimators.estimate import METHODS, Estimate, estimate
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
 from resting_aspects_ros.core.part import Part

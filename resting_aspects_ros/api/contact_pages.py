@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from resting_aspects_ros.api.drop_result import DropResult
+from resting_aspects_ros.api.counted_run import CountedRun
 from resting_aspects_ros.api.surroundings import scene_of
 from resting_aspects_ros.core.aspects.contacts import ContactPlane
 from resting_aspects_ros.report.aspect_pose import picture_part
@@ -15,7 +15,7 @@ MAX_ROWS = 24
 PIXELS = 240
 
 
-def contact_page_rows(result: DropResult) -> Iterator[ContactRow]:
+def contact_page_rows(result: CountedRun) -> Iterator[ContactRow]:
     """Yield a row for each of the most frequent placements; nothing without walls or part."""
     part, contacts, distribution = result.part, result.contacts, result.distribution
     scene = None if part is None else scene_of(part, result.run.conditions)

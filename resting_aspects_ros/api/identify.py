@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
 from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.estimate import recommended_method, release_numbers
 from resting_aspects_ros.api.load_part import given_part
+from resting_aspects_ros.api.recommended_method import recommended_method, release_numbers
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.errors import InvalidValueError, shown
 from resting_aspects_ros.core.estimators.estimate import Estimate, estimate_each

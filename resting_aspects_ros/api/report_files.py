@@ -7,10 +7,10 @@ import numpy as np
 
 from resting_aspects_ros.api.condition_text import condition_facts, surface_text, when_text
 from resting_aspects_ros.api.contact_pages import contact_page_rows
-from resting_aspects_ros.api.drop_result import DropResult
-from resting_aspects_ros.api.estimate import recommended_method, release_numbers
+from resting_aspects_ros.api.counted_run import CountedRun
 from resting_aspects_ros.api.inputs.counts import CountedDrops, counted_by_class_of
 from resting_aspects_ros.api.output_files import check_output, make_folder, whole_file
+from resting_aspects_ros.api.recommended_method import recommended_method, release_numbers
 from resting_aspects_ros.api.simulated_shapes import simulated_shapes
 from resting_aspects_ros.api.surroundings import has_level_floor
 from resting_aspects_ros.api.surroundings_facts import surroundings_facts
@@ -49,7 +49,7 @@ def check_files(flag: str, folder: Path, names: Sequence[str]) -> None:
         check_output(flag, folder / name)
 
 
-def write_report(result: DropResult, folder: Path, against: CountedDrops | None = None) -> Path:
+def write_report(result: CountedRun, folder: Path, against: CountedDrops | None = None) -> Path:
     """Write the report and return the path of the page. Raises OutputError."""
     write_files(folder, report_files(_report(result, against)), FILES)
     return folder / PAGE
@@ -67,7 +67,7 @@ def write_files(folder: Path, files: Iterable[tuple[str, bytes]], names: Sequenc
             (folder / name).unlink(missing_ok=True)
 
 
-def _report(result: DropResult, against: CountedDrops | None) -> Report:
+def _report(result: CountedRun, against: CountedDrops | None) -> Report:
     distribution, part = result.distribution, result.part
     estimates: dict[str, Array] = {}
     reasons: dict[str, str] = {}
@@ -97,7 +97,7 @@ def _report(result: DropResult, against: CountedDrops | None) -> Report:
     )
 
 
-def _measured(result: DropResult, against: CountedDrops) -> ReferenceCounts:
+def _measured(result: CountedRun, against: CountedDrops) -> ReferenceCounts:
     tally = counted_by_class_of(against, result.distribution.aspects)
     own = result.distribution.by_class()
     counted = DropCounts(
@@ -107,7 +107,7 @@ def _measured(result: DropResult, against: CountedDrops) -> ReferenceCounts:
     return ReferenceCounts(printable(Path(against.source).name), counted, tally, found)
 
 
-def _notes(result: DropResult) -> Iterator[str]:
+def _notes(result: CountedRun) -> Iterator[str]:
     run, drops = result.run, result.distribution.drops
     if not result.complete:
         goal = f'a precision of ±{run.precision:g}' if run.precision else f'{run.drops} drops'
@@ -130,7 +130,7 @@ def warning_notes(part: Part) -> list[str]:
     return [f'{warning[0].upper()}{warning[1:]}.' for warning in part.warnings]
 
 
-def _facts(result: DropResult) -> dict[str, list[tuple[str, str]]]:
+def _facts(result: CountedRun) -> dict[str, list[tuple[str, str]]]:
     run, distribution = result.run, result.distribution
     return {
         'Part': part_facts(result.part, run, distribution.aspects),
@@ -149,7 +149,7 @@ def _facts(result: DropResult) -> dict[str, list[tuple[str, str]]]:
     }
 
 
-def _surroundings_facts(result: DropResult) -> dict[str, list[tuple[str, str]]]:
+def _surroundings_facts(result: CountedRun) -> dict[str, list[tuple[str, str]]]:
     """Return the surroundings in words, below their heading; empty for the level plane."""
     conditions = result.run.conditions
     if not conditions.surroundings:

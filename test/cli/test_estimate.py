@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
-from resting_aspects_ros.api.estimate import recommended_method, release_numbers
+from resting_aspects_ros.api.recommended_method import recommended_method, release_numbers
 from resting_aspects_ros.core.aspects.aspect import find_aspects
 from resting_aspects_ros.core.estimators.estimate import METHODS, estimate
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape

@@ -9,7 +9,7 @@ from resting_aspects_interfaces.action import DropPart
 from resting_aspects_interfaces.msg import AspectDistribution
 from resting_aspects_interfaces.srv import GetDistribution
 
-from resting_aspects_ros.api.estimate import release_numbers
+from resting_aspects_ros.api.recommended_method import release_numbers
 from resting_aspects_ros.core.estimators.estimate import LEARNED, estimate
 from resting_aspects_ros.core.estimators.release import TYPICAL
 from resting_aspects_ros.core.estimators.resting_shape import NotDefinedError, RestingShape
