@@ -2,7 +2,7 @@
 
 import ast
 import sys
-from graphlib import TopologicalSorter
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -172,6 +172,37 @@ def test_rooms_import_in_one_direction():
     # `core` and `core.geometry` are one room in two folders.
     order = {here: ROOMS[here] - {here, 'core', 'core.geometry'} for here in ROOMS}
     TopologicalSorter(order).prepare()  # raises CycleError
+
+
+def circle(texts):
+    """Return modules that import each other in a circle, from their texts by path; [] if none.
+
+    All imports count: also those in functions and those for types alone.
+    """
+    names = {
+        path: '.'.join([NAME, *path.relative_to(PACKAGE).with_suffix('').parts]) for path in texts
+    }
+    graph = {}
+    for path, text in texts.items():
+        found = {name for name, _ in imported(ast.parse(text), path)}
+        found |= {name.rpartition('.')[0] for name in found}
+        graph[names[path]] = found & {*names.values()} - {names[path]}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return error.args[1]
+    return []
+
+
+def test_modules_import_in_one_direction():
+    assert circle({path: path.read_text('utf-8') for path in modules()}) == []
+
+
+def test_circles_in_functions_and_for_types_are_detected():
+    one = 'def late():\n    from resting_aspects_ros.core.b import B'
+    for other in ('if TYPE_CHECKING:\n    from .a import A', 'import resting_aspects_ros.core.a'):
+        names = circle({PACKAGE / 'core/a.py': one, PACKAGE / 'core/b.py': other})
+        assert {*names} == {'resting_aspects_ros.core.a', 'resting_aspects_ros.core.b'}
 
 
 @pytest.mark.parametrize(

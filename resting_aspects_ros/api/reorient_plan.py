@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from resting_aspects_ros.api.reorient_result import ReorientResult, wanted_mask
+from resting_aspects_ros.api.counted_actions import CountedActions, wanted_mask
 from resting_aspects_ros.core.errors import InvalidValueError
 from resting_aspects_ros.core.reorientation.plan import Plan, best_plan
 from resting_aspects_ros.report.document import plain
@@ -42,7 +42,7 @@ class PlanResult:
         }
 
 
-def plan_reorientation(results: Sequence[ReorientResult], wanted: Sequence[int]) -> PlanResult:
+def plan_reorientation(results: Sequence[CountedActions], wanted: Sequence[int]) -> PlanResult:
     """Return which action to take in which aspect, for the least expected time to wanted aspects.
 
     A part that leaves the aspects is replaced by a dropped part, which takes no time. If whole
@@ -50,7 +50,7 @@ def plan_reorientation(results: Sequence[ReorientResult], wanted: Sequence[int])
 
     Parameters
     ----------
-    results : sequence of ReorientResult
+    results : sequence of CountedActions
         Results by aspect of different actions on the same part under the same conditions.
     wanted : sequence of int
         Ids of aspects.

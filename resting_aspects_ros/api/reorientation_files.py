@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from resting_aspects_ros.api.condition_text import condition_facts
+from resting_aspects_ros.api.counted_actions import CountedActions, wanted_mask
 from resting_aspects_ros.api.measured_trials import MeasuredComparison
 from resting_aspects_ros.api.reorient_plan import PlanResult
-from resting_aspects_ros.api.reorient_result import ReorientResult, wanted_mask
 from resting_aspects_ros.api.report_files import (
     check_files,
     energy_text,
@@ -17,7 +17,7 @@ from resting_aspects_ros.api.report_files import (
     warning_notes,
     write_files,
 )
-from resting_aspects_ros.api.retention import RetentionResult
+from resting_aspects_ros.api.retention_counts import RetentionCounts
 from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.core.aspects.aspect_set import Aspect
 from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES, TransitionMatrix
@@ -55,19 +55,19 @@ def check_reorientation_report(flag: str, folder: Path, actions: Sequence[str]) 
 
 
 def write_reorientation_report(
-    results: Sequence[ReorientResult],
+    results: Sequence[CountedActions],
     folder: Path,
     *,
     wanted: Sequence[int] = (),
     plan: PlanResult | None = None,
     checks: Sequence[MeasuredComparison] = (),
-    simulated: Sequence[ReorientResult] = (),
+    simulated: Sequence[CountedActions] = (),
 ) -> Path:
     """Write a report on one or several actions, and return the path of the page.
 
     Parameters
     ----------
-    results : sequence of ReorientResult
+    results : sequence of CountedActions
         Results of different actions on the same part under the same conditions.
     wanted : sequence of int
         Ids of wanted aspects.
@@ -75,7 +75,7 @@ def write_reorientation_report(
         The best plan, if it is to be shown.
     checks : sequence of MeasuredComparison
         Comparisons with measured trials of any of the actions.
-    simulated : sequence of ReorientResult
+    simulated : sequence of CountedActions
         Where rows of ``results`` are measured: the results in which they are simulated.
 
     Raises
@@ -110,7 +110,7 @@ def write_reorientation_report(
     return folder / PAGE
 
 
-def write_retention_report(result: RetentionResult, folder: Path) -> Path:
+def write_retention_report(result: RetentionCounts, folder: Path) -> Path:
     """Write a report on retention curves, and return the path of the page. Raises OutputError."""
     run, part = result.run, result.part
     done = sum(int(curve.parts.sum()) for curve in result.curves)
@@ -139,8 +139,8 @@ def write_retention_report(result: RetentionResult, folder: Path) -> Path:
 
 
 def _action_report(
-    result: ReorientResult,
-    simulated: ReorientResult,
+    result: CountedActions,
+    simulated: CountedActions,
     wanted: Sequence[int],
     checks: Sequence[MeasuredComparison],
 ) -> ActionReport:
@@ -179,13 +179,13 @@ def _named(aspects: tuple[Aspect, ...]) -> str:
     return f'aspect{"s" * (len(aspects) > 1)} {ids_text(aspects)}'
 
 
-def _shares(result: ReorientResult) -> Shares | None:
+def _shares(result: CountedActions) -> Shares | None:
     if result.long_run is None:
         return None
     return Shares(result.long_run, *result.long_run_bounds, result.drop_shares)
 
 
-def _notes(result: ReorientResult, simulated: ReorientResult) -> Iterator[str]:
+def _notes(result: CountedActions, simulated: CountedActions) -> Iterator[str]:
     matrix = result.matrix
     if not result.complete:
         done = int(simulated.matrix.actions.sum())
@@ -221,7 +221,7 @@ def _condition_facts(conditions: DropConditions) -> dict[str, Facts]:
     }
 
 
-def _run_facts(result: ReorientResult) -> Facts:
+def _run_facts(result: CountedActions) -> Facts:
     growth = energy_text(result.matrix.energy_growth, result.part)
     return [
         *run_facts(result.run, int(result.matrix.actions.sum()), 'actions'),

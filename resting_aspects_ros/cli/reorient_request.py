@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.api.condition_text import shipped_surfaces
+from resting_aspects_ros.api.counted_actions import wanted_mask
 from resting_aspects_ros.api.load_part import load_part
 from resting_aspects_ros.api.measured_trials import MeasuredTrials
 from resting_aspects_ros.api.output_files import check_output, make_folder
@@ -16,7 +17,6 @@ from resting_aspects_ros.api.plan_actions import (
     check_actions,
     plan_actions,
 )
-from resting_aspects_ros.api.reorient_result import wanted_mask
 from resting_aspects_ros.api.roadmap import read_roadmap
 from resting_aspects_ros.cli.action_options import requested_actions
 from resting_aspects_ros.cli.options import (

@@ -13,11 +13,8 @@ from resting_aspects_ros.simulation.chunks import Workers
 from resting_aspects_ros.simulation.run_description import check_drops, check_seed
 from resting_aspects_ros.studies.factors import Factor, check_factors
 from resting_aspects_ros.studies.objectives import Array, Counts, Objective
-from resting_aspects_ros.studies.optimise_result import (
-    Candidate,
-    OptimisePoint,
-    OptimiseResult,
-)
+from resting_aspects_ros.studies.optimise_result import OptimiseResult
+from resting_aspects_ros.studies.optimum import Candidate, OptimisePoint
 from resting_aspects_ros.studies.optimum_comparison import advantage, estimated, posterior_values
 from resting_aspects_ros.studies.optimum_facts import factor_facts
 from resting_aspects_ros.studies.optimum_problem import Amounts

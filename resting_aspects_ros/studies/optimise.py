@@ -27,9 +27,7 @@ from resting_aspects_ros.simulation.surroundings.library import named_surroundin
 from resting_aspects_ros.studies.factors import read_factor
 from resting_aspects_ros.studies.objectives import make_objective
 from resting_aspects_ros.studies.optimisation import Optimisation
-from resting_aspects_ros.studies.optimise_result import (
-    OptimiseResult,
-)
+from resting_aspects_ros.studies.optimise_result import OptimiseResult
 from resting_aspects_ros.studies.optimum_problem import (
     BUDGET,
     DEFAULT_DROPS,

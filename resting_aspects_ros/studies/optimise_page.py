@@ -19,8 +19,9 @@ from resting_aspects_ros.report.figure_style import (
 from resting_aspects_ros.report.page_table import page_table
 from resting_aspects_ros.report.page_template import picture_uri, render_page
 from resting_aspects_ros.report.posed_part import draw_parts, pose_parts
-from resting_aspects_ros.studies.optimise_result import OptimiseResult
 from resting_aspects_ros.studies.optimise_tables import candidate_table, factor_table
+from resting_aspects_ros.studies.optimise_text import optimise_notes
+from resting_aspects_ros.studies.optimum import Optimum
 from resting_aspects_ros.studies.page_parts import PIXELS
 from resting_aspects_ros.studies.study_figures import (
     MAX_COLUMNS,
@@ -38,7 +39,7 @@ _CURVES = 'Line charts of the objective over each factor'
 _MAP = 'Map of the objective over two factors'
 
 
-def optimise_page(result: OptimiseResult) -> str:
+def optimise_page(result: Optimum) -> str:
     """Return the page as HTML."""
     charts = [_chart(curves_figure(result), 'curves', _CURVES)]
     if result.profile.map is not None:
@@ -63,7 +64,7 @@ def optimise_page(result: OptimiseResult) -> str:
             },
         },
         aim=result.aim,
-        notes=result.notes,
+        notes=optimise_notes(result),
         pictures=_pictures(result),
         candidates=page_table(candidate_table(result)),
         factors=page_table(factor_table(result)),
@@ -81,7 +82,7 @@ def _chart(figure: 'Figure', name: str, label: str) -> dict[str, Any]:
     }
 
 
-def _pictures(result: OptimiseResult) -> list[dict[str, str]]:
+def _pictures(result: Optimum) -> list[dict[str, str]]:
     """Return a picture of each wanted aspect; none for an entropy or contacts."""
     wanted = [a for a in result.aspects.aspects if a.id in result.objective.wanted]
     if not wanted:
@@ -95,7 +96,7 @@ def _pictures(result: OptimiseResult) -> list[dict[str, str]]:
     ]
 
 
-def curves_figure(result: OptimiseResult) -> 'Figure':
+def curves_figure(result: Optimum) -> 'Figure':
     """Return the objective over each factor, with the points and the best value."""
     count = len(result.factors)
     columns = min(count, MAX_COLUMNS)
@@ -123,7 +124,7 @@ def curves_figure(result: OptimiseResult) -> 'Figure':
     return figure
 
 
-def map_figure(result: OptimiseResult) -> 'Figure':
+def map_figure(result: Optimum) -> 'Figure':
     """Return a map of the objective over the two factors with the largest changes."""
     found = result.profile.map
     assert found is not None
@@ -150,7 +151,7 @@ def map_figure(result: OptimiseResult) -> 'Figure':
     return figure
 
 
-def _objective_axis(axes: 'Axes', result: OptimiseResult, labelled: bool) -> None:
+def _objective_axis(axes: 'Axes', result: Optimum, labelled: bool) -> None:
     if not result.objective.is_entropy:
         percent_axis(axes, 'y', axes.get_ylim()[1])
     if labelled:

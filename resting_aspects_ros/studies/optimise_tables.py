@@ -9,10 +9,10 @@ from resting_aspects_ros.api.surroundings import conditions_text
 from resting_aspects_ros.studies.factors import Factor
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.studies.optimise_result import Candidate, OptimiseResult
+    from resting_aspects_ros.studies.optimum import Candidate, Optimum
 
 
-def candidate_table(result: 'OptimiseResult') -> Table:
+def candidate_table(result: 'Optimum') -> Table:
     """Return the table of the conditions that are compared."""
     base = conditions_text(result.best.setting.drop_conditions)
     if result.start is not None:
@@ -34,7 +34,7 @@ def candidate_table(result: 'OptimiseResult') -> Table:
     return table
 
 
-def factor_table(result: 'OptimiseResult') -> Table:
+def factor_table(result: 'Optimum') -> Table:
     """Return the table of the factors: range, flat range and effect."""
     table = Table(title='what the factors do')
     table.add_column('factor')
@@ -52,7 +52,7 @@ def factor_table(result: 'OptimiseResult') -> Table:
     return table
 
 
-def _cells(candidate: 'Candidate', result: 'OptimiseResult') -> list[str]:
+def _cells(candidate: 'Candidate', result: 'Optimum') -> list[str]:
     number, value = result.objective.number, candidate.estimate
     values = [candidate.values[factor.name] for factor in result.factors]
     return [

@@ -9,7 +9,7 @@ from resting_aspects_ros.studies.optimum_comparison import Advantage
 from resting_aspects_ros.studies.optimum_facts import FactorFacts
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.studies.optimise_result import OptimiseResult
+    from resting_aspects_ros.studies.optimum import Optimum
 
 # Values that belong to a pair of materials.
 MATERIAL = ('restitution', 'friction', 'rolling_friction', 'spinning_friction')
@@ -17,7 +17,7 @@ MATERIAL = ('restitution', 'friction', 'rolling_friction', 'spinning_friction')
 SHOWN = 0.95
 
 
-def optimise_notes(result: 'OptimiseResult') -> list[str]:
+def optimise_notes(result: 'Optimum') -> list[str]:
     """Return what the result says, the most important first."""
     return [
         *_comparisons(result),
@@ -35,7 +35,7 @@ def certainty_text(certainty: float) -> str:
     return 'less than 0.1 %' if certainty < 0.001 else f'{100 * certainty:.1f} %'
 
 
-def _comparisons(result: 'OptimiseResult') -> Iterator[str]:
+def _comparisons(result: 'Optimum') -> Iterator[str]:
     if result.over_second is not None:
         yield _against(result.over_second, result.objective, 'the second conditions')
         if result.over_second.certainty < 1 - SHOWN:
@@ -70,7 +70,7 @@ def _against(found: Advantage, objective: Objective, other: str) -> str:
     )
 
 
-def _bounds(result: 'OptimiseResult') -> Iterator[str]:
+def _bounds(result: 'Optimum') -> Iterator[str]:
     for factor, facts in zip(result.factors, result.facts, strict=True):
         if not facts.at_bound:
             continue
@@ -88,7 +88,7 @@ def _bounds(result: 'OptimiseResult') -> Iterator[str]:
             )
 
 
-def _without_effect(result: 'OptimiseResult') -> Iterator[str]:
+def _without_effect(result: 'Optimum') -> Iterator[str]:
     """Yield which factors do not matter, or have no effect that can be shown."""
     tolerance, pairs = result.objective.tolerance, zip(result.factors, result.facts, strict=True)
     known = [(factor.name, facts) for factor, facts in pairs]
@@ -102,15 +102,13 @@ def _without_effect(result: 'OptimiseResult') -> Iterator[str]:
         yield _at_most(result, hidden, f'{verb} no effect that can be shown')
 
 
-def _at_most(
-    result: 'OptimiseResult', found: list[tuple[str, FactorFacts]], statement: str
-) -> str:
+def _at_most(result: 'Optimum', found: list[tuple[str, FactorFacts]], statement: str) -> str:
     names = listed([name for name, _ in found])
     most = result.objective.difference(max(facts.effect_upper for _, facts in found))
     return f'{_at_start(names)} {statement} within the given ranges: {most} at most.'
 
 
-def _materials(result: 'OptimiseResult') -> Iterator[str]:
+def _materials(result: 'Optimum') -> Iterator[str]:
     names = [factor.name for factor in result.factors if is_material(factor)]
     if names:
         verb, them = ('is a property', 'it') if len(names) == 1 else ('are properties', 'them')
@@ -130,7 +128,7 @@ def is_material(factor: Factor) -> bool:
     return factor.name.rpartition('.')[2] in MATERIAL
 
 
-def _limits(result: 'OptimiseResult') -> Iterator[str]:
+def _limits(result: 'Optimum') -> Iterator[str]:
     if result.skipped:
         yield (
             f'{len(result.skipped)} points were impossible and were skipped, the first because: '

@@ -16,7 +16,7 @@ from resting_aspects_ros.report.row_axes import WIDE, RowAxes
 from resting_aspects_ros.report.rows import Row
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 from resting_aspects_ros.studies.page_parts import case_pictures
-from resting_aspects_ros.studies.propagated_result import PropagatedResult, interval_text
+from resting_aspects_ros.studies.propagated_counts import PropagatedCounts, interval_text
 from resting_aspects_ros.studies.study_figures import case_colours
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ LEGEND = (
 )
 
 
-def propagated_page(result: PropagatedResult) -> str:
+def propagated_page(result: PropagatedCounts) -> str:
     """Return the page as HTML."""
     found, names = result.by_class, result.case.class_names
     colours, pictures = case_colours(result.case), case_pictures(result.case)
@@ -67,7 +67,7 @@ def propagated_page(result: PropagatedResult) -> str:
     )
 
 
-def propagated_figure(result: PropagatedResult) -> 'Figure':
+def propagated_figure(result: PropagatedCounts) -> 'Figure':
     """Return bars of the probabilities, with both intervals and the shares of the samples."""
     found = result.by_class
     shares = found.counts / found.drops
@@ -98,7 +98,7 @@ def propagated_figure(result: PropagatedResult) -> 'Figure':
     return bands.figure
 
 
-def _table(result: PropagatedResult) -> PageTable:
+def _table(result: PropagatedCounts) -> PageTable:
     found = result.by_class
     headings = [
         'aspects',
@@ -120,7 +120,7 @@ def _table(result: PropagatedResult) -> PageTable:
     return text_table(headings, rows)
 
 
-def _facts(result: PropagatedResult) -> list[tuple[str, str]]:
+def _facts(result: PropagatedCounts) -> list[tuple[str, str]]:
     """Return the surface, the range of each condition that was sampled, and the known ones."""
     ranges, unit = {}, {each.label: each.unit for each in QUANTITIES.values()}
     for name in result.samples[0]:

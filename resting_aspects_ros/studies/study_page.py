@@ -11,19 +11,19 @@ from resting_aspects_ros.studies.effects import Effects
 from resting_aspects_ros.studies.findings import NOT_WORTH, WORTH, points_text
 from resting_aspects_ros.studies.page_parts import case_pictures, comparison_texts
 from resting_aspects_ros.studies.study_cases import StudyCase
+from resting_aspects_ros.studies.study_counts import StudyCounts
 from resting_aspects_ros.studies.study_figures import (
     case_colours,
     effects_figure,
     indices_figure,
 )
-from resting_aspects_ros.studies.study_result import StudyResult
 
 _CSS_PIXELS_PER_INCH = 96
 _CURVES = 'Line charts of the probability of each aspect class and of the entropy over each factor'
 _INDICES = 'Bar charts of the first and total Sobol indices'
 
 
-def study_page(result: StudyResult) -> str:
+def study_page(result: StudyCounts) -> str:
     """Return the page of a study as HTML."""
     spec = result.spec
     names = ', '.join(part.name for part in spec.parts)
@@ -57,7 +57,7 @@ def study_page(result: StudyResult) -> str:
 
 
 def _case(
-    result: StudyResult, k: int, case: StudyCase, effects: Effects | None, pictures: list[str]
+    result: StudyCounts, k: int, case: StudyCase, effects: Effects | None, pictures: list[str]
 ) -> dict[str, Any]:
     colours = case_colours(case)
     some = case.drops > 0
@@ -103,7 +103,7 @@ def _case(
     return found
 
 
-def _indices_table(effects: Effects, result: StudyResult) -> PageTable:
+def _indices_table(effects: Effects, result: StudyCounts) -> PageTable:
     headings = ['share of']
     for factor in result.spec.factors:
         name = factor.label or factor.name
@@ -124,7 +124,7 @@ def _indices_table(effects: Effects, result: StudyResult) -> PageTable:
     return text_table(headings, rows)
 
 
-def _notes(result: StudyResult) -> Iterator[str]:
+def _notes(result: StudyCounts) -> Iterator[str]:
     if not result.complete:
         yield 'The study is not complete: the same command continues it.'
     for case in result.cases:
@@ -136,7 +136,7 @@ def _notes(result: StudyResult) -> Iterator[str]:
             )
 
 
-def _facts(result: StudyResult) -> dict[str, list[tuple[str, str]]]:
+def _facts(result: StudyCounts) -> dict[str, list[tuple[str, str]]]:
     spec = result.spec
     base = spec.base
     other = [(factor.label or factor.name, _range(factor)) for factor in spec.factors]

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-    from resting_aspects_ros.studies.calibration.result import CalibrationResult
+    from resting_aspects_ros.studies.calibration.fitted_surface import FittedSurface
 
 Array = npt.NDArray[np.float64]
 
@@ -26,7 +26,7 @@ ROW = 0.26  # inches
 MAX_ROWS = 60
 
 
-def calibration_figure(result: 'CalibrationResult') -> 'Figure':
+def calibration_figure(result: 'FittedSurface') -> 'Figure':
     """Return the picture of a result: the regions of the conditions above the shares.
 
     A single region is beside the shares.
@@ -84,7 +84,7 @@ def _shown(part: object) -> int:
     return groups if groups > 2 else 1
 
 
-def _draw_region(axes: 'Axes', result: 'CalibrationResult', i: int, j: int) -> None:
+def _draw_region(axes: 'Axes', result: 'FittedSurface', i: int, j: int) -> None:
     """Draw the regions of two conditions, or the density of a single one."""
     posterior = result.fit.posterior
     weights = posterior.weights().sum(axis=0)
@@ -134,7 +134,7 @@ def _level(mass: Array, region: float) -> float:
     return float(ordered[min(place, len(ordered) - 1)])
 
 
-def _draw_shares(axes: 'Axes', result: 'CalibrationResult', *, beside: bool) -> None:
+def _draw_shares(axes: 'Axes', result: 'FittedSurface', *, beside: bool) -> None:
     """Draw the counted shares over those of the simulation; beside a region it is narrow."""
     names = []
     y = 0

@@ -12,7 +12,7 @@ from resting_aspects_ros.studies.calibration.summary import Estimate, correlatio
 if TYPE_CHECKING:
     from resting_aspects_ros.studies.calibration.checks import Prediction
     from resting_aspects_ros.studies.calibration.comparison import SurfaceComparison
-    from resting_aspects_ros.studies.calibration.result import CalibrationResult
+    from resting_aspects_ros.studies.calibration.fitted_surface import FittedSurface
 
 # Factors are said to trade off if their correlation is at least this.
 TRADE_OFF = 0.5
@@ -21,7 +21,7 @@ NEAR_END = 0.02
 WIDTH = 80
 
 
-def result_text(result: 'CalibrationResult') -> str:
+def result_text(result: 'FittedSurface') -> str:
     """Return the result for a terminal."""
     given = result.fit.given
     head = (
@@ -35,7 +35,7 @@ def result_text(result: 'CalibrationResult') -> str:
     return '\n'.join(lines)
 
 
-def statements(result: 'CalibrationResult') -> list[str]:
+def statements(result: 'FittedSurface') -> list[str]:
     """Return what the counts say, and what they do not determine, one sentence each."""
     return [
         *_on_agreement(result),
@@ -47,7 +47,7 @@ def statements(result: 'CalibrationResult') -> list[str]:
     ]
 
 
-def source_text(result: 'CalibrationResult') -> str:
+def source_text(result: 'FittedSurface') -> str:
     """Return the source of the surface: counts, uncertainty, and what was not determined."""
     given = result.fit.given
     names = ', '.join(part.name for part in given.parts[:5])
@@ -87,7 +87,7 @@ def comparison_text(found: 'SurfaceComparison') -> str:
     return '.\n'.join(sentences) + '.'
 
 
-def _on_agreement(result: 'CalibrationResult') -> Iterator[str]:
+def _on_agreement(result: 'FittedSurface') -> Iterator[str]:
     fitted = _listed([each.factor.label for each in result.estimates])
     p = result.g_test.p
     if not result.contradicted:
@@ -141,7 +141,7 @@ def _on_ends(found: Sequence[Estimate]) -> Iterator[str]:
             )
 
 
-def _on_trade_offs(result: 'CalibrationResult') -> Iterator[str]:
+def _on_trade_offs(result: 'FittedSurface') -> Iterator[str]:
     found = result.estimates
     for k, one in enumerate(found):
         for j in range(k + 1, len(found)):
@@ -154,7 +154,7 @@ def _on_trade_offs(result: 'CalibrationResult') -> Iterator[str]:
                 )
 
 
-def _on_left_out(result: 'CalibrationResult') -> Iterator[str]:
+def _on_left_out(result: 'FittedSurface') -> Iterator[str]:
     if not result.left_out:
         return
     inside = sum(each.inside for each in result.left_out)
@@ -165,7 +165,7 @@ def _on_left_out(result: 'CalibrationResult') -> Iterator[str]:
     )
 
 
-def _on_error(result: 'CalibrationResult') -> Iterator[str]:
+def _on_error(result: 'FittedSurface') -> Iterator[str]:
     from resting_aspects_ros.studies.calibration.fit import MAX_ERROR
 
     worst = float(result.fit.errors.max())
@@ -187,7 +187,7 @@ def _estimate_table(found: Sequence[Estimate]) -> Iterator[str]:
         )
 
 
-def _share_table(result: 'CalibrationResult') -> Iterator[str]:
+def _share_table(result: 'FittedSurface') -> Iterator[str]:
     yield f'{"part":<20}{"group":<12}{"counted":>8}{"fitted":>8}{"left out":>9}  90 % interval'
     for k, part in enumerate(result.fit.given.parts):
         left: Prediction | None = result.left_out[k] if result.left_out else None
