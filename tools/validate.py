@@ -19,6 +19,7 @@ from validate_feeder import feeder
 from validate_identification import identification
 from validate_reorientation import reorientation
 from validate_surroundings import surroundings
+from validate_surroundings_steps import surroundings_steps
 from validate_tosses import tosses
 from validate_world import world
 
@@ -33,6 +34,7 @@ SECTIONS: dict[str, Callable[[Dropper], Iterator[str]]] = {
     'tosses': tosses,
     'reorientation': reorientation,
     'surroundings': surroundings,
+    'surroundings_steps': surroundings_steps,
     'identification': lambda _: identification(),
     'feeder': lambda _: feeder(20, 3, over_ros=True),
     'calibration': calibration,
