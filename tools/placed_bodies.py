@@ -41,7 +41,7 @@ class Placed(SceneWorld):
         assert job.scene is not None
         shape = (len(position), 3)
         self.frame = job.frame_velocity
-        super().__init__(job, job.scene)
+        super().__init__(job)
         self.job = job
         start = InitialState(
             np.array(position, dtype=float),

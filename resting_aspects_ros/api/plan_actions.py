@@ -37,6 +37,7 @@ from resting_aspects_ros.simulation.run_description import (
 )
 from resting_aspects_ros.simulation.starts import Starts
 from resting_aspects_ros.simulation.step_action import Step
+from resting_aspects_ros.simulation.surroundings.floor_step import check_step, step_starts
 from resting_aspects_ros.simulation.surroundings.rest_starts import found_starts
 from resting_aspects_ros.simulation.surroundings.scene import Scene
 from resting_aspects_ros.simulation.vibration import Vibration
@@ -131,11 +132,7 @@ def check_actions(
         check_precision(precision)
     scene = scene_of(part, conditions)
     if scene is not None and isinstance(action.action, Step):
-        raise InvalidValueError(
-            f'invalid action {action.name} in surroundings: expected none for a step, which has '
-            'level belts of its own; a fall into surroundings is simulated by drops from initial '
-            'states, those of parts that leave the upper belt'
-        )
+        check_step(action.name, action.action, scene)
     aspects = aspects_in(scene, find_aspects(part, landscape))
     if not len(aspects):
         raise InvalidValueError(f'invalid part {part.name}: expected a part with an aspect')
@@ -162,12 +159,14 @@ def _starts(
     """Return the starts of an action; raises InvalidValueError."""
     if scene is None:
         return action_starts(part, aspects.aspects, action, conditions.gravity)
-    assert not isinstance(action, Step)  # check_actions refuses it
     if rests is None:
         raise InvalidValueError('invalid surroundings: expected resting poses in them')
     motion = action if isinstance(action, Vibration) else None
-    impulse = None if isinstance(action, Vibration) else action
-    return found_starts(part, aspects, scene, rests, body_of(part), impulse, motion)
+    impulse = None if isinstance(action, Vibration | Step) else action
+    starts = found_starts(part, aspects, scene, rests, body_of(part), impulse, motion)
+    if isinstance(action, Step):
+        return step_starts(part, action, scene, starts, conditions.gravity)
+    return starts
 
 
 def check_speed(part: Part, action: NamedAction, job: DropJob) -> None:

@@ -45,6 +45,7 @@ MIN_RADIUS = 0.02
 # length, R. Beyond them is one long capsule on each side, for parts that drift.
 CAPSULES = 8
 CAPSULE_LENGTH = 0.5
+SHORT = (np.arange(CAPSULES) - (CAPSULES - 1) / 2) * CAPSULE_LENGTH  # their places along y
 # Distance of the wall below the axis of the roller, R. A part that lies on the belt is not near
 # it, which saves time.
 DROP = 0.05
@@ -80,6 +81,8 @@ def fall_over_edge(job: DropJob, states: InitialState, slots: npt.NDArray[np.int
 class EdgeWorld(WorldWithEdge):
     """A world with both belts and the wall, in which all parts start at the same place."""
 
+    _carried = CARRIED
+
     def __init__(self, job: DropJob) -> None:
         super().__init__(job)
         # Contacts with the edge take most of the time of a step. With half of these steps, an
@@ -92,30 +95,39 @@ class EdgeWorld(WorldWithEdge):
         edge = job.edge
         assert edge is not None
         self._upper, self._lower = edge.belt_speed * job.time_unit / job.radius, job.lower_speed
-        self._place(self._ground, [0.0] * 3, NO_TURN, [self._lower, 0.0, 0.0], [0.0] * 3)
-        radius = max(edge.radius / job.radius, MIN_RADIUS)
+        self._place_lower_belt()
+        self._radius = max(edge.radius / job.radius, MIN_RADIUS)
+        self._height = edge.height / job.radius
         self._shape = _compound(_obj_text(_in_body(job)), self._client)
-        self._add_bodies(radius, edge.height / job.radius)
-
-    def _add_bodies(self, radius: float, height: float) -> None:
         ahead = [self._upper, 0.0, 0.0]
-        self._belt = self._add_box(-FAR, -radius, height, ahead)
-        self._add_box(-FAR, 0.0, height - radius - DROP, [0.0] * 3)
-        middle = (np.arange(CAPSULES) - (CAPSULES - 1) / 2) * CAPSULE_LENGTH
+        self._belt = self._add_box(-FAR, -self._radius, self._height, ahead)
+        self._add_box(-FAR, 0.0, self._height - self._radius - DROP, [0.0] * 3)
+        self._rollers = self._add_rollers()
+
+    def _place_lower_belt(self) -> None:
+        self._place(self._ground, [0.0] * 3, NO_TURN, [self._lower, 0.0, 0.0], [0.0] * 3)
+
+    def _add_rollers(self) -> list[int]:
+        """Add the roller, which can consist of several bodies, and return them."""
         end = CAPSULES * CAPSULE_LENGTH / 2
-        places = [*middle.tolist(), -(end + FAR) / 2, (end + FAR) / 2]
-        lengths = [CAPSULE_LENGTH] * CAPSULES + [FAR - end] * 2
+        places = [*SHORT.tolist(), -(end + FAR) / 2, (end + FAR) / 2]
+        return [self._add_roller(places, [CAPSULE_LENGTH] * CAPSULES + [FAR - end] * 2)]
+
+    def _add_roller(self, places: list[float], lengths: list[float]) -> int:
+        """Add a roller of capsules in places along y, and return it."""
         shape = pybullet.createCollisionShapeArray(
             shapeTypes=[pybullet.GEOM_CAPSULE] * len(places),
-            radii=[radius] * len(places),
+            radii=[self._radius] * len(places),
             lengths=lengths,
             collisionFramePositions=[[0.0, y, 0.0] for y in places],
             collisionFrameOrientations=[_ALONG_Y] * len(places),
             physicsClientId=self._client,
         )
-        self._roller = self._add_of_edge(shape)
-        turn = [0.0, self._upper / radius, 0.0]
-        self._place(self._roller, [-radius, 0.0, height - radius], NO_TURN, [0.0] * 3, turn)
+        roller = self._add_of_edge(shape)
+        axis = [-self._radius, 0.0, self._height - self._radius]
+        turn = [0.0, self._upper / self._radius, 0.0]
+        self._place(roller, axis, NO_TURN, [0.0] * 3, turn)
+        return roller
 
     def pass_over(
         self, at: InitialState, status: npt.NDArray[np.uint8], which: npt.NDArray[np.int64]
@@ -129,7 +141,7 @@ class EdgeWorld(WorldWithEdge):
         origins = np.zeros((len(status), 3))
         bodies = dict(zip(which.tolist(), self._add(at, which, origins[which]), strict=True))
         moving, steps = which, self._steps_per_t // EDGE_CHECKS_PER_T
-        now, limit = 0.0, TIME_LIMIT + CARRIED / self._upper
+        now, limit = 0.0, TIME_LIMIT + self._carried / self._upper
         while len(moving) and now < limit:
             self._advance_renewed(steps)
             now += 1 / EDGE_CHECKS_PER_T
@@ -149,7 +161,7 @@ class EdgeWorld(WorldWithEdge):
     def _advance_renewed(self, steps: int) -> None:
         for _ in range(steps):
             self._place(self._belt, *self._boxes[self._belt])
-            for body in (self._belt, self._roller):
+            for body in (self._belt, *self._rollers):
                 # Setting the mask discards the contacts of a body, although it is the same mask.
                 self._collide(body, SURFACE_GROUP, PART_GROUP)
             pybullet.stepSimulation(physicsClientId=self._client)

@@ -61,7 +61,7 @@ def drop_in_scene(job: DropJob, states: InitialState, first_drop: int, end: int)
     # Worlds of which no drop is wanted are left out.
     for slot in range((first_drop - start) // size * size, end - start, size):
         slots = np.arange(slot, slot + size)
-        ends = SceneWorld(job, scene).drop_all(states, slots)
+        ends = SceneWorld(job).drop_all(states, slots)
         poses.append(poses_in_scene(job, start + slot, ends))
     return RestingPoses.join(poses).between(first_drop, end)
 
@@ -74,8 +74,11 @@ class SceneWorld(World):
 
     _residual = RESIDUAL
 
-    def __init__(self, job: DropJob, scene: Scene) -> None:
+    def __init__(self, job: DropJob) -> None:
+        scene = job.scene
+        assert scene is not None
         self._scene = scene
+        self._frame = self._frame_velocity(job)
         self._moving: list[tuple[int, tuple[list[float], ...]]] = []
         # Each part has bodies of its own if they are finite and at rest, far from the others.
         own = scene.finite and job.motion is None
@@ -84,6 +87,10 @@ class SceneWorld(World):
         pybullet.setGravity(*scene.down.tolist(), physicsClientId=self._client)
         if not scene.flat and len(job.pieces) > 1:
             self._shape = _compound(_obj_text(job.pieces), self._client)
+
+    def _frame_velocity(self, job: DropJob) -> Array:
+        """Return the velocity (3,) with which the world moves, R / T."""
+        return job.frame_velocity
 
     def _add_surface(self) -> None:
         for body in self._scene.bodies:
@@ -101,7 +108,7 @@ class SceneWorld(World):
 
     def _add_body(self, body: SceneBody) -> None:
         job = self._job
-        velocity = body.velocity * (job.time_unit / job.radius) - job.frame_velocity
+        velocity = body.velocity * (job.time_unit / job.radius) - self._frame
         moves = job.motion is not None or bool(velocity.any())
         for shape, position in self._shapes(body):
             for origin in self._copies:
@@ -176,7 +183,7 @@ class SceneWorld(World):
     def drop_all(self, states: InitialState, slots: npt.NDArray[np.int64]) -> SceneSettling:
         """Release one body per slot and step until each is at rest, slides, is lost or failed."""
         origins = self._origins(slots)
-        states = replace(states, velocity=states.velocity - self._job.frame_velocity)
+        states = replace(states, velocity=states.velocity - self._frame)
         bodies = self._add(states, slots, origins)
         settling = SceneSettling(self._job, states, slots)
         self._settled(bodies, origins, settling)

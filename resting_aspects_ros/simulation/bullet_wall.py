@@ -1,11 +1,13 @@
 """The lower belt and the wall below an edge in Bullet: parts that passed the edge come to rest."""
 
 import math
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.poses import RestStatus
+from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.bullet_client import pybullet
 from resting_aspects_ros.simulation.bullet_world import SLOT_SPACING, World
 from resting_aspects_ros.simulation.drop_job import STEPS_PER_T, DropJob
@@ -19,6 +21,8 @@ FINE_TIME = 3.0
 # Extent of the bodies, R: more than parts can drift.
 FAR = 20.0
 NO_TURN = [0.0, 0.0, 0.0, 1.0]
+
+SettlingT = TypeVar('SettlingT', bound=Settling)
 
 
 class WorldWithEdge(World):
@@ -68,6 +72,16 @@ class WallWorld(WorldWithEdge):
         """Step until all parts that passed the edge are at rest; see pass_over for ``status``."""
         origins = np.stack([0 * slots, slots, 0 * slots], axis=1) * SLOT_SPACING
         settling = Settling(self._job, states, slots)
+        return self._from_edge(settling, states, slots, status, origins)
+
+    def _from_edge(
+        self,
+        settling: SettlingT,
+        states: InitialState,
+        slots: npt.NDArray[np.int64],
+        status: npt.NDArray[np.uint8],
+        origins: Array,
+    ) -> SettlingT:
         passed = status == RestStatus.SETTLED
         settling.moving = np.flatnonzero(passed)
         settling.status = np.where(passed, settling.status, status)
@@ -76,7 +90,8 @@ class WallWorld(WorldWithEdge):
         bodies = self._add(states, slots, origins)
         for i in np.flatnonzero(~passed):
             pybullet.removeBody(bodies[i], physicsClientId=self._client)
-        return self._settled(bodies, origins, settling)
+        self._settled(bodies, origins, settling)
+        return settling
 
     def _until_check(self, now: float) -> float:
         later = self._job.steps(STEPS_PER_T)

@@ -24,6 +24,7 @@ from resting_aspects_ros.simulation.run_description import (
     check_seed,
 )
 from resting_aspects_ros.simulation.starts import Starts
+from resting_aspects_ros.simulation.surroundings.floor_step import below_edge
 from resting_aspects_ros.simulation.surroundings.library import surroundings_from
 from resting_aspects_ros.simulation.surroundings.scene import Scene
 
@@ -122,6 +123,8 @@ def make_job(
     if conditions.surroundings:
         surroundings = surroundings_from(conditions.surroundings)
         scene = surroundings.scene(conditions, radius)
+        if starts is not None and starts.edge is not None:
+            scene = below_edge(scene, starts.edge)
         if not scene.flat:
             pieces = tuple(
                 (corners - part.centre_of_mass) @ part.principal_axes / radius

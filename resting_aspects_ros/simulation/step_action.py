@@ -94,6 +94,15 @@ class Step:
         )
 
 
+def fall_speed(edge: Edge, gravity: float, radius: float) -> float:
+    """Return the speed that a part can have relative to the lower belt, m/s.
+
+    ``radius`` is its hull radius, m, by which it falls in addition to the height of the step.
+    """
+    along = edge.belt_speed - edge.lower_speed
+    return math.sqrt(along**2 + 2 * gravity * (edge.height + radius))
+
+
 @dataclass(frozen=True, eq=False)
 class OnBelt:
     """Puts parts at rest onto the upper belt in front of an edge, with the speed of the belt."""
@@ -102,9 +111,8 @@ class OnBelt:
     gravity: float
 
     def max_speed(self, body: Body) -> float:
-        """See Impulse; relative to the lower belt, for a part that also falls by its radius."""
-        along = self.edge.belt_speed - self.edge.lower_speed
-        return math.sqrt(along**2 + 2 * self.gravity * (self.edge.height + body.radius))
+        """See Impulse."""
+        return fall_speed(self.edge, self.gravity, body.radius)
 
     def applied(
         self, states: States, row: Indices, body: Body, generator: np.random.Generator, /

@@ -25,7 +25,9 @@ class FoundStarts:
     carried : (3,) float
         Velocity of the parts, with the first body, tray axes, m/s.
     impulse : Impulse or None
-        None: only the surroundings move.
+        None: only the surroundings move, or the parts move over an edge.
+    fall_speed : float
+        Speed that a part can have after the edge, m/s.
     """
 
     positions: tuple[Array, ...]
@@ -35,6 +37,7 @@ class FoundStarts:
     body: Body
     motion: Motion | None = None
     edge: Edge | None = None
+    fall_speed: float = 0.0
 
     @property
     def rows(self) -> int:
@@ -45,7 +48,7 @@ class FoundStarts:
     def max_speed(self) -> float:
         """See Starts."""
         speed = 0.0 if self.impulse is None else self.impulse.max_speed(self.body)
-        return speed + float(np.linalg.norm(self.carried))
+        return max(self.fall_speed, speed + float(np.linalg.norm(self.carried)))
 
     def states(self, index: Indices, generator: np.random.Generator) -> States:
         """Return the states of some drops; see Starts."""

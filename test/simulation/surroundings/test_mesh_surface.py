@@ -184,7 +184,7 @@ def counts_on(job, other, shape, normal, n):
         chunks = []
         for chunk in range(n // CHUNK):
             states = initial_states(job, chunk)
-            ends = SceneWorld(each, each.scene).drop_all(states, np.arange(CHUNK))
+            ends = SceneWorld(each).drop_all(states, np.arange(CHUNK))
             chunks.append(poses_in_scene(each, chunk * CHUNK, ends))
         poses = RestingPoses.join(chunks)
         assert np.count_nonzero(poses.status == RestStatus.SETTLED) > 0.99 * n
