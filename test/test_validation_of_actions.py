@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import validate_reorientation
 from dropper import Dropper
-from paired_actions import ONE_SIDED, joint_counts, shifts
+from paired_actions import ONE_SIDED, homogeneity, joint_counts, shifts
+from scipy.stats import chi2
 from validate_reorientation import farthest
 
 from resting_aspects_ros.api.condition_text import shipped_actions
@@ -22,6 +23,30 @@ def test_shift_and_error_are_those_of_paired_shares():
     assert found.error[0, 0] == pytest.approx(np.sqrt(50 - 0.9) / 1000, rel=0.02)
     assert found.different == pytest.approx(0.05)
     assert found.bound == pytest.approx(0.03 + ONE_SIDED * found.error[0, 0])
+
+
+def test_statistic_of_two_columns_is_that_of_mcnemar():
+    value, degrees = homogeneity(np.array([[500, 40], [15, 445]]))
+    assert degrees == 1
+    assert value == pytest.approx((40 - 15) ** 2 / (40 + 15))
+
+
+def test_columns_that_few_parts_change_are_joined():
+    counts = np.array([[500, 40, 1], [15, 445, 0], [0, 0, 3]])
+    value, degrees = homogeneity(counts)
+    assert degrees == 1
+    assert value == pytest.approx((40 - 15) ** 2 / (40 + 15), rel=0.1)
+
+
+def test_statistic_of_equal_probabilities_is_above_its_quantile_in_1_of_20_samples():
+    generator = np.random.default_rng(1)
+    p = np.array([[0.3, 0.03, 0.02], [0.03, 0.3, 0.05], [0.02, 0.05, 0.2]])
+    n = 1000
+    samples = generator.multinomial(2000, p.ravel(), size=n).reshape(n, 3, 3)
+    found = [homogeneity(counts) for counts in samples]
+    assert {degrees for _, degrees in found} == {2}
+    above = np.mean([value > chi2.ppf(0.95, 2) for value, _ in found])
+    assert abs(above - 0.05) < 3 * np.sqrt(0.05 * 0.95 / n)
 
 
 def test_bound_covers_the_largest_change_in_19_of_20_samples():

@@ -1,6 +1,7 @@
 """Validation of surroundings: mechanics against formulas, and symmetry."""
 
 import dataclasses
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -9,15 +10,25 @@ import trimesh
 from dropper import SEED, Dropper
 from scipy.stats import chi2_contingency
 from surroundings_mechanics import mechanics, solid
-from surroundings_symmetry import CHIRAL, counts_on_belt, mirrored_chute, tilted_plane
+from surroundings_symmetry import (
+    CHIRAL,
+    counts_on_belt,
+    groove_and_mesh,
+    mirrored_chute,
+    poses_from,
+    tilted_plane,
+)
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.surroundings import with_surroundings
 from resting_aspects_ros.core.aspects.aspect import find_aspects
+from resting_aspects_ros.core.part import Part
 from resting_aspects_ros.core.statistics.distribution import count_poses
 from resting_aspects_ros.simulation.plan import make_job
 
 SYMMETRY_DROPS = 4000
+# Drops on a mesh take several times as long.
+MESH_DROPS = 2000
 
 
 def surroundings(dropper: Dropper) -> Iterator[str]:
@@ -46,9 +57,10 @@ def _symmetry(dropper: Dropper) -> Iterator[str]:
     yield ''
     n = SYMMETRY_DROPS
     yield (
-        f'{n} drops in each of two surroundings. *Largest*: largest difference of the share of an '
-        'aspect. *p*: probability that chance alone causes a difference at least as large '
-        '(chi-square). A level slope must have the poses of the plane, bit for bit.'
+        f'{n} drops ({MESH_DROPS} on a mesh) in each of two surroundings. *Largest*: largest '
+        'difference of the share of an aspect. *p*: probability that chance alone causes a '
+        'difference at least as large (chi-square). A level slope must have the poses of the '
+        'plane, bit for bit.'
     )
     yield ''
     yield '| what | n | largest | p |'
@@ -63,6 +75,7 @@ def _symmetry(dropper: Dropper) -> Iterator[str]:
     ]
     yield f'| l_bracket, plane and gravity tilted by 0.5 rad | {_difference(*pair)} |'
     yield from _mirror(dropper, n)
+    yield from _mesh(dropper, part)
     conditions = with_surroundings(dropper.surfaces.get(), ra.surroundings('slope', angle=0.0))
     job = make_job(part, conditions, SEED)
     same = [
@@ -85,6 +98,20 @@ def _mirror(dropper: Dropper, n: int) -> Iterator[str]:
         for j, flip in ((job, 1), (mirrored_chute(image), -1))
     ]
     yield f'| chiral tetrahedron, chute and mirrored chute | {_difference(*counts)} |'
+
+
+def _mesh(dropper: Dropper, part: Part) -> Iterator[str]:
+    """Compare a groove of triangles with one of planes, by what lies on its right plane."""
+    aspects = find_aspects(part)
+    for cells in (1, 500):
+        conditions = dropper.surfaces.get()
+        planes, meshed = groove_and_mesh(part, conditions, SEED, math.radians(90), cells)
+        counts = []
+        for job in (planes, meshed):
+            poses = poses_from(job, planes, MESH_DROPS)
+            counts.append(counts_on_belt(planes, aspects, poses, 1))
+        name = f'{part.name}, groove of 90 deg and a mesh of {4 * cells} triangles'
+        yield f'| {name} | {_difference(*counts)} |'
 
 
 def _difference(one: npt.NDArray[np.int64], other: npt.NDArray[np.int64]) -> str:

@@ -167,6 +167,7 @@ class CountedActions:
         }
         if self.run.conditions.surroundings:
             document['conditions'] = conditions_document(self.run.conditions)
+            document['sliding'] = self.matrix.sliding
         if self.long_run is not None:
             aspects = self.matrix.aspects
             document |= long_run_fields(self.long_run, *self.long_run_bounds, aspects)

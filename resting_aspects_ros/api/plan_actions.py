@@ -38,7 +38,7 @@ from resting_aspects_ros.simulation.run_description import (
 from resting_aspects_ros.simulation.starts import Starts
 from resting_aspects_ros.simulation.step_action import Step
 from resting_aspects_ros.simulation.surroundings.floor_step import check_step, step_starts
-from resting_aspects_ros.simulation.surroundings.rest_starts import found_starts
+from resting_aspects_ros.simulation.surroundings.rest_starts import FoundStarts, found_starts
 from resting_aspects_ros.simulation.surroundings.scene import Scene
 from resting_aspects_ros.simulation.vibration import Vibration
 
@@ -91,23 +91,26 @@ def plan_actions(
         confidence=confidence,
         landscape=landscape,
     )
+    starts = _starts(part, aspects, scene, action.action, conditions, rests)
+    ids = starts.ids if isinstance(starts, FoundStarts) else tuple(a.id for a in aspects.aspects)
+    _warn_if_missing(aspects, ids, rests)
     job, run = plan_run(
         part,
         conditions,
         seed=seed,
-        drops=per_aspect * len(aspects),
+        drops=per_aspect * len(ids),
         precision=precision,
         run_id=uuid.uuid4().hex[:12],
         started=time.time_ns(),
         landscape=landscape,
-        starts=_starts(part, aspects, scene, action.action, conditions, rests),
+        starts=starts,
     )
     check_speed(part, action, job)
-    _warn_if_missed(action, job, len(aspects))
+    _warn_if_missed(action, job, ids)
     empty = no_actions(
         aspects, interval=interval, confidence=confidence, by_precision=precision > 0
     )
-    return PlannedActions(action, job, run, TransitionCounter(empty, run, precision))
+    return PlannedActions(action, job, run, TransitionCounter(empty, run, precision, ids))
 
 
 def check_actions(
@@ -180,17 +183,28 @@ def check_speed(part: Part, action: NamedAction, job: DropJob) -> None:
         )
 
 
-def _warn_if_missed(action: NamedAction, job: DropJob, aspects: int) -> None:
+def _warn_if_missing(aspects: AspectSet, ids: tuple[int, ...], rests: RestingPoses | None) -> None:
+    """Warn of aspects that do not occur in surroundings, from which no action can start."""
+    missing = [str(a.id) for a in aspects.aspects if a.id not in ids]
+    if missing and rests is not None:
+        warn(
+            f'no part came to rest in aspect {", ".join(missing)} in {len(rests)} drops in these '
+            'surroundings: no action starts there, the row has no counts, and the long run is not '
+            'known'
+        )
+
+
+def _warn_if_missed(action: NamedAction, job: DropJob, ids: tuple[int, ...]) -> None:
     """Warn of aspects in which no jet of a nozzle meets the part."""
     if not isinstance(action.action, Nozzle) or not action.action.has_effect:
         return
     assert job.starts is not None
-    index = np.arange(JETS * aspects)
+    index = np.arange(JETS * len(ids))
     states = job.starts.states(index, np.random.default_rng(job.seed))
-    met = (states.velocity != 0).any(axis=1).reshape(JETS, aspects).any(axis=0)
+    met = (states.velocity != 0).any(axis=1).reshape(JETS, len(ids)).any(axis=0)
     if not met.all():
-        ids = ', '.join(str(k + 1) for k in np.flatnonzero(~met).tolist())
-        where = 'every aspect: it' if not met.any() else f'aspect {ids}, where it'
+        missed = ', '.join(str(ids[k]) for k in np.flatnonzero(~met).tolist())
+        where = 'every aspect: it' if not met.any() else f'aspect {missed}, where it'
         warn(f'the jet of {action.name} misses the part in {where} has no effect')
 
 

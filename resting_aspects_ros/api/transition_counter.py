@@ -1,13 +1,13 @@
 """Make the actions of a run and count the transitions as they arrive."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from resting_aspects_ros.api.chunk_loop import count_chunks
 from resting_aspects_ros.api.convergence import DETECTABLE_SHIFT, REFINEMENT
-from resting_aspects_ros.core.poses import RestingPoses
+from resting_aspects_ros.core.poses import RestingPoses, RestStatus
 from resting_aspects_ros.core.reorientation.transition_matrix import (
     TransitionMatrix,
     columns_of,
@@ -23,7 +23,7 @@ from resting_aspects_ros.simulation.run_description import RunDescription
 
 
 class TransitionCounter:
-    """Counter that makes the actions of a run: action i is on a part in aspect 1 + i mod k.
+    """Counter that makes the actions of a run: action i is on a part in ``ids[i mod k]``.
 
     Parameters
     ----------
@@ -33,14 +33,24 @@ class TransitionCounter:
         ``drops`` is the maximum number of actions from all aspects together.
     precision : float
         Maximum half width of all intervals of the matrix at which the run stops; 0: never.
+    ids : sequence of int, optional
+        The k aspects from which actions start; by default all.
     """
 
-    def __init__(self, empty: TransitionMatrix, run: RunDescription, precision: float) -> None:
+    def __init__(
+        self,
+        empty: TransitionMatrix,
+        run: RunDescription,
+        precision: float,
+        ids: Sequence[int] = (),
+    ) -> None:
         self.matrix = empty
+        self.ids = tuple(ids) or tuple(range(1, len(empty.counts) + 1))
+        self._rows = np.array(self.ids, dtype=np.int64) - 1
         self.run = run
         self.precision = precision
         self.precise = False
-        limit = max(1, run.drops // max(1, len(empty.counts)))
+        limit = max(1, run.drops // max(1, len(self.ids)))
         self._checkpoints = [n for n in checkpoints(limit) if precision > 0]
 
     @property
@@ -75,22 +85,27 @@ class TransitionCounter:
     def count(self, poses: RestingPoses) -> None:
         """Count a chunk; chunks must arrive in order."""
         k = len(self.matrix.counts)
-        start = np.arange(poses.first_drop, poses.end) % k
+        start = self._rows[np.arange(poses.first_drop, poses.end) % len(self._rows)]
         end = columns_of(poses, aspect_ids(self.matrix.aspects, poses), k)
         counts = np.zeros_like(self.matrix.counts)
         np.add.at(counts, (start, end), 1)
         growth = float(poses.energy_growth.max(initial=0.0))
-        self.matrix += dataclasses.replace(self.matrix, counts=counts, energy_growth=growth)
+        self.matrix += dataclasses.replace(
+            self.matrix,
+            counts=counts,
+            sliding=int((poses.status == RestStatus.SLIDING).sum()),
+            energy_growth=growth,
+        )
         self._check_precision()
 
     def _check_precision(self) -> None:
-        actions = self.matrix.actions
+        actions = self.matrix.actions[self._rows]
         while self._checkpoints and actions.min() >= self._checkpoints[0]:
             del self._checkpoints[0]
             m = self.matrix
             self.precise = all(
                 is_precise(row, n, self.precision, m.interval, m.confidence)
-                for row, n in zip(m.counts, actions.tolist(), strict=True)
+                for row, n in zip(m.counts[self._rows], actions.tolist(), strict=True)
             )
 
 
@@ -147,7 +162,7 @@ def check_in_finer_steps(
     coarse = counter.matrix
     fine = dataclasses.replace(job, refinement=REFINEMENT * job.refinement)
     run = dataclasses.replace(counter.run, drops=counter.done, time_step=fine.time_step)
-    again = TransitionCounter(no_actions(coarse.aspects), run, 0.0)
+    again = TransitionCounter(no_actions(coarse.aspects), run, 0.0, counter.ids)
     again.make(fine, workers, progress, stopped)
     if not again.complete:
         return None

@@ -116,6 +116,8 @@ def _print_result(
     show_table(console, transition_table(result.matrix, by_class, title))
     if not result.action.action.has_effect:
         _say(console, 'The action has no effect: every part stays where it is.')
+    if result.matrix.sliding:
+        _say(console, f'Of the unsettled parts, {result.matrix.sliding} slide or roll for ever.')
     if result.pieces is not None:
         _say(console, pieces_text(result.pieces, 'The edge meets'))
     view = result.by_class() if by_class else result

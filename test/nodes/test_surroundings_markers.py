@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
+from rosbags.typesys import Stores, get_typestore
 from visualization_msgs.msg import Marker, MarkerArray
 
 import resting_aspects_ros as ra
@@ -15,6 +16,7 @@ from resting_aspects_ros.nodes.aspect_classifier.surroundings_markers import (
     plane_patch,
     serialized_markers,
 )
+from resting_aspects_ros.simulation.surroundings.library import surroundings_names
 
 LEVEL = np.array([0.0, 0.0, 1.0, 0.0])
 
@@ -62,6 +64,35 @@ def test_a_chute_has_two_patches_with_names(part, surfaces):
         assert points[:, 2].min() == pytest.approx(0, abs=1e-9)
         assert points[:, 2].max() == pytest.approx(size * np.sqrt(0.5))
     assert belt[:, 1].mean() * wall[:, 1].mean() < 0
+
+
+@pytest.mark.parametrize('name', [each for each in surroundings_names() if each != 'plane'])
+def test_markers_have_what_rviz_and_foxglove_require(part, surfaces, name):
+    """Read by another implementation of CDR, with its own message definitions."""
+    conditions = dataclasses.replace(surfaces.get(), surroundings=ra.surroundings(name).key)
+    data = serialized_markers(part('l_bracket'), conditions, None, 'cell')
+    store = get_typestore(Stores.ROS2_JAZZY)
+    first, *markers = store.deserialize_cdr(data, 'visualization_msgs/msg/MarkerArray').markers
+    assert (first.action, first.header.frame_id) == (Marker.DELETEALL, 'cell')
+    assert markers
+    for each in markers:
+        assert (each.action, each.header.frame_id) == (Marker.ADD, 'cell')
+        assert (each.lifetime.sec, each.lifetime.nanosec) == (0, 0)  # until it is deleted
+        assert 0 < each.color.a <= 1
+        q, at = each.pose.orientation, each.pose.position
+        assert np.linalg.norm([q.x, q.y, q.z, q.w]) == pytest.approx(1)
+        assert np.isfinite([at.x, at.y, at.z]).all()
+        if each.type == Marker.TEXT_VIEW_FACING:
+            assert each.scale.z > 0
+            assert each.text
+            continue
+        assert each.type == Marker.TRIANGLE_LIST
+        assert min(each.scale.x, each.scale.y, each.scale.z) > 0
+        assert len(each.points) > 0
+        assert len(each.points) % 3 == 0
+        assert len(each.colors) in (0, len(each.points))  # one of each point, or none
+        assert np.isfinite([[p.x, p.y, p.z] for p in each.points]).all()
+    assert len({(each.ns, each.id) for each in markers}) == len(markers)
 
 
 def test_a_track_is_shown_as_a_block(part, surfaces):

@@ -344,7 +344,7 @@ def test_factors_of_the_upper_belt_change_its_friction_only(part, mat):
     world = EdgeWorld(job)
     found = [
         pybullet.getDynamicsInfo(body, -1, physicsClientId=world._client)[1]
-        for body in (world._ground, world._belt, world._roller)
+        for body in (world._ground, world._belt, *world._rollers)
     ]
     assert found == [1, 0.5, 0.5]
     assert initial_states(job, 0).velocity[:, 0] == pytest.approx(0.2 * job.time_unit / job.radius)

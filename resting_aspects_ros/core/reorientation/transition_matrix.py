@@ -36,6 +36,9 @@ class TransitionMatrix:
         Confidence of the intervals.
     by_precision : bool
         Whether the simulation stopped when its intervals were narrow enough.
+    sliding : int
+        Of all unsettled, those that slide or roll for ever; only in surroundings. It is not in
+        messages, and therefore 0 for a matrix that was received over ROS or read from a log.
     energy_growth : float
         Maximum energy growth during the actions, m g R; see RestingPoses.
     """
@@ -46,6 +49,7 @@ class TransitionMatrix:
     confidence: float = CONFIDENCE
     by_precision: bool = False
     energy_growth: float = 0.0
+    sliding: int = 0
 
     @property
     def actions(self) -> Counts:
@@ -101,6 +105,7 @@ class TransitionMatrix:
         return dataclasses.replace(
             self,
             counts=self.counts + other.counts,
+            sliding=self.sliding + other.sliding,
             energy_growth=max(self.energy_growth, other.energy_growth),
         )
 

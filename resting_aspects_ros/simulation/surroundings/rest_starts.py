@@ -26,6 +26,8 @@ class FoundStarts:
         Velocity of the parts, with the first body, tray axes, m/s.
     impulse : Impulse or None
         None: only the surroundings move, or the parts move over an edge.
+    ids : tuple of int
+        The aspect of each row, if each row is one.
     fall_speed : float
         Speed that a part can have after the edge, m/s.
     """
@@ -35,6 +37,7 @@ class FoundStarts:
     carried: Array
     impulse: Impulse | None
     body: Body
+    ids: tuple[int, ...] = ()
     motion: Motion | None = None
     edge: Edge | None = None
     fall_speed: float = 0.0
@@ -76,21 +79,21 @@ def found_starts(
     impulse: Impulse | None,
     motion: Motion | None,
 ) -> FoundStarts:
-    """Return parts at rest in each aspect, from the poses of drops in the surroundings.
+    """Return parts at rest in each aspect that occurs in drops in the surroundings.
 
-    Raises InvalidValueError if no drop ended in one of the aspects.
+    Raises InvalidValueError if no drop ended in an aspect.
     """
     centre, orientation, ids = _at_rest(part, aspects, scene, poses)
-    found = [ids == aspect.id for aspect in aspects.aspects]
-    missing = [a.id for a, which in zip(aspects.aspects, found, strict=True) if not which.any()]
-    if missing:
+    occurring = tuple(a.id for a in aspects.aspects if (ids == a.id).any())
+    if not occurring:
         raise InvalidValueError(
-            f'invalid surroundings: no part came to rest in aspect '
-            f'{", ".join(map(str, missing))} in {len(poses)} drops, so that no action can start '
-            'there; expected surroundings in which each aspect occurs, or more drops'
+            f'invalid surroundings: no part came to rest in an aspect in {len(poses)} drops, so '
+            'that no action can start; expected surroundings in which an aspect occurs, or more '
+            'drops'
         )
+    found = [ids == each for each in occurring]
     rows = _each(centre, found), _each(orientation, found)
-    return FoundStarts(*rows, _carried(scene), impulse, body, motion)
+    return FoundStarts(*rows, _carried(scene), impulse, body, occurring, motion)
 
 
 def pose_starts(
@@ -106,7 +109,7 @@ def pose_starts(
     centre, orientation, ids = _at_rest(part, aspects, scene, poses)
     which = ids > 0
     rows = tuple(centre[which][:, None]), tuple(orientation[which][:, None])
-    return FoundStarts(*rows, _carried(scene), impulse, body, motion)
+    return FoundStarts(*rows, _carried(scene), impulse, body, motion=motion)
 
 
 def _at_rest(
