@@ -22,10 +22,14 @@ def drop_chunk(job: DropJob, first_drop: int, end: int) -> RestingPoses:
         )
     slots = np.arange(first_drop - chunk * CHUNK, end - chunk * CHUNK)
     states = initial_states(job, chunk)
-    if job.scene is not None:
-        from resting_aspects_ros.simulation.bullet_scene_edge import end_in_scene
+    if job.scene is not None and job.edge is not None:
+        from resting_aspects_ros.simulation.bullet_scene_edge import step_in_scene
 
-        return end_in_scene(job, states, first_drop, end)
+        return step_in_scene(job, states, first_drop, end)
+    if job.scene is not None:
+        from resting_aspects_ros.simulation.bullet_scene import drop_in_scene
+
+        return drop_in_scene(job, states, first_drop, end)
     if job.edge is None:
         return resting_poses(job, first_drop, World(job).drop(states, slots))
     from resting_aspects_ros.simulation.bullet_edge import fall_over_edge

@@ -20,9 +20,9 @@ from resting_aspects_ros.simulation.bullet_edge import (
     SHORT,
     EdgeWorld,
 )
-from resting_aspects_ros.simulation.bullet_engine import SLOT_SPACING
-from resting_aspects_ros.simulation.bullet_scene import TOGETHER, SceneWorld, drop_in_scene
+from resting_aspects_ros.simulation.bullet_scene import TOGETHER, SceneWorld
 from resting_aspects_ros.simulation.bullet_wall import FAR, WallWorld, WorldWithEdge
+from resting_aspects_ros.simulation.bullet_world import SLOT_SPACING
 from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.initial_state import CHUNK, InitialState
 from resting_aspects_ros.simulation.surroundings.scene_settling import (
@@ -33,12 +33,6 @@ from resting_aspects_ros.simulation.surroundings.scene_settling import (
 # Distance, R, by which the belt carries a part until it is beyond the edge: it starts as a whole
 # behind it.
 CARRIED_IN_SCENE = CARRIED + 2.0
-
-
-def end_in_scene(job: DropJob, states: InitialState, first_drop: int, end: int) -> RestingPoses:
-    """Return the resting poses of drops, or of parts that move over an edge, in surroundings."""
-    simulated = drop_in_scene if job.edge is None else step_in_scene
-    return simulated(job, states, first_drop, end)
 
 
 def step_in_scene(job: DropJob, states: InitialState, first_drop: int, end: int) -> RestingPoses:
@@ -70,9 +64,9 @@ class SceneWithEdge(WorldWithEdge, SceneWorld):
     """A world with surroundings, in which bodies can be added that belong to the upper floor."""
 
     def _add_at_rest(self, shape: int) -> int:
-        # As the level belt below an edge: with useMaximalCoordinates, the shares of a box that falls
-        # from an edge differ by up to 0.1. It hits the floor with two corners at almost the same
-        # time. With the same kind of body, they agree (n = 1500).
+        # As the level belt below an edge. With useMaximalCoordinates, the shares of a box that
+        # falls from an edge differ by up to 0.1: it hits the floor with two corners at almost the
+        # same time. With the same kind of body, they agree (n = 1500).
         return self._add_static(shape)
 
     def _add_of_edge(self, shape: int) -> int:
