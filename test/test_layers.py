@@ -179,14 +179,17 @@ def circle(texts):
 
     All imports count: also those in functions and those for types alone.
     """
-    names = {
+    full = {
         path: '.'.join([NAME, *path.relative_to(PACKAGE).with_suffix('').parts]) for path in texts
     }
+    names = {path: name.removesuffix('.__init__') for path, name in full.items()}
+    known = {*names.values()}
     graph = {}
     for path, text in texts.items():
         found = {name for name, _ in imported(ast.parse(text), path)}
-        found |= {name.rpartition('.')[0] for name in found}
-        graph[names[path]] = found & {*names.values()} - {names[path]}
+        # A name that is no module is a member of the module or package before it.
+        found = {name if name in known else name.rpartition('.')[0] for name in found}
+        graph[names[path]] = found & known - {names[path]}
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
@@ -203,6 +206,14 @@ def test_circles_in_functions_and_for_types_are_detected():
     for other in ('if TYPE_CHECKING:\n    from .a import A', 'import resting_aspects_ros.core.a'):
         names = circle({PACKAGE / 'core/a.py': one, PACKAGE / 'core/b.py': other})
         assert {*names} == {'resting_aspects_ros.core.a', 'resting_aspects_ros.core.b'}
+
+
+def test_circle_through_a_package_is_detected():
+    above, below = PACKAGE / 'client/__init__.py', PACKAGE / 'client/client.py'
+    names = circle(
+        {above: 'from .client import C', below: 'from resting_aspects_ros.client import C'}
+    )
+    assert {*names} == {'resting_aspects_ros.client', 'resting_aspects_ros.client.client'}
 
 
 @pytest.mark.parametrize(

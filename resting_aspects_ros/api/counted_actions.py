@@ -3,11 +3,10 @@
 import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TypeVar, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import numpy.typing as npt
-from typing_extensions import Self
 
 from resting_aspects_ros.api.surroundings import conditions_document, conditions_text
 from resting_aspects_ros.api.transition_counter import MatrixConvergence
@@ -30,7 +29,8 @@ from resting_aspects_ros.report.transition_document import long_run_fields, matr
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.run_description import RunDescription
 
-T = TypeVar('T', bound='CountedActions')
+if TYPE_CHECKING:
+    from typing_extensions import Self  # Python 3.11 has it in typing
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -73,9 +73,9 @@ class CountedActions:
             f'seed {self.run.seed}'
         )
 
-    def by_class(self) -> Self:
+    def by_class(self) -> 'Self':
         """Return the result over symmetry classes; their numbers replace the ids of aspects."""
-        return cast(Self, self._by_class)
+        return cast('Self', self._by_class)
 
     @cached_property
     def _by_class(self) -> 'CountedActions':
