@@ -107,8 +107,9 @@ def _stacks(
     cell -= cell.min(axis=0)
     _, stack, size = np.unique(cell @ [1 << 32, 1], return_inverse=True, return_counts=True)
     order = np.argsort(stack, kind='stable')
-    points = shapely.points(triangles[steep[order]].reshape(-1, 2))
-    hulls = shapely.convex_hull(shapely.multipoints(points, indices=np.repeat(stack[order], 3)))
+    points = triangles[steep[order]].reshape(-1, 2)
+    # Lines, because Shapely makes them from coordinates; multipoints are made from points.
+    hulls = shapely.convex_hull(shapely.linestrings(points, indices=np.repeat(stack[order], 3)))
     width = 2 * shapely.area(hulls) / np.maximum(shapely.length(hulls), ROUNDING)
     walls = (size >= MIN_STACK) & (width < 2 * MAX_GAP)
     stacked[steep[walls[stack]]] = True
