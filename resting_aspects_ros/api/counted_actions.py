@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, cast
+from typing import TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -29,8 +29,7 @@ from resting_aspects_ros.report.transition_document import long_run_fields, matr
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.run_description import RunDescription
 
-if TYPE_CHECKING:
-    from typing_extensions import Self  # Python 3.11 has it in typing
+T = TypeVar('T', bound='CountedActions')
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -73,9 +72,9 @@ class CountedActions:
             f'seed {self.run.seed}'
         )
 
-    def by_class(self) -> 'Self':
+    def by_class(self: T) -> T:  # noqa: PYI019 (Python 3.10 has no Self)
         """Return the result over symmetry classes; their numbers replace the ids of aspects."""
-        return cast('Self', self._by_class)
+        return cast(T, self._by_class)
 
     @cached_property
     def _by_class(self) -> 'CountedActions':
