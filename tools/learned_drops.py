@@ -17,6 +17,7 @@ import numpy.typing as npt
 from learned_solids import KINDS, kind_of, solid
 from scipy.stats import qmc
 
+from resting_aspects_ros.api.recommended_method import without_dimension
 from resting_aspects_ros.core.aspects.aspect_set import AspectSet
 from resting_aspects_ros.core.estimators.release import Bounds, Release
 from resting_aspects_ros.core.estimators.resting_shape import RestingShape
@@ -136,18 +137,7 @@ def in_band(seed: int, index: int, band: str) -> Release:
     if band == 'frictionless':
         height, restitution = _logarithmic(rng.random(), (0.5, 20.0)), rng.uniform(0.2, 0.8)
         return Release(height, restitution, friction=0.0, rolling_friction=0.0)
-    c = _surfaces().get(band)
-    radius = _logarithmic(rng.random(), RADII)
-    unit = math.sqrt(radius / c.gravity)
-    return Release(
-        height=c.height / radius,
-        restitution=c.restitution,
-        friction=c.friction,
-        rolling_friction=c.rolling_friction,
-        speed=c.speed_horizontal * unit / radius,
-        speed_vertical=c.speed_vertical * unit / radius,
-        spin=c.spin * unit,
-    )
+    return without_dimension(_surfaces().get(band), _logarithmic(rng.random(), RADII))
 
 
 @lru_cache(maxsize=1)

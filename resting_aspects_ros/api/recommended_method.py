@@ -1,5 +1,7 @@
 """Which method to trust for a part under conditions, and these conditions without dimension."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from resting_aspects_ros.api.surroundings import surroundings_text
@@ -39,13 +41,20 @@ def release_numbers(shape: RestingShape, conditions: DropConditions) -> Release:
     Surroundings, friction against spin about the vertical, and the difference of each part from
     the mean height of its lowest point are left out.
     """
-    radius = shape.part.hull_radius
+    found = without_dimension(conditions, shape.part.hull_radius)
+    if conditions.height_of is HeightOf.LOWEST_POINT:
+        return found
+    return replace(found, height=max(found.height - mean_depth(shape), 0.0))
+
+
+def without_dimension(conditions: DropConditions, radius: float) -> Release:
+    """Return the conditions for a part with the hull radius R, m, in units of R and sqrt(R / g).
+
+    The height is that of the conditions, whether it is of the lowest point or not.
+    """
     unit = float(np.sqrt(radius / conditions.gravity))
-    height = conditions.height / radius
-    if conditions.height_of is HeightOf.CENTRE_OF_MASS:
-        height = max(height - mean_depth(shape), 0.0)
     return Release(
-        height=height,
+        height=conditions.height / radius,
         restitution=conditions.restitution,
         friction=conditions.friction,
         rolling_friction=conditions.rolling_friction,

@@ -1,15 +1,17 @@
-"""The connection of a thread to Bullet, whose worlds all use it."""
+"""The connection of a thread to Bullet, whose worlds all use it, and shapes of convex pieces."""
 
+import tempfile
 import threading
 import weakref
 
 from resting_aspects_ros.core.errors import EngineError
+from resting_aspects_ros.core.rotations import Array
 from resting_aspects_ros.simulation.silenced_stderr import silenced_stderr
 
 with silenced_stderr():  # pybullet prints its build time on import, in every process
     import pybullet
 
-__all__ = ['empty_client', 'pybullet']
+__all__ = ['compound', 'empty_client', 'pybullet']
 
 
 def empty_client() -> int:
@@ -19,6 +21,37 @@ def empty_client() -> int:
     number = _thread_data.client.number
     pybullet.resetSimulation(physicsClientId=number)
     return number
+
+
+def compound(pieces: tuple[Array, ...], client: int) -> int:
+    """Return a shape of convex pieces, each given by its corners (n, 3).
+
+    PyBullet reads a compound of more than one set of corners only from a file.
+    """
+    with tempfile.NamedTemporaryFile('w', suffix='.obj') as file:
+        file.write(_obj_text(pieces))
+        file.flush()
+        shape: int = pybullet.createCollisionShape(
+            pybullet.GEOM_MESH, fileName=file.name, physicsClientId=client
+        )
+    if shape < 0:
+        raise EngineError('Bullet cannot read convex pieces')
+    return shape
+
+
+def _obj_text(pieces: tuple[Array, ...]) -> str:
+    """Return the content of an OBJ file with each piece as an object.
+
+    The triangles only name all corners: Bullet makes the convex hull of each object.
+    """
+    lines, first = [], 1
+    for k, corners in enumerate(pieces):
+        n = len(corners)
+        lines.append(f'o {k}')
+        lines += [f'v {x!r} {y!r} {z!r}' for x, y, z in corners.tolist()]
+        lines += [f'f {first + i} {first + (i + 1) % n} {first + (i + 2) % n}' for i in range(n)]
+        first += n
+    return '\n'.join(lines) + '\n'
 
 
 class _Client:

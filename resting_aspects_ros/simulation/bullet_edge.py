@@ -12,16 +12,14 @@ themselves.
 """
 
 import math
-import tempfile
 from dataclasses import fields
 
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.rotations import Array, product, rotate
-from resting_aspects_ros.simulation.bullet_client import pybullet
+from resting_aspects_ros.simulation.bullet_client import compound, pybullet
 from resting_aspects_ros.simulation.bullet_wall import FAR, NO_TURN, WallWorld, WorldWithEdge
 from resting_aspects_ros.simulation.bullet_world import PART_GROUP, SURFACE_GROUP
 from resting_aspects_ros.simulation.drop_job import EDGE_CHECKS_PER_T, STEPS_PER_T, DropJob
@@ -98,7 +96,7 @@ class EdgeWorld(WorldWithEdge):
         self._place_lower_belt()
         self._radius = max(edge.radius / job.radius, MIN_RADIUS)
         self._height = edge.height / job.radius
-        self._shape = _compound(_obj_text(_in_body(job)), self._client)
+        self._shape = compound(_in_body(job), self._client)
         ahead = [self._upper, 0.0, 0.0]
         self._belt = self._add_box(-FAR, -self._radius, self._height, ahead)
         self._add_box(-FAR, 0.0, self._height - self._radius - DROP, [0.0] * 3)
@@ -182,34 +180,3 @@ def _in_body(job: DropJob) -> tuple[Array, ...]:
     assert job.edge is not None
     inverse = job.axes * [-1, -1, -1, 1]
     return tuple(rotate(inverse, corners) / job.radius for corners in job.edge.pieces)
-
-
-def _obj_text(pieces: tuple[Array, ...]) -> str:
-    """Return the content of an OBJ file with each piece as an object.
-
-    The triangles only name all corners: Bullet makes the convex hull of each object.
-    """
-    lines, first = [], 1
-    for k, corners in enumerate(pieces):
-        n = len(corners)
-        lines.append(f'o {k}')
-        lines += [f'v {x!r} {y!r} {z!r}' for x, y, z in corners.tolist()]
-        lines += [f'f {first + i} {first + (i + 1) % n} {first + (i + 2) % n}' for i in range(n)]
-        first += n
-    return '\n'.join(lines) + '\n'
-
-
-def _compound(text: str, client: int) -> int:
-    """Return a shape of the objects in an OBJ file, each of which is convex.
-
-    PyBullet reads a compound of more than one set of corners only from a file.
-    """
-    with tempfile.NamedTemporaryFile('w', suffix='.obj') as file:
-        file.write(text)
-        file.flush()
-        shape: int = pybullet.createCollisionShape(
-            pybullet.GEOM_MESH, fileName=file.name, physicsClientId=client
-        )
-    if shape < 0:
-        raise EngineError('Bullet cannot read the convex pieces of the part')
-    return shape

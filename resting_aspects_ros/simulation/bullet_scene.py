@@ -15,7 +15,7 @@ import pybullet
 
 from resting_aspects_ros.core.poses import RestingPoses
 from resting_aspects_ros.core.rotations import Array, product, rotate
-from resting_aspects_ros.simulation.bullet_edge import _compound, _obj_text
+from resting_aspects_ros.simulation.bullet_client import compound
 from resting_aspects_ros.simulation.bullet_world import (
     PART_GROUP,
     SLOT_SPACING,
@@ -86,7 +86,7 @@ class SceneWorld(World):
         super().__init__(job)
         pybullet.setGravity(*scene.down.tolist(), physicsClientId=self._client)
         if not scene.flat and len(job.pieces) > 1:
-            self._shape = _compound(_obj_text(job.pieces), self._client)
+            self._shape = compound(job.pieces, self._client)
 
     def _frame_velocity(self, job: DropJob) -> Array:
         """Return the velocity (3,) with which the world moves, R / T."""
@@ -157,8 +157,7 @@ class SceneWorld(World):
     def _mesh_shapes(self, body: MeshBody) -> Iterator[int]:
         radius = self._job.radius
         if body.prisms:
-            text = _obj_text(tuple(corners / radius for corners in body.prisms))
-            yield _compound(text, self._client)
+            yield compound(tuple(corners / radius for corners in body.prisms), self._client)
         remaining = body.vertices[body.triangles] if body.remaining is None else body.remaining
         if len(remaining):
             vertices, indices = _lists((remaining / radius).tobytes())

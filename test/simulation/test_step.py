@@ -15,7 +15,8 @@ from resting_aspects_ros.core.poses import DecidedBy, RestingPoses, RestStatus
 from resting_aspects_ros.core.rotations import rotate
 from resting_aspects_ros.simulation import bullet_engine, bullet_world, drop_job, initial_state
 from resting_aspects_ros.simulation.actions import Actions, make_action
-from resting_aspects_ros.simulation.bullet_edge import MIN_RADIUS, EdgeWorld, _compound, _obj_text
+from resting_aspects_ros.simulation.bullet_client import compound
+from resting_aspects_ros.simulation.bullet_edge import MIN_RADIUS, EdgeWorld
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.config_files import actions_file
 from resting_aspects_ros.simulation.initial_state import (
@@ -271,7 +272,7 @@ def test_compound_has_all_pieces(mat, part):
     cube = trimesh.creation.box((0.1, 0.1, 0.1)).vertices
     pieces = tuple(cube + np.array([k, 0, 0]) for k in range(40))
     client = bullet_world.World(make_job(part('box_10x20x30'), mat, 1))._client
-    shape = _compound(_obj_text(pieces), client)
+    shape = compound(pieces, client)
     body = pybullet.createMultiBody(0, shape, physicsClientId=client)
     low, high = pybullet.getAABB(body, physicsClientId=client)
     assert low[0] == pytest.approx(-0.05, abs=0.03)

@@ -48,10 +48,12 @@ def seen_centre(detection: Detection, outline: Outline) -> tuple[float, float]:
     return float(detection.x + cos * x - sin * y), float(detection.y + sin * x + cos * y)
 
 
-def missing_text(output: Publisher, least: int) -> str:
-    """Return which subscribers of a publisher are missing, or an empty text."""
+def missing_text(output: Publisher, needed: int) -> str:
+    """Return how many subscribers of a publisher there are, if more are needed; else ''."""
     found = output.get_subscription_count()
-    return '' if found >= least else f'waiting for {least} subscribers of {output.topic}: {found}'
+    return (
+        '' if found >= needed else f'waiting for {needed} subscribers of {output.topic}: {found}'
+    )
 
 
 def feeder_values(feeder: VirtualFeeder) -> dict[str, object]:

@@ -87,8 +87,7 @@ class CameraSimulator(Node):
         self._image_output = advertise(self, Image, IMAGE, IMAGES)
         self._info_output = advertise(self, CameraInfo, CAMERA_INFO, IMAGES)
         self._result_output = advertise(self, PickResult, PICK_RESULT, CELL)
-        missing = partial(missing_text, self._result_output, values['subscribers'])
-        self._waits = lambda: '' if self._images else missing()
+        self._missing = partial(missing_text, self._result_output, values['subscribers'])
         self._clock_output = advertise(self, Clock, CLOCK, QoSProfile(depth=1))
         self._duplicates = DuplicateNodeDetector(self, CAMERA_SIMULATOR)
         publish_diagnostics(self, self._diagnose, self._duplicates)
@@ -126,7 +125,8 @@ class CameraSimulator(Node):
         cycle = guarded_task(self, 'a cycle has failed', self._cycle)
         while True:
             images, is_ready = self._images, self._truth.is_ready(self._answers.advice)
-            if self._feeder and is_ready and not (self._waits() or self._duplicates.check()):
+            may_run = images > 0 or not self._missing()
+            if self._feeder and is_ready and may_run and not self._duplicates.check():
                 await cycle()
             if self._images == images:
                 await sleep_for(self, CLOCK_PERIOD)
@@ -234,7 +234,7 @@ class CameraSimulator(Node):
         values = {'part': self._part, 'images': self._images, 'missed picks': self._missed}
         if feeder is not None:
             values |= feeder_values(feeder)
-        state = 'runs' if self._images else self._waits() or self._truth.state
+        state = 'runs' if self._images else self._missing() or self._truth.state
         errors = [self._truth.error] if self._truth.error else []
         return Diagnosis(
             state, values, [self._answers.hint(self._now)] if self._silent_since else [], errors
