@@ -126,9 +126,11 @@ def test_invalid_input_is_named(points, counts, message):
 def test_variances_are_those_of_the_draws(surrogates):
     points = np.random.default_rng(0).random((20, 2))
     drawn = surrogates[0].draws(points, np.random.default_rng(1), 4000).var(axis=0)
-    # A variance of 4000 draws has a relative standard error of sqrt(2 / 4000) = 2 %; the rest is
-    # the curvature of the shares.
-    assert surrogates[0].variances(points) == pytest.approx(drawn, rel=0.25)
+    found = surrogates[0].variances(points)
+    # Four standard errors of a variance of 4000 draws. Of a small share p, whose logarithm has
+    # the variance v = found / p^2, the lognormal distribution has 1 + 1.5 v + ... times p^2 v.
+    allowed = 4 * np.sqrt(2 / 4000) + 2 * found / surrogates[0].shares(points) ** 2
+    assert (np.abs(drawn / found - 1) < allowed).all()
 
 
 def test_evidence_is_the_integral_over_the_weights():
