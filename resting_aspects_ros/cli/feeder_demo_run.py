@@ -176,6 +176,7 @@ class FeederDemo:
                 self._seconds = time.monotonic() - begin
                 if self._watch is None:
                     return
+                self._watch.connect()
                 check_silence(self._watch, self._out)
                 if self._watch.images:
                     display.show(FeederView.of(self._watch, forecast, plan.minutes))

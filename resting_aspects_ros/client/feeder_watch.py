@@ -79,13 +79,25 @@ class FeederWatch:
         self._moves: list[int] = []  # times of moves that are not counted yet
         self._hears_controller = False
         self._clock, self._clock_changed = 0, time.monotonic()
+        self._node = node
         # An intermediate result would be lost with a queue that is too short.
-        node.create_subscription(DetectionArray, DETECTIONS, self._on_detections, MANY)
-        node.create_subscription(FeederAdvice, self._topic, self._on_advice, ALL_LATCHED)
-        node.create_subscription(Image, IMAGE, self._on_image, MANY)
+        self._cycle = [
+            node.create_subscription(DetectionArray, DETECTIONS, self._on_detections, MANY),
+            node.create_subscription(Image, IMAGE, self._on_image, MANY),
+            node.create_subscription(FeederAdvice, self._topic, self._on_advice, ALL_LATCHED),
+        ]
         node.create_subscription(Clock, 'clock', self._on_clock, QoSProfile(depth=1))
-        # camera_simulator can wait for this subscription, so it is the last one.
-        node.create_subscription(PickResult, PICK_RESULT, self._on_result, MANY)
+        self._hears_results = False
+
+    def connect(self) -> None:
+        """Subscribe to the picks once all that belongs to a cycle can be heard; call repeatedly.
+
+        camera_simulator can wait for this subscription before it begins, so it is the last one.
+        Otherwise, what was seen and advised for the first images could be lost.
+        """
+        if not self._hears_results and all(each.get_publisher_count() for each in self._cycle):
+            self._hears_results = True
+            self._node.create_subscription(PickResult, PICK_RESULT, self._on_result, MANY)
 
     @property
     def minutes(self) -> float:

@@ -4,6 +4,7 @@ import json
 import os
 import signal
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from builtin_interfaces.msg import Time
@@ -62,10 +63,22 @@ class Watched:
 
     def __init__(self):
         self._send = {}
+        self.publishers = dict.fromkeys((DetectionArray, ImageMsg, FeederAdvice), 0)
         self.watch = FeederWatch(self, 'cube', 1.0)
+        for kind in self.publishers:
+            self.watch.connect()
+            assert not self.hears_results
+            self.publishers[kind] = 1
+        self.watch.connect()
+
+    @property
+    def hears_results(self):
+        return PickResult in self._send
 
     def create_subscription(self, kind, topic, callback, qos):
+        assert kind not in self._send
         self._send[kind] = callback
+        return SimpleNamespace(get_publisher_count=lambda: self.publishers.get(kind, 1))
 
     def image(self, time):
         self._send[ImageMsg](ImageMsg(header=Header(stamp=Time(sec=time))))
@@ -82,6 +95,12 @@ class Watched:
 
     def tick(self, time):
         self._send[Clock](Clock(clock=Time(sec=time)))
+
+
+def test_camera_that_waits_for_the_watch_begins_after_all_is_heard():
+    cell = Watched()  # which checks that it waits for images, detections and advice
+    assert cell.hears_results
+    cell.watch.connect()
 
 
 def test_only_actions_that_happened_are_counted():
