@@ -14,7 +14,7 @@ from resting_aspects_ros.simulation.impulses import Kick
 
 STRONGEST = 'toss'
 # Actions from each symmetry class with each time step: about 25 minutes of one process in all. A
-# step takes about 5 times as long as a toss, and a vibration 30 times.
+# step takes about 5 times as long as a toss, and a vibration 6 times.
 RUNS = {
     ('box_10x20x30', STRONGEST): 10_000,
     ('l_bracket', STRONGEST): 10_000,
@@ -24,7 +24,7 @@ RUNS = {
     ('box_10x20x30', 'step_down'): 3_000,
     ('l_bracket', 'step_down'): 3_000,
     ('t_prism', 'step_down'): 1_000,
-    ('box_10x20x30', 'bowl'): 500,
+    ('box_10x20x30', 'bowl'): 1_500,
 }
 DROPS = 20_000
 # Samples of rows of equal probabilities.
