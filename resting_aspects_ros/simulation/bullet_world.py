@@ -62,14 +62,16 @@ class World:
 
     def __init__(self, job: DropJob) -> None:
         client = empty_client()
-        moves = job.motion is not None
+        residual = self._residual
+        if job.motion is not None:
+            residual = max(residual, MOTION_RESIDUAL)
         self._job = job
         self._client = client
         pybullet.setGravity(0, 0, -1, physicsClientId=client)
         pybullet.setPhysicsEngineParameter(
             numSubSteps=0,
             numSolverIterations=MAX_SOLVER_ITERATIONS,
-            solverResidualThreshold=max(self._residual, MOTION_RESIDUAL * moves),
+            solverResidualThreshold=residual,
             # Bullet solves small islands together until they exceed this size. With 0, each body
             # is an island of its own and stops iterating independently.
             minimumSolverIslandSize=0,
