@@ -1,14 +1,33 @@
 """The connection of a thread to Bullet, whose worlds all use it, and shapes of convex pieces."""
 
+import os
+import sys
 import tempfile
 import threading
 import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from resting_aspects_ros.core.errors import EngineError
 from resting_aspects_ros.core.rotations import Array
-from resting_aspects_ros.simulation.silenced_stderr import silenced_stderr
 
-with silenced_stderr():  # pybullet prints its build time on import, in every process
+
+@contextmanager
+def _silenced_stderr() -> Iterator[None]:
+    """Discard standard error, including the output of C code, which bypasses sys.stderr."""
+    sys.stderr.flush()
+    saved = os.dup(2)
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
+    try:
+        yield
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(null)
+
+
+with _silenced_stderr():  # pybullet prints its build time on import, in every process
     import pybullet
 
 __all__ = ['compound', 'empty_client', 'pybullet']

@@ -61,14 +61,10 @@ def test_wrong_input_is_refused_before_a_node_starts(flags, message, capsys, tmp
 class Watched:
     """A watch of a minute, and the messages for it; times in s."""
 
-    def __init__(self):
+    def __init__(self, without=None):
         self._send = {}
-        self.publishers = dict.fromkeys((DetectionArray, ImageMsg, FeederAdvice), 0)
+        self.publishers = {k: k is not without for k in (DetectionArray, ImageMsg, FeederAdvice)}
         self.watch = FeederWatch(self, 'cube', 1.0)
-        for kind in self.publishers:
-            self.watch.connect()
-            assert not self.hears_results
-            self.publishers[kind] = 1
         self.watch.connect()
 
     @property
@@ -98,9 +94,15 @@ class Watched:
 
 
 def test_camera_that_waits_for_the_watch_begins_after_all_is_heard():
-    cell = Watched()  # which checks that it waits for images, detections and advice
+    cell = Watched()
     assert cell.hears_results
-    cell.watch.connect()
+    cell.watch.connect()  # again, which does not subscribe twice
+    for kind in cell.publishers:
+        unconnected = Watched(without=kind)
+        assert not unconnected.hears_results
+        unconnected.publishers[kind] = 1
+        unconnected.watch.connect()
+        assert unconnected.hears_results
 
 
 def test_only_actions_that_happened_are_counted():

@@ -186,7 +186,9 @@ def test_part_rides_on_a_plate_that_moves_gently(part, mat):
     )
     # The plate moves by 190 um along, by 370 um up and down, and by 50 um where it tilts.
     assert np.ptp(places, axis=0).max() < 1e-6
-    # It could creep by up to 1e-3 in 11 T: the solver finds each speed within 1e-4 R / T.
+    # A part that did not turn with the plate would turn against it by 5e-4 (a component of a
+    # quaternion is half of the angle, to both sides). It creeps by at most a fifth of that: the
+    # solver stops at changes of the speed of 1e-4 R / T.
     assert np.ptp(turns, axis=0).max() < 1e-4
 
 
