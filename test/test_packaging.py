@@ -28,6 +28,7 @@ DEPENDENCIES = {
     'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg'),
     'coacd': ('coacd', None),  # rosdep has no key for it
     'fast_simplification': ('fast-simplification', None),  # rosdep has no key for it
+    'contourpy': ('contourpy', 'python3-matplotlib'),  # which depends on it
     'cv2': ('opencv-python-headless', 'python3-opencv'),
     'diagnostic_msgs': (MESSAGES, 'diagnostic_msgs'),
     'domain_coordinator': ('ros-domain-coordinator', 'domain_coordinator'),

@@ -13,12 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.core.errors import InvalidValueError, PartError, shown
-from resting_aspects_ros.core.geometry.closed_surface import (
-    Surface,
-    closed_surface,
-    edge_components,
-)
+from resting_aspects_ros.core.geometry.closed_surface import Surface, closed_surface
 from resting_aspects_ros.core.geometry.mass_properties import solid_integrals
+from resting_aspects_ros.core.geometry.mesh_file import without_unused
+from resting_aspects_ros.core.geometry.triangle_edges import triangle_edges
 from resting_aspects_ros.core.units import box_text
 
 Array = npt.NDArray[np.float64]
@@ -134,14 +132,8 @@ def _cut(surface: Surface, kept: npt.NDArray[np.bool_]) -> Surface:
     """Return the surface of a subset of the triangles."""
     if kept.all():
         return surface
-    used, faces = np.unique(surface.faces[kept], return_inverse=True)
-    return Surface(
-        surface.vertices[used],
-        faces.reshape(-1, 3),
-        None,
-        surface.warnings,
-        surface.body[kept],
-    )
+    vertices, faces = without_unused(surface.vertices, surface.faces[kept])
+    return Surface(vertices, faces, None, surface.warnings, surface.body[kept])
 
 
 def _list(groups: list[list[_Body]], size: float, unit: str) -> str:
@@ -211,7 +203,7 @@ def _united(
     )
     change = union.volume() / volume - 1
     if union.status() == manifold3d.Error.NoError and abs(change) <= SAME_VOLUME:
-        if not edge_components(surface.faces).any():
+        if not triangle_edges(surface.faces).components().any():
             return surface
         warning = (
             f'the mesh has {len(group)} bodies that touch each other and are treated as one part'

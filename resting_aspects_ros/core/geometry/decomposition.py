@@ -15,6 +15,7 @@ from scipy.spatial import ConvexHull, KDTree
 
 from resting_aspects_ros.core.errors import PartError
 from resting_aspects_ros.core.geometry.hull import convex_hull, outward_hull
+from resting_aspects_ros.core.geometry.mesh_file import without_unused
 from resting_aspects_ros.core.geometry.simplified_hull import simplify_hull
 from resting_aspects_ros.core.geometry.solid_angle import triangle_angles
 from resting_aspects_ros.core.geometry.surface_distance import TriangleTree
@@ -144,10 +145,10 @@ def _cut(part: Part, faces: Faces) -> tuple[Array, ...]:
             'installed (pip install coacd)'
         ) from None
     coacd.set_log_level('off')
-    used, faces = np.unique(faces, return_inverse=True)
-    vertices = (part.vertices[used] - part.centre_of_mass) / part.hull_radius
+    vertices, faces = without_unused(part.vertices, faces)
+    vertices = (vertices - part.centre_of_mass) / part.hull_radius
     found = coacd.run_coacd(
-        coacd.Mesh(vertices, faces.reshape(-1, 3)),
+        coacd.Mesh(vertices, faces),
         threshold=THRESHOLD,
         max_convex_hull=MAX_PIECES,
         preprocess_mode='off',

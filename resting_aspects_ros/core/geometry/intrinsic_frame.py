@@ -67,7 +67,9 @@ def _surface_integrals(triangles: Array) -> Array:
     total = np.zeros((4, 4, 4))
     for weights, share in zip(_POINTS, _WEIGHTS, strict=True):
         points = np.tensordot(weights, corners, axes=1)
-        x, y, z = np.moveaxis(np.stack([points**0, points, points**2, points**3]), 1, 0)
+        square = points * points
+        powers = np.stack([np.ones_like(points), points, square, square * points])
+        x, y, z = np.moveaxis(powers, 1, 0)
         products = (y[:, None] * z[None]).reshape(16, -1)
         total += share * ((cone * x) @ products.T).reshape(4, 4, 4)
     return np.asarray(total[tuple(POWERS.T)])

@@ -70,8 +70,15 @@ def read_triangles(data: bytes, mesh_format: str, label: str) -> tuple[Vertices,
             f'{label} has a triangle whose corner is vertex number {invalid[0]}: '
             f'expected 0 to {len(vertices) - 1}'
         )
-    used, corners = np.unique(faces, return_inverse=True)
-    return _finite(vertices[used], label), corners.reshape(-1, 3)
+    vertices, faces = without_unused(vertices, faces)
+    return _finite(vertices, label), faces
+
+
+def without_unused(vertices: Vertices, faces: Faces) -> tuple[Vertices, Faces]:
+    """Return the vertices that are corners of faces, in their order, and the faces of these."""
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces] = True
+    return vertices[used], (np.cumsum(used) - 1)[faces]
 
 
 def _check_count(triangles: int, label: str) -> None:

@@ -340,6 +340,14 @@ def test_gap_of_rounding_is_closed(gap):
     assert len(outline.exterior.coords) - 1 <= 8
 
 
+def test_foil_of_many_triangles_is_seen_from_its_edge():
+    # It is thinner than the distance of the samples of the union of many triangles.
+    mesh = trimesh.creation.cylinder(radius=1, height=1e-4, sections=6000)
+    turned = Rotation.from_euler('xz', [90, 31], degrees=True).apply(mesh.vertices)
+    outline = silhouette(turned, mesh.faces, closed=True, radius=1.0)
+    assert outline.area == pytest.approx(2e-4, rel=1e-2)
+
+
 def test_separate_pieces_are_refused():
     vertices, faces = box_faces()
     both = np.concatenate([vertices, vertices + np.array([2.5, 0, 0])])
