@@ -98,6 +98,7 @@ def transitions_msg(
         probability=_numbers(matrix.probability),
         lower=_numbers(lower),
         upper=_numbers(upper),
+        sliding=matrix.sliding,
         energy_growth=matrix.energy_growth,
         complete=result.complete,
         ended=ended,
@@ -131,6 +132,7 @@ def transition_matrix_from(msg: TransitionMatrixMsg) -> TransitionMatrix:
         confidence=msg.confidence,
         by_precision=msg.run.precision > 0,
         energy_growth=msg.energy_growth,
+        sliding=msg.sliding,
     )
     if not consistent or matrix.actions.tolist() != list(msg.actions):
         raise InvalidValueError(

@@ -37,8 +37,7 @@ class TransitionMatrix:
     by_precision : bool
         Whether the simulation stopped when its intervals were narrow enough.
     sliding : int
-        Of all unsettled, those that slide or roll for ever; only in surroundings. It is not in
-        messages, and therefore 0 for a matrix that was received over ROS or read from a log.
+        Of all unsettled, those that slide or roll for ever; only in surroundings.
     energy_growth : float
         Maximum energy growth during the actions, m g R; see RestingPoses.
     """
