@@ -52,15 +52,17 @@ def silhouette(corners: Array, faces: Indices, closed: bool, radius: float) -> s
         faces = np.where((twice < 0)[:, None], faces[:, ::-1], faces)
         twice = np.abs(twice)
     faces = faces[twice > ROUNDING**2 * 1e-3]
-    union = None
     if len(faces) > MANY_TRIANGLES:
-        union = sampled_union(plane, faces, SAMPLE_STEP)
-    if not isinstance(union, shapely.Polygon):  # a foil seen from its edge has no or few samples
-        union = shapely.union_all(shapely.polygons(plane[faces]), grid_size=GRID)
-    cleaned = _cleaned(union)
-    return shapely.geometry.polygon.orient(
-        shapely.transform(cleaned, lambda points: points * radius)
-    )
+        try:
+            return _scaled(_cleaned(sampled_union(plane, faces, SAMPLE_STEP)), radius)
+        except PartError:
+            pass  # a foil seen from its edge can lie between the samples
+    exact = shapely.union_all(shapely.polygons(plane[faces]), grid_size=GRID)
+    return _scaled(_cleaned(exact), radius)
+
+
+def _scaled(outline: shapely.Polygon, factor: float) -> shapely.Polygon:
+    return shapely.geometry.polygon.orient(shapely.transform(outline, lambda xy: xy * factor))
 
 
 def _cleaned(union: shapely.Geometry) -> shapely.Polygon:
