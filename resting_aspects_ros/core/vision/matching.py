@@ -16,8 +16,9 @@ Pose = tuple[float, Array]
 
 # If the overlap after the best fit is below ALIKE, the outlines differ. The overlap is then
 # computed at YAWS yaws and maximized from the best TRIES of them, in steps of START (rad, and
-# radii). Of overlaps that are equal within EQUAL, the one with the closest boundaries counts.
-ALIKE, YAWS, TRIES, START, EQUAL = 0.9, 36, 4, 0.1, 2e-3
+# radii), with outlines that are simplified to within COARSE, radii. Of overlaps that are equal
+# within EQUAL, the one with the closest boundaries counts.
+ALIKE, YAWS, TRIES, START, COARSE, EQUAL = 0.9, 36, 4, 0.1, 1e-3, 2e-3
 
 
 def same_outline(model: shapely.Polygon, seen: shapely.Polygon, play: float = 0.0) -> bool:
@@ -41,7 +42,7 @@ def best_overlap(model: shapely.Polygon, seen: shapely.Polygon) -> tuple[float, 
     The distance is the symmetric Hausdorff distance of the boundaries, with their holes, in that
     pose, m.
     """
-    one, other = (_simplified(each) for each in (model, seen))
+    one, other = (_simplified(each, ROUGH) for each in (model, seen))
     poses = [_pose(each, one, other) for each in fit(one, other)]
     # Outlines that differ may overlap more if only their centroids coincide.
     yaw = float(candidate_yaws(one, other)[0])
@@ -49,21 +50,22 @@ def best_overlap(model: shapely.Polygon, seen: shapely.Polygon) -> tuple[float, 
     found = [(_overlap(one, other, *pose), pose) for pose in poses]
     highest = max(overlap for overlap, _ in found)
     if highest < ALIKE:
+        a, b = (_simplified(each, COARSE) for each in (model, seen))
         yaws = (yaw + 2 * np.pi * np.arange(YAWS) / YAWS).tolist()
-        starts = [(_overlap(one, other, angle, np.zeros(2)), angle) for angle in yaws]
-        starts = sorted(starts, reverse=True)[:TRIES]
+        starts = sorted(yaws, key=lambda angle: -_overlap(a, b, angle, np.zeros(2)))[:TRIES]
         # With one outline inside the other, many positions have the same overlap.
-        found += [(overlap, (angle, np.zeros(2))) for overlap, angle in starts]
-        found += [_with_maximum_overlap(one, other, angle) for _, angle in starts]
+        tried = [(angle, np.zeros(2)) for angle in starts]
+        tried += [_pose_of_maximum_overlap(a, b, angle) for angle in starts]
+        found += [(_overlap(one, other, *pose), pose) for pose in tried]
         highest = max(overlap for overlap, _ in found)
     ends = [row for row in found if row[0] >= highest - EQUAL]
     return highest, min(_distance(one, other, *pose) for _, pose in ends)
 
 
-def _simplified(polygon: shapely.Polygon) -> Shape:
-    """Return the shape of a polygon without the points that hardly matter, such as noise."""
+def _simplified(polygon: shapely.Polygon, tolerance: float) -> Shape:
+    """Return the shape of a polygon without points that move its boundary by less, radii."""
     radius = shape_of(polygon).boundary.radius
-    simple = polygon.simplify(ROUGH * radius)
+    simple = polygon.simplify(tolerance * radius)
     return shape_of(simple if isinstance(simple, shapely.Polygon) else polygon)
 
 
@@ -86,8 +88,8 @@ def _overlap(model: Shape, seen: Shape, yaw: float, shift: Array) -> float:
     return common / (model.area + seen.area - common)
 
 
-def _with_maximum_overlap(model: Shape, seen: Shape, yaw: float) -> tuple[float, Pose]:
-    """Return the local maximum of the overlap near a yaw, and its pose."""
+def _pose_of_maximum_overlap(model: Shape, seen: Shape, yaw: float) -> Pose:
+    """Return the pose of the local maximum of the overlap near a yaw."""
     scale = model.boundary.radius
 
     def loss(step: Array) -> float:
@@ -100,7 +102,7 @@ def _with_maximum_overlap(model: Shape, seen: Shape, yaw: float) -> tuple[float,
         method='Nelder-Mead',
         options={'initial_simplex': simplex, 'xatol': 1e-3, 'fatol': 1e-4},
     )
-    return -float(best.fun), (yaw + float(best.x[0]), scale * best.x[1:])
+    return yaw + float(best.x[0]), scale * best.x[1:]
 
 
 def _distance(model: Shape, seen: Shape, yaw: float, shift: Array) -> float:
