@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from resting_aspects_ros.core.geometry.triangle_edges import triangle_edges
+
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
@@ -54,19 +56,17 @@ def sampled_union(plane: Array, faces: Indices, step: float) -> shapely.Geometry
 
 
 def _border(plane: Array, faces: Indices) -> tuple[Array, Indices]:
-    """Return the edges (k, 2, 2) that do not cancel, by ascending number, and their weights (k,).
+    """Return the edges (k, 2, 2) that do not cancel, and their weights (k,).
 
     The weight is the number of triangles that use the edge in its direction, minus the others.
     """
-    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    edge = np.minimum(start, end) * len(plane) + np.maximum(start, end)
-    order = np.argsort(edge)
-    edge, sense = edge[order], np.where(start < end, 1, -1)[order]
-    first = np.flatnonzero(np.diff(edge, prepend=-1))
-    weight = np.add.reduceat(sense, first)
-    edge = edge[first][weight != 0]
-    ends = np.stack(np.divmod(edge, len(plane)), axis=1)
-    return plane[ends], weight[weight != 0]
+    edges = triangle_edges(faces)
+    weight = np.bincount(edges.number, weights=edges.direction).astype(np.int64)
+    use = np.empty_like(weight)
+    use[edges.number] = np.arange(len(edges.number))
+    use = use[weight != 0]  # one use of each edge that does not cancel
+    ends = np.stack([faces.ravel()[use], np.roll(faces, -1, axis=1).ravel()[use]], axis=1)
+    return plane[ends], (weight[edges.number] * edges.direction)[use]
 
 
 class _Crossings(NamedTuple):
@@ -95,10 +95,11 @@ def _crossings(ends: Array, size: Indices) -> _Crossings:
 
 def _covered(rows: _Crossings, weight: Indices, size: Indices) -> Array:
     """Return 1 for the samples (rows, columns) that a triangle covers, 0 for the others."""
-    change = np.where(rows.upward, -weight[rows.edge], weight[rows.edge])
-    changes = np.bincount(rows.sample, change, minlength=size[0] * size[1])
-    count = np.cumsum(changes.reshape(size[1], size[0]), axis=1)
-    return (count > 0.5).astype(np.float64)
+    count = np.zeros(size[0] * size[1], dtype=np.int32)  # the grid is large, so in place
+    np.add.at(count, rows.sample, np.where(rows.upward, -weight[rows.edge], weight[rows.edge]))
+    count = count.reshape(size[1], size[0])
+    np.cumsum(count, axis=1, out=count)
+    return (count > 0).astype(np.float64)
 
 
 def _outermost(rows: _Crossings, points: Array, covered: Array) -> Array:

@@ -19,7 +19,7 @@ GRID = 1e-9
 # small; holes that are so small are filled.
 MAX_GAP = 1e-3
 # The union of more triangles is found from samples, at this distance, R.
-MANY_TRIANGLES, SAMPLE_STEP = 10_000, MAX_GAP / 2
+MANY_TRIANGLES, SAMPLE_STEP = 5_000, MAX_GAP / 2
 
 
 def silhouette(corners: Array, faces: Indices, closed: bool, radius: float) -> shapely.Polygon:
@@ -27,7 +27,8 @@ def silhouette(corners: Array, faces: Indices, closed: bool, radius: float) -> s
 
     Its exterior is counter-clockwise, its holes are clockwise. Gaps and slivers narrower than
     2 ROUNDING, and vertices closer than ROUNDING to a straight line, are removed. Pieces are
-    joined over gaps of up to 2 MAX_GAP.
+    joined over gaps of up to 2 MAX_GAP. If more than MANY_TRIANGLES are seen, corners are cut and
+    gaps and slivers can be missed by up to SAMPLE_STEP.
 
     Parameters
     ----------

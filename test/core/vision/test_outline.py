@@ -15,7 +15,7 @@ from resting_aspects_ros.core.aspects.aspect_set import Sweep
 from resting_aspects_ros.core.errors import PartError
 from resting_aspects_ros.core.part_loading import part_from_bytes
 from resting_aspects_ros.core.vision.outline import find_outlines, seen_outline
-from resting_aspects_ros.core.vision.silhouette import silhouette
+from resting_aspects_ros.core.vision.silhouette import GRID, silhouette
 
 LEVEL = np.array([0, 0, 0, 1.0])
 seeds = st.integers(0, 2**32 - 1)
@@ -345,7 +345,8 @@ def test_foil_of_many_triangles_is_seen_from_its_edge():
     mesh = trimesh.creation.cylinder(radius=1, height=1e-4, sections=6000)
     turned = Rotation.from_euler('xz', [90, 31], degrees=True).apply(mesh.vertices)
     outline = silhouette(turned, mesh.faces, closed=True, radius=1.0)
-    assert outline.area == pytest.approx(2e-4, rel=1e-2)
+    # Its border of length 4 is rounded to GRID.
+    assert outline.area == pytest.approx(2e-4, abs=4 * GRID)
 
 
 def test_separate_pieces_are_refused():
