@@ -113,7 +113,12 @@ def find_outlines(part: Part, aspects: AspectSet) -> tuple[Outline, ...]:
     The aspect with the lowest id represents its class. Raises PartError if an outline has no area
     or several pieces.
     """
-    return tuple(_outline(part, aspects, members) for members in aspects.classes())
+    classes = aspects.classes()
+    play = 0.0
+    if any(_has_family(members[0], aspects.symmetry) for members in classes):
+        # A curved side of few strips has different widths in different directions.
+        play = float(sagittas(part.vertices, part.faces)[0].max())
+    return tuple(_outline(part, aspects, members, play) for members in classes)
 
 
 def seen_outline(part: Part, orientation: Array) -> shapely.Polygon:
@@ -133,8 +138,9 @@ def seen_outline(part: Part, orientation: Array) -> shapely.Polygon:
     return silhouette(corners, part.faces, not np.isnan(part.volume), part.hull_radius)
 
 
-def _outline(part: Part, aspects: AspectSet, members: tuple[Aspect, ...]) -> Outline:
+def _outline(part: Part, aspects: AspectSet, members: tuple[Aspect, ...], play: float) -> Outline:
     aspect = members[0]
+    has_family = _has_family(aspect, aspects.symmetry)
     polygon = seen_outline(part, aspect.orientation)
     up = rotate(aspect.orientation, part.hull_vertices - part.centre_of_mass)[:, 2].max()
     return Outline(
@@ -146,18 +152,23 @@ def _outline(part: Part, aspects: AspectSet, members: tuple[Aspect, ...]) -> Out
         orientation=aspect.orientation,
         yaw_symmetry=_yaw_symmetry(shape_of(polygon).boundary),
         mirror_symmetric=same_outline(mirrored(polygon), polygon),
-        family=_family(part, aspects, aspect, polygon),
+        family=_family(part, aspect, polygon, play) if has_family else (),
     )
 
 
+def _has_family(aspect: Aspect, symmetry: Symmetry | None) -> bool:
+    """Return whether the outline can change while the part rolls or rocks."""
+    return aspect.sweep is not Sweep.POINT and not rolls_round(symmetry, aspect)
+
+
 def _family(
-    part: Part, aspects: AspectSet, aspect: Aspect, main: shapely.Polygon
+    part: Part, aspect: Aspect, main: shapely.Polygon, play: float
 ) -> tuple[shapely.Polygon, ...]:
-    """Return the outlines at other directions of the sweep that differ from each other."""
-    if aspect.sweep is Sweep.POINT or rolls_round(aspects.symmetry, aspect):
-        return ()
-    # A curved side of few strips has different widths in different directions.
-    play = float(sagittas(part.vertices, part.faces)[0].max())
+    """Return the outlines at other directions of the sweep that differ from each other.
+
+    play : float
+        Difference of outlines that the tessellation can cause, m.
+    """
     found = [main]
     for down in spread(aspect.directions)[1:]:
         polygon = seen_outline(part, rolled_down(aspect, down))
