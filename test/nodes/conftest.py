@@ -334,8 +334,9 @@ def start(processes):
 class Drop:
     """An active goal of drop_part or reorient_part."""
 
-    def __init__(self, client, goal):
+    def __init__(self, client, goal, wait):
         self.feedback = []
+        self._wait = wait
         self._answer = client.send_goal_async(goal, lambda m: self.feedback.append(m.feedback))
         self._answer.add_done_callback(lambda answer: self._accepted(answer.result()))
         self._handle = self._result = None
@@ -363,6 +364,8 @@ class Drop:
         return OUTCOMES[self._result.result().status]
 
     def cancel(self):
+        # What the goal does can be heard before the answer that it was accepted.
+        self._wait(lambda: self.accepted, 'accepted goal')
         return self._handle.cancel_goal_async()
 
 
@@ -459,7 +462,7 @@ class Client:
         nothing = DropPart.Goal()
         send = functools.partial(self._drop.send_goal_async, nothing)
         self.meet('drop_part', self._drop.server_is_ready, send)
-        return Drop(self._drop, DropPart.Goal(part=part, drops=drops, **fields))
+        return Drop(self._drop, DropPart.Goal(part=part, drops=drops, **fields), self.wait)
 
     def drop(self, part='tetrahedron', drops=100, **fields):
         drop = self.dropping(part, drops, **fields)
@@ -476,7 +479,7 @@ class Client:
         self.meet('reorient_part', self._reorient.server_is_ready, send)
         action = FeederAction(name=action) if isinstance(action, str) else action
         fields |= {'part': part, 'action': action, 'per_aspect': per_aspect, 'drops': drops}
-        return Drop(self._reorient, ReorientPart.Goal(**fields))
+        return Drop(self._reorient, ReorientPart.Goal(**fields), self.wait)
 
     def reorient(self, *arguments, **fields):
         goal = self.reorienting(*arguments, **fields)
