@@ -21,9 +21,9 @@ RUNS = {
     ('t_prism', STRONGEST): 5_000,
     ('box_10x20x30', 'air_blast'): 10_000,
     ('l_bracket', 'air_blast'): 10_000,
-    ('box_10x20x30', 'step_down'): 3_000,
-    ('l_bracket', 'step_down'): 3_000,
-    ('t_prism', 'step_down'): 1_000,
+    ('box_10x20x30', 'step_down'): 6_000,
+    ('l_bracket', 'step_down'): 6_000,
+    ('t_prism', 'step_down'): 6_000,
     ('box_10x20x30', 'bowl'): 1_500,
 }
 DROPS = 20_000

@@ -1,4 +1,4 @@
-"""The edge of an upper belt in Bullet: parts move over it until they are beyond it.
+"""The edge of an upper belt in Bullet: parts move over it until they are about to land below it.
 
 Bullet keeps contact points, with their normals, while a part turns about an edge. A plate then
 slides too little and leaves the edge with 10 % too much spin. Therefore the contacts with the
@@ -31,7 +31,8 @@ from resting_aspects_ros.simulation.initial_state import (
 )
 from resting_aspects_ros.simulation.settling import MAX_DEPTH, Settling
 
-# A part is beyond the edge if its hull is further than this, R, from the plane of the wall.
+# A part is beyond the edge if its hull is further than this, R, from the plane of the wall. A hull
+# this close to the lower belt is about to touch it.
 CLEARANCE = 0.02
 # A part stays at the edge if it is not beyond it after TIME_LIMIT, T, and the time in which the
 # belt moves by CARRIED, R. Parts need up to 5 T, and a belt carries them by at most 4 R.
@@ -41,8 +42,8 @@ CARRIED = 4.0
 MIN_RADIUS = 0.02
 # Capsules of the roller (PyBullet ignores all shapes of a compound after the 16th) and their
 # length, R. Beyond them is one long capsule on each side, for parts that drift.
-CAPSULES = 8
-CAPSULE_LENGTH = 0.5
+CAPSULES = 4
+CAPSULE_LENGTH = 1.0
 SHORT = (np.arange(CAPSULES) - (CAPSULES - 1) / 2) * CAPSULE_LENGTH  # their places along y
 # Distance of the wall below the axis of the roller, R. A part that lies on the belt is not near
 # it, which saves time.
@@ -133,28 +134,43 @@ class EdgeWorld(WorldWithEdge):
         """Move some parts over the edge; changes their rows of ``at`` and of ``status``.
 
         The states are then relative to the lower belt and to the wall. The status is SETTLED for a
-        part that is beyond the edge, FAILED for one that failed, and as before for others.
+        part that is beyond the edge, FAILED for one that failed, and as before for others. A part
+        that is beyond the edge stays in this world until it is about to land.
         """
         at.position[which, 2] += REST_MARGIN
         origins = np.zeros((len(status), 3))
         bodies = dict(zip(which.tolist(), self._add(at, which, origins[which]), strict=True))
-        moving, steps = which, self._steps_per_t // EDGE_CHECKS_PER_T
-        now, limit = 0.0, TIME_LIMIT + self._carried / self._upper
+        moving, now = which, 0.0
+        limit = TIME_LIMIT + self._carried / self._upper + math.sqrt(2 * self._height)
         while len(moving) and now < limit:
-            self._advance_renewed(steps)
+            self._advance_renewed(self._steps_per_t // EDGE_CHECKS_PER_T)
             now += 1 / EDGE_CHECKS_PER_T
             found = self._states(bodies, origins, moving)
-            sound, beyond = self._sound(found), self._beyond(found)
+            sound, beyond, landing = self._sound(found), self._beyond(found), self._landing(found)
+            passed = sound & beyond & (landing | (now >= limit))
             status[moving[~sound]] = RestStatus.FAILED
-            status[moving[sound & beyond]] = RestStatus.SETTLED
+            status[moving[passed]] = RestStatus.SETTLED
             rows, found = moving[sound], found.select(sound)
             at.position[rows], at.orientation[rows] = found.position, found.orientation
             at.velocity[rows], at.spin[rows] = found.velocity, found.spin
             at.elapsed[rows] = now
-            for i in moving[~sound | beyond].tolist():
+            self._continue_in_flight(at, moving[passed])
+            for i in moving[~sound | passed].tolist():
                 pybullet.removeBody(bodies[i], physicsClientId=self._client)
-            moving = moving[sound & ~beyond]
+            moving = moving[sound & ~passed]
+            if (sound & ~beyond & landing).any():
+                # A part that lands before it is beyond the edge needs the steps of first impacts.
+                self._set_steps(self._job.steps_per_t)
         at.velocity[which, 0] -= self._lower
+
+    def _continue_in_flight(self, at: InitialState, which: npt.NDArray[np.int64]) -> None:
+        """Adapt the velocities of parts in flight to the time step with which they continue.
+
+        Bullet changes the velocity before the position, so that the velocity of a part in flight
+        is that half a time step before its position.
+        """
+        steps = 1 / self._steps_per_t - 1 / self._job.steps_per_t
+        at.velocity[which] += self._job.down * (steps / 2)
 
     def _advance_renewed(self, steps: int) -> None:
         for _ in range(steps):
@@ -168,6 +184,12 @@ class EdgeWorld(WorldWithEdge):
         """Return which parts (n,) have their whole hull beyond the wall."""
         turned = product(np.tile(_X_UP, (len(at.orientation), 1)), at.orientation)
         return np.asarray(at.position[:, 0] - depth_of(turned, self._job.hull) > CLEARANCE)
+
+    def _landing(self, at: BodyStates) -> npt.NDArray[np.bool_]:
+        """Return which parts (n,) can touch the lower belt before the next check."""
+        clear = at.position[:, 2] - depth_of(at.orientation, self._job.hull) - CLEARANCE
+        speed = np.maximum(-at.velocity[:, 2], 0.0) + np.linalg.norm(at.spin, axis=1)
+        return np.asarray(clear < speed / EDGE_CHECKS_PER_T)
 
     def _sound(self, at: BodyStates) -> npt.NDArray[np.bool_]:
         numbers = (at.position, at.orientation, at.velocity, at.spin)

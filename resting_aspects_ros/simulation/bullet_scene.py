@@ -84,7 +84,6 @@ class SceneWorld(World):
         own = scene.finite and job.motion is None
         self._copies = _apart(scene, job.radius) if own else np.zeros((1, 3))
         super().__init__(job)
-        pybullet.setGravity(*scene.down.tolist(), physicsClientId=self._client)
         if not scene.flat and len(job.pieces) > 1:
             self._shape = compound(job.pieces, self._client)
 

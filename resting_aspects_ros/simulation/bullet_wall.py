@@ -14,10 +14,10 @@ from resting_aspects_ros.simulation.drop_job import STEPS_PER_T, DropJob
 from resting_aspects_ros.simulation.initial_state import CHUNK, InitialState
 from resting_aspects_ros.simulation.settling import CHECK_INTERVAL, Settling
 
-# Time with the fine steps of a fall, T, after a part is beyond the edge. Later it moves like any
-# drop: of 1250 L brackets, 2.1 % end in another aspect than with 1280 steps per T throughout, and
-# 2.0 % if these are 640.
-FINE_TIME = 3.0
+# Time with the fine steps of a fall, T, after a part that is beyond the edge is about to land. It
+# includes the first impacts; with 2 T, the shares of 5000 boxes change by 0.0006 at most (standard
+# error 0.002). Later a part moves like any drop.
+FINE_TIME = 1.0
 # Extent of the bodies, R: more than parts can drift.
 FAR = 20.0
 NO_TURN = [0.0, 0.0, 0.0, 1.0]

@@ -67,7 +67,7 @@ class World:
             residual = max(residual, MOTION_RESIDUAL)
         self._job = job
         self._client = client
-        pybullet.setGravity(0, 0, -1, physicsClientId=client)
+        pybullet.setGravity(*job.down.tolist(), physicsClientId=client)
         pybullet.setPhysicsEngineParameter(
             numSubSteps=0,
             numSolverIterations=MAX_SOLVER_ITERATIONS,
