@@ -238,7 +238,7 @@ def test_part_that_hooks_over_the_edge_is_unsettled(hooked):
     poses = drop_chunk(hooked, 0, CHUNK)
     stays = poses.status == RestStatus.UNSETTLED
     assert 0 < stays.sum() < 20
-    # It ended at the edge, without a simulation of the belt below: 20 T, 4 R of belt, and the fall.
+    # It ended at the edge, without a simulation of the belt below: 20 T, 4 R of belt, the fall.
     fall = math.sqrt(2 * hooked.edge.height / hooked.radius)
     limit = (20 + 4 * hooked.radius / hooked.time_unit / 0.2 + fall) * hooked.time_unit
     assert poses.time_to_rest[stays] == pytest.approx(limit, abs=hooked.time_unit)
