@@ -20,7 +20,7 @@ from resting_aspects_ros.simulation.drop_job import DropJob
 from resting_aspects_ros.simulation.plan import make_job
 
 # About half an hour of processor time. A share of 0.3 then has a standard error of 0.001 to 0.003.
-DROPS = 16_000
+DROPS = 12_000
 PARTS = ('l_bracket', 'box_10x20x30', 't_prism')
 SURROUNDINGS = ('slope', 'v_groove', 'l_chute')
 AIM = 0.01

@@ -12,7 +12,9 @@ themselves.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import fields
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +24,12 @@ from resting_aspects_ros.core.rotations import Array, product, rotate
 from resting_aspects_ros.simulation.bullet_client import compound, pybullet
 from resting_aspects_ros.simulation.bullet_wall import FAR, NO_TURN, WallWorld, WorldWithEdge
 from resting_aspects_ros.simulation.bullet_world import PART_GROUP, SURFACE_GROUP
-from resting_aspects_ros.simulation.drop_job import EDGE_CHECKS_PER_T, STEPS_PER_T, DropJob
+from resting_aspects_ros.simulation.drop_job import (
+    EDGE_CHECKS_PER_T,
+    EDGE_STEPS_PER_T,
+    STEPS_PER_T,
+    DropJob,
+)
 from resting_aspects_ros.simulation.initial_state import (
     REST_MARGIN,
     BodyStates,
@@ -73,8 +80,29 @@ def fall_over_edge(job: DropJob, states: InitialState, slots: npt.NDArray[np.int
     status = np.full(len(states.elapsed), RestStatus.UNSETTLED, dtype=np.uint8)
     everyone = np.arange(len(status))
     for group in np.unique(slots // GROUP):
-        EdgeWorld(job).pass_over(passed, status, everyone[everyone // GROUP == group])
+        together = everyone[everyone // GROUP == group]
+        move_over_edge(job, partial(EdgeWorld, job), passed, status, together)
     return WallWorld(job).settled(passed, slots, status[slots])
+
+
+def move_over_edge(
+    job: DropJob,
+    world: Callable[[int], 'EdgeWorld'],
+    at: InitialState,
+    status: npt.NDArray[np.uint8],
+    which: npt.NDArray[np.int64],
+) -> None:
+    """Move some parts over the edge; changes their rows of ``at`` and of ``status``.
+
+    The states are then relative to the lower belt and to the wall. The status is SETTLED for a
+    part that is beyond the edge, FAILED for one that failed, and as before for others. ``world``
+    returns a world with a number of time steps per T, at least.
+    """
+    at.position[which, 2] += REST_MARGIN
+    low = world(STEPS_PER_T).pass_over(at, status, which)
+    if len(low):
+        world(EDGE_STEPS_PER_T).pass_over(at, status, low)
+    at.velocity[which, 0] -= job.lower_speed
 
 
 class EdgeWorld(WorldWithEdge):
@@ -82,18 +110,15 @@ class EdgeWorld(WorldWithEdge):
 
     _carried = CARRIED
 
-    def __init__(self, job: DropJob) -> None:
+    def __init__(self, job: DropJob, least_steps: int) -> None:
         super().__init__(job)
-        # Contacts with the edge take most of the time of a step. With half of these steps, an
-        # upright box leaves the edge with 2 % too much spin, and its shares change by 0.03; with
-        # four times as many, its spin changes by 0.2 %.
-        self._set_steps(job.steps(STEPS_PER_T))
+        self._set_steps(job.steps(least_steps))
         pybullet.setPhysicsEngineParameter(
             solverResidualThreshold=RESIDUAL, physicsClientId=self._client
         )
         edge = job.edge
         assert edge is not None
-        self._upper, self._lower = edge.belt_speed * job.time_unit / job.radius, job.lower_speed
+        self._upper = edge.belt_speed * job.time_unit / job.radius
         self._place_lower_belt()
         self._radius = max(edge.radius / job.radius, MIN_RADIUS)
         self._height = edge.height / job.radius
@@ -104,7 +129,7 @@ class EdgeWorld(WorldWithEdge):
         self._rollers = self._add_rollers()
 
     def _place_lower_belt(self) -> None:
-        self._place(self._ground, [0.0] * 3, NO_TURN, [self._lower, 0.0, 0.0], [0.0] * 3)
+        self._place(self._ground, [0.0] * 3, NO_TURN, [self._job.lower_speed, 0.0, 0.0], [0.0] * 3)
 
     def _add_rollers(self) -> list[int]:
         """Add the roller, which can consist of several bodies, and return them."""
@@ -130,44 +155,43 @@ class EdgeWorld(WorldWithEdge):
 
     def pass_over(
         self, at: InitialState, status: npt.NDArray[np.uint8], which: npt.NDArray[np.int64]
-    ) -> None:
-        """Move some parts over the edge; changes their rows of ``at`` and of ``status``.
+    ) -> npt.NDArray[np.int64]:
+        """Move some parts over the edge until they are about to land; see move_over_edge.
 
-        The states are then relative to the lower belt and to the wall. The status is SETTLED for a
-        part that is beyond the edge, FAILED for one that failed, and as before for others. A part
-        that is beyond the edge stays in this world until it is about to land.
+        Returns the parts that are about to land before they are beyond the edge: they need the
+        time steps of first impacts. A world that has these steps returns none.
         """
-        at.position[which, 2] += REST_MARGIN
         origins = np.zeros((len(status), 3))
         bodies = dict(zip(which.tolist(), self._add(at, which, origins[which]), strict=True))
-        moving, now = which, 0.0
+        fine = self._steps_per_t == self._job.steps_per_t
+        moving, low = which, [which[:0]]
         limit = TIME_LIMIT + self._carried / self._upper + math.sqrt(2 * self._height)
-        while len(moving) and now < limit:
+        while len(moving):
             self._advance_renewed(self._steps_per_t // EDGE_CHECKS_PER_T)
-            now += 1 / EDGE_CHECKS_PER_T
-            found = self._states(bodies, origins, moving)
+            at.elapsed[moving] += 1 / EDGE_CHECKS_PER_T
+            found, late = self._states(bodies, origins, moving), at.elapsed[moving] >= limit
             sound, beyond, landing = self._sound(found), self._beyond(found), self._landing(found)
-            passed = sound & beyond & (landing | (now >= limit))
+            passed = sound & beyond & (landing | fine | late)
+            early = sound & landing & ~beyond & (not fine)
+            ended = ~sound | passed | early | late
             status[moving[~sound]] = RestStatus.FAILED
             status[moving[passed]] = RestStatus.SETTLED
             rows, found = moving[sound], found.select(sound)
             at.position[rows], at.orientation[rows] = found.position, found.orientation
             at.velocity[rows], at.spin[rows] = found.velocity, found.spin
-            at.elapsed[rows] = now
-            self._continue_in_flight(at, moving[passed])
-            for i in moving[~sound | passed].tolist():
+            self._refine_velocity(at, moving[passed | early])
+            low.append(moving[early])
+            for i in moving[ended].tolist():
                 pybullet.removeBody(bodies[i], physicsClientId=self._client)
-            moving = moving[sound & ~passed]
-            if (sound & ~beyond & landing).any():
-                # A part that lands before it is beyond the edge needs the steps of first impacts.
-                self._set_steps(self._job.steps_per_t)
-        at.velocity[which, 0] -= self._lower
+            moving = moving[~ended]
+        return np.concatenate(low)
 
-    def _continue_in_flight(self, at: InitialState, which: npt.NDArray[np.int64]) -> None:
-        """Adapt the velocities of parts in flight to the time step with which they continue.
+    def _refine_velocity(self, at: InitialState, which: npt.NDArray[np.int64]) -> None:
+        """Adapt the velocities of parts to the time steps of first impacts.
 
         Bullet changes the velocity before the position, so that the velocity of a part in flight
-        is that half a time step before its position.
+        is that half a time step before its position. Otherwise a box would fall longer by 0.002 T,
+        which changes its shares by 0.02.
         """
         steps = 1 / self._steps_per_t - 1 / self._job.steps_per_t
         at.velocity[which] += self._job.down * (steps / 2)

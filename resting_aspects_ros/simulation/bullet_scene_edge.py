@@ -6,6 +6,7 @@ bullet_edge.py.
 """
 
 import math
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,7 @@ from resting_aspects_ros.simulation.bullet_edge import (
     GROUP,
     SHORT,
     EdgeWorld,
+    move_over_edge,
 )
 from resting_aspects_ros.simulation.bullet_scene import TOGETHER, SceneWorld
 from resting_aspects_ros.simulation.bullet_wall import FAR, WallWorld, WorldWithEdge
@@ -49,10 +51,9 @@ def step_in_scene(job: DropJob, states: InitialState, first_drop: int, end: int)
     low, high = ((each - start) // size for each in (first_drop, end - 1))
     wanted = everyone[(everyone // size >= low) & (everyone // size <= high)]
     across = states.position[:, 1].min(), states.position[:, 1].max()
+    world = partial(SceneEdgeWorld, job, across)
     for group in np.unique(wanted // GROUP):
-        SceneEdgeWorld(job, *across).pass_over(
-            states, status, everyone[everyone // GROUP == group]
-        )
+        move_over_edge(job, world, states, status, everyone[everyone // GROUP == group])
     poses = []
     for slots in wanted.reshape(-1, size):
         ends = SceneWallWorld(job).ended(states, slots, status[slots])
@@ -86,15 +87,15 @@ class SceneWithEdge(WorldWithEdge, SceneWorld):
 class SceneEdgeWorld(EdgeWorld, SceneWithEdge):
     """A world with both floors, the edge and the walls; it does not move.
 
-    low, high : float
+    across : (float, float)
         Between which places across the edge the parts are, R.
     """
 
     _carried = CARRIED_IN_SCENE
 
-    def __init__(self, job: DropJob, low: float, high: float) -> None:
-        self._across = low, high
-        super().__init__(job)
+    def __init__(self, job: DropJob, across: tuple[float, float], least_steps: int) -> None:
+        self._across = across
+        super().__init__(job, least_steps)
 
     def _frame_velocity(self, job: DropJob) -> Array:
         del job

@@ -19,6 +19,7 @@ from resting_aspects_ros.simulation.bullet_client import compound
 from resting_aspects_ros.simulation.bullet_edge import MIN_RADIUS, EdgeWorld
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.config_files import actions_file
+from resting_aspects_ros.simulation.drop_job import STEPS_PER_T
 from resting_aspects_ros.simulation.initial_state import (
     REST_MARGIN,
     InitialState,
@@ -103,7 +104,7 @@ def plate(solid):
 
 def simulated_plate(job, overhang, belt):
     """The rows th, dth/dt, normal force and friction of a plate that moves over the edge."""
-    world, top = EdgeWorld(job), job.edge.height / job.radius
+    world, top = EdgeWorld(job, STEPS_PER_T), job.edge.height / job.radius
     centre = [overhang, 0, top + job.min_height + REST_MARGIN]
     state = (centre, (0, 0, 0, 1), (belt, 0, 0), (0, 0, 0))
     start = InitialState(*(np.array([v], dtype=float) for v in state), elapsed=np.zeros(1))
@@ -343,7 +344,7 @@ def test_named_step_is_read_from_the_file():
 
 def test_factors_of_the_upper_belt_change_its_friction_only(part, mat):
     job = step_job(part('box_10x20x30'), mat, dataclasses.replace(LOW, friction_factor=0.5))
-    world = EdgeWorld(job)
+    world = EdgeWorld(job, STEPS_PER_T)
     found = [
         pybullet.getDynamicsInfo(body, -1, physicsClientId=world._client)[1]
         for body in (world._ground, world._belt, *world._rollers)
