@@ -26,11 +26,15 @@ from resting_aspects_ros.simulation.process_workers import default_workers
 
 FIGURES = ROOT / 'out' / 'bench.json'
 DOCUMENT = ROOT / 'docs' / 'explanation' / 'bench.md'
+# Of the tables in a file or a pipe: none is wider.
+WIDTH = 200
 
 
 def main() -> None:
     """Run all sections, print them, and write the results."""
     console = Console()
+    if not console.is_terminal:
+        console.width = WIDTH
     conditions = machine()
     workers = default_workers()
     sections = []

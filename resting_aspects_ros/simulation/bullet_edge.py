@@ -22,7 +22,14 @@ import numpy.typing as npt
 from resting_aspects_ros.core.poses import RestStatus
 from resting_aspects_ros.core.rotations import Array, product, rotate
 from resting_aspects_ros.simulation.bullet_client import compound, pybullet
-from resting_aspects_ros.simulation.bullet_wall import FAR, NO_TURN, WallWorld, WorldWithEdge
+from resting_aspects_ros.simulation.bullet_wall import (
+    FAR,
+    FINE_TIME,
+    LATER_STEPS_PER_T,
+    NO_TURN,
+    WallWorld,
+    WorldWithEdge,
+)
 from resting_aspects_ros.simulation.bullet_world import PART_GROUP, SURFACE_GROUP
 from resting_aspects_ros.simulation.drop_job import (
     EDGE_CHECKS_PER_T,
@@ -39,10 +46,12 @@ from resting_aspects_ros.simulation.initial_state import (
 from resting_aspects_ros.simulation.settling import MAX_DEPTH, Settling
 
 # A part is beyond the edge if its hull is further than this, R, from the plane of the wall. A hull
-# this close to the lower belt is about to touch it.
+# this close to a surface is about to touch it: Bullet's margin is 0.001, and gravity moves a part
+# by 0.008 between two checks, in addition to its speed.
 CLEARANCE = 0.02
-# A part stays at the edge if it is not beyond it after TIME_LIMIT, T, and the time in which the
-# belt moves by CARRIED, R. Parts need up to 5 T, and a belt carries them by at most 4 R.
+# A part stays at the edge if it is not beyond it after TIME_LIMIT, T, the time in which the belt
+# moves by CARRIED, R, and that of a fall. Parts need up to 5 T, and a belt carries them by at most
+# 4 R.
 TIME_LIMIT = 20.0
 CARRIED = 4.0
 # Minimum radius of the roller, R: that of a sharp edge.
@@ -65,8 +74,9 @@ RESIDUAL = 1e-9
 GROUP = 25
 
 _ALONG_Y = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
-# Quarter turn that makes the direction x point up.
+# Quarter turns that make the direction x point up or down.
 _X_UP = [0.0, -math.sqrt(0.5), 0.0, math.sqrt(0.5)]
+_X_DOWN = [0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)]
 
 
 def fall_over_edge(job: DropJob, states: InitialState, slots: npt.NDArray[np.int64]) -> Settling:
@@ -87,7 +97,7 @@ def fall_over_edge(job: DropJob, states: InitialState, slots: npt.NDArray[np.int
 
 def move_over_edge(
     job: DropJob,
-    world: Callable[[int], 'EdgeWorld'],
+    make_world: Callable[[int], 'EdgeWorld'],
     at: InitialState,
     status: npt.NDArray[np.uint8],
     which: npt.NDArray[np.int64],
@@ -95,24 +105,24 @@ def move_over_edge(
     """Move some parts over the edge; changes their rows of ``at`` and of ``status``.
 
     The states are then relative to the lower belt and to the wall. The status is SETTLED for a
-    part that is beyond the edge, FAILED for one that failed, and as before for others. ``world``
-    returns a world with a number of time steps per T, at least.
+    part that is beyond the edge, FAILED for one that failed, and as before for others.
+    ``make_world`` returns a world with a minimum number of time steps per T.
     """
     at.position[which, 2] += REST_MARGIN
-    low = world(STEPS_PER_T).pass_over(at, status, which)
+    low = make_world(STEPS_PER_T).pass_over(at, status, which)
     if len(low):
-        world(EDGE_STEPS_PER_T).pass_over(at, status, low)
+        make_world(EDGE_STEPS_PER_T).pass_over(at, status, low)
     at.velocity[which, 0] -= job.lower_speed
 
 
 class EdgeWorld(WorldWithEdge):
-    """A world with both belts and the wall, in which all parts start at the same place."""
+    """A world with both belts and the wall, in which all parts move over the same place."""
 
     _carried = CARRIED
 
-    def __init__(self, job: DropJob, least_steps: int) -> None:
+    def __init__(self, job: DropJob, min_steps_per_t: int) -> None:
         super().__init__(job)
-        self._set_steps(job.steps(least_steps))
+        self._set_steps(job.steps(min_steps_per_t))
         pybullet.setPhysicsEngineParameter(
             solverResidualThreshold=RESIDUAL, physicsClientId=self._client
         )
@@ -158,43 +168,50 @@ class EdgeWorld(WorldWithEdge):
     ) -> npt.NDArray[np.int64]:
         """Move some parts over the edge until they are about to land; see move_over_edge.
 
-        Returns the parts that are about to land before they are beyond the edge: they need the
-        time steps of first impacts. A world that has these steps returns none.
+        Returns the parts that are about to land before they are beyond the edge, for a world with
+        the time steps of first impacts. Such a world returns none; it has its small steps only for
+        the time of these impacts, and ends when parts are beyond the edge.
         """
         origins = np.zeros((len(status), 3))
         bodies = dict(zip(which.tolist(), self._add(at, which, origins[which]), strict=True))
         fine = self._steps_per_t == self._job.steps_per_t
-        moving, low = which, [which[:0]]
-        limit = TIME_LIMIT + self._carried / self._upper + math.sqrt(2 * self._height)
+        moving, landed, now = which, [which[:0]], 0.0
+        fall = math.sqrt(2 * self._height / -self._job.down[2])
+        limit = TIME_LIMIT + self._carried / self._upper + fall
         while len(moving):
+            if fine and now == FINE_TIME:
+                self._set_steps(self._job.steps(LATER_STEPS_PER_T))
             self._advance_renewed(self._steps_per_t // EDGE_CHECKS_PER_T)
+            now += 1 / EDGE_CHECKS_PER_T
             at.elapsed[moving] += 1 / EDGE_CHECKS_PER_T
-            found, late = self._states(bodies, origins, moving), at.elapsed[moving] >= limit
+            found = self._states(bodies, origins, moving)
             sound, beyond, landing = self._sound(found), self._beyond(found), self._landing(found)
-            passed = sound & beyond & (landing | fine | late)
-            early = sound & landing & ~beyond & (not fine)
-            ended = ~sound | passed | early | late
+            timed_out = at.elapsed[moving] >= limit
+            passed = sound & beyond & (landing | fine | timed_out)
+            low = sound & ~beyond & landing & (not fine)
             status[moving[~sound]] = RestStatus.FAILED
             status[moving[passed]] = RestStatus.SETTLED
             rows, found = moving[sound], found.select(sound)
             at.position[rows], at.orientation[rows] = found.position, found.orientation
             at.velocity[rows], at.spin[rows] = found.velocity, found.spin
-            self._refine_velocity(at, moving[passed | early])
-            low.append(moving[early])
+            self._refine_velocity(at, moving[passed | low])
+            landed.append(moving[low])
+            ended = ~sound | passed | low | timed_out
             for i in moving[ended].tolist():
                 pybullet.removeBody(bodies[i], physicsClientId=self._client)
             moving = moving[~ended]
-        return np.concatenate(low)
+        return np.concatenate(landed)
 
     def _refine_velocity(self, at: InitialState, which: npt.NDArray[np.int64]) -> None:
         """Adapt the velocities of parts to the time steps of first impacts.
 
         Bullet changes the velocity before the position, so that the velocity of a part in flight
         is that half a time step before its position. Otherwise a box would fall longer by 0.002 T,
-        which changes its shares by 0.02.
+        which changes its shares by 0.02. For a part that still touches the edge, the change is too
+        small for a bounce.
         """
-        steps = 1 / self._steps_per_t - 1 / self._job.steps_per_t
-        at.velocity[which] += self._job.down * (steps / 2)
+        shorter = 1 / self._steps_per_t - 1 / self._job.steps_per_t
+        at.velocity[which] += self._job.down * (shorter / 2)
 
     def _advance_renewed(self, steps: int) -> None:
         for _ in range(steps):
@@ -206,14 +223,19 @@ class EdgeWorld(WorldWithEdge):
 
     def _beyond(self, at: BodyStates) -> npt.NDArray[np.bool_]:
         """Return which parts (n,) have their whole hull beyond the wall."""
-        turned = product(np.tile(_X_UP, (len(at.orientation), 1)), at.orientation)
-        return np.asarray(at.position[:, 0] - depth_of(turned, self._job.hull) > CLEARANCE)
+        return np.asarray(at.position[:, 0] - self._depth(at, _X_UP) > CLEARANCE)
 
     def _landing(self, at: BodyStates) -> npt.NDArray[np.bool_]:
         """Return which parts (n,) can touch the lower belt before the next check."""
-        clear = at.position[:, 2] - depth_of(at.orientation, self._job.hull) - CLEARANCE
-        speed = np.maximum(-at.velocity[:, 2], 0.0) + np.linalg.norm(at.spin, axis=1)
-        return np.asarray(clear < speed / EDGE_CHECKS_PER_T)
+        speed = np.linalg.norm(at.velocity, axis=1) + np.linalg.norm(at.spin, axis=1)
+        reach = CLEARANCE + speed / EDGE_CHECKS_PER_T
+        ahead = at.position[:, 0] + self._depth(at, _X_DOWN) > -reach
+        return np.asarray(ahead & (at.position[:, 2] - self._depth(at, NO_TURN) < reach))
+
+    def _depth(self, at: BodyStates, turn: list[float]) -> Array:
+        """Return how far the hulls (n,) reach below their centres after a turn."""
+        turned = product(np.tile(turn, (len(at.orientation), 1)), at.orientation)
+        return depth_of(turned, self._job.hull)
 
     def _sound(self, at: BodyStates) -> npt.NDArray[np.bool_]:
         numbers = (at.position, at.orientation, at.velocity, at.spin)

@@ -93,9 +93,9 @@ class SceneEdgeWorld(EdgeWorld, SceneWithEdge):
 
     _carried = CARRIED_IN_SCENE
 
-    def __init__(self, job: DropJob, across: tuple[float, float], least_steps: int) -> None:
+    def __init__(self, job: DropJob, across: tuple[float, float], min_steps_per_t: int) -> None:
         self._across = across
-        super().__init__(job, least_steps)
+        super().__init__(job, min_steps_per_t)
 
     def _frame_velocity(self, job: DropJob) -> Array:
         del job
@@ -127,7 +127,7 @@ class SceneWallWorld(WallWorld, SceneWithEdge):
     def ended(
         self, states: InitialState, slots: npt.NDArray[np.int64], status: npt.NDArray[np.uint8]
     ) -> SceneSettling:
-        """Step until all parts that passed the edge have ended; see pass_over for ``status``."""
+        """Step until all parts that passed the edge have ended; ``status``: see move_over_edge."""
         apart = float(self._scene.free == 2)
         origins = np.stack([0 * slots, slots, 0 * slots], axis=1) * SLOT_SPACING * apart
         settling = SceneSettling(self._job, states, slots)

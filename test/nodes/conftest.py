@@ -364,7 +364,7 @@ class Drop:
         return OUTCOMES[self._result.result().status]
 
     def cancel(self):
-        # What the goal does can be heard before the answer that it was accepted.
+        # Feedback can arrive before the response to the goal.
         self._wait(lambda: self.accepted, 'accepted goal')
         return self._handle.cancel_goal_async()
 

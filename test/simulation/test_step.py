@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from functools import partial
 
 import numpy as np
 import pybullet
@@ -16,13 +17,14 @@ from resting_aspects_ros.core.rotations import rotate
 from resting_aspects_ros.simulation import bullet_engine, bullet_world, drop_job, initial_state
 from resting_aspects_ros.simulation.actions import Actions, make_action
 from resting_aspects_ros.simulation.bullet_client import compound
-from resting_aspects_ros.simulation.bullet_edge import MIN_RADIUS, EdgeWorld
+from resting_aspects_ros.simulation.bullet_edge import MIN_RADIUS, EdgeWorld, move_over_edge
 from resting_aspects_ros.simulation.bullet_engine import drop_chunk
 from resting_aspects_ros.simulation.config_files import actions_file
-from resting_aspects_ros.simulation.drop_job import STEPS_PER_T
+from resting_aspects_ros.simulation.drop_job import EDGE_CHECKS_PER_T, STEPS_PER_T
 from resting_aspects_ros.simulation.initial_state import (
     REST_MARGIN,
     InitialState,
+    depth_of,
     initial_states,
 )
 from resting_aspects_ros.simulation.plan import make_job
@@ -243,6 +245,37 @@ def test_part_that_hooks_over_the_edge_is_unsettled(hooked):
     fall = math.sqrt(2 * hooked.edge.height / hooked.radius)
     limit = (20 + 4 * hooked.radius / hooked.time_unit / 0.2 + fall) * hooked.time_unit
     assert poses.time_to_rest[stays] == pytest.approx(limit, abs=hooked.time_unit)
+
+
+@pytest.mark.parametrize('height', [0.05, 20.0])  # the second falls for longer than 20 T
+def test_part_that_falls_from_the_edge_keeps_its_energy_until_it_lands(part, mat, height):
+    job = step_job(part('box_10x20x30'), mat, dataclasses.replace(LOW, step_height=height))
+    top = height / job.radius + 1.0
+    state = ([2.0, 0, top], (0, 0, 0, 1), (0, 0, 0), (0, 0, 0))
+    at = InitialState(*(np.array([v], dtype=float) for v in state), elapsed=np.zeros(1))
+    status = np.full(1, RestStatus.UNSETTLED, dtype=np.uint8)
+    assert not len(EdgeWorld(job, STEPS_PER_T).pass_over(at, status, np.arange(1)))
+    assert status[0] == RestStatus.SETTLED
+    # Bullet's velocity is that half a time step earlier, here of the steps of first impacts.
+    velocity = at.velocity[0] + job.down / job.steps_per_t / 2
+    assert velocity @ velocity / 2 + at.position[0, 2] == pytest.approx(top, abs=1e-4)
+    gap = at.position[0, 2] - depth_of(at.orientation, job.hull)[0]
+    assert 0 < gap < -at.velocity[0, 2] / EDGE_CHECKS_PER_T + 0.03
+
+
+@pytest.mark.parametrize('height', [0.01, 0.02])
+def test_parts_that_land_before_they_are_beyond_the_edge_pass_it(part, mat, height):
+    job = step_job(part('box_10x20x30'), mat, dataclasses.replace(LOW, step_height=height))
+    at, which = initial_states(job, 0), np.arange(CHUNK)
+    at.position[:, 2] += REST_MARGIN
+    status = np.full(CHUNK, RestStatus.UNSETTLED, dtype=np.uint8)
+    low = EdgeWorld(job, STEPS_PER_T).pass_over(at, status, which)
+    assert set(low) == set(which[status != RestStatus.SETTLED]) != set()
+    # They have not touched the lower belt with the steps of the edge.
+    assert (at.position[:, 2] - depth_of(at.orientation, job.hull)).min() > 0.01
+    again, status = initial_states(job, 0), np.full_like(status, RestStatus.UNSETTLED)
+    move_over_edge(job, partial(EdgeWorld, job), again, status, which)
+    assert (status == RestStatus.SETTLED).all()
 
 
 def test_real_shape_of_the_part_counts_at_the_edge(hooked):

@@ -186,6 +186,6 @@ def test_a_part_at_rest_settles_although_its_quaternion_changes_sign(block, job_
     placed = flat_on(job_in(block, Chute()), [0.0], y=3.0)
     at = placed.states
     for k in range(round(WINDOW / CHECK_INTERVAL)):
-        seen = dataclasses.replace(at, orientation=at.orientation * (-1) ** k)
+        seen = dataclasses.replace(at, orientation=at.orientation * (-1) ** (k + 1))
         placed.settling.check((k + 1) * CHECK_INTERVAL, seen)
     assert placed.settling.status[0] == RestStatus.SETTLED
