@@ -71,7 +71,7 @@ class WallWorld(WorldWithEdge):
     def settled(
         self, states: InitialState, slots: npt.NDArray[np.int64], status: npt.NDArray[np.uint8]
     ) -> Settling:
-        """Step until the parts that passed the edge are at rest; ``status``: see move_over_edge."""
+        """Step until parts that passed the edge are at rest; ``status``: see move_over_edge."""
         origins = np.stack([0 * slots, slots, 0 * slots], axis=1) * SLOT_SPACING
         settling = Settling(self._job, states, slots)
         return self._from_edge(settling, states, slots, status, origins)
