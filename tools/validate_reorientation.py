@@ -13,8 +13,8 @@ from resting_aspects_ros.core.reorientation.transition_matrix import OUTCOMES
 from resting_aspects_ros.simulation.impulses import Kick
 
 STRONGEST = 'toss'
-# Actions from each symmetry class with each time step: about 25 minutes of one process in all. A
-# step takes about 5 times as long as a toss, and a vibration 6 times.
+# Actions from each symmetry class with each time step: about 50 minutes of one process in
+# all. A step takes about 4 times as long as a toss, and a vibration 6 times.
 RUNS = {
     ('box_10x20x30', STRONGEST): 10_000,
     ('l_bracket', STRONGEST): 10_000,
