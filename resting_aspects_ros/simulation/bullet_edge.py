@@ -40,6 +40,9 @@ from resting_aspects_ros.simulation.initial_state import (
 )
 from resting_aspects_ros.simulation.settling import MAX_DEPTH, Settling
 
+Rows = npt.NDArray[np.int64]
+Codes = npt.NDArray[np.uint8]
+
 # A part is beyond the edge if its hull is further than this, R, from the plane of the wall. A hull
 # this close to a surface is about to touch it: Bullet's margin is 0.001, and gravity moves a part
 # by 0.008 between two checks, in addition to its speed.
@@ -78,7 +81,7 @@ _X_UP = [0.0, -math.sqrt(0.5), 0.0, math.sqrt(0.5)]
 _X_DOWN = [0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)]
 
 
-def fall_over_edge(job: DropJob, states: InitialState, slots: npt.NDArray[np.int64]) -> Settling:
+def fall_over_edge(job: DropJob, states: InitialState, slots: Rows) -> Settling:
     """Move parts over the edge, and step until those in some slots are at rest on the lower belt.
 
     The states are relative to the wall below the edge, and the ends to the lower belt. All parts
@@ -98,8 +101,8 @@ def move_over_edge(
     job: DropJob,
     make_world: Callable[[int], 'EdgeWorld'],
     at: InitialState,
-    status: npt.NDArray[np.uint8],
-    which: npt.NDArray[np.int64],
+    status: Codes,
+    which: Rows,
 ) -> None:
     """Move some parts over the edge; changes their rows of ``at`` and of ``status``.
 
@@ -108,9 +111,9 @@ def move_over_edge(
     ``make_world`` returns a world with a minimum number of time steps per T.
     """
     at.position[which, 2] += REST_MARGIN
-    low = make_world(STEPS_PER_T).pass_over(at, status, which)
+    low = make_world(STEPS_PER_T).pass_over(at, status, which, landed=False)
     if len(low):
-        make_world(LANDING_STEPS_PER_T).pass_over(at, status, low)
+        make_world(LANDING_STEPS_PER_T).pass_over(at, status, low, landed=True)
     at.velocity[which, 0] -= job.lower_speed
 
 
@@ -162,23 +165,19 @@ class EdgeWorld(WorldWithEdge):
         self._place(roller, axis, NO_TURN, [0.0] * 3, turn)
         return roller
 
-    def pass_over(
-        self, at: InitialState, status: npt.NDArray[np.uint8], which: npt.NDArray[np.int64]
-    ) -> npt.NDArray[np.int64]:
+    def pass_over(self, at: InitialState, status: Codes, which: Rows, *, landed: bool) -> Rows:
         """Move some parts over the edge until they are about to land; see move_over_edge.
 
-        Returns the parts that are about to land before they are beyond the edge, for a world with
-        smaller time steps. Such a world returns none; it has its small steps only for the time of
-        the first impacts, and ends when parts are beyond the edge.
+        Returns the parts that are about to land before they are beyond the edge. Parts that
+        ``landed`` in this way move on until they are beyond it, and none is returned.
         """
         origins = np.zeros((len(status), 3))
         bodies = dict(zip(which.tolist(), self._add(at, which, origins[which]), strict=True))
-        fine = self._steps_per_t >= self._job.steps(LANDING_STEPS_PER_T)
-        moving, landed, now = which, [which[:0]], 0.0
+        moving, early, now = which, [which[:0]], 0.0
         fall = math.sqrt(2 * self._height / -self._job.down[2])
         limit = TIME_LIMIT + self._carried / self._upper + fall
         while len(moving):
-            if fine and now == FINE_TIME:
+            if landed and now == FINE_TIME:
                 self._set_steps(self._job.steps(LATER_STEPS_PER_T))
             self._advance_renewed(self._steps_per_t // EDGE_CHECKS_PER_T)
             now += 1 / EDGE_CHECKS_PER_T
@@ -186,8 +185,8 @@ class EdgeWorld(WorldWithEdge):
             found = self._states(bodies, origins, moving)
             sound, beyond, landing = self._sound(found), self._beyond(found), self._landing(found)
             timed_out = at.elapsed[moving] >= limit
-            passed = sound & beyond & (landing | fine | timed_out)
-            low = sound & ~beyond & landing & (not fine)
+            passed = sound & beyond & (landing | landed | timed_out)
+            low = sound & ~beyond & landing & (not landed)
             status[moving[~sound]] = RestStatus.FAILED
             status[moving[passed]] = RestStatus.SETTLED
             rows, found = moving[sound], found.select(sound)
@@ -195,14 +194,14 @@ class EdgeWorld(WorldWithEdge):
             at.velocity[rows], at.spin[rows] = found.velocity, found.spin
             self._change_steps(at, moving[passed], self._job.steps_per_t)
             self._change_steps(at, moving[low], self._job.steps(LANDING_STEPS_PER_T))
-            landed.append(moving[low])
+            early.append(moving[low])
             ended = ~sound | passed | low | timed_out
             for i in moving[ended].tolist():
                 pybullet.removeBody(bodies[i], physicsClientId=self._client)
             moving = moving[~ended]
-        return np.concatenate(landed)
+        return np.concatenate(early)
 
-    def _change_steps(self, at: InitialState, which: npt.NDArray[np.int64], steps: int) -> None:
+    def _change_steps(self, at: InitialState, which: Rows, steps: int) -> None:
         """Adapt the velocities of parts to the number of steps per T with which they continue.
 
         Bullet changes the velocity before the position, so that the velocity of a part in flight

@@ -254,7 +254,7 @@ def test_part_that_falls_from_the_edge_keeps_its_energy_until_it_lands(part, mat
     state = ([2.0, 0, top], (0, 0, 0, 1), (0, 0, 0), (0, 0, 0))
     at = InitialState(*(np.array([v], dtype=float) for v in state), elapsed=np.zeros(1))
     status = np.full(1, RestStatus.UNSETTLED, dtype=np.uint8)
-    assert not len(EdgeWorld(job, STEPS_PER_T).pass_over(at, status, np.arange(1)))
+    assert not len(EdgeWorld(job, STEPS_PER_T).pass_over(at, status, np.arange(1), landed=False))
     assert status[0] == RestStatus.SETTLED
     # Bullet's velocity is that half a time step earlier, here of the steps of first impacts.
     velocity = at.velocity[0] + job.down / job.steps_per_t / 2
@@ -269,7 +269,7 @@ def test_parts_that_land_before_they_are_beyond_the_edge_pass_it(part, mat, heig
     at, which = initial_states(job, 0), np.arange(CHUNK)
     at.position[:, 2] += REST_MARGIN
     status = np.full(CHUNK, RestStatus.UNSETTLED, dtype=np.uint8)
-    low = EdgeWorld(job, STEPS_PER_T).pass_over(at, status, which)
+    low = EdgeWorld(job, STEPS_PER_T).pass_over(at, status, which, landed=False)
     assert set(low) == set(which[status != RestStatus.SETTLED]) != set()
     # They have not touched the lower belt with the steps of the edge.
     assert (at.position[:, 2] - depth_of(at.orientation, job.hull)).min() > 0.01
