@@ -21,9 +21,9 @@ from resting_aspects_ros.simulation.surroundings.release import depth_along, in_
 
 # Time, T, for which a part must be still. The last T before the end is the most expensive one,
 # because the part touches several bodies. A quarter of the window of the level plane: of 12,000
-# drops of seven parts on a slope, in a groove and in a chute with a moving belt, 10 that were
-# still for 0.5 T had turned by more than 0.005 (a quaternion component) after 4 T, three of them
-# by more than 0.05; of those that were still for T, one, by 0.0064.
+# drops on a slope, in a groove and in a chute with a moving belt, 10 that were still for 0.5 T had
+# turned by more than 0.005 (a quaternion component) after 4 T, three of them by more than 0.05; of
+# those that were still for T, one, by 0.0064.
 WINDOW = 0.5
 # A part slides for ever if for this time, T, it turns by at most SLIDE_TURN, and its speed does
 # not decrease. Coulomb friction slows a part at a constant rate, or not at all. On a single plane,
